@@ -1,0 +1,8 @@
+//! Birth of features (METHOD 5): one two-view geometry for the delayed and the instant case, undelayed births,
+//! and births from points of known depth.
+
+pub mod new_feature;
+pub mod two_view;
+
+pub use new_feature::NewFeature;
+pub use two_view::TwoView;

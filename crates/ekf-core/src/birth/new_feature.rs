@@ -1,0 +1,173 @@
+//! A feature about to enter the state, as a linear function of what is already there plus new noise (Eq. 8):
+//! `y = f(x_v, other parts of x, new noise)`.
+
+use super::two_view::TwoView;
+use crate::camera::Camera;
+use crate::math::{inverse_depth, quat};
+use crate::observe::point::CameraPose;
+use nalgebra::{Matrix3, SMatrix, Vector2, Vector3, Vector6};
+
+/// Mean, derivatives and noise of a newborn feature `[p(3) theta phi rho]`.
+#[derive(Clone, Debug)]
+pub struct NewFeature {
+    /// The six numbers.
+    pub mean: Vector6<f64>,
+    /// Derivative by the camera's `[r q]`.
+    pub by_pose: SMatrix<f64, 6, 7>,
+    /// Derivative by another block of the state: its offset, and up to seven columns.
+    pub by_other: Option<(usize, SMatrix<f64, 6, 7>, usize)>,
+    /// Covariance of everything that is not in the state (pixels, and T_CF where it is independent).
+    pub noise: SMatrix<f64, 6, 6>,
+}
+
+impl NewFeature {
+    /// Anchor and direction from a ray `h` in C; rho and its derivatives are filled in by the caller.
+    fn along(pose: &CameraPose, ray: &Vector3<f64>, by_ray: &mut SMatrix<f64, 2, 3>) -> Self {
+        let rotation = quat::rotation(&pose.q);
+        let (angles, by_world) = inverse_depth::angles(&(rotation * ray));
+        *by_ray = by_world * rotation;
+        let mut mean = Vector6::zeros();
+        mean.fixed_rows_mut::<3>(0).copy_from(&pose.r);
+        mean.fixed_rows_mut::<2>(3).copy_from(&angles);
+        let mut by_pose = SMatrix::<f64, 6, 7>::zeros();
+        by_pose.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
+        by_pose
+            .fixed_view_mut::<2, 4>(3, 3)
+            .copy_from(&(by_world * quat::rotate_jacobian(&pose.q, ray)));
+        Self {
+            mean,
+            by_pose,
+            by_other: None,
+            noise: SMatrix::zeros(),
+        }
+    }
+
+    /// Two views (METHOD 5). `rho` is measured; its dependence on the state beyond the direction (delayed case: the
+    /// present pose and the first one; instant case: the error of T_CF) is added by the caller.
+    pub fn from_two_views(
+        pose: &CameraPose,
+        view: &TwoView,
+        sigma_px: f64,
+        other_sigma_px: f64,
+    ) -> Self {
+        let mut by_ray = SMatrix::zeros();
+        let mut new = Self::along(pose, &view.ray, &mut by_ray);
+        new.mean[5] = view.rho;
+        let mut by_pixel = SMatrix::<f64, 6, 2>::zeros();
+        by_pixel
+            .fixed_view_mut::<2, 2>(3, 0)
+            .copy_from(&(by_ray * view.ray_by_pixel));
+        by_pixel
+            .fixed_view_mut::<1, 2>(5, 0)
+            .copy_from(&view.rho_by_pixel);
+        new.noise = by_pixel * by_pixel.transpose() * (sigma_px * sigma_px);
+        new.noise[(5, 5)] +=
+            view.rho_by_other_pixel.norm_squared() * other_sigma_px * other_sigma_px;
+        new
+    }
+
+    /// One view and a prior on rho (undelayed, and the start of the tight form).
+    pub fn with_prior_depth(
+        camera: &Camera,
+        pose: &CameraPose,
+        uv: &Vector2<f64>,
+        sigma_px: f64,
+        rho: f64,
+        rho_sd: f64,
+    ) -> Option<Self> {
+        let (ray, ray_by_pixel) = camera.unproject_jac(uv)?;
+        let mut by_ray = SMatrix::zeros();
+        let mut new = Self::along(pose, &ray, &mut by_ray);
+        new.mean[5] = rho;
+        let by_pixel = by_ray * ray_by_pixel;
+        new.noise
+            .fixed_view_mut::<2, 2>(3, 3)
+            .copy_from(&(by_pixel * by_pixel.transpose() * (sigma_px * sigma_px)));
+        new.noise[(5, 5)] = rho_sd * rho_sd;
+        Some(new)
+    }
+
+    /// A point of known position in C, metres, with its 3x3 covariance; `shared` is the derivative of the point by
+    /// a 6-number error that sits in the state at the given offset.
+    pub fn from_point(
+        pose: &CameraPose,
+        point: &Vector3<f64>,
+        noise: &Matrix3<f64>,
+        shared: Option<(usize, &SMatrix<f64, 3, 6>)>,
+    ) -> Self {
+        let mut by_ray = SMatrix::zeros();
+        let mut new = Self::along(pose, point, &mut by_ray);
+        let rho = 1.0 / point.norm();
+        new.mean[5] = rho;
+        let mut by_point = SMatrix::<f64, 6, 3>::zeros();
+        by_point.fixed_view_mut::<2, 3>(3, 0).copy_from(&by_ray);
+        by_point
+            .fixed_view_mut::<1, 3>(5, 0)
+            .copy_from(&(-point.transpose() * rho.powi(3)));
+        new.noise = by_point * noise * by_point.transpose();
+        new.by_other = shared.map(|(offset, j)| {
+            let mut by = SMatrix::<f64, 6, 7>::zeros();
+            by.fixed_view_mut::<6, 6>(0, 0).copy_from(&(by_point * j));
+            (offset, by, 6)
+        });
+        new
+    }
+
+    /// Lets rho depend on the 6-number error of T_CF that sits in the state at `offset`.
+    pub fn share_worn_error(&mut self, offset: usize, rho_by_error: &SMatrix<f64, 1, 6>) {
+        let mut by = SMatrix::<f64, 6, 7>::zeros();
+        by.fixed_view_mut::<1, 6>(5, 0).copy_from(rho_by_error);
+        self.by_other = Some((offset, by, 6));
+    }
+
+    /// Lets rho depend on the poses of a delayed birth's two views: `T = T_WC(now)^-1 T_WC(first)`. The first pose
+    /// sits in the state at `clone_offset`, or is remembered with an independent 7x7 covariance.
+    pub fn depend_on_first_pose(
+        &mut self,
+        now: &CameraPose,
+        first: &CameraPose,
+        view: &TwoView,
+        first_pose: FirstPoseCovariance<'_>,
+    ) {
+        let r_cw = quat::rotation(&now.q).transpose();
+        let t = r_cw * (first.r - now.r);
+        let b_c = view.rotation * view.other_ray;
+        let turn_now = view.rho_by_t * quat::skew(&t) + view.rho_by_ray * quat::skew(&b_c);
+        let mut now_row = self.by_pose.fixed_view_mut::<1, 7>(5, 0);
+        now_row
+            .fixed_view_mut::<1, 3>(0, 0)
+            .copy_from(&(-view.rho_by_t * r_cw));
+        now_row
+            .fixed_view_mut::<1, 4>(0, 3)
+            .copy_from(&(turn_now * quat::tangent(&now.q)));
+        let mut by_first = SMatrix::<f64, 1, 7>::zeros();
+        by_first
+            .fixed_view_mut::<1, 3>(0, 0)
+            .copy_from(&(view.rho_by_t * r_cw));
+        by_first.fixed_view_mut::<1, 4>(0, 3).copy_from(
+            &(-view.rho_by_ray
+                * view.rotation
+                * quat::skew(&view.other_ray)
+                * quat::tangent(&first.q)),
+        );
+        match first_pose {
+            FirstPoseCovariance::InState(offset) => {
+                let mut by = SMatrix::<f64, 6, 7>::zeros();
+                by.set_row(5, &by_first);
+                self.by_other = Some((offset, by, 7));
+            }
+            FirstPoseCovariance::Independent(cov) => {
+                self.noise[(5, 5)] += (by_first * cov * by_first.transpose())[(0, 0)];
+            }
+        }
+    }
+}
+
+/// Where the uncertainty of a delayed candidate's first pose comes from.
+#[derive(Clone, Copy, Debug)]
+pub enum FirstPoseCovariance<'a> {
+    /// A clone in the state at this offset.
+    InState(usize),
+    /// A stored 7x7 covariance, as if independent.
+    Independent(&'a SMatrix<f64, 7, 7>),
+}

@@ -1,0 +1,62 @@
+//! The crate's one error type. Ordinary outcomes (a feature out of view, a rejected match) are values, not errors.
+
+use thiserror::Error;
+
+/// Everything that can be wrong with a call. A call that fails leaves the filter as it was.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum EkfError {
+    /// An array has the wrong shape.
+    #[error("{what} has shape {got}, expected {expected}")]
+    BadShape {
+        /// The argument.
+        what: &'static str,
+        /// The shape it should have.
+        expected: String,
+        /// The shape it has.
+        got: String,
+    },
+    /// A value is NaN or infinite.
+    #[error("{what} has a value that is NaN or infinite; leave such a measurement out")]
+    NonFinite {
+        /// The argument.
+        what: &'static str,
+    },
+    /// A value is finite but makes no sense.
+    #[error("{what}: {why}")]
+    InvalidInput {
+        /// The argument.
+        what: &'static str,
+        /// What is wrong and how to fix it.
+        why: String,
+    },
+    /// A matrix that should be positive definite is not.
+    #[error("{stage}: the matrix is not positive definite (pivot {pivot})")]
+    NotPositiveDefinite {
+        /// The computation that needed it.
+        stage: &'static str,
+        /// The row at which the factorisation failed.
+        pivot: usize,
+    },
+    /// A time stamp does not follow its predecessor.
+    #[error("time {t} s does not follow the last one, {last} s; time stamps must increase")]
+    BadTime {
+        /// The offending stamp, seconds.
+        t: f64,
+        /// The stamp before it, seconds.
+        last: f64,
+    },
+    /// An id that is not in the map.
+    #[error("there is no feature or candidate with id {id}")]
+    UnknownFeature {
+        /// The id.
+        id: u64,
+    },
+    /// A setting has an impossible value.
+    #[error("setting {key}: {why}")]
+    InvalidSetting {
+        /// The dotted key.
+        key: String,
+        /// What is wrong and how to fix it.
+        why: String,
+    },
+}

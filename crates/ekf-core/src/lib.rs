@@ -1,0 +1,39 @@
+//! An Extended Kalman Filter for collaborative monocular SLAM: a robot's camera Cs maps, a worn camera Cf of
+//! uncertain pose lends depth whenever both look at the same place.
+//!
+//! | thing | convention |
+//! |---|---|
+//! | units | metre, second, radian, pixel; all arithmetic f64 |
+//! | frames | W = Cs's optical frame at the start; C = Cs; F = Cf; axes x right, y down, z forward |
+//! | poses | `T_WC` maps points of C into W; `T_CF` maps points of F into C |
+//! | quaternions | Hamilton, scalar first `(w, x, y, z)` |
+//! | tangent | `T = T_hat Exp(xi)`, `xi = (translation, rotation)`, on the right |
+//! | state | `[r(3) q(4) v(3) w(3) | blocks]`, see [`state`] |
+//! | feature | `[p(3) theta phi rho]`, point `p + m(theta, phi) / rho` |
+//!
+//! Nothing here prints, reads a clock or a file, or keeps global state: the same calls give the same bits.
+
+pub mod batch;
+pub mod birth;
+pub mod camera;
+pub mod chi2;
+pub mod error;
+pub mod filter;
+pub mod frame;
+pub mod map;
+pub mod math;
+pub mod observe;
+
+pub mod predict;
+pub mod settings;
+pub mod state;
+pub mod validate;
+
+pub use camera::{Camera, Distortion};
+pub use error::EkfError;
+pub use filter::{Filter, Landmark, PredictedFeature};
+pub use frame::{
+    Bearing, DepthObservation, Measurements, Outcome, UpdateReport, WornObservation, WornPair,
+};
+pub use map::CandidateOutcome;
+pub use settings::Settings;

@@ -1,0 +1,324 @@
+//! Upkeep of the map (METHOD 7, step 8) and the candidates of delayed births (METHOD 5). No matrices of P here.
+
+use crate::birth::new_feature::{FirstPoseCovariance, NewFeature};
+use crate::birth::two_view::TwoView;
+use crate::error::EkfError;
+use crate::filter::Filter;
+use crate::math::pose::Pose;
+use crate::math::quat;
+use crate::observe::point::CameraPose;
+use crate::settings::FirstPose;
+use crate::state::{Block, BlockKind, LinearPart, POSE_DIM};
+use nalgebra::{SMatrix, SVector, Vector2};
+
+/// How a feature has done so far.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FeatureRecord {
+    /// Frames in which it was searched.
+    pub searched: usize,
+    /// Frames in which an accepted match was found.
+    pub found: usize,
+    /// Time of the last accepted match, seconds.
+    pub last_found: f64,
+}
+
+/// A point that is tracked until its parallax allows a birth.
+#[derive(Clone, Debug)]
+pub struct Candidate {
+    /// Pixel in the first view.
+    pub uv: Vector2<f64>,
+    /// Time of the first view, seconds.
+    pub since: f64,
+    first: FirstView,
+}
+
+#[derive(Clone, Debug)]
+enum FirstView {
+    /// The pose is a block of the state.
+    Clone(u64),
+    /// The pose and its covariance were noted.
+    Noted(CameraPose, Box<SMatrix<f64, 7, 7>>),
+}
+
+/// What became of an observed candidate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum CandidateOutcome {
+    /// Born as this feature.
+    Born(u64),
+    /// Too little baseline or parallax yet: it waits.
+    Waiting,
+    /// The two rays contradict each other: it was dropped.
+    Dropped,
+}
+
+impl Filter {
+    /// Starts candidates at pixels of the present view; returns their ids.
+    ///
+    /// With `birth.first_pose = clone` the present pose joins the state once for all of them.
+    ///
+    /// # Errors
+    /// `NonFinite` for a bad pixel, `InvalidInput` before the start.
+    pub fn add_candidates(&mut self, pixels: &[Vector2<f64>]) -> Result<Vec<u64>, EkfError> {
+        self.check_pixels(pixels)?;
+        self.check_started()?;
+        if pixels.is_empty() {
+            return Ok(Vec::new());
+        }
+        let pose = self.state.camera_pose();
+        let first = match self.settings.birth.first_pose {
+            FirstPose::Clone => {
+                let identity = SMatrix::<f64, 7, 7>::identity();
+                let mean: SVector<f64, 7> = self.state.part::<7>(0);
+                let part = LinearPart {
+                    offset: 0,
+                    width: POSE_DIM,
+                    matrix: identity.as_slice(),
+                };
+                let noise = SMatrix::zeros();
+                FirstView::Clone(
+                    self.state
+                        .append::<7>(BlockKind::Clone, &mean, &[part], &noise)
+                        .id,
+                )
+            }
+            FirstPose::Independent => {
+                FirstView::Noted(pose, Box::new(self.state.p.block::<7, 7>(0, 0)))
+            }
+        };
+        let since = self.time.unwrap_or(0.0);
+        let ids = self.next_candidate..self.next_candidate + pixels.len() as u64;
+        self.next_candidate = ids.end;
+        for (id, &uv) in ids.clone().zip(pixels) {
+            let first = first.clone();
+            self.candidates.insert(id, Candidate { uv, since, first });
+        }
+        Ok(ids.collect())
+    }
+
+    /// Observes candidates in the present view; those with enough baseline and parallax are born (DI-D).
+    ///
+    /// # Errors
+    /// `UnknownFeature` for an id that is not a candidate, `NonFinite` for a bad pixel; nothing changes then.
+    pub fn observe_candidates(
+        &mut self,
+        seen: &[(u64, Vector2<f64>)],
+    ) -> Result<Vec<CandidateOutcome>, EkfError> {
+        for (id, uv) in seen {
+            self.check_pixels(std::slice::from_ref(uv))?;
+            if !self.candidates.contains_key(id) {
+                return Err(EkfError::UnknownFeature { id: *id });
+            }
+        }
+        let outcomes = seen
+            .iter()
+            .map(|(id, uv)| {
+                let outcome = self.try_delayed_birth(*id, uv);
+                if outcome != CandidateOutcome::Waiting {
+                    self.candidates.remove(id);
+                }
+                outcome
+            })
+            .collect();
+        Ok(outcomes)
+    }
+
+    fn try_delayed_birth(&mut self, id: u64, uv: &Vector2<f64>) -> CandidateOutcome {
+        let candidate = &self.candidates[&id];
+        let now = self.state.camera_pose();
+        let (first, covariance) = match &candidate.first {
+            FirstView::Clone(block) => {
+                let Some(block) = self.state.layout.find(*block) else {
+                    return CandidateOutcome::Dropped;
+                };
+                (
+                    self.state.pose_at(block.offset),
+                    FirstPoseCovariance::InState(block.offset),
+                )
+            }
+            FirstView::Noted(pose, cov) => (*pose, FirstPoseCovariance::Independent(cov)),
+        };
+        let birth = &self.settings.birth;
+        if (first.r - now.r).norm() < birth.min_baseline {
+            return CandidateOutcome::Waiting;
+        }
+        let r_cw = quat::rotation(&now.q).transpose();
+        let first_in_c = Pose {
+            rotation: r_cw * quat::rotation(&first.q),
+            translation: r_cw * (first.r - now.r),
+        };
+        let sigma = self.settings.pixel.sigma_cs;
+        let Some(view) = TwoView::new(&self.camera, uv, &self.camera, &candidate.uv, &first_in_c)
+        else {
+            return CandidateOutcome::Waiting;
+        };
+        if view.parallax < birth.min_parallax.to_radians() {
+            return CandidateOutcome::Waiting;
+        }
+        let normal = first_in_c
+            .translation
+            .cross(&(view.rotation * view.other_ray));
+        let off_plane = view.ray.dot(&normal.normalize()).abs();
+        // Four sigma of two pixels, and as much again for the poses.
+        if off_plane > 8.0 * std::f64::consts::SQRT_2 * sigma / self.camera.fx {
+            return CandidateOutcome::Dropped;
+        }
+        if view.rho_variance_from_pixels(sigma, sigma).sqrt() > birth.max_rho_ratio * view.rho {
+            return CandidateOutcome::Waiting;
+        }
+        let mut new = NewFeature::from_two_views(&now, &view, sigma, sigma);
+        new.depend_on_first_pose(&now, &first, &view, covariance);
+        CandidateOutcome::Born(self.append_feature(&new).id)
+    }
+
+    /// Starts features at first sight with the vague depth of `birth.undelayed_rho` (METHOD 5, undelayed).
+    ///
+    /// Before the start this is the scale-free start: the depth prior fixes an arbitrary scale.
+    ///
+    /// # Errors
+    /// `NonFinite` for a bad pixel.
+    pub fn add_undelayed(&mut self, pixels: &[Vector2<f64>]) -> Result<Vec<Option<u64>>, EkfError> {
+        self.check_pixels(pixels)?;
+        if !self.started && !pixels.is_empty() {
+            self.start();
+        }
+        let pose = self.state.camera_pose();
+        let birth = &self.settings.birth;
+        let (rho, sd) = (birth.undelayed_rho, birth.undelayed_rho_sd);
+        let sigma = self.settings.pixel.sigma_cs;
+        Ok(pixels
+            .iter()
+            .map(|uv| {
+                NewFeature::with_prior_depth(&self.camera, &pose, uv, sigma, rho, sd)
+                    .map(|new| self.append_feature(&new).id)
+            })
+            .collect())
+    }
+
+    /// Puts a newborn feature into the state.
+    pub(crate) fn append_feature(&mut self, new: &NewFeature) -> Block {
+        let mut parts = vec![LinearPart {
+            offset: 0,
+            width: POSE_DIM,
+            matrix: new.by_pose.as_slice(),
+        }];
+        if let Some((offset, by, width)) = &new.by_other {
+            parts.push(LinearPart {
+                offset: *offset,
+                width: *width,
+                matrix: &by.as_slice()[..6 * width],
+            });
+        }
+        let block = self
+            .state
+            .append::<6>(BlockKind::Feature, &new.mean, &parts, &new.noise);
+        let record = FeatureRecord {
+            last_found: self.time.unwrap_or(0.0),
+            ..FeatureRecord::default()
+        };
+        self.records.insert(block.id, record);
+        block
+    }
+
+    /// Ids of the candidates that wait, increasing.
+    pub fn candidate_ids(&self) -> impl Iterator<Item = u64> {
+        self.candidates.keys().copied()
+    }
+
+    /// Removes a candidate that was lost; unknown ids are ignored, since a birth removes its candidate too.
+    pub fn drop_candidates(&mut self, ids: &[u64]) {
+        for id in ids {
+            self.candidates.remove(id);
+        }
+    }
+
+    /// Removes features at once.
+    ///
+    /// # Errors
+    /// `UnknownFeature`; nothing is removed then.
+    pub fn remove_features(&mut self, ids: &[u64]) -> Result<(), EkfError> {
+        for &id in ids {
+            self.feature_block(id)?;
+        }
+        self.remove_blocks(ids);
+        Ok(())
+    }
+
+    pub(crate) fn remove_blocks(&mut self, ids: &[u64]) {
+        self.state.remove(|b| ids.contains(&b.id));
+        for id in ids {
+            self.records.remove(id);
+        }
+    }
+
+    /// Deletes features that keep failing or whose depth went wrong, the longest unseen beyond
+    /// `map.max_features`, candidates that are too old and clones that nobody needs. Returns the ids of deleted
+    /// features.
+    pub fn manage_map(&mut self) -> Vec<u64> {
+        let map = &self.settings.map;
+        let now = self.time.unwrap_or(0.0);
+        let mut gone: Vec<u64> = Vec::new();
+        let mut kept: Vec<(f64, u64)> = Vec::new();
+        for block in self.state.layout.of_kind(BlockKind::Feature) {
+            let feature = self.state.feature(block);
+            let record = &self.records[&block.id];
+            let failing = record.searched >= map.min_searches
+                && (record.found as f64) < map.min_found_share * record.searched as f64;
+            if failing || feature.rho() <= 0.0 {
+                gone.push(block.id);
+            } else {
+                kept.push((record.last_found, block.id));
+            }
+        }
+        if kept.len() > map.max_features {
+            kept.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            let excess = kept.len() - map.max_features;
+            gone.extend(kept[..excess].iter().map(|(_, id)| *id));
+        }
+        let age = map.candidate_age;
+        self.candidates.retain(|_, c| now - c.since <= age);
+        let mut needed: Vec<u64> = self
+            .candidates
+            .values()
+            .filter_map(|c| match c.first {
+                FirstView::Clone(id) => Some(id),
+                FirstView::Noted(..) => None,
+            })
+            .collect();
+        needed.dedup();
+        self.state.remove(|b| match b.kind {
+            BlockKind::Feature => gone.contains(&b.id),
+            BlockKind::Clone => !needed.contains(&b.id),
+            BlockKind::WornBias | BlockKind::WornError => false,
+        });
+        for id in &gone {
+            self.records.remove(id);
+        }
+        gone
+    }
+
+    pub(crate) fn feature_block(&self, id: u64) -> Result<Block, EkfError> {
+        match self.state.layout.find(id) {
+            Some(block) if block.kind == BlockKind::Feature => Ok(*block),
+            _ => Err(EkfError::UnknownFeature { id }),
+        }
+    }
+
+    pub(crate) fn check_pixels(&self, pixels: &[Vector2<f64>]) -> Result<(), EkfError> {
+        if pixels.iter().any(|uv| !uv.iter().all(|x| x.is_finite())) {
+            return Err(EkfError::NonFinite { what: "pixel" });
+        }
+        Ok(())
+    }
+
+    pub(crate) fn check_started(&self) -> Result<(), EkfError> {
+        if self.started {
+            return Ok(());
+        }
+        Err(EkfError::InvalidInput {
+            what: "filter",
+            why: "it has not started; give it a worn camera's overlap, known points or undelayed \
+                  features first"
+                .into(),
+        })
+    }
+}

@@ -1,0 +1,143 @@
+//! Rows of grad H for one measurement: 2 for a pixel, 3 for a point with depth (METHOD 4, 6, 7).
+//!
+//! A row touches the camera's pose (7 columns), one feature (6) and, for what came through the worn camera, the
+//! frame's error of T_CF (6). Nothing else: that is the sparsity the update lives on.
+
+use super::point::{CameraPose, FeatureState, PointInCamera};
+use crate::camera::Camera;
+use crate::math::{pose::Pose, quat};
+use nalgebra::{Matrix3, SMatrix, Vector2, Vector3, Vector6};
+
+/// Up to three rows of the innovation and of grad H.
+#[derive(Clone, Debug)]
+pub struct Rows {
+    /// Number of rows in use, 2 or 3.
+    pub count: usize,
+    /// Measured minus predicted.
+    pub innovation: Vector3<f64>,
+    /// Noise covariance of the measurement.
+    pub noise: Matrix3<f64>,
+    /// Derivative of the prediction with respect to `[r q]`.
+    pub by_pose: SMatrix<f64, 3, 7>,
+    /// ... the feature.
+    pub by_feature: SMatrix<f64, 3, 6>,
+    /// ... the error of this frame's T_CF, where it matters.
+    pub by_worn: Option<SMatrix<f64, 3, 6>>,
+}
+
+/// The worn camera in one frame: model, measured pose and the present estimate of its error.
+#[derive(Clone, Debug)]
+pub struct WornView<'a> {
+    /// Camera model of Cf.
+    pub camera: &'a Camera,
+    /// Measured T_CF.
+    pub measured: Pose,
+    /// Estimated error: T_CF = measured Exp(error).
+    pub error: Vector6<f64>,
+}
+
+impl Rows {
+    fn pixel(
+        predicted: Vector2<f64>,
+        measured: &Vector2<f64>,
+        sigma: f64,
+        j: &SMatrix<f64, 2, 3>,
+        h: &PointInCamera,
+    ) -> Self {
+        let mut rows = Self {
+            count: 2,
+            innovation: Vector3::zeros(),
+            noise: Matrix3::from_diagonal(&Vector3::new(sigma * sigma, sigma * sigma, 1.0)),
+            by_pose: SMatrix::zeros(),
+            by_feature: SMatrix::zeros(),
+            by_worn: None,
+        };
+        rows.innovation
+            .fixed_rows_mut::<2>(0)
+            .copy_from(&(measured - predicted));
+        rows.by_pose
+            .fixed_rows_mut::<2>(0)
+            .copy_from(&(j * h.by_pose));
+        rows.by_feature
+            .fixed_rows_mut::<2>(0)
+            .copy_from(&(j * h.by_feature));
+        rows
+    }
+
+    /// A pixel in Cs (Eq. 7 then 6): `distort(project(h_C))`. `None` where the feature predicts nothing.
+    pub fn bearing(
+        camera: &Camera,
+        pose: &CameraPose,
+        feature: &FeatureState,
+        measured: &Vector2<f64>,
+        sigma_px: f64,
+    ) -> Option<Self> {
+        let h = visible_direction(pose, feature)?;
+        let (predicted, j) = camera.project_jac(&h.value)?;
+        Some(Self::pixel(predicted, measured, sigma_px, &j, &h))
+    }
+
+    /// A 3D point in C (Eq. 5, no projection), metres. `by_error` is the derivative of the measured point with
+    /// respect to the error of T_CF, if that error is part of the state.
+    pub fn depth(
+        pose: &CameraPose,
+        feature: &FeatureState,
+        measured: &Vector3<f64>,
+        noise: &Matrix3<f64>,
+        worn: Option<(&Vector6<f64>, &SMatrix<f64, 3, 6>)>,
+    ) -> Option<Self> {
+        let h = PointInCamera::metric(pose, feature)?;
+        // The true point is measured + J e, so the measured one is predicted as h - J e.
+        let shift = worn.map_or(Vector3::zeros(), |(e, j)| j * e);
+        Some(Self {
+            count: 3,
+            innovation: measured - (h.value - shift),
+            noise: *noise,
+            by_pose: h.by_pose,
+            by_feature: h.by_feature,
+            by_worn: worn.map(|(_, j)| -j),
+        })
+    }
+
+    /// A pixel in Cf (METHOD 6, tight form): `h_F = project_F(R_CF^T (h_C - rho t_CF))`.
+    pub fn worn_pixel(
+        worn: &WornView<'_>,
+        pose: &CameraPose,
+        feature: &FeatureState,
+        measured: &Vector2<f64>,
+        sigma_px: f64,
+    ) -> Option<Self> {
+        let h = visible_direction(pose, feature)?;
+        let t_cf = worn.measured.retract(&worn.error);
+        let r_fc = t_cf.rotation.transpose();
+        let value = r_fc * (h.value - t_cf.translation * feature.rho());
+        let (predicted, j) = worn.camera.project_jac(&value)?;
+        let mut in_f = PointInCamera {
+            value,
+            by_pose: r_fc * h.by_pose,
+            by_feature: r_fc * h.by_feature,
+        };
+        let by_rho = in_f.by_feature.column(5) - r_fc * t_cf.translation;
+        in_f.by_feature.set_column(5, &by_rho);
+        let mut by_error = SMatrix::<f64, 3, 6>::zeros();
+        by_error
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&(r_fc * worn.measured.rotation * -feature.rho()));
+        let turn = worn.error.fixed_rows::<3>(3).into_owned();
+        by_error
+            .fixed_view_mut::<3, 3>(0, 3)
+            .copy_from(&(quat::skew(&value) * quat::right_jacobian(&turn)));
+        let mut rows = Self::pixel(predicted, measured, sigma_px, &j, &in_f);
+        let mut by_worn = SMatrix::<f64, 3, 6>::zeros();
+        by_worn
+            .fixed_rows_mut::<2>(0)
+            .copy_from(&(j * by_error));
+        rows.by_worn = Some(by_worn);
+        Some(rows)
+    }
+}
+
+/// Direction of the feature from Cs; `None` with `rho <= 0` (METHOD 4: such a feature predicts nothing).
+fn visible_direction(pose: &CameraPose, feature: &FeatureState) -> Option<PointInCamera> {
+    (feature.rho() > 0.0).then(|| PointInCamera::scaled(pose, feature))
+}

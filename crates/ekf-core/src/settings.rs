@@ -1,0 +1,327 @@
+//! Every setting of the filter: its one default, unit, range and meaning.
+//!
+//! The `settings!` table below is the only owner of these facts; the Python layer, the settings file and the
+//! documentation are generated from [`schema`].
+
+use crate::error::EkfError;
+
+/// A setting's value on its way in or out.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Value {
+    /// A real number.
+    Float(f64),
+    /// A whole number.
+    Int(i64),
+    /// A switch.
+    Bool(bool),
+    /// One of a list of names.
+    Name(String),
+}
+
+/// What there is to know about one setting.
+#[derive(Clone, Debug)]
+pub struct SettingInfo {
+    /// Dotted key, e.g. `process.acceleration_density`.
+    pub key: String,
+    /// `float`, `int`, `bool` or `enum`.
+    pub kind: &'static str,
+    /// The default.
+    pub default: Value,
+    /// Least allowed value (numbers).
+    pub min: Option<f64>,
+    /// Largest allowed value (numbers).
+    pub max: Option<f64>,
+    /// Unit, empty for pure numbers.
+    pub unit: &'static str,
+    /// Allowed names (enums).
+    pub choices: &'static [&'static str],
+    /// Effect, in a sentence or two.
+    pub doc: String,
+}
+
+/// A type that a setting can have.
+trait Setting: Sized {
+    const KIND: &'static str;
+    const CHOICES: &'static [&'static str] = &[];
+    fn to_value(&self) -> Value;
+    fn from_value(value: &Value, min: Option<f64>, max: Option<f64>) -> Result<Self, String>;
+}
+
+fn in_range(x: f64, min: Option<f64>, max: Option<f64>) -> Result<(), String> {
+    let (lo, hi) = (
+        min.unwrap_or(f64::NEG_INFINITY),
+        max.unwrap_or(f64::INFINITY),
+    );
+    if x.is_finite() && (lo..=hi).contains(&x) {
+        Ok(())
+    } else {
+        Err(format!("{x} is outside the range {lo} to {hi}"))
+    }
+}
+
+impl Setting for f64 {
+    const KIND: &'static str = "float";
+    fn to_value(&self) -> Value {
+        Value::Float(*self)
+    }
+    fn from_value(value: &Value, min: Option<f64>, max: Option<f64>) -> Result<Self, String> {
+        let x = match value {
+            Value::Float(x) => *x,
+            Value::Int(i) => *i as f64,
+            _ => return Err("a number is needed".into()),
+        };
+        in_range(x, min, max).map(|()| x)
+    }
+}
+
+impl Setting for usize {
+    const KIND: &'static str = "int";
+    fn to_value(&self) -> Value {
+        Value::Int(*self as i64)
+    }
+    fn from_value(value: &Value, min: Option<f64>, max: Option<f64>) -> Result<Self, String> {
+        let Value::Int(i) = value else {
+            return Err("a whole number is needed".into());
+        };
+        in_range(*i as f64, Some(min.unwrap_or(0.0).max(0.0)), max).map(|()| *i as usize)
+    }
+}
+
+macro_rules! choice {
+    ($(#[$doc:meta])* $name:ident { $first:ident = $first_text:literal $(, $(#[$vdoc:meta])* $variant:ident = $text:literal)* $(,)? } $first_doc:literal) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum $name {
+            #[doc = $first_doc]
+            $first,
+            $($(#[$vdoc])* $variant,)*
+        }
+        impl $name {
+            /// The name used in settings.
+            pub const fn name(self) -> &'static str {
+                match self { Self::$first => $first_text, $(Self::$variant => $text,)* }
+            }
+        }
+        impl Setting for $name {
+            const KIND: &'static str = "enum";
+            const CHOICES: &'static [&'static str] = &[$first_text, $($text),*];
+            fn to_value(&self) -> Value { Value::Name(self.name().into()) }
+            fn from_value(value: &Value, _: Option<f64>, _: Option<f64>) -> Result<Self, String> {
+                match value {
+                    Value::Name(s) if s == $first_text => Ok(Self::$first),
+                    $(Value::Name(s) if s == $text => Ok(Self::$variant),)*
+                    _ => Err(format!("must be one of {}", Self::CHOICES.join(", "))),
+                }
+            }
+        }
+    };
+}
+
+choice! {
+    /// What the worn camera is used for, and how features without it are born (METHOD 5, 6).
+    Mode {
+        Mono = "mono",
+        /// As `mono`, but features are born at first sight with a vague depth.
+        MonoUndelayed = "mono-undelayed",
+        /// The worn camera only starts features (the paper's predecessor).
+        CollabInit = "collab-init",
+        /// The worn camera starts features and measures known ones as 3D points (the paper).
+        Collab = "collab",
+        /// The worn camera's pixels are measured, its pose being part of the state for the frame.
+        CollabTight = "collab-tight",
+    }
+    "No worn camera after the start; features are born delayed, from parallax."
+}
+
+choice! {
+    /// How the pose of a candidate's first view is treated at its delayed birth (METHOD 5).
+    FirstPose {
+        Clone = "clone",
+        /// Remembered with its covariance, as if independent of today's pose (the paper).
+        Independent = "independent",
+    }
+    "Kept in the state, so its correlation with today's pose is exact."
+}
+
+choice! {
+    /// How the error of T_CF enters the matches of one frame (METHOD 5, 6).
+    WornErrors {
+        Shared = "shared",
+        /// Each match has an error of its own (the paper): overconfident.
+        Independent = "independent",
+    }
+    "One error common to all matches of the frame."
+}
+
+choice! {
+    /// How a batch of matches is validated (METHOD 8).
+    BatchTestKind {
+        Hohct = "hohct",
+        /// Joint compatibility branch and bound.
+        Jcbb = "jcbb",
+        /// One-point hypotheses.
+        OnePoint = "one-point",
+        /// Each match by itself.
+        Individual = "individual",
+        /// No test.
+        None = "none",
+    }
+    "Highest order hypothesis compatibility test."
+}
+
+macro_rules! settings {
+    ($( $(#[doc = $gdoc:literal])+ $group:ident: $gtype:ident {
+        $( $(#[doc = $doc:literal])+ $field:ident: $ty:ty = $default:expr, $unit:literal, $min:expr, $max:expr; )*
+    } )*) => {
+        $(
+            $(#[doc = $gdoc])+
+            #[derive(Clone, Debug, PartialEq)]
+            pub struct $gtype {
+                $( $(#[doc = $doc])+ pub $field: $ty, )*
+            }
+            impl Default for $gtype {
+                fn default() -> Self { Self { $( $field: $default, )* } }
+            }
+        )*
+
+        /// All settings of the filter.
+        #[derive(Clone, Debug, Default, PartialEq)]
+        pub struct Settings {
+            $( $(#[doc = $gdoc])+ pub $group: $gtype, )*
+        }
+
+        /// Every setting in the order of the file.
+        pub fn schema() -> Vec<SettingInfo> {
+            let defaults = Settings::default();
+            vec![ $( $( SettingInfo {
+                key: concat!(stringify!($group), ".", stringify!($field)).into(),
+                kind: <$ty as Setting>::KIND,
+                default: Setting::to_value(&defaults.$group.$field),
+                min: $min,
+                max: $max,
+                unit: $unit,
+                choices: <$ty as Setting>::CHOICES,
+                doc: [$($doc),+].map(str::trim).join(" "),
+            }, )* )* ]
+        }
+
+        impl Settings {
+            /// Sets one value by its dotted key.
+            ///
+            /// # Errors
+            /// `InvalidSetting` for an unknown key, a wrong type or a value out of range.
+            pub fn set(&mut self, key: &str, value: &Value) -> Result<(), EkfError> {
+                let invalid = |why: String| EkfError::InvalidSetting { key: key.into(), why };
+                match key {
+                    $( $( concat!(stringify!($group), ".", stringify!($field)) =>
+                        self.$group.$field = Setting::from_value(value, $min, $max).map_err(invalid)?, )* )*
+                    _ => return Err(invalid("there is no such setting".into())),
+                }
+                Ok(())
+            }
+        }
+    };
+}
+
+settings! {
+    /// Which estimator.
+    estimator: EstimatorSettings {
+        /// What the worn camera is used for and how features are born.
+        mode: Mode = Mode::Collab, "", None, None;
+    }
+    /// The motion model: constant velocity with white acceleration (METHOD 3).
+    process: ProcessSettings {
+        /// Density of the camera's acceleration. Larger follows jerkier motion and searches wider.
+        acceleration_density: f64 = 1.0, "m/s^1.5", Some(0.0), Some(1e3);
+        /// Density of its angular acceleration.
+        angular_acceleration_density: f64 = 2.0, "rad/s^1.5", Some(0.0), Some(1e3);
+        /// Standard deviation of each component of the velocity at the start.
+        start_velocity_sd: f64 = 3.0, "m/s", Some(0.0), Some(1e3);
+        /// Standard deviation of each component of the angular velocity at the start.
+        start_angular_velocity_sd: f64 = 1.0, "rad/s", Some(0.0), Some(1e2);
+    }
+    /// Noise of pixel measurements (METHOD 4).
+    pixel: PixelSettings {
+        /// Standard deviation of a feature's measured pixel in Cs, per axis.
+        sigma_cs: f64 = 1.0, "px", Some(0.01), Some(100.0);
+        /// Standard deviation of a matched pixel in Cf, per axis.
+        sigma_cf: f64 = 1.0, "px", Some(0.01), Some(100.0);
+    }
+    /// How features are born (METHOD 5).
+    birth: BirthSettings {
+        /// How the pose of a candidate's first view is treated at a delayed birth.
+        first_pose: FirstPose = FirstPose::Clone, "", None, None;
+        /// Least distance between first and present view for a delayed birth.
+        min_baseline: f64 = 0.02, "m", Some(0.0), Some(100.0);
+        /// Least parallax for a delayed birth.
+        min_parallax: f64 = 5.0, "deg", Some(0.1), Some(90.0);
+        /// Largest sd(rho)/rho of an instant birth from two views; a worse match waits.
+        max_rho_ratio: f64 = 0.3333333333333333, "", Some(0.01), Some(10.0);
+        /// Inverse depth of an undelayed birth.
+        undelayed_rho: f64 = 0.5, "1/m", Some(1e-3), Some(1e3);
+        /// Standard deviation of the inverse depth of an undelayed birth.
+        undelayed_rho_sd: f64 = 0.5, "1/m", Some(1e-3), Some(1e3);
+        /// Standard deviation, as a share of rho, with which the tight form starts a matched feature
+        /// before its pixel in Cf is measured.
+        tight_rho_ratio: f64 = 2.0, "", Some(0.5), Some(20.0);
+    }
+    /// The worn camera Cf and the error of its pose (METHOD 6).
+    worn: WornSettings {
+        /// How the error of T_CF enters the matches of a frame.
+        errors: WornErrors = WornErrors::Shared, "", None, None;
+        /// Largest sd(range)/range with which a known feature is measured as a 3D point; a worse one gives its bearing.
+        max_range_ratio: f64 = 0.2, "", Some(0.01), Some(10.0);
+        /// Share of T_CF's stated variance that is a slowly varying bias (Gauss-Markov) rather than white noise.
+        bias_share: f64 = 0.0, "", Some(0.0), Some(1.0);
+        /// Time constant of that bias.
+        bias_time: f64 = 10.0, "s", Some(0.01), Some(1e6);
+        /// Least number of births that starts the filter from a first overlap.
+        start_births: usize = 8, "", Some(1.0), Some(1000.0);
+    }
+    /// Validation of a frame's matches (METHOD 8).
+    validate: ValidateSettings {
+        /// Which test.
+        test: BatchTestKind = BatchTestKind::Hohct, "", None, None;
+        /// Confidence level of the chi-square tests.
+        level: f64 = 0.95, "", Some(0.5), Some(0.999999);
+        /// Level of the gate that each match passes before the batch is tested.
+        gate_level: f64 = 0.999, "", Some(0.5), Some(0.999999999);
+        /// Largest share of a frame's matches that HOHCT may leave out.
+        max_share: f64 = 0.5, "", Some(0.0), Some(1.0);
+        /// Radius of a low-innovation inlier of the one-point test, in standard deviations of its noise.
+        low_sigmas: f64 = 3.0, "", Some(0.1), Some(100.0);
+        /// Largest number of hypotheses that are looked at before leaving out greedily.
+        max_nodes: usize = 20000, "", Some(1.0), Some(1e9);
+    }
+    /// Upkeep of the map (METHOD 7, step 8).
+    map: MapSettings {
+        /// Features that the map should hold in view.
+        in_view: usize = 60, "", Some(4.0), Some(1000.0);
+        /// Largest number of features in the map.
+        max_features: usize = 120, "", Some(4.0), Some(10000.0);
+        /// A feature is deleted when the share of its searches that found it falls below this...
+        min_found_share: f64 = 0.4, "", Some(0.0), Some(1.0);
+        /// ...after at least so many searches.
+        min_searches: usize = 8, "", Some(1.0), Some(10000.0);
+        /// A candidate that has not been born after so many seconds is dropped.
+        candidate_age: f64 = 4.0, "s", Some(0.01), Some(1e4);
+    }
+    /// Prediction of the overlap of both views (METHOD 9).
+    overlap: OverlapSettings {
+        /// Distance at which a view begins.
+        near: f64 = 0.3, "m", Some(0.001), Some(100.0);
+        /// Distance at which it ends at most.
+        far: f64 = 60.0, "m", Some(0.1), Some(1e5);
+        /// The useful parallax, in standard deviations of its error.
+        parallax_sigmas: f64 = 3.0, "", Some(0.1), Some(100.0);
+        /// By how many standard deviations of T_CF the view of Cf is grown.
+        grow_sigmas: f64 = 3.0, "", Some(0.0), Some(100.0);
+    }
+}
+
+impl Mode {
+    /// Whether Cf is used after the filter has started.
+    pub const fn uses_worn(self) -> bool {
+        matches!(self, Self::CollabInit | Self::Collab | Self::CollabTight)
+    }
+}

@@ -1,0 +1,221 @@
+//! The covariance P: the only writer of its entries.
+//!
+//! Only the LOWER triangle is stored meaningfully (column-major, with spare capacity, so that growing by a
+//! feature copies nothing). Reading an entry above the diagonal reads its mirror image. Keeping one triangle
+//! saves the mirror copy that a full matrix would need after every symmetric downdate.
+
+use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::{Accum, MatMut, MatRef, Par};
+use nalgebra::{DMatrix, SMatrix};
+
+/// A linear map from one stretch of the state, used to append rows that are linear in the state.
+#[derive(Clone, Copy, Debug)]
+pub struct LinearPart<'a> {
+    /// First state index of the stretch.
+    pub offset: usize,
+    /// Its width.
+    pub width: usize,
+    /// `k x width`, column-major.
+    pub matrix: &'a [f64],
+}
+
+/// Symmetric covariance matrix of the state.
+#[derive(Clone, Debug)]
+pub struct Covariance {
+    data: Vec<f64>,
+    ld: usize,
+    n: usize,
+}
+
+impl Covariance {
+    /// `n x n` zeros with room for `capacity` rows.
+    pub fn zeros(n: usize, capacity: usize) -> Self {
+        let ld = capacity.max(n);
+        Self {
+            data: vec![0.0; ld * ld],
+            ld,
+            n,
+        }
+    }
+
+    /// Number of rows.
+    pub fn dim(&self) -> usize {
+        self.n
+    }
+
+    /// One entry.
+    pub fn get(&self, i: usize, j: usize) -> f64 {
+        let (i, j) = if i >= j { (i, j) } else { (j, i) };
+        self.data[i + j * self.ld]
+    }
+
+    /// Sets one entry (and so its mirror image).
+    pub(crate) fn set(&mut self, i: usize, j: usize, value: f64) {
+        let (i, j) = if i >= j { (i, j) } else { (j, i) };
+        self.data[i + j * self.ld] = value;
+    }
+
+    /// The `R x C` block whose corner is `(i, j)`.
+    pub fn block<const R: usize, const C: usize>(&self, i: usize, j: usize) -> SMatrix<f64, R, C> {
+        SMatrix::from_fn(|r, c| self.get(i + r, j + c))
+    }
+
+    /// Overwrites a block (and its mirror image).
+    pub(crate) fn set_block<const R: usize, const C: usize>(
+        &mut self,
+        i: usize,
+        j: usize,
+        value: &SMatrix<f64, R, C>,
+    ) {
+        for c in 0..C {
+            for r in 0..R {
+                self.set(i + r, j + c, value[(r, c)]);
+            }
+        }
+    }
+
+    /// The whole matrix, both triangles.
+    pub fn to_dense(&self) -> DMatrix<f64> {
+        DMatrix::from_fn(self.n, self.n, |i, j| self.get(i, j))
+    }
+
+    /// Copies columns `start .. start + width` into `out`, `n x width` column-major.
+    pub(crate) fn columns(&self, start: usize, width: usize, out: &mut [f64]) {
+        let n = self.n;
+        for i in 0..start {
+            let row = &self.data[start + i * self.ld..start + width + i * self.ld];
+            for (c, &v) in row.iter().enumerate() {
+                out[i + c * n] = v;
+            }
+        }
+        for c in 0..width {
+            for r in 0..c {
+                out[start + r + c * n] = self.get(start + r, start + c);
+            }
+            let column = (start + c) * self.ld;
+            let from = start + c;
+            out[from + c * n..n + c * n].copy_from_slice(&self.data[from + column..n + column]);
+        }
+    }
+
+    /// Applies the square map `f` to rows and columns `start .. start + K`: `P <- F P F^T`, `F` the identity
+    /// elsewhere. O(K^2 n).
+    pub(crate) fn transform<const K: usize>(&mut self, start: usize, f: &SMatrix<f64, K, K>) {
+        let own: SMatrix<f64, K, K> = self.block(start, start);
+        let own = f * own * f.transpose();
+        for i in 0..self.n {
+            if (start..start + K).contains(&i) {
+                continue;
+            }
+            let row: SMatrix<f64, K, 1> = self.block(start, i);
+            self.set_block(start, i, &(f * row));
+        }
+        self.set_block(start, start, &((own + own.transpose()) * 0.5));
+    }
+
+    /// Adds a symmetric block on the diagonal.
+    pub(crate) fn add_block<const K: usize>(&mut self, start: usize, value: &SMatrix<f64, K, K>) {
+        for c in 0..K {
+            for r in c..K {
+                self.data[start + r + (start + c) * self.ld] += value[(r, c)];
+            }
+        }
+    }
+
+    /// Appends `K` rows `y = sum_b G_b x_b + noise`: cross-covariances `G P` and the new block
+    /// `G P G^T + noise` (Eq. 8). O(n), amortised: capacity doubles.
+    pub(crate) fn augment<const K: usize>(
+        &mut self,
+        parts: &[LinearPart<'_>],
+        noise: &SMatrix<f64, K, K>,
+    ) {
+        let n = self.n;
+        self.reserve(n + K);
+        self.n = n + K;
+        for j in 0..n {
+            let mut column = [0.0; K];
+            for part in parts {
+                for w in 0..part.width {
+                    let p = self.get(part.offset + w, j);
+                    for (k, entry) in column.iter_mut().enumerate() {
+                        *entry += part.matrix[k + w * K] * p;
+                    }
+                }
+            }
+            self.data[n + j * self.ld..n + K + j * self.ld].copy_from_slice(&column);
+        }
+        let mut own = *noise;
+        for part in parts {
+            for w in 0..part.width {
+                for c in 0..K {
+                    for r in 0..K {
+                        own[(r, c)] += part.matrix[c + w * K]
+                            * self.data[n + r + (part.offset + w) * self.ld];
+                    }
+                }
+            }
+        }
+        self.set_block(n, n, &((own + own.transpose()) * 0.5));
+    }
+
+    /// Keeps the rows and columns listed in `keep` (increasing), in one compaction.
+    pub(crate) fn keep(&mut self, keep: &[usize]) {
+        for (new_j, &j) in keep.iter().enumerate() {
+            for (new_i, &i) in keep.iter().enumerate().skip(new_j) {
+                self.data[new_i + new_j * self.ld] = self.data[i + j * self.ld];
+            }
+        }
+        self.n = keep.len();
+    }
+
+    /// `P <- P - V V^T` on the stored triangle; `v` is `n x m`, column-major (B2).
+    pub(crate) fn downdate(&mut self, v: &[f64], m: usize) {
+        let (n, ld) = (self.n, self.ld);
+        let v = MatRef::from_column_major_slice(&v[..n * m], n, m);
+        let p = MatMut::from_column_major_slice_with_stride_mut(&mut self.data, n, n, ld);
+        triangular::matmul(
+            p,
+            BlockStructure::TriangularLower,
+            Accum::Add,
+            v,
+            BlockStructure::Rectangular,
+            v.transpose(),
+            BlockStructure::Rectangular,
+            -1.0,
+            Par::Seq,
+        );
+    }
+
+    fn reserve(&mut self, n: usize) {
+        if n <= self.ld {
+            return;
+        }
+        let ld = n.max(2 * self.ld);
+        let mut data = vec![0.0; ld * ld];
+        for j in 0..self.n {
+            data[j + j * ld..self.n + j * ld]
+                .copy_from_slice(&self.data[j + j * self.ld..self.n + j * self.ld]);
+        }
+        (self.data, self.ld) = (data, ld);
+    }
+
+    /// Least eigenvalue of the diagonal-scaled matrix `D^-1/2 P D^-1/2` (rows of zero variance left out):
+    /// P is sound when it is above -1e-10 (METHOD 3). Costs O(n^3): a monitor, not part of a step.
+    pub fn least_scaled_eigenvalue(&self) -> f64 {
+        let kept: Vec<usize> = (0..self.n).filter(|&i| self.get(i, i) > 0.0).collect();
+        if (0..self.n).any(|i| {
+            let d = self.get(i, i);
+            d < 0.0 || !d.is_finite()
+        }) {
+            return f64::NEG_INFINITY;
+        }
+        let scaled = DMatrix::from_fn(kept.len(), kept.len(), |i, j| {
+            let (i, j) = (kept[i], kept[j]);
+            self.get(i, j) / (self.get(i, i) * self.get(j, j)).sqrt()
+        });
+        if scaled.iter().any(|v| !v.is_finite()) {
+            return f64::NEG_INFINITY;
+        }
+        scaled.symmetric_eigenvalues().min()
+    }
+}

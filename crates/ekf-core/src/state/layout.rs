@@ -1,0 +1,101 @@
+//! The only owner of offsets: which block of the state lives where.
+
+/// Dimension of the camera's block `[r(3) q(4) v(3) w(3)]` (METHOD 2).
+pub const CAMERA_DIM: usize = 13;
+/// Dimension of its pose part `[r(3) q(4)]`.
+pub const POSE_DIM: usize = 7;
+
+/// What a block of the state is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BlockKind {
+    /// A landmark in inverse depth, 6 numbers.
+    Feature,
+    /// A camera pose kept for the exact delayed birth, `[r(3) q(4)]`.
+    Clone,
+    /// The slowly varying error of the worn camera's pose, tangent of T_CF, 6 numbers.
+    WornBias,
+    /// The error of one frame's T_CF, tangent, 6 numbers; lives for that frame only.
+    WornError,
+}
+
+impl BlockKind {
+    /// Number of state entries.
+    pub const fn dim(self) -> usize {
+        match self {
+            Self::Clone => POSE_DIM,
+            Self::Feature | Self::WornBias | Self::WornError => 6,
+        }
+    }
+}
+
+/// One block of the state after the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Block {
+    /// Unique for the life of the filter.
+    pub id: u64,
+    /// What it is.
+    pub kind: BlockKind,
+    /// First state index.
+    pub offset: usize,
+}
+
+impl Block {
+    /// State indices of the block.
+    pub fn range(&self) -> std::ops::Range<usize> {
+        self.offset..self.offset + self.kind.dim()
+    }
+}
+
+/// The order of blocks. Ids grow with birth and blocks keep their order, so a look-up is a binary search.
+#[derive(Clone, Debug, Default)]
+pub struct Layout {
+    blocks: Vec<Block>,
+    next_id: u64,
+}
+
+impl Layout {
+    /// Dimension of the whole state.
+    pub fn dim(&self) -> usize {
+        self.blocks.last().map_or(CAMERA_DIM, |b| b.range().end)
+    }
+
+    /// All blocks in state order.
+    pub fn blocks(&self) -> &[Block] {
+        &self.blocks
+    }
+
+    /// The blocks of one kind, in state order.
+    pub fn of_kind(&self, kind: BlockKind) -> impl Iterator<Item = &Block> {
+        self.blocks.iter().filter(move |b| b.kind == kind)
+    }
+
+    /// The block with this id.
+    pub fn find(&self, id: u64) -> Option<&Block> {
+        self.blocks
+            .binary_search_by_key(&id, |b| b.id)
+            .ok()
+            .map(|i| &self.blocks[i])
+    }
+
+    /// Appends a block at the end of the state.
+    pub(crate) fn push(&mut self, kind: BlockKind) -> Block {
+        let block = Block {
+            id: self.next_id,
+            kind,
+            offset: self.dim(),
+        };
+        self.next_id += 1;
+        self.blocks.push(block);
+        block
+    }
+
+    /// Removes the blocks for which `gone` holds and closes the gaps.
+    pub(crate) fn remove(&mut self, gone: impl Fn(&Block) -> bool) {
+        self.blocks.retain(|b| !gone(b));
+        let mut offset = CAMERA_DIM;
+        for b in &mut self.blocks {
+            b.offset = offset;
+            offset += b.kind.dim();
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! The state vector, its layout and its covariance.
+//!
+//! ```text
+//! x = [ r(3) q(4) v(3) w(3) | bias(6)? | feature(6) ... | clone(7) ... | worn error(6)? ]
+//!       camera, always 13     blocks in order of birth, each with an id
+//! ```
+
+pub mod cov;
+pub mod layout;
+
+pub use cov::{Covariance, LinearPart};
+pub use layout::{Block, BlockKind, CAMERA_DIM, Layout, POSE_DIM};
+
+use crate::math::quat;
+use crate::observe::point::{CameraPose, FeatureState};
+use nalgebra::{SMatrix, SVector, Vector3, Vector4, Vector6};
+
+/// Mean, covariance and layout, always of the same dimension.
+#[derive(Clone, Debug)]
+pub struct State {
+    /// The mean.
+    pub(crate) x: Vec<f64>,
+    /// The covariance.
+    pub(crate) p: Covariance,
+    /// Who lives where.
+    pub(crate) layout: Layout,
+    /// Stationary covariance of the worn camera's bias, if there is one.
+    pub(crate) bias_stationary: SMatrix<f64, 6, 6>,
+}
+
+impl State {
+    /// Camera at the origin of W, at rest, without uncertainty and without map.
+    pub fn at_origin(capacity: usize) -> Self {
+        let mut x = vec![0.0; CAMERA_DIM];
+        x[3] = 1.0;
+        Self {
+            x,
+            p: Covariance::zeros(CAMERA_DIM, capacity),
+            layout: Layout::default(),
+            bias_stationary: SMatrix::zeros(),
+        }
+    }
+
+    /// The mean.
+    pub fn mean(&self) -> &[f64] {
+        &self.x
+    }
+
+    /// The covariance.
+    pub fn covariance(&self) -> &Covariance {
+        &self.p
+    }
+
+    /// The blocks after the camera.
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// `N` entries of the mean from `offset`.
+    pub fn part<const N: usize>(&self, offset: usize) -> SVector<f64, N> {
+        SVector::from_column_slice(&self.x[offset..offset + N])
+    }
+
+    pub(crate) fn set_part<const N: usize>(&mut self, offset: usize, value: &SVector<f64, N>) {
+        self.x[offset..offset + N].copy_from_slice(value.as_slice());
+    }
+
+    /// The camera's pose.
+    pub fn camera_pose(&self) -> CameraPose {
+        self.pose_at(0)
+    }
+
+    /// The pose of a block `[r q]`.
+    pub(crate) fn pose_at(&self, offset: usize) -> CameraPose {
+        CameraPose {
+            r: self.part::<3>(offset),
+            q: self.part::<4>(offset + 3),
+        }
+    }
+
+    /// `v_W`, m/s.
+    pub fn velocity(&self) -> Vector3<f64> {
+        self.part::<3>(7)
+    }
+
+    /// `w_C`, rad/s.
+    pub fn angular_velocity(&self) -> Vector3<f64> {
+        self.part::<3>(10)
+    }
+
+    /// The six numbers of a feature's block.
+    pub fn feature(&self, block: &Block) -> FeatureState {
+        FeatureState(self.part::<6>(block.offset))
+    }
+
+    /// 6x6 covariance of the camera's pose, (translation, rotation), right tangent (METHOD 1).
+    pub fn pose_covariance(&self) -> SMatrix<f64, 6, 6> {
+        let g = crate::math::pose::tangent_map(&self.camera_pose().q);
+        let p = g * self.p.block::<7, 7>(0, 0) * g.transpose();
+        (p + p.transpose()) * 0.5
+    }
+
+    /// Appends a block whose value is linear in the state plus noise. O(n).
+    pub(crate) fn append<const K: usize>(
+        &mut self,
+        kind: BlockKind,
+        mean: &SVector<f64, K>,
+        parts: &[LinearPart<'_>],
+        noise: &SMatrix<f64, K, K>,
+    ) -> Block {
+        debug_assert_eq!(kind.dim(), K);
+        self.p.augment(parts, noise);
+        self.x.extend_from_slice(mean.as_slice());
+        self.layout.push(kind)
+    }
+
+    /// Removes blocks in one compaction.
+    pub(crate) fn remove(&mut self, gone: impl Fn(&Block) -> bool) {
+        let mut keep: Vec<usize> = (0..CAMERA_DIM).collect();
+        for block in self.layout.blocks() {
+            if !gone(block) {
+                keep.extend(block.range());
+            }
+        }
+        if keep.len() == self.x.len() {
+            return;
+        }
+        self.p.keep(&keep);
+        for (new, &old) in keep.iter().enumerate() {
+            self.x[new] = self.x[old];
+        }
+        self.x.truncate(keep.len());
+        self.layout.remove(gone);
+    }
+
+    /// Normalises every quaternion of the state and maps P through the Jacobian (METHOD 3).
+    pub(crate) fn normalise_quaternions(&mut self) {
+        self.normalise_quaternion_at(3);
+        for i in 0..self.layout.blocks().len() {
+            let block = self.layout.blocks()[i];
+            if block.kind == BlockKind::Clone {
+                self.normalise_quaternion_at(block.offset + 3);
+            }
+        }
+    }
+
+    fn normalise_quaternion_at(&mut self, offset: usize) {
+        let q: Vector4<f64> = self.part::<4>(offset);
+        self.p.transform(offset, &quat::normalise_jacobian(&q));
+        self.set_part(offset, &(q / q.norm()));
+    }
+
+    /// Error of T_CF as the state has it: the frame's own, else the bias, else zero.
+    pub(crate) fn worn_error(&self) -> Vector6<f64> {
+        [BlockKind::WornError, BlockKind::WornBias]
+            .into_iter()
+            .find_map(|kind| self.layout.of_kind(kind).next())
+            .map_or(Vector6::zeros(), |b| self.part::<6>(b.offset))
+    }
+}

@@ -1,0 +1,122 @@
+//! Joint compatibility branch and bound (Neira and Tardos, IEEE T-RA 2001), to compare HOHCT with.
+//!
+//! Each unit has one candidate match or none. The interpretation tree decides unit by unit, the most plausible first;
+//! a branch is followed while its matches are jointly compatible (`g_A^T S_AA^-1 g_A` within the chi-square quantile at
+//! the level) and while it can still beat the best. The answer is a largest jointly compatible set; among equals the
+//! first one found. The tree is exponential in the number of wrong matches: past the node budget the best set so far stands
+//! and the verdict says so.
+
+use super::{Units, Verdict, Workspace, check, individual_distance};
+
+/// Settings of [`jcbb`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JcbbSettings {
+    /// Confidence level of the individual and the joint test, in (0, 1).
+    pub level: f64,
+    /// Largest number of nodes of the interpretation tree that are visited.
+    pub max_nodes: usize,
+}
+
+impl Default for JcbbSettings {
+    fn default() -> Self {
+        Self {
+            level: 0.95,
+            max_nodes: 20_000,
+        }
+    }
+}
+
+#[derive(Clone, Debug, Default)]
+pub(super) struct Scratch {
+    distance: Vec<f64>,
+    /// Units that pass by themselves, nearest first.
+    order: Vec<usize>,
+    /// Position in `order` of each match of the branch.
+    branch: Vec<usize>,
+    best: Vec<usize>,
+}
+
+/// Largest jointly compatible set of units; `s` is `S` (lower triangle, column-major).
+pub fn jcbb(
+    s: &[f64],
+    ld: usize,
+    g: &[f64],
+    units: Units,
+    settings: &JcbbSettings,
+    ws: &mut Workspace,
+) -> Verdict {
+    check(s, ld, g, units);
+    let Workspace {
+        rejected,
+        quantiles,
+        joint,
+        jcbb: scratch,
+        ..
+    } = ws;
+    let Scratch {
+        distance,
+        order,
+        branch,
+        best,
+    } = scratch;
+    let n = units.len();
+    distance.clear();
+    distance.extend((0..n).map(|unit| individual_distance(s, ld, g, units, unit)));
+    order.clear();
+    order.extend(
+        (0..n).filter(|&unit| distance[unit] <= quantiles.get(settings.level, units.count(unit))),
+    );
+    order.sort_unstable_by(|&a, &b| distance[a].total_cmp(&distance[b]).then(a.cmp(&b)));
+
+    joint.clear();
+    branch.clear();
+    best.clear();
+    let mut nodes = 0;
+    let mut exact = true;
+    let mut next = 0;
+    loop {
+        // Down: take each unit that fits, skip each that does not.
+        while next < order.len() && branch.len() + (order.len() - next) > best.len() {
+            if nodes == settings.max_nodes {
+                exact = false;
+                break;
+            }
+            nodes += 1;
+            let rows = joint.len();
+            joint.push(s, ld, g, units, order[next]);
+            if joint.d2() <= quantiles.get(settings.level, joint.len()) {
+                branch.push(next);
+            } else {
+                joint.truncate(rows);
+            }
+            next += 1;
+        }
+        if branch.len() > best.len() {
+            best.clone_from(branch);
+        }
+        if !exact {
+            break;
+        }
+        // Back: leave out the last unit taken, and go on after it.
+        let Some(last) = branch.pop() else { break };
+        joint.truncate(joint.len() - units.count(order[last]));
+        next = last + 1;
+    }
+
+    joint.clear();
+    for &position in best.iter() {
+        joint.push(s, ld, g, units, order[position]);
+    }
+    rejected.clear();
+    rejected.extend(0..n);
+    rejected.retain(|unit| !best.iter().any(|&position| order[position] == *unit));
+    let mut verdict = Verdict::joint(
+        rejected.len(),
+        joint.d2(),
+        joint.len(),
+        !best.is_empty() || n == 0,
+    );
+    verdict.exact = exact;
+    verdict.nodes = nodes;
+    verdict
+}

@@ -1,0 +1,403 @@
+//! Validation of a batch of matches before the update (METHOD sections 7 and 8).
+//!
+//! A batch has `n` *units*, each a match that is accepted or rejected as a whole, with 1 to 3 rows (2 for a bearing,
+//! 3 with depth). Its innovation `g` (`m` rows) has the covariance `S = H P H^T + R = L L^T`. Every test answers
+//! with a [`Verdict`] and leaves the rejected units in the [`Workspace`]:
+//!
+//! - [`hohct`]: highest-order hypothesis compatibility, the fewest matches left out so that the rest is jointly compatible;
+//! - [`jcbb`]: joint compatibility branch and bound, the most matches that are jointly compatible;
+//! - [`one_point`]: 1-point RANSAC, made exhaustive;
+//! - [`individual_gate`]: each match by itself.
+//!
+//! Matrices are column-major slices with leading dimension `ld`, of which only the lower triangle is read.
+//! Buffers live in the workspace and only grow: a warm call allocates nothing. Every search is bounded by a number of
+//! nodes and never by a clock, so equal input gives equal output on every machine.
+//!
+//! Slices that do not fit each other are a fault of the caller and panic; numbers are the caller's to check.
+
+mod hohct;
+mod jcbb;
+mod one_point;
+
+use nalgebra::Matrix3;
+
+use crate::chi2;
+
+pub use hohct::{HohctSettings, hohct};
+pub use jcbb::{JcbbSettings, jcbb};
+pub use one_point::{OnePointSettings, one_point};
+
+/// Most rows of a unit.
+const MAX_ROWS: usize = 3;
+
+/// How the rows of a batch group into units.
+#[derive(Clone, Copy, Debug)]
+pub struct Units<'a> {
+    offsets: &'a [usize],
+}
+
+impl<'a> Units<'a> {
+    /// `offsets[i]` is the first row of unit `i`; one more entry at the end holds the number of rows.
+    ///
+    /// # Panics
+    /// If `offsets` is empty, does not start at 0, or a unit does not have 1 to 3 rows.
+    pub fn new(offsets: &'a [usize]) -> Self {
+        assert!(offsets.first() == Some(&0), "row offsets must start at 0");
+        assert!(
+            offsets
+                .windows(2)
+                .all(|w| w[1] > w[0] && w[1] - w[0] <= MAX_ROWS),
+            "a unit has 1 to 3 rows"
+        );
+        Self { offsets }
+    }
+
+    /// Number of units.
+    pub fn len(&self) -> usize {
+        self.offsets.len() - 1
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Number of rows of all units together.
+    pub fn rows(&self) -> usize {
+        self.offsets[self.len()]
+    }
+
+    /// First row of a unit.
+    fn start(&self, unit: usize) -> usize {
+        self.offsets[unit]
+    }
+
+    /// Number of rows of a unit.
+    fn count(&self, unit: usize) -> usize {
+        self.offsets[unit + 1] - self.offsets[unit]
+    }
+}
+
+/// Everything a test may look at.
+#[derive(Clone, Copy, Debug)]
+pub struct Batch<'a> {
+    /// Innovation covariance `S`, lower triangle, column-major.
+    pub s: &'a [f64],
+    /// Its Cholesky factor `L`, lower triangle, column-major.
+    pub l: &'a [f64],
+    /// Leading dimension of `s` and `l`.
+    pub ld: usize,
+    /// Innovation, one value per row.
+    pub g: &'a [f64],
+    /// Measurement noise of each unit, in the leading rows and columns. Only [`one_point`] reads it.
+    pub noise: &'a [Matrix3<f64>],
+    /// The units.
+    pub units: Units<'a>,
+}
+
+/// Outcome of a test. The rejected units are in [`Workspace::rejected`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Verdict {
+    /// Number of units rejected.
+    pub order: usize,
+    /// Joint squared Mahalanobis distance of the accepted units.
+    pub d2: f64,
+    /// Their degrees of freedom.
+    pub dof: usize,
+    /// Chi-square tail probability of `d2`; 1 if nothing is accepted.
+    pub p_value: f64,
+    /// Whether the answer is the one an exhaustive search gives; false if the node budget struck.
+    pub exact: bool,
+    /// Whether the accepted units may be used. False if no hypothesis could be accepted: then all are rejected.
+    pub passed: bool,
+    /// Number of hypotheses looked at.
+    pub nodes: usize,
+}
+
+/// Choice of a test, with its settings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BatchTest {
+    /// [`hohct`].
+    Hohct(HohctSettings),
+    /// [`jcbb`].
+    Jcbb(JcbbSettings),
+    /// [`one_point`].
+    OnePoint(OnePointSettings),
+    /// [`individual_gate`] at a level.
+    Individual(f64),
+    /// Accepts everything.
+    None,
+}
+
+impl BatchTest {
+    /// Runs the test on a batch.
+    pub fn run(&self, batch: &Batch, ws: &mut Workspace) -> Verdict {
+        let Batch {
+            s,
+            l,
+            ld,
+            g,
+            noise,
+            units,
+        } = *batch;
+        match self {
+            Self::Hohct(settings) => hohct(l, ld, g, units, settings, ws),
+            Self::Jcbb(settings) => jcbb(s, ld, g, units, settings, ws),
+            Self::OnePoint(settings) => one_point(s, ld, g, noise, units, settings, ws),
+            Self::Individual(level) => individual_gate(s, ld, g, units, *level, ws),
+            Self::None => {
+                ws.rejected.clear();
+                let d2 = whiten(l, ld, g, &mut ws.whitened);
+                Verdict::joint(0, d2, g.len(), true)
+            }
+        }
+    }
+}
+
+impl Verdict {
+    fn joint(order: usize, d2: f64, dof: usize, passed: bool) -> Self {
+        Self {
+            order,
+            d2,
+            dof,
+            p_value: if dof == 0 {
+                1.0
+            } else {
+                chi2::survival(d2, dof as f64)
+            },
+            exact: true,
+            passed,
+            nodes: 0,
+        }
+    }
+}
+
+/// Buffers of all tests, and the last rejected set.
+#[derive(Clone, Debug, Default)]
+pub struct Workspace {
+    rejected: Vec<usize>,
+    whitened: Vec<f64>,
+    quantiles: Quantiles,
+    joint: Joint,
+    hohct: hohct::Scratch,
+    jcbb: jcbb::Scratch,
+    one_point: one_point::Scratch,
+}
+
+impl Workspace {
+    /// An empty workspace; its buffers grow with the batches it sees.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Units that the last test rejected, in increasing order.
+    pub fn rejected(&self) -> &[usize] {
+        &self.rejected
+    }
+
+    fn reject_all(&mut self, units: Units) {
+        self.rejected.clear();
+        self.rejected.extend(0..units.len());
+    }
+}
+
+/// Accepts each unit whose own squared Mahalanobis distance `g_i^T S_ii^-1 g_i` is within the chi-square quantile at `level`.
+///
+/// `s` is `S` (lower triangle). The verdict's distance is the joint one of the accepted units.
+pub fn individual_gate(
+    s: &[f64],
+    ld: usize,
+    g: &[f64],
+    units: Units,
+    level: f64,
+    ws: &mut Workspace,
+) -> Verdict {
+    check(s, ld, g, units);
+    ws.rejected.clear();
+    ws.joint.clear();
+    let mut dof = 0;
+    for unit in 0..units.len() {
+        let rows = units.count(unit);
+        if individual_distance(s, ld, g, units, unit) <= ws.quantiles.get(level, rows) {
+            ws.joint.push(s, ld, g, units, unit);
+            dof += rows;
+        } else {
+            ws.rejected.push(unit);
+        }
+    }
+    let accepted = ws.rejected.len() < units.len() || units.is_empty();
+    Verdict::joint(ws.rejected.len(), ws.joint.d2(), dof, accepted)
+}
+
+/// `g_i^T S_ii^-1 g_i`; infinite if `S_ii` is not positive definite.
+fn individual_distance(s: &[f64], ld: usize, g: &[f64], units: Units, unit: usize) -> f64 {
+    let (start, rows) = (units.start(unit), units.count(unit));
+    let mut block = [[0.0; MAX_ROWS]; MAX_ROWS];
+    for (r, row) in block.iter_mut().enumerate().take(rows) {
+        for (c, value) in row.iter_mut().enumerate().take(r + 1) {
+            *value = s[(start + c) * ld + start + r];
+        }
+    }
+    block_distance(&block, &g[start..start + rows])
+}
+
+/// `v^T block^-1 v` from the lower triangle of the leading rows; infinite if that block is not positive definite.
+fn block_distance(block: &[[f64; MAX_ROWS]; MAX_ROWS], v: &[f64]) -> f64 {
+    let mut l = *block;
+    let mut y = [0.0; MAX_ROWS];
+    let mut d2 = 0.0;
+    for (r, &value) in v.iter().enumerate() {
+        let (done, rest) = l.split_at_mut(r);
+        let row = &mut rest[0];
+        let mut value = value;
+        for (c, above) in done.iter().enumerate() {
+            let shared: f64 = row.iter().zip(above).take(c).map(|(a, b)| a * b).sum();
+            row[c] = (row[c] - shared) / above[c];
+            value -= row[c] * y[c];
+        }
+        let pivot = row[r] - row[..r].iter().map(|a| a * a).sum::<f64>();
+        if pivot.is_nan() || pivot <= 0.0 {
+            return f64::INFINITY;
+        }
+        row[r] = pivot.sqrt();
+        y[r] = value / row[r];
+        d2 += y[r] * y[r];
+    }
+    d2
+}
+
+/// `y = L^-1 g`; returns `|y|^2 = g^T S^-1 g`.
+fn whiten(l: &[f64], ld: usize, g: &[f64], y: &mut Vec<f64>) -> f64 {
+    y.clear();
+    y.extend_from_slice(g);
+    let m = g.len();
+    let mut d2 = 0.0;
+    for j in 0..m {
+        let column = &l[j * ld..j * ld + m];
+        let value = y[j] / column[j];
+        y[j] = value;
+        d2 += value * value;
+        for (y, l) in y[j + 1..].iter_mut().zip(&column[j + 1..]) {
+            *y -= l * value;
+        }
+    }
+    d2
+}
+
+fn check(matrix: &[f64], ld: usize, g: &[f64], units: Units) {
+    let m = g.len();
+    assert_eq!(units.rows(), m, "row offsets must cover the innovation");
+    assert!(ld >= m, "the leading dimension is below the number of rows");
+    assert!(
+        m == 0 || matrix.len() >= (m - 1) * ld + m,
+        "the matrix is too short"
+    );
+}
+
+/// Chi-square quantiles of one level, worked out once per degree of freedom.
+#[derive(Clone, Debug, Default)]
+struct Quantiles {
+    level: f64,
+    values: Vec<f64>,
+}
+
+impl Quantiles {
+    fn get(&mut self, level: f64, dof: usize) -> f64 {
+        if self.level != level {
+            self.values.clear();
+            self.level = level;
+        }
+        if self.values.len() <= dof {
+            self.values.resize(dof + 1, f64::NAN);
+        }
+        if self.values[dof].is_nan() {
+            self.values[dof] = chi2::quantile(level, dof as f64);
+        }
+        self.values[dof]
+    }
+}
+
+/// Joint distance of a growing and shrinking set of units: a Cholesky factor that rows are appended to and taken from.
+///
+/// Appending unit `i` to a set `A` adds exactly the distance of `i` given `A`,
+/// `r^T (S_ii - S_iA S_AA^-1 S_Ai)^-1 r` with `r = g_i - S_iA S_AA^-1 g_A`.
+#[derive(Clone, Debug, Default)]
+struct Joint {
+    /// Rows of the factor one after the other, row `r` with `r + 1` entries.
+    factor: Vec<f64>,
+    /// Row of `S` behind each row of the factor.
+    rows: Vec<usize>,
+    /// `L^-1 g`.
+    y: Vec<f64>,
+    /// Distance up to each row.
+    d2: Vec<f64>,
+}
+
+impl Joint {
+    fn clear(&mut self) {
+        self.truncate(0);
+    }
+
+    /// Number of rows.
+    fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Goes back to the first `rows` rows.
+    fn truncate(&mut self, rows: usize) {
+        self.factor.truncate(rows * (rows + 1) / 2);
+        self.rows.truncate(rows);
+        self.y.truncate(rows);
+        self.d2.truncate(rows);
+    }
+
+    fn d2(&self) -> f64 {
+        self.d2.last().copied().unwrap_or(0.0)
+    }
+
+    /// Appends a unit; returns the distance it adds (infinite if the set's covariance is not positive definite).
+    fn push(&mut self, s: &[f64], ld: usize, g: &[f64], units: Units, unit: usize) -> f64 {
+        let before = self.d2();
+        let start = units.start(unit);
+        for row in start..start + units.count(unit) {
+            let r = self.rows.len();
+            let base = self.factor.len();
+            let mut pivot = s[row * ld + row];
+            let mut value = g[row];
+            for c in 0..r {
+                let other = self.rows[c];
+                let (low, high) = (row.min(other), row.max(other));
+                let head = c * (c + 1) / 2;
+                let sum = dot(&self.factor[base..base + c], &self.factor[head..head + c]);
+                let entry = (s[low * ld + high] - sum) / self.factor[head + c];
+                self.factor.push(entry);
+                pivot -= entry * entry;
+                value -= entry * self.y[c];
+            }
+            let root = pivot.max(0.0).sqrt();
+            self.factor.push(root);
+            self.rows.push(row);
+            self.y.push(value / root);
+            self.d2.push(self.d2() + value * value / pivot.max(0.0));
+        }
+        self.d2() - before
+    }
+}
+
+/// Dot product with four running sums, which the compiler can keep in vector registers.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; 4];
+    let (a4, b4) = (a.chunks_exact(4), b.chunks_exact(4));
+    let tail: f64 = a4
+        .remainder()
+        .iter()
+        .zip(b4.remainder())
+        .map(|(x, y)| x * y)
+        .sum();
+    for (x, y) in a4.zip(b4) {
+        for k in 0..4 {
+            sums[k] += x[k] * y[k];
+        }
+    }
+    sums[0] + sums[1] + (sums[2] + sums[3]) + tail
+}

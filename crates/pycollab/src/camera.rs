@@ -1,0 +1,160 @@
+//! Camera models.
+
+use crate::convert::{rows, pixels, to_matrix, vectors};
+use crate::errors::to_python;
+use ekf_core::Camera;
+use nalgebra::{Vector2, Vector3};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+/// A calibrated camera.
+///
+/// Parameters
+/// ----------
+/// model : {"pinhole", "radtan", "fisheye", "wideangle"}
+///     Distortion model (METHOD 4): none; OpenCV's radial-tangential; equidistant; Davison's one parameter.
+/// width, height : int
+///     Image size, px.
+/// intrinsics : sequence of 4 floats
+///     ``fx, fy, cx, cy``, px.
+/// distortion : sequence of floats
+///     ``[]``, ``[k1, k2, p1, p2(, k3)]``, ``[k1, k2, k3, k4]`` or ``[K]``.
+///
+/// Raises
+/// ------
+/// InputError
+///     For an unknown model, a wrong number of parameters or impossible values.
+#[pyclass(name = "Camera", module = "collabslam._core", frozen, eq)]
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct PyCamera(pub(crate) Camera);
+
+#[pymethods]
+impl PyCamera {
+    #[new]
+    #[pyo3(signature = (model, width, height, intrinsics, distortion = Vec::new()))]
+    fn new(
+        model: &str,
+        width: u32,
+        height: u32,
+        intrinsics: [f64; 4],
+        distortion: Vec<f64>,
+    ) -> PyResult<Self> {
+        Camera::new(model, width, height, intrinsics, &distortion)
+            .map(Self)
+            .map_err(to_python)
+    }
+
+    /// Name of the distortion model.
+    #[getter]
+    fn model(&self) -> &'static str {
+        self.0.model()
+    }
+
+    /// Image width, px.
+    #[getter]
+    fn width(&self) -> u32 {
+        self.0.width
+    }
+
+    /// Image height, px.
+    #[getter]
+    fn height(&self) -> u32 {
+        self.0.height
+    }
+
+    /// ``(fx, fy, cx, cy)``, px.
+    #[getter]
+    fn intrinsics(&self) -> (f64, f64, f64, f64) {
+        (self.0.fx, self.0.fy, self.0.cx, self.0.cy)
+    }
+
+    /// Parameters of the distortion model.
+    #[getter]
+    fn distortion<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, pyo3::types::PyTuple>> {
+        pyo3::types::PyTuple::new(py, self.0.distortion_parameters())
+    }
+
+    /// The 3x3 matrix K.
+    #[getter]
+    fn matrix<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        to_matrix(py, &self.0.matrix())
+    }
+
+    /// Pixels of points.
+    ///
+    /// Parameters
+    /// ----------
+    /// points : (N, 3) float64
+    ///     Points in the camera frame, metres.
+    ///
+    /// Returns
+    /// -------
+    /// uv : (N, 2) float64
+    ///     Pixels; NaN where the point has none.
+    /// ok : (N,) bool
+    ///     In front of the camera, within the model's range, and inside the image.
+    fn project<'py>(
+        &self,
+        py: Python<'py>,
+        points: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<bool>>)> {
+        let points = rows::<3>("points", &points)?;
+        let uv: Vec<Option<Vector2<f64>>> = points.iter().map(|p| self.0.project(p)).collect();
+        let ok = uv
+            .iter()
+            .map(|uv| uv.is_some_and(|uv| self.0.in_image(&uv, 0.0)));
+        let nan = Vector2::repeat(f64::NAN);
+        Ok((
+            vectors(py, uv.iter().map(|uv| uv.unwrap_or(nan)), uv.len()),
+            PyArray1::from_iter(py, ok),
+        ))
+    }
+
+    /// Unit rays of pixels.
+    ///
+    /// Parameters
+    /// ----------
+    /// uv : (N, 2) float64
+    ///     Pixels.
+    ///
+    /// Returns
+    /// -------
+    /// (N, 3) float64
+    ///     Unit rays in the camera frame; NaN where the model has none.
+    fn unproject<'py>(
+        &self,
+        py: Python<'py>,
+        uv: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let uv = pixels("uv", &uv)?;
+        let nan = Vector3::repeat(f64::NAN);
+        let rays = uv.iter().map(|uv| self.0.unproject(uv).unwrap_or(nan));
+        Ok(vectors(py, rays, uv.len()))
+    }
+
+    fn __repr__(&self) -> String {
+        let c = &self.0;
+        format!(
+            "Camera({:?}, {}, {}, ({}, {}, {}, {}), {:?})",
+            c.model(),
+            c.width,
+            c.height,
+            c.fx,
+            c.fy,
+            c.cx,
+            c.cy,
+            c.distortion_parameters()
+        )
+    }
+
+    fn __getnewargs__(&self) -> (String, u32, u32, [f64; 4], Vec<f64>) {
+        let c = &self.0;
+        (
+            c.model().into(),
+            c.width,
+            c.height,
+            [c.fx, c.fy, c.cx, c.cy],
+            c.distortion_parameters().to_vec(),
+        )
+    }
+}

@@ -1,0 +1,509 @@
+//! The filter.
+
+use crate::camera::PyCamera;
+use crate::convert::{
+    covariance6, ids, optional_ids, pixels, pose, rows, same_length, stack, stacked, to_ids,
+    to_matrix, to_pose, vectors,
+};
+use crate::errors::to_python;
+use crate::settings;
+use ekf_core::frame::{Bearing, DepthObservation, Measurements, WornObservation, WornPair};
+use ekf_core::{CandidateOutcome, Filter, Outcome, UpdateReport};
+use numpy::{
+    PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// ``(t_cf (4, 4), covariance (6, 6), ids (M,), uv (M, 2), uv_f (M, 2))``
+type WornArgument<'py> = (
+    PyReadonlyArray2<'py, f64>,
+    PyReadonlyArray2<'py, f64>,
+    PyReadonlyArray1<'py, i64>,
+    PyReadonlyArray2<'py, f64>,
+    PyReadonlyArray2<'py, f64>,
+);
+
+/// ``(ids (K,), uv (K, 2), depth (K,), sigma (K,))``
+type DepthArgument<'py> = (
+    PyReadonlyArray1<'py, i64>,
+    PyReadonlyArray2<'py, f64>,
+    PyReadonlyArray1<'py, f64>,
+    PyReadonlyArray1<'py, f64>,
+);
+
+/// What one update did.
+#[pyclass(name = "UpdateReport", module = "collabslam._core", frozen)]
+pub(crate) struct PyUpdateReport(UpdateReport);
+
+fn outcome_name(outcome: &Outcome) -> &'static str {
+    match outcome {
+        Outcome::Pixel => "pixel",
+        Outcome::Depth => "depth",
+        Outcome::Replaced => "replaced",
+        Outcome::TooUncertain => "too-uncertain",
+        Outcome::NotVisible => "not-visible",
+        Outcome::RejectedGate => "rejected-gate",
+        Outcome::RejectedBatch => "rejected-batch",
+        Outcome::Born(_) => "born",
+        Outcome::Unused => "unused",
+    }
+}
+
+fn names(outcomes: &[Outcome]) -> Vec<&'static str> {
+    outcomes.iter().map(outcome_name).collect()
+}
+
+fn born_ids<'py>(py: Python<'py>, outcomes: &[Outcome]) -> Bound<'py, PyArray1<i64>> {
+    to_ids(
+        py,
+        outcomes.iter().map(|o| match o {
+            Outcome::Born(id) => Some(*id),
+            _ => None,
+        }),
+    )
+}
+
+#[pymethods]
+impl PyUpdateReport {
+    /// What became of each bearing: ``pixel``, ``replaced`` (by its depth rows), ``not-visible``,
+    /// ``rejected-gate``, ``rejected-batch``.
+    #[getter]
+    fn bearings(&self) -> Vec<&'static str> {
+        names(&self.0.bearings)
+    }
+
+    /// What became of each worn pair: ``pixel``, ``depth``, ``born``, ``too-uncertain``, ``not-visible``,
+    /// ``rejected-gate``, ``rejected-batch``, ``unused``.
+    #[getter]
+    fn pairs(&self) -> Vec<&'static str> {
+        names(&self.0.pairs)
+    }
+
+    /// What became of each depth: ``depth``, ``born``, ``not-visible``, ``rejected-gate``, ``rejected-batch``.
+    #[getter]
+    fn depths(&self) -> Vec<&'static str> {
+        names(&self.0.depths)
+    }
+
+    /// Feature id born from each worn pair, -1 for none.
+    #[getter]
+    fn pair_births<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
+        born_ids(py, &self.0.pairs)
+    }
+
+    /// Feature id born from each depth, -1 for none.
+    #[getter]
+    fn depth_births<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
+        born_ids(py, &self.0.depths)
+    }
+
+    /// Normalised innovation squared of the accepted batch.
+    #[getter]
+    fn nis(&self) -> f64 {
+        self.0.nis
+    }
+
+    /// Its degrees of freedom.
+    #[getter]
+    fn dof(&self) -> usize {
+        self.0.dof
+    }
+
+    /// Number of matches that the batch test left out.
+    #[getter]
+    fn order(&self) -> usize {
+        self.0.order
+    }
+
+    /// Whether the batch test finished its exact search.
+    #[getter]
+    fn exact(&self) -> bool {
+        self.0.exact
+    }
+
+    /// Estimated error of T_CF after the update, (translation m, rotation rad), right tangent.
+    #[getter]
+    fn worn_error<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.0.worn_error.as_slice())
+    }
+}
+
+/// The Extended Kalman Filter. One filter per thread; two threads may run two filters.
+///
+/// Parameters
+/// ----------
+/// camera : Camera
+///     Cs.
+/// worn_camera : Camera, optional
+///     Cf; needed to take its pixels.
+/// settings : dict, optional
+///     Dotted key to value, over the defaults of :func:`settings_schema`.
+///
+/// Raises
+/// ------
+/// SettingsError
+///     For an unknown key or an impossible value.
+#[pyclass(name = "Filter", module = "collabslam._core")]
+pub(crate) struct PyFilter(Filter);
+
+#[pymethods]
+impl PyFilter {
+    #[new]
+    #[pyo3(signature = (camera, worn_camera = None, *, settings = None))]
+    fn new(
+        camera: &PyCamera,
+        worn_camera: Option<PyRef<'_, PyCamera>>,
+        settings: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let settings = settings::from_dict(settings)?;
+        let worn = worn_camera.map(|c| c.0.clone());
+        Ok(Self(Filter::new(settings, camera.0.clone(), worn)))
+    }
+
+    /// Whether the filter has a map to localise in.
+    #[getter]
+    fn started(&self) -> bool {
+        self.0.started()
+    }
+
+    /// Time of the last prediction, seconds, or None.
+    #[getter]
+    fn time(&self) -> Option<f64> {
+        self.0.time()
+    }
+
+    /// Number of features in the map.
+    #[getter]
+    fn map_size(&self) -> usize {
+        self.0.map_size()
+    }
+
+    /// Number of candidates that wait for parallax.
+    #[getter]
+    fn candidate_count(&self) -> usize {
+        self.0.candidate_count()
+    }
+
+    /// T_WC, (4, 4) float64, metres.
+    #[getter]
+    fn pose<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        let (rotation, translation) = self.0.pose();
+        to_pose(py, &rotation, &translation)
+    }
+
+    /// (6, 6) covariance of the pose, (translation m, rotation rad), right tangent of T_WC (METHOD 1).
+    #[getter]
+    fn pose_covariance<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        to_matrix(py, &self.0.pose_covariance())
+    }
+
+    /// Velocity in W, (3,) m/s.
+    #[getter]
+    fn velocity<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.0.state().velocity().as_slice())
+    }
+
+    /// Angular velocity in C, (3,) rad/s.
+    #[getter]
+    fn angular_velocity<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.0.state().angular_velocity().as_slice())
+    }
+
+    /// The whole state vector, (n,) float64: camera (13), then the blocks of :attr:`blocks`.
+    #[getter]
+    fn mean<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.0.state().mean())
+    }
+
+    /// The whole covariance P, (n, n) float64, cross-covariances included.
+    #[getter]
+    fn covariance<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        let p = self.0.state().covariance();
+        let n = p.dim();
+        let flat = PyArray1::from_iter(py, (0..n * n).map(|k| p.get(k / n, k % n)));
+        flat.reshape([n, n]).expect("n * n entries")
+    }
+
+    /// Layout of the state after the camera: a list of ``(id, kind, offset, size)``.
+    #[getter]
+    fn blocks(&self) -> Vec<(u64, String, usize, usize)> {
+        let blocks = self.0.state().layout().blocks();
+        blocks
+            .iter()
+            .map(|b| (b.id, format!("{:?}", b.kind), b.offset, b.kind.dim()))
+            .collect()
+    }
+
+    /// Least eigenvalue of the diagonal-scaled P: P is sound above -1e-10 (METHOD 3). O(n^3).
+    fn soundness(&self, py: Python<'_>) -> f64 {
+        py.detach(|| self.0.state().covariance().least_scaled_eigenvalue())
+    }
+
+    /// Predicts to time ``t`` (seconds). Before the start only the time is noted.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     If ``t`` does not follow the last time.
+    fn predict(&mut self, py: Python<'_>, t: f64) -> PyResult<()> {
+        let filter = &mut self.0;
+        py.detach(|| filter.predict(t)).map_err(to_python)
+    }
+
+    /// Every feature that should be visible in Cs.
+    ///
+    /// Returns
+    /// -------
+    /// dict
+    ///     ``ids`` (N,) int64; ``uv`` (N, 2) px; ``s`` (N, 2, 2) innovation covariance px^2;
+    ///     ``points`` (N, 3) metres in W; ``rho`` (N,) inverse range now, 1/m; ``rho_sd`` (N,).
+    fn predict_pixels<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let seen = py.detach(|| self.0.predict_pixels());
+        let n = seen.len();
+        let out = PyDict::new(py);
+        out.set_item("ids", to_ids(py, seen.iter().map(|f| Some(f.id))))?;
+        out.set_item("uv", vectors(py, seen.iter().map(|f| f.uv), n))?;
+        out.set_item("s", stacked(py, seen.iter().map(|f| f.s), n))?;
+        out.set_item("points", vectors(py, seen.iter().map(|f| f.point), n))?;
+        out.set_item("rho", PyArray1::from_iter(py, seen.iter().map(|f| f.rho)))?;
+        out.set_item(
+            "rho_sd",
+            PyArray1::from_iter(py, seen.iter().map(|f| f.rho_sd)),
+        )?;
+        Ok(out)
+    }
+
+    /// Validates a frame's matches, updates once, and starts features that have depth (METHOD 5-8).
+    ///
+    /// Parameters
+    /// ----------
+    /// searched : (S,) int64
+    ///     Features that were looked for.
+    /// ids, uv : (N,) int64, (N, 2) float64
+    ///     Features found in Cs and their pixels.
+    /// worn : tuple, optional
+    ///     ``(t_cf (4, 4), covariance (6, 6), ids (M,), uv (M, 2), uv_f (M, 2))``: the worn camera's measured pose
+    ///     and matched pixels; id -1 is a new point.
+    /// depths : tuple, optional
+    ///     ``(ids (K,), uv (K, 2), depth (K,), sigma (K,))``: depth along the optical axis from any other sensor,
+    ///     metres; id -1 is a new point.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For wrong shapes, NaN, unknown ids, an impossible pose or covariance; the filter stays as it was.
+    #[pyo3(signature = (searched, ids, uv, *, worn = None, depths = None))]
+    fn update(
+        &mut self,
+        py: Python<'_>,
+        searched: PyReadonlyArray1<'_, i64>,
+        ids: PyReadonlyArray1<'_, i64>,
+        uv: PyReadonlyArray2<'_, f64>,
+        worn: Option<WornArgument<'_>>,
+        depths: Option<DepthArgument<'_>>,
+    ) -> PyResult<PyUpdateReport> {
+        let measurements = Measurements {
+            searched: self::ids(&searched),
+            bearings: bearings(&ids, &uv)?,
+            worn: worn.map(|w| worn_observation(&w)).transpose()?,
+            depths: depths.map_or(Ok(Vec::new()), |d| depth_observations(&d))?,
+        };
+        let filter = &mut self.0;
+        py.detach(|| filter.update(&measurements))
+            .map(PyUpdateReport)
+            .map_err(to_python)
+    }
+
+    /// Starts candidates for delayed births at pixels of the present view; returns their ids, (N,) int64.
+    fn add_candidates<'py>(
+        &mut self,
+        py: Python<'py>,
+        uv: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let ids = self
+            .0
+            .add_candidates(&pixels("uv", &uv)?)
+            .map_err(to_python)?;
+        Ok(to_ids(py, ids.into_iter().map(Some)))
+    }
+
+    /// Observes candidates (METHOD 5, delayed).
+    ///
+    /// Returns
+    /// -------
+    /// outcome : list of str
+    ///     ``born``, ``waiting`` or ``dropped`` for each.
+    /// ids : (N,) int64
+    ///     Feature id where born, -1 elsewhere.
+    fn observe_candidates<'py>(
+        &mut self,
+        py: Python<'py>,
+        ids: PyReadonlyArray1<'py, i64>,
+        uv: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<(Vec<&'static str>, Bound<'py, PyArray1<i64>>)> {
+        let uv = pixels("uv", &uv)?;
+        let ids = self::ids(&ids);
+        same_length("uv", ids.len(), uv.len())?;
+        let seen: Vec<_> = ids.into_iter().zip(uv).collect();
+        let filter = &mut self.0;
+        let outcomes = py
+            .detach(|| filter.observe_candidates(&seen))
+            .map_err(to_python)?;
+        let names = outcomes.iter().map(|o| match o {
+            CandidateOutcome::Born(_) => "born",
+            CandidateOutcome::Waiting => "waiting",
+            CandidateOutcome::Dropped => "dropped",
+        });
+        let born = outcomes.iter().map(|o| match o {
+            CandidateOutcome::Born(id) => Some(*id),
+            _ => None,
+        });
+        Ok((names.collect(), to_ids(py, born)))
+    }
+
+    /// Forgets candidates that were lost.
+    fn drop_candidates(&mut self, ids: PyReadonlyArray1<'_, i64>) {
+        self.0.drop_candidates(&self::ids(&ids));
+    }
+
+    /// Ids of the candidates that are alive, (N,) int64.
+    #[getter]
+    fn candidates<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
+        to_ids(py, self.0.candidate_ids().map(Some))
+    }
+
+    /// Starts features with a vague depth at pixels of the present view; ids (N,) int64, -1 where the pixel has no
+    /// ray. Before the start this is the scale-free start.
+    fn add_undelayed<'py>(
+        &mut self,
+        py: Python<'py>,
+        uv: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let ids = self
+            .0
+            .add_undelayed(&pixels("uv", &uv)?)
+            .map_err(to_python)?;
+        Ok(to_ids(py, ids.into_iter()))
+    }
+
+    /// Starts from points of known position in C (METHOD 10).
+    ///
+    /// Parameters
+    /// ----------
+    /// points : (N, 3) float64
+    ///     Metres in C.
+    /// noise : (N, 3, 3) float64
+    ///     Covariance of each point by itself.
+    /// shared : (N, 3, 6) float64
+    ///     Derivative of each point by the 6-number error of the target's pose.
+    /// covariance : (6, 6) float64
+    ///     Covariance of that error.
+    ///
+    /// Returns
+    /// -------
+    /// (N,) int64
+    ///     Feature ids.
+    fn start_from_points<'py>(
+        &mut self,
+        py: Python<'py>,
+        points: PyReadonlyArray2<'py, f64>,
+        noise: PyReadonlyArray3<'py, f64>,
+        shared: PyReadonlyArray3<'py, f64>,
+        covariance: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let ids = self.0.start_from_points(
+            &rows::<3>("points", &points)?,
+            &stack::<3, 3>("noise", &noise)?,
+            &stack::<3, 6>("shared", &shared)?,
+            &covariance6("covariance", &covariance)?,
+        );
+        Ok(to_ids(py, ids.map_err(to_python)?.into_iter().map(Some)))
+    }
+
+    /// Deletes failing features, candidates that are too old, and clones nobody needs; returns the deleted
+    /// features' ids, (N,) int64.
+    fn manage_map<'py>(&mut self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
+        let filter = &mut self.0;
+        let gone = py.detach(|| filter.manage_map());
+        to_ids(py, gone.into_iter().map(Some))
+    }
+
+    /// Removes features.
+    fn remove_features(&mut self, ids: PyReadonlyArray1<'_, i64>) -> PyResult<()> {
+        self.0
+            .remove_features(&self::ids(&ids))
+            .map_err(to_python)
+    }
+
+    /// The map: ``ids`` (N,) int64, ``points`` (N, 3) metres in W, ``covariance`` (N, 3, 3) m^2,
+    /// ``rho_ratio`` (N,) sd(rho)/rho.
+    fn landmarks<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let landmarks = py.detach(|| self.0.landmarks());
+        let n = landmarks.len();
+        let out = PyDict::new(py);
+        out.set_item("ids", to_ids(py, landmarks.iter().map(|l| Some(l.id))))?;
+        out.set_item("points", vectors(py, landmarks.iter().map(|l| l.point), n))?;
+        out.set_item(
+            "covariance",
+            stacked(py, landmarks.iter().map(|l| l.covariance), n),
+        )?;
+        out.set_item(
+            "rho_ratio",
+            PyArray1::from_iter(py, landmarks.iter().map(|l| l.rho_ratio)),
+        )?;
+        Ok(out)
+    }
+
+}
+
+fn bearings(
+    ids: &PyReadonlyArray1<'_, i64>,
+    uv: &PyReadonlyArray2<'_, f64>,
+) -> PyResult<Vec<Bearing>> {
+    let uv = pixels("uv", uv)?;
+    let ids = self::ids(ids);
+    same_length("uv", ids.len(), uv.len())?;
+    Ok(ids
+        .into_iter()
+        .zip(uv)
+        .map(|(id, uv)| Bearing { id, uv })
+        .collect())
+}
+
+fn worn_observation(
+    (t_cf, covariance, ids, uv, uv_f): &WornArgument<'_>,
+) -> PyResult<WornObservation> {
+    let ids = optional_ids(ids);
+    let uv = pixels("worn uv", uv)?;
+    let uv_f = pixels("worn uv_f", uv_f)?;
+    same_length("worn uv", ids.len(), uv.len())?;
+    same_length("worn uv_f", ids.len(), uv_f.len())?;
+    let pairs = ids.into_iter().zip(uv).zip(uv_f);
+    Ok(WornObservation {
+        t_cf: pose("t_cf", t_cf)?,
+        covariance: covariance6("covariance", covariance)?,
+        pairs: pairs
+            .map(|((id, uv), uv_f)| WornPair { id, uv, uv_f })
+            .collect(),
+    })
+}
+
+fn depth_observations(
+    (ids, uv, depth, sigma): &DepthArgument<'_>,
+) -> PyResult<Vec<DepthObservation>> {
+    let ids = optional_ids(ids);
+    let uv = pixels("depth uv", uv)?;
+    let (depth, sigma) = (depth.as_array(), sigma.as_array());
+    same_length("depth uv", ids.len(), uv.len())?;
+    same_length("depth", ids.len(), depth.len())?;
+    same_length("sigma", ids.len(), sigma.len())?;
+    Ok((0..ids.len())
+        .map(|i| DepthObservation {
+            id: ids[i],
+            uv: uv[i],
+            depth: depth[i],
+            sigma: sigma[i],
+        })
+        .collect())
+}

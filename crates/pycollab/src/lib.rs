@@ -1,0 +1,20 @@
+//! `collabslam._core`: the Python face of `ekf_core`. No mathematics and no defaults live here.
+
+mod camera;
+mod convert;
+mod errors;
+mod filter;
+mod settings;
+
+use pyo3::prelude::*;
+
+/// The compiled filter core of collabslam.
+#[pymodule]
+fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    m.add_class::<camera::PyCamera>()?;
+    m.add_class::<filter::PyFilter>()?;
+    m.add_class::<filter::PyUpdateReport>()?;
+    m.add_function(wrap_pyfunction!(settings::settings_schema, m)?)?;
+    Ok(())
+}
