@@ -8,15 +8,19 @@ use crate::observe::Rows;
 use crate::state::{POSE_DIM, State};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor;
-use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
+use faer::linalg::triangular_solve::{
+    solve_lower_triangular_in_place, solve_upper_triangular_in_place,
+};
 use faer::{MatMut, MatRef, Par, Spec};
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
 /// A measurement that is accepted or rejected as a whole.
 #[derive(Clone, Debug)]
 pub struct Unit {
     /// Rows of the innovation and of grad H.
     pub rows: Rows,
+    /// Id of its feature.
+    pub id: u64,
     /// Offset of its feature in the state.
     pub feature: usize,
     /// Offset of the frame's error of T_CF, if the rows depend on it.
@@ -38,8 +42,29 @@ pub struct Workspace {
     g: Vec<f64>,
     noise: Vec<Matrix3<f64>>,
     y: Vec<f64>,
+    weights: Vec<f64>,
     scratch: Option<MemBuffer>,
     scratch_dim: usize,
+}
+
+impl Unit {
+    /// `H (to - from)` of its rows.
+    fn step(&self, from: &[f64], to: &[f64]) -> Vector3<f64> {
+        let part = |offset: usize, c: usize| to[offset + c] - from[offset + c];
+        let mut sum = Vector3::zeros();
+        for c in 0..POSE_DIM {
+            sum += self.rows.by_pose.column(c) * part(0, c);
+        }
+        for c in 0..6 {
+            sum += self.rows.by_feature.column(c) * part(self.feature, c);
+        }
+        if let (Some(by_worn), Some(worn)) = (&self.rows.by_worn, self.worn) {
+            for c in 0..6 {
+                sum += by_worn.column(c) * part(worn, c);
+            }
+        }
+        sum
+    }
 }
 
 impl std::fmt::Debug for Workspace {
@@ -274,6 +299,56 @@ impl Workspace {
             let last = self.offsets[self.offsets.len() - 1];
             self.offsets.push(last + unit.rows.count);
         }
+    }
+
+    /// Adds the gain times the innovation to a mean: `x += V y` before V is formed, `P H^T L^-T y`.
+    pub(crate) fn add_gain_times_innovation(&mut self, x: &mut [f64]) {
+        let (n, m) = (x.len(), self.rows());
+        if m == 0 {
+            return;
+        }
+        resize(&mut self.weights, m);
+        self.weights.copy_from_slice(&self.y);
+        solve_upper_triangular_in_place(
+            MatRef::from_column_major_slice(&self.l, m, m).transpose(),
+            MatMut::from_column_major_slice_mut(&mut self.weights, m, 1),
+            Par::Seq,
+        );
+        for (row, &w) in self.weights.iter().enumerate() {
+            axpy(w, &self.pht[row * n..(row + 1) * n], x);
+        }
+    }
+
+    /// Takes units linearised at `moved` in place of those at the last point, if they say something new: if a
+    /// measurement is off its linear model by more than `tolerance` sigmas. Their innovation is brought back to
+    /// the prior mean: `g = z - h(moved) + H (moved - prior)`. Returns false, and changes nothing, where the linear
+    /// model holds or a feature no longer predicts anything.
+    pub(crate) fn relinearise(
+        &mut self,
+        fresh: Vec<Option<Unit>>,
+        prior: &[f64],
+        moved: &[f64],
+        tolerance: f64,
+    ) -> bool {
+        let mut worst: f64 = 0.0;
+        let mut units = Vec::with_capacity(fresh.len());
+        for (unit, old) in fresh.into_iter().zip(&self.units) {
+            let Some(mut unit) = unit else { return false };
+            let rows = &mut unit.rows;
+            let linear = old.rows.innovation - old.step(prior, moved);
+            for r in 0..rows.count {
+                let sigma = rows.noise[(r, r)].sqrt();
+                worst = worst.max((rows.innovation[r] - linear[r]).abs() / sigma);
+            }
+            let step = unit.step(prior, moved);
+            unit.rows.innovation += step;
+            units.push(unit);
+        }
+        if worst < tolerance {
+            return false;
+        }
+        self.units = units;
+        true
     }
 
     /// The update itself: `x += V y`, `P -= V V^T` with `V = P H^T L^-T`, quaternions normalised.

@@ -7,15 +7,18 @@
 
 use crate::batch::Workspace;
 use crate::camera::Camera;
+use crate::drift::FrameDrift;
 use crate::error::EkfError;
 use crate::map::{Candidate, FeatureRecord};
+use crate::math::pose::Pose;
 use crate::math::quat;
 use crate::observe::point::PointInCamera;
+use crate::overlap::{self, Overlap};
 use crate::predict;
 use crate::settings::Settings;
 use crate::state::{BlockKind, State};
 use crate::validate;
-use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Matrix6, SMatrix, Vector2, Vector3};
 use std::collections::BTreeMap;
 
 /// An Extended Kalman Filter over one camera and its map. One filter serves one thread at a time.
@@ -32,6 +35,7 @@ pub struct Filter {
     pub(crate) next_candidate: u64,
     pub(crate) batch: Workspace,
     pub(crate) test: validate::Workspace,
+    pub(crate) drift: FrameDrift,
 }
 
 /// What a feature is expected to look like (METHOD 7, step 2).
@@ -82,6 +86,7 @@ impl Filter {
             next_candidate: 0,
             batch: Workspace::default(),
             test: validate::Workspace::default(),
+            drift: FrameDrift::default(),
         }
     }
 
@@ -128,17 +133,20 @@ impl Filter {
                 return Err(EkfError::BadTime { t, last });
             }
             if self.started {
-                let dt = t - last;
-                predict::predict(
-                    &mut self.state,
-                    dt,
-                    &self.settings.process,
-                    &self.settings.worn,
-                );
+                self.predict_by(t - last);
             }
         }
         self.time = Some(t);
         Ok(())
+    }
+
+    fn predict_by(&mut self, dt: f64) {
+        let process = &self.settings.process;
+        let before = self.state.camera_pose().r;
+        predict::predict(&mut self.state, dt, process, &self.settings.worn);
+        let pose = self.state.camera_pose();
+        let distance = (pose.r - before).norm();
+        self.drift.grow(&pose, dt, distance, process);
     }
 
     /// Gives the camera its uncertain velocity at the start.
@@ -212,15 +220,46 @@ impl Filter {
             .collect()
     }
 
+    /// Whether Cs and Cf look at the same place, and where in both images (METHOD 9).
+    ///
+    /// # Errors
+    /// `InvalidInput` without a camera model of Cf.
+    pub fn overlap(
+        &self,
+        t_cf: &Pose,
+        covariance: &Matrix6<f64>,
+    ) -> Result<Option<Overlap>, EkfError> {
+        let worn = self.worn_camera.as_ref().ok_or(EkfError::InvalidInput {
+            what: "worn camera",
+            why: "the filter was made without a camera model of Cf; give one".into(),
+        })?;
+        let options = &self.settings.overlap;
+        let settings = overlap::OverlapSettings {
+            near_m: options.near,
+            max_far_m: options.far,
+            sigma_px: self.settings.pixel.sigma_cf,
+            parallax_sigmas: options.parallax_sigmas,
+            grow_sigmas: options.grow_sigmas,
+        };
+        let pose = (&t_cf.rotation, &t_cf.translation);
+        Ok(overlap::predict_overlap(
+            &self.camera,
+            worn,
+            pose,
+            covariance,
+            &settings,
+        ))
+    }
+
     /// T_WC as rotation matrix and position.
     pub fn pose(&self) -> (Matrix3<f64>, Vector3<f64>) {
         let pose = self.state.camera_pose();
         (quat::rotation(&pose.q), pose.r)
     }
 
-    /// 6x6 covariance of the pose, (translation, rotation), right tangent.
+    /// 6x6 covariance of the pose, (translation, rotation), right tangent: the state's, and the drift of W.
     pub fn pose_covariance(&self) -> SMatrix<f64, 6, 6> {
-        self.state.pose_covariance()
+        self.state.pose_covariance() + self.drift.of_pose(&self.state.camera_pose())
     }
 }
 

@@ -7,9 +7,9 @@ use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
 use crate::filter::Filter;
 use crate::math::pose::Pose;
-use crate::observe::{Rows, WornView};
+use crate::observe::{PointInCamera, Rows, WornView};
 use crate::settings::{BatchTestKind, Mode, WornErrors};
-use crate::state::{BlockKind, LinearPart};
+use crate::state::{Block, BlockKind, LinearPart, POSE_DIM};
 use crate::validate::{self, BatchTest, HohctSettings, JcbbSettings, OnePointSettings};
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
 
@@ -110,6 +110,8 @@ pub struct UpdateReport {
     pub order: usize,
     /// Whether the batch test finished its exact search.
     pub exact: bool,
+    /// Number of linearisations of the update.
+    pub iterations: usize,
     /// Estimated error of T_CF after the update, tangent (m, rad).
     pub worn_error: Vector6<f64>,
 }
@@ -123,12 +125,16 @@ enum WornForm {
     Tight,
 }
 
-/// Where in [`Measurements`] a unit of the batch comes from.
+/// Where in [`Measurements`] a unit of the batch comes from, and which form it takes.
 #[derive(Clone, Copy, Debug)]
 enum Source {
+    /// Two rows: a pixel in Cs.
     Bearing(usize),
-    /// A worn pair, and whether it stands as a 3D point.
-    Pair(usize, bool),
+    /// Three rows: a worn pair as a 3D point.
+    Point(usize),
+    /// Two rows: a worn pair's pixel in Cf, of the feature with this id.
+    WornPixel(usize, u64),
+    /// Three rows: a depth from another sensor.
     Depth(usize),
 }
 
@@ -152,6 +158,7 @@ impl Filter {
             pairs: vec![Outcome::Unused; z.worn.as_ref().map_or(0, |w| w.pairs.len())],
             depths: vec![Outcome::NotVisible; z.depths.len()],
             exact: true,
+            iterations: 1,
             ..UpdateReport::default()
         };
         let newborn = match form {
@@ -359,8 +366,9 @@ impl Filter {
         let n = self.state.p.dim();
         // A match whose 3D block is rejected falls back to its bearing (METHOD 6), in another round.
         let mut demoted = vec![false; report.pairs.len() + report.depths.len()];
+        let mut sources = Vec::new();
         for last in [false, false, true] {
-            let mut sources = self.collect_units(z, form, newborn, &demoted, report);
+            sources = self.collect_units(z, form, newborn, &demoted, report);
             self.batch.build(&self.state);
             let gated = self.gated();
             let mut again = note(
@@ -385,6 +393,7 @@ impl Filter {
                 continue;
             }
             if !rejected.is_empty() {
+                leave_out(&mut sources, &rejected);
                 self.batch.leave_out(n, &rejected);
                 self.batch.factor()?;
             }
@@ -392,10 +401,53 @@ impl Filter {
         }
         report.nis = self.batch.nis();
         report.dof = self.batch.rows();
+        self.iterate(z, &sources, report)?;
         self.batch.apply(&mut self.state);
         Ok(())
     }
 
+    /// Relinearises the accepted batch at the camera pose that it implies, until the measurements agree with their
+    /// linear model: a plain step is biased where the motion of one frame is a good part of the depth.
+    ///
+    /// Only the pose is iterated. Depths and the error of T_CF stay at their prior: their product is what is
+    /// measured, and the joint mode of both is pulled to large scales (the noise of the prediction grows with the
+    /// estimated baseline), where the linear step is not.
+    fn iterate(
+        &mut self,
+        z: &Measurements,
+        sources: &[Source],
+        report: &mut UpdateReport,
+    ) -> Result<(), EkfError> {
+        let prior = self.state.x.clone();
+        for iteration in 1..self.settings.estimator.iterations {
+            let mut moved = prior.clone();
+            self.batch.add_gain_times_innovation(&mut moved);
+            self.state.x[..POSE_DIM].copy_from_slice(&moved[..POSE_DIM]);
+            let units: Vec<Option<Unit>> =
+                sources.iter().map(|s| self.unit(z, *s).ok()).collect();
+            let point = std::mem::replace(&mut self.state.x, prior.clone());
+            if !self.batch.relinearise(units, &prior, &point, self.settings.estimator.nonlinearity) {
+                break;
+            }
+            report.iterations = iteration + 1;
+            self.batch.build(&self.state);
+            self.batch.factor()?;
+        }
+        Ok(())
+    }
+
+    /// One unit of the batch, linearised at the present mean.
+    fn unit(&self, z: &Measurements, source: Source) -> Result<Unit, Outcome> {
+        match (source, &z.worn) {
+            (Source::Bearing(i), _) => self.bearing(&z.bearings[i]),
+            (Source::Point(i), Some(worn)) => self.worn_point(worn, &worn.pairs[i]),
+            (Source::WornPixel(i, id), Some(worn)) => self.worn_pixel(worn, &worn.pairs[i], id),
+            (Source::Depth(i), _) => self.other_depth(&z.depths[i]),
+            (Source::Point(_) | Source::WornPixel(..), None) => Err(Outcome::Unused),
+        }
+    }
+
+    /// Which rows each match gives (METHOD 7, step 5), and where they come from.
     fn collect_units(
         &mut self,
         z: &Measurements,
@@ -404,82 +456,79 @@ impl Filter {
         demoted: &[bool],
         report: &mut UpdateReport,
     ) -> Vec<Source> {
+        let mut wanted = Vec::new();
+        for (i, pair) in z.worn.iter().flat_map(|w| &w.pairs).enumerate() {
+            let born = newborn.iter().find(|(j, _)| *j == i).map(|(_, id)| *id);
+            match (form, pair.id.or(born)) {
+                (WornForm::Points, Some(_)) if pair.id.is_some() => wanted.push(Source::Point(i)),
+                (WornForm::Tight, Some(id)) => wanted.push(Source::WornPixel(i, id)),
+                _ => {}
+            }
+        }
+        let known_depths = (0..z.depths.len()).filter(|&i| z.depths[i].id.is_some());
+        wanted.extend(known_depths.map(Source::Depth));
+        wanted.extend((0..z.bearings.len()).map(Source::Bearing));
         self.batch.clear();
-        let mut sources = Vec::new();
         let mut with_depth: Vec<u64> = Vec::new();
-        if let Some(worn) = &z.worn {
-            for (i, pair) in worn.pairs.iter().enumerate() {
-                if demoted[i] {
-                    continue;
-                }
-                let born = newborn.iter().find(|(j, _)| *j == i).map(|(_, id)| *id);
-                let unit = match (form, pair.id, born) {
-                    (WornForm::Points, Some(id), _) => self
-                        .worn_point(worn, pair, id)
-                        .inspect(|_| with_depth.push(id))
-                        .map(|unit| (unit, Outcome::Depth)),
-                    (WornForm::Tight, Some(id), _) => {
-                        self.worn_pixel(worn, pair, id).map(|u| (u, Outcome::Pixel))
-                    }
-                    (WornForm::Tight, None, Some(id)) => self
-                        .worn_pixel(worn, pair, id)
-                        .map(|u| (u, Outcome::Born(id))),
-                    _ => continue,
-                };
-                report.pairs[i] = match unit {
-                    Ok((unit, outcome)) => {
-                        self.batch.push(unit);
-                        sources.push(Source::Pair(i, outcome == Outcome::Depth));
-                        outcome
-                    }
-                    Err(outcome) => outcome,
-                };
+        let mut sources = Vec::new();
+        for source in wanted {
+            let slot = source.slot(report.pairs.len());
+            if slot.is_some_and(|k| demoted[k]) {
+                continue; // keeps the outcome of its rejection
             }
-        }
-        for (i, depth) in z.depths.iter().enumerate() {
-            let Some(id) = depth.id else { continue };
-            if demoted[report.pairs.len() + i] || with_depth.contains(&id) {
-                continue;
-            }
-            if let Some(unit) = self.other_depth(depth, id) {
-                self.batch.push(unit);
-                with_depth.push(id);
-                sources.push(Source::Depth(i));
-                report.depths[i] = Outcome::Depth;
-            }
-        }
-        let pose = self.state.camera_pose();
-        let sigma = self.settings.pixel.sigma_cs;
-        for (i, bearing) in z.bearings.iter().enumerate() {
             // Its 3 rows stand INSTEAD of these 2: both would use (u1, v1).
-            if with_depth.contains(&bearing.id) {
+            if let Source::Bearing(i) = source
+                && with_depth.contains(&z.bearings[i].id)
+            {
                 report.bearings[i] = Outcome::Replaced;
                 continue;
             }
-            report.bearings[i] = Outcome::NotVisible;
-            let Ok(block) = self.feature_block(bearing.id) else {
-                continue;
+            let unit = self.unit(z, source);
+            let outcome = match (&unit, source) {
+                (Err(outcome), _) => *outcome,
+                (Ok(_), Source::Bearing(_)) => Outcome::Pixel,
+                (Ok(_), Source::Point(_) | Source::Depth(_)) => Outcome::Depth,
+                (Ok(_), Source::WornPixel(i, id)) => {
+                    let known = z.worn.as_ref().is_some_and(|w| w.pairs[i].id.is_some());
+                    if known { Outcome::Pixel } else { Outcome::Born(id) }
+                }
             };
-            let feature = self.state.feature(&block);
-            if let Some(rows) = Rows::bearing(&self.camera, &pose, &feature, &bearing.uv, sigma) {
-                self.batch.push(Unit {
-                    rows,
-                    feature: block.offset,
-                    worn: None,
-                });
-                sources.push(Source::Bearing(i));
-                report.bearings[i] = Outcome::Pixel;
+            *source.outcome(report) = outcome;
+            if let Ok(unit) = unit {
+                if outcome == Outcome::Depth {
+                    with_depth.push(unit.id);
+                }
+                self.batch.push(unit);
+                sources.push(source);
             }
         }
         sources
     }
 
+    /// A feature's pixel in Cs.
+    fn bearing(&self, bearing: &Bearing) -> Result<Unit, Outcome> {
+        let block = self.feature_block(bearing.id).map_err(|_| Outcome::NotVisible)?;
+        let rows = Rows::bearing(
+            &self.camera,
+            &self.state.camera_pose(),
+            &self.state.feature(&block),
+            &bearing.uv,
+            self.settings.pixel.sigma_cs,
+        );
+        Unit::new(rows, &block, None)
+    }
+
     /// A known feature's match as a 3D point (METHOD 6), where its range is worth it.
-    fn worn_point(&self, worn: &WornObservation, pair: &WornPair, id: u64) -> Result<Unit, Outcome> {
+    fn worn_point(&self, worn: &WornObservation, pair: &WornPair) -> Result<Unit, Outcome> {
+        let id = pair.id.ok_or(Outcome::Unused)?;
         let block = self.feature_block(id).map_err(|_| Outcome::NotVisible)?;
         let view = self
             .intersect(worn, &pair.uv, &pair.uv_f)
             .ok_or(Outcome::NotVisible)?;
+        let (pose, feature) = (self.state.camera_pose(), self.state.feature(&block));
+        let predicted = PointInCamera::metric(&pose, &feature).ok_or(Outcome::NotVisible)?;
+        // Taken at the predicted range: at the measured one, near errors would weigh more than far ones.
+        let view = view.at_range(predicted.value.norm());
         let (sigma, sigma_f) = (self.settings.pixel.sigma_cs, self.settings.pixel.sigma_cf);
         if self.rho_variance(worn, &view).sqrt() > self.settings.worn.max_range_ratio * view.rho {
             return Err(Outcome::TooUncertain);
@@ -494,17 +543,13 @@ impl Filter {
         // The point was triangulated at the estimated error, so only its deviation from there counts.
         let measured = view.point() - j * mean;
         let rows = Rows::depth(
-            &self.state.camera_pose(),
-            &self.state.feature(&block),
+            &pose,
+            &feature,
             &measured,
             &noise,
             error.map(|_| (&mean, &j)),
         );
-        Ok(Unit {
-            rows: rows.ok_or(Outcome::NotVisible)?,
-            feature: block.offset,
-            worn: error,
-        })
+        Unit::new(rows, &block, error)
     }
 
     /// A match's pixel in Cf (METHOD 6, tight form).
@@ -523,29 +568,20 @@ impl Filter {
             &pair.uv_f,
             self.settings.pixel.sigma_cf,
         );
-        Ok(Unit {
-            rows: rows.ok_or(Outcome::NotVisible)?,
-            feature: block.offset,
-            worn: self.worn_error_offset(),
-        })
+        Unit::new(rows, &block, self.worn_error_offset())
     }
 
     /// A known feature's depth from another sensor.
-    fn other_depth(&self, depth: &DepthObservation, id: u64) -> Option<Unit> {
-        let block = self.feature_block(id).ok()?;
-        let (point, noise) = self.point_at_depth(depth)?;
-        let rows = Rows::depth(
-            &self.state.camera_pose(),
-            &self.state.feature(&block),
-            &point,
-            &noise,
+    fn other_depth(&self, depth: &DepthObservation) -> Result<Unit, Outcome> {
+        let id = depth.id.ok_or(Outcome::Unused)?;
+        let block = self.feature_block(id).map_err(|_| Outcome::NotVisible)?;
+        let (point, noise) = self.point_at_depth(depth).ok_or(Outcome::NotVisible)?;
+        let (pose, feature) = (self.state.camera_pose(), self.state.feature(&block));
+        Unit::new(
+            Rows::depth(&pose, &feature, &point, &noise, None),
+            &block,
             None,
-        )?;
-        Some(Unit {
-            rows,
-            feature: block.offset,
-            worn: None,
-        })
+        )
     }
 
     /// Point in C at a pixel and a depth along the optical axis, and its covariance.
@@ -751,6 +787,37 @@ impl Filter {
     }
 }
 
+impl Source {
+    /// Place in the list of 3D blocks that may be demoted to a bearing, `pairs` pairs coming first.
+    fn slot(self, pairs: usize) -> Option<usize> {
+        match self {
+            Self::Point(i) => Some(i),
+            Self::Depth(i) => Some(pairs + i),
+            Self::Bearing(_) | Self::WornPixel(..) => None,
+        }
+    }
+
+    fn outcome(self, report: &mut UpdateReport) -> &mut Outcome {
+        match self {
+            Self::Bearing(i) => &mut report.bearings[i],
+            Self::Point(i) | Self::WornPixel(i, _) => &mut report.pairs[i],
+            Self::Depth(i) => &mut report.depths[i],
+        }
+    }
+}
+
+impl Unit {
+    fn new(rows: Option<Rows>, block: &Block, worn: Option<usize>) -> Result<Self, Outcome> {
+        let rows = rows.ok_or(Outcome::NotVisible)?;
+        Ok(Self {
+            rows,
+            id: block.id,
+            feature: block.offset,
+            worn,
+        })
+    }
+}
+
 /// Marks rejected units in the report; a rejected 3D block is demoted to its bearing. Returns whether any was.
 fn note(
     sources: &[Source],
@@ -761,18 +828,10 @@ fn note(
 ) -> bool {
     let mut any = false;
     for &u in rejected {
-        match sources[u] {
-            Source::Bearing(i) => report.bearings[i] = outcome,
-            Source::Pair(i, is_point) => {
-                report.pairs[i] = outcome;
-                demoted[i] |= is_point;
-                any |= is_point;
-            }
-            Source::Depth(i) => {
-                report.depths[i] = outcome;
-                demoted[report.pairs.len() + i] = true;
-                any = true;
-            }
+        *sources[u].outcome(report) = outcome;
+        if let Some(slot) = sources[u].slot(report.pairs.len()) {
+            demoted[slot] = true;
+            any = true;
         }
     }
     any

@@ -17,6 +17,7 @@ pub mod batch;
 pub mod birth;
 pub mod camera;
 pub mod chi2;
+mod drift;
 pub mod error;
 pub mod filter;
 pub mod frame;
@@ -24,6 +25,7 @@ pub mod map;
 pub mod math;
 pub mod observe;
 
+pub mod overlap;
 pub mod predict;
 pub mod settings;
 pub mod state;

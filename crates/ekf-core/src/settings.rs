@@ -228,6 +228,10 @@ settings! {
     estimator: EstimatorSettings {
         /// What the worn camera is used for and how features are born.
         mode: Mode = Mode::Collab, "", None, None;
+        /// Most linearisations of one update (iterated EKF); 1 is the plain EKF. It stops by itself where one is enough.
+        iterations: usize = 5, "", Some(1.0), Some(50.0);
+        /// By how many sigmas a measurement must be off its linear model for another linearisation.
+        nonlinearity: f64 = 0.1, "", Some(0.0), Some(100.0);
     }
     /// The motion model: constant velocity with white acceleration (METHOD 3).
     process: ProcessSettings {
@@ -236,9 +240,14 @@ settings! {
         /// Density of its angular acceleration.
         angular_acceleration_density: f64 = 2.0, "rad/s^1.5", Some(0.0), Some(1e3);
         /// Standard deviation of each component of the velocity at the start.
-        start_velocity_sd: f64 = 3.0, "m/s", Some(0.0), Some(1e3);
+        start_velocity_sd: f64 = 10.0, "m/s", Some(0.0), Some(1e3);
         /// Standard deviation of each component of the angular velocity at the start.
         start_angular_velocity_sd: f64 = 1.0, "rad/s", Some(0.0), Some(1e2);
+        /// Drift of the position that no measurement shows (calibration, patches, linearisation), by distance travelled;
+        /// it enters the reported covariance of the pose only.
+        position_drift: f64 = 0.03, "m/m^0.5", Some(0.0), Some(10.0);
+        /// Drift of the attitude that no measurement shows; it enters the reported covariance of the pose only.
+        attitude_drift: f64 = 0.5, "deg/s^0.5", Some(0.0), Some(90.0);
     }
     /// Noise of pixel measurements (METHOD 4).
     pixel: PixelSettings {
@@ -254,7 +263,7 @@ settings! {
         /// Least distance between first and present view for a delayed birth.
         min_baseline: f64 = 0.02, "m", Some(0.0), Some(100.0);
         /// Least parallax for a delayed birth.
-        min_parallax: f64 = 5.0, "deg", Some(0.1), Some(90.0);
+        min_parallax: f64 = 1.0, "deg", Some(0.1), Some(90.0);
         /// Largest sd(rho)/rho of an instant birth from two views; a worse match waits.
         max_rho_ratio: f64 = 0.3333333333333333, "", Some(0.01), Some(10.0);
         /// Inverse depth of an undelayed birth.
@@ -291,7 +300,7 @@ settings! {
         /// Radius of a low-innovation inlier of the one-point test, in standard deviations of its noise.
         low_sigmas: f64 = 3.0, "", Some(0.1), Some(100.0);
         /// Largest number of hypotheses that are looked at before leaving out greedily.
-        max_nodes: usize = 20000, "", Some(1.0), Some(1e9);
+        max_nodes: usize = 60, "", Some(1.0), Some(1e9);
     }
     /// Upkeep of the map (METHOD 7, step 8).
     map: MapSettings {

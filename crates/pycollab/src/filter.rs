@@ -98,6 +98,12 @@ impl PyUpdateReport {
         born_ids(py, &self.0.depths)
     }
 
+    /// Number of linearisations of the update.
+    #[getter]
+    fn iterations(&self) -> usize {
+        self.0.iterations
+    }
+
     /// Normalised innovation squared of the accepted batch.
     #[getter]
     fn nis(&self) -> f64 {
@@ -455,6 +461,31 @@ impl PyFilter {
         Ok(out)
     }
 
+
+    /// Predicts whether Cs and Cf overlap (METHOD 9).
+    ///
+    /// Returns
+    /// -------
+    /// dict or None
+    ///     ``roi_s``, ``roi_f`` (u0, v0, u1, v1) px, ``d_max`` and ``baseline`` metres.
+    fn predict_overlap<'py>(
+        &self,
+        py: Python<'py>,
+        t_cf: PyReadonlyArray2<'py, f64>,
+        covariance: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let t_cf = pose("t_cf", &t_cf)?;
+        let covariance = covariance6("covariance", &covariance)?;
+        let Some(overlap) = self.0.overlap(&t_cf, &covariance).map_err(to_python)? else {
+            return Ok(None);
+        };
+        let out = PyDict::new(py);
+        out.set_item("roi_s", overlap.roi_s)?;
+        out.set_item("roi_f", overlap.roi_f)?;
+        out.set_item("d_max", overlap.d_max)?;
+        out.set_item("baseline", overlap.baseline)?;
+        Ok(Some(out))
+    }
 }
 
 fn bearings(

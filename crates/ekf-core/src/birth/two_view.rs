@@ -1,9 +1,11 @@
 //! Range by the law of sines from two views (METHOD 5 and 6): the one function behind delayed births, instant
 //! births and stochastic triangulation.
 //!
-//! With the ray `a` from Cs, the ray `b` from the other view (rotated into C: `b'`), and the other view's pose
-//! `(R, t)` relative to Cs, the law of sines `s = |t| sin(gamma) / sin(alpha)` reads
-//! `rho = |a x b'| / |t x b'|`: the point on Cs's ray, whatever the vertical disparity.
+//! With the ray `a` from Cs, the ray `b` from the other view (rotated into C: `b'`), and the other view's position
+//! `t` relative to Cs: `beta` is the angle at Cs between `a` and `t`, `gamma` the one at the other view between
+//! `b'` and `-t`, the parallax `alpha = pi - beta - gamma`, and `rho = sin(alpha) / (|t| sin(gamma))`.
+//! Only angles to the baseline enter, so a vertical disparity (rays that pass each other) does not bias the range,
+//! and rays that diverge give `rho <= 0`: then there is no intersection.
 
 use crate::camera::Camera;
 use crate::math::{pose::Pose, quat};
@@ -32,12 +34,13 @@ pub struct TwoView {
     pub other_ray: Vector3<f64>,
     /// Rotation of the other view in C.
     pub rotation: Matrix3<f64>,
+    linearised_at: Option<f64>,
 }
 
 impl TwoView {
     /// Intersects the pixels of two views. `other_in_c` maps points of the other view into C.
     ///
-    /// `None` if a pixel has no ray, the views coincide, or the rays meet behind a camera.
+    /// `None` if a pixel has no ray, the views coincide, or the rays diverge.
     pub fn new(
         camera: &Camera,
         uv: &Vector2<f64>,
@@ -50,29 +53,47 @@ impl TwoView {
         let rotation = other_in_c.rotation;
         let t = other_in_c.translation;
         let b_c = rotation * b;
-        let n = a.cross(&b_c);
-        let k = t.cross(&b_c);
-        let (n2, k2) = (n.norm_squared(), k.norm_squared());
-        // s a = t + r b' gives s n = k, and r n = t x a: both ranges must be positive.
-        if n2 < 1e-24 || k2 < 1e-24 || k.dot(&n) <= 0.0 || t.cross(&a).dot(&n) <= 0.0 {
+        let distance = t.norm();
+        if distance < 1e-9 {
             return None;
         }
-        let rho = (n2 / k2).sqrt();
-        let (n_hat, k_hat) = (n / n2, k / k2);
-        let rho_by_a = (b_c.cross(&n_hat) * rho).transpose();
-        let rho_by_ray = ((n_hat.cross(&a) - k_hat.cross(&t)) * rho).transpose();
-        let rho_by_t = (-b_c.cross(&k_hat) * rho).transpose();
+        let u = t / distance;
+        let (cos_beta, cos_gamma) = (a.dot(&u), -b_c.dot(&u));
+        let (sin_beta, sin_gamma) = (a.cross(&u).norm(), b_c.cross(&u).norm());
+        if sin_beta < 1e-9 || sin_gamma < 1e-9 {
+            return None; // along the baseline there is no parallax at all
+        }
+        // sin(alpha) / sin(gamma), since alpha = pi - beta - gamma
+        let cot_gamma = cos_gamma / sin_gamma;
+        let ratio = cos_beta + sin_beta * cot_gamma;
+        let rho = ratio / distance;
+        if rho <= 0.0 {
+            return None;
+        }
+        let sin_beta_by_a = (a - u * cos_beta) / sin_beta;
+        let cot_by_b = (-u - (b_c + u * cos_gamma) * (cot_gamma / sin_gamma)) / sin_gamma;
+        let rho_by_a = ((u + sin_beta_by_a * cot_gamma) / distance).transpose();
+        let rho_by_ray = (cot_by_b * (sin_beta / distance)).transpose();
+        let sin_beta_by_u = (u - a * cos_beta) / sin_beta;
+        let sin_gamma_by_u = (u + b_c * cos_gamma) / sin_gamma;
+        let cot_by_u = (-b_c - sin_gamma_by_u * cot_gamma) / sin_gamma;
+        let ratio_by_u = a + sin_beta_by_u * cot_gamma + cot_by_u * sin_beta;
+        let rho_by_t = ((ratio_by_u - u * ratio_by_u.dot(&u)) / distance - u * rho).transpose()
+            / distance;
         Some(Self {
             ray: a,
             ray_by_pixel: a_uv,
             rho,
-            parallax: n2.sqrt().atan2(a.dot(&b_c)),
+            parallax: std::f64::consts::PI
+                - sin_beta.atan2(cos_beta)
+                - sin_gamma.atan2(cos_gamma),
             rho_by_pixel: rho_by_a * a_uv,
             rho_by_other_pixel: rho_by_ray * rotation * b_uv,
             rho_by_t,
             rho_by_ray,
             other_ray: b,
             rotation,
+            linearised_at: None,
         })
     }
 
@@ -96,6 +117,13 @@ impl TwoView {
         j
     }
 
+    /// The same measurement of rho, its point taken by linearisation at another range: the point's error is then
+    /// linear in that of rho, and neither its mean nor its covariance depends on the noise.
+    pub fn at_range(mut self, range: f64) -> Self {
+        self.linearised_at = Some(range);
+        self
+    }
+
     /// Variance of rho from the pixels alone.
     pub fn rho_variance_from_pixels(&self, sigma_px: f64, other_sigma_px: f64) -> f64 {
         self.rho_by_pixel.norm_squared() * sigma_px * sigma_px
@@ -104,13 +132,19 @@ impl TwoView {
 
     /// The point on Cs's ray, metres in C.
     pub fn point(&self) -> Vector3<f64> {
-        self.ray / self.rho
+        let range = self.range();
+        self.ray * (range - range * range * (self.rho - 1.0 / range))
+    }
+
+    fn range(&self) -> f64 {
+        self.linearised_at.unwrap_or(1.0 / self.rho)
     }
 
     /// Its covariance from the pixels alone (METHOD 6: T_CF's part is kept apart).
     pub fn point_noise(&self, sigma_px: f64, other_sigma_px: f64) -> Matrix3<f64> {
-        let by_rho = -self.ray / (self.rho * self.rho);
-        let by_pixel = self.ray_by_pixel / self.rho + by_rho * self.rho_by_pixel;
+        let range = self.range();
+        let by_rho = -self.ray * (range * range);
+        let by_pixel = self.ray_by_pixel * range + by_rho * self.rho_by_pixel;
         let by_other = by_rho * self.rho_by_other_pixel;
         by_pixel * by_pixel.transpose() * (sigma_px * sigma_px)
             + by_other * by_other.transpose() * (other_sigma_px * other_sigma_px)
@@ -118,6 +152,6 @@ impl TwoView {
 
     /// Its derivative by the right tangent of the other view's pose (METHOD 6: `J_T`), 3x6.
     pub fn point_by_tangent(&self) -> SMatrix<f64, 3, 6> {
-        -self.ray / (self.rho * self.rho) * self.rho_by_tangent()
+        -self.ray * self.range().powi(2) * self.rho_by_tangent()
     }
 }

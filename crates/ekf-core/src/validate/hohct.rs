@@ -6,49 +6,48 @@
 //!
 //! # What leaving out costs
 //! With `A = S^-1` and `z = A g`, leaving out the units `E` takes
-//! `f(E) = z_E^T (A_EE)^-1 z_E = max { 2 z^T x - x^T A x : x zero outside E }` off `D^2`. So the test looks for the
-//! `k` units with the largest `f`. A change of basis within each unit makes its own block of `A` the identity and
-//! leaves `f` as it is; below, `A` and `z` are in that basis, and `c_ij` is a bound on the norm of block `A_ij`.
+//! `f(E) = z_E^T (A_EE)^-1 z_E = max { 2 z^T x - x^T A x : x zero outside E }` off `D^2`. A change of basis within each
+//! unit makes its own block of `A` the identity and leaves `f` as it is; below, `A` and `z` are in that basis.
 //!
 //! # Exact search
-//! A greedy set `G` (the best single unit given those already out, until the rest passes) is the first incumbent.
-//! Every set of `k` units is `E = (G \ Y) u F` with `t = |F|` units from outside of `G` and `|Y| = |G| - k + t`: for each
-//! `t` the search first grows `Y` unit by unit, then `F`. In nearly all sets that are worth a look both are small.
+//! A greedy set `G` (the best single unit given those already out, until the rest passes) is the first answer. Any
+//! set is `E = (G \ Y) u F` with `F` outside of `G`; it can only be better if `|Y| >= |F|`. For `|F| = 0, 1, 2, ...` a
+//! depth-first search brings units of `G` back and adds others, in [`Search::explore`]. A node is a set `X` worked out
+//! exactly: `w = A_XX^-1 z_X`, `f(X) = z_X^T w`, `q = z - A_:X w` (zero on `X`), `H = A_XX^-1`.
 //!
-//! *Bound.* Let `X = G \ Y` for a partial `Y`, `w` the maximiser of `f(X)`, `q = z - A w` (zero on `X`), and let
-//! `B = diag(b_i I)` be a block-diagonal matrix with `A - B` positive semidefinite on the rows of `X u F`. A concave function
-//! lies below its tangent at `w`, so for every `x` supported there
-//!
-//! ```text
-//! 2 z^T x - x^T A x  =  2 z^T x - x^T B x - x^T (A - B) x
-//!                   <=  w^T (A - B) w + 2 (z - (A - B) w)^T x - x^T B x
-//! ```
-//!
-//! and the right side falls apart into units: with `z - (A - B) w = q + B w` its maximum over supports within `X u F`
-//! is `f(X) - sum_X b_i |w_i|^2` plus, for each unit that is out, `b_i |w_i|^2` if it lies in `X` or `|q_i|^2 / b_i`
-//! if it lies in `F`. Hence
+//! *Bound.* Let `Y` in `X` be what is still brought back and `F` what is still added. Write `x = (w - d, x_F)`, so that
+//! `d_Y = w_Y` and the rest of `d` is free:
 //!
 //! ```text
-//! f(E) <= f(X) - (the |Y| still to come smallest b_i |w_i|^2 in X) + (the t largest |q_i|^2 / b_i outside)
+//! 2 z^T x - x^T A x = f(X) - d^T A_XX d + 2 d^T A_XF x_F + 2 q_F^T x_F - x_F^T A_FF x_F
+//! 2 d^T A_XF x_F   <= theta d^T A_XX d + x_F^T P_FF x_F / theta,     P = A_:X H A_X:,  0 < theta <= 1
 //! ```
 //!
-//! *Which `B`.* By Gershgorin's theorem for blocks, `b_i = 1 - sum c_ij` over the other units of `X u F` will do:
-//! `x^T (A - B) x >= sum_i s_i |x_i|^2 - sum_{i != j} c_ij |x_i| |x_j| >= 0` with `s_i = sum_j c_ij`. The members of `F` are not
-//! known yet, so their share is bounded by the largest `c_ij` outside of `G`. Where `b_i <= 0` the bound is infinite and
-//! the search goes one level deeper. Once `Y` is complete the same bound with `X = G \ Y` plus the part of `F` already
-//! chosen bounds the rest of `F`, since the maximum over the rows of `X` is attained at `q = 0` there.
+//! (Young's inequality; exact with `theta = 1` if `Y` is empty.) The least `d^T A_XX d` is `w_Y^T (H_YY)^-1 w_Y`, hence
 //!
-//! Gross outliers make `b_i |w_i|^2` large against the slack, so that all smaller orders are usually refuted at their
-//! root by `G` alone.
+//! ```text
+//! f(E) <= f(X) - (1 - theta) w_Y^T (H_YY)^-1 w_Y + q_F^T (M_FF)^-1 q_F,     M = A - P / theta
+//! ```
 //!
-//! *Units of different size.* A set with `e` rows more than the smallest possible must reach
-//! `f(E) >= D^2 - quantile(dof)`, a threshold `T_e`. With `tau = min (T_e - T_0) / e`, `T_e >= T_0 + tau e`, so
-//! `f(E) - tau e(E) >= T_0` is necessary; it is a sum over units again and the bound above holds with `tau e_i`
-//! taken off each unit's gain. An incumbent's tail probability gives new thresholds in the same way; `tau` stays, and the
-//! least `T_e - tau e` takes the place of `T_0`.
+//! *Sums over units.* By Gershgorin's theorem for blocks, a symmetric matrix with diagonal blocks `D_i` is at least
+//! `blkdiag(b_i D_i)`, and at most `blkdiag(B_i D_i)`, with `b_i = 1 - sum_j c_ij`, `B_i = 1 + sum_j c_ij`, where `c_ij` bounds the
+//! norm of block `(i, j)` once the diagonal blocks are scaled to the identity. With the sums taken over the largest
+//! `|Y| - 1` (`|F| - 1`) couplings to units that may still come,
 //!
-//! *Budget.* Past `max_nodes` conditionings the best hypothesis of the order under search stands, or else the greedy
-//! set, and the verdict says that it is not exact.
+//! ```text
+//! w_Y^T (H_YY)^-1 w_Y >= sum_Y  w_i^T H_ii^-1 w_i / B_i,         q_F^T (M_FF)^-1 q_F <= sum_F  q_i^T M_ii^-1 q_i / b_i
+//! ```
+//!
+//! so that the worst `Y` and `F` are the smallest and the largest terms. A unit with `b_i <= 0` has no bound: it is either added
+//! or ruled out at once, and the couplings of the others no longer include it.
+//!
+//! *Units of different size.* A set of `k` units with `e` rows more than the smallest possible must reach
+//! `f(E) >= D^2 - quantile(dof)`, a threshold `T_k,e`. With any `tau`, `f(E) - tau e(E) >= target_k = min_e (T_k,e - tau e)` is
+//! necessary, and `tau e(E)` is a sum over units again. Once a set of `k` units is found, its tail probability gives
+//! new thresholds for `k`, and larger sets are out of the question.
+//!
+//! *Budget.* Past `max_nodes` nodes the best set so far stands, at first the greedy one, and the verdict says that it
+//! is not exact.
 
 use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::linalg::triangular_inverse::invert_lower_triangular;
@@ -86,15 +85,11 @@ pub(super) struct Scratch {
     a: Vec<f64>,
     /// Whitened `z`.
     z: Vec<f64>,
-    /// `c_ij`, `n x n`, zero on the diagonal.
-    c: Vec<f64>,
-    /// `n x (|G| + 1)` running sums of the largest `c_ij` over `j` outside of `G`.
-    outside: Vec<f64>,
     greedy: Greedy,
-    in_greedy: Vec<bool>,
     levels: Vec<Level>,
-    picked: Vec<f64>,
-    thresholds: Vec<f64>,
+    at_large: Level,
+    sums: Sums,
+    thresholds: Thresholds,
     best: Vec<usize>,
 }
 
@@ -126,33 +121,11 @@ pub fn hohct(
     scratch.prepare(l, ld, &ws.whitened, units);
     let greedy_passes =
         scratch.leave_out_greedily(units, d2, max_order, settings.level, &mut ws.quantiles);
-    scratch.prepare_bounds(units, max_order);
-
     let mut search = Search::new(scratch, units, d2, settings, &mut ws.quantiles);
-    search.start();
-    let mut found = None;
-    let last = if greedy_passes {
-        search.greedy.len()
-    } else {
-        max_order
-    };
-    for order in 1..=last {
-        search.run(order);
-        if let Some(reduction) = search.found {
-            found = Some(reduction);
-            break;
-        }
-        if search.struck {
-            break;
-        }
-    }
-    let (nodes, exact) = (search.nodes, !search.struck);
+    search.run(max_order, greedy_passes);
+    let (nodes, exact, found) = (search.nodes, !search.struck, search.found);
     let scratch = &mut ws.hohct;
-    let reduction = found.or(greedy_passes.then(|| {
-        scratch.best.clone_from(&scratch.greedy.units);
-        scratch.greedy.reduction
-    }));
-    let mut verdict = match reduction {
+    let mut verdict = match found {
         Some(reduction) => {
             ws.rejected.extend_from_slice(&scratch.best);
             ws.rejected.sort_unstable();
@@ -175,7 +148,7 @@ pub fn hohct(
 }
 
 impl Scratch {
-    /// Whitened `A` and `z`, and the coupling norms.
+    /// Whitened `A` and `z`.
     ///
     /// With `A = L^-T L^-1`, scaling the columns of `L^-1` by `K_i^-1`, `A_ii = K_i^T K_i` with `K_i` lower
     /// triangular, keeps them lower triangular: the whitened `A` is `B^T B`, the whitened `z` is `B^T (L^-1 g)`.
@@ -183,7 +156,6 @@ impl Scratch {
         let (m, n) = (y.len(), units.len());
         self.inverse.resize(m * m, 0.0);
         self.a.resize(m * m, 0.0);
-        self.c.resize(n * n, 0.0);
         invert_lower_triangular(
             MatMut::from_column_major_slice_mut(&mut self.inverse[..m * m], m, m),
             MatRef::from_column_major_slice_with_stride(l, m, m, ld),
@@ -209,14 +181,6 @@ impl Scratch {
             1.0,
             Par::Seq,
         );
-        for i in 0..n {
-            self.c[i * n + i] = 0.0;
-            for j in 0..i {
-                let norm = block_norm(&self.a, m, units, i, j);
-                self.c[i * n + j] = norm;
-                self.c[j * n + i] = norm;
-            }
-        }
         for column in 0..m {
             for row in column + 1..m {
                 self.a[row * m + column] = self.a[column * m + row];
@@ -246,40 +210,6 @@ impl Scratch {
         }
         false
     }
-
-    /// Sums of the largest couplings to units outside of `G`.
-    fn prepare_bounds(&mut self, units: Units, max_order: usize) {
-        let n = units.len();
-        let stride = max_order + 1;
-        self.in_greedy.clear();
-        self.in_greedy.resize(n, false);
-        for &unit in &self.greedy.units {
-            self.in_greedy[unit] = true;
-        }
-        let depth = self.greedy.units.len().min(n - self.greedy.units.len());
-        self.outside.clear();
-        self.outside.resize(n * stride, 0.0);
-        for i in 0..n {
-            let row = &self.c[i * n..(i + 1) * n];
-            self.picked.clear();
-            self.picked
-                .extend((0..n).filter(|&j| !self.in_greedy[j]).map(|j| row[j]));
-            if depth == 0 {
-                continue;
-            }
-            if depth < self.picked.len() {
-                self.picked
-                    .select_nth_unstable_by(depth - 1, |a, b| b.total_cmp(a));
-                self.picked.truncate(depth);
-            }
-            self.picked.sort_unstable_by(|a, b| b.total_cmp(a));
-            let mut sum = 0.0;
-            for t in 1..stride {
-                sum += self.picked.get(t - 1).copied().unwrap_or(0.0);
-                self.outside[i * stride + t] = sum;
-            }
-        }
-    }
 }
 
 /// Replaces columns `start .. start + rows` of the lower triangular `b` by `b K^-1`, where `K^T K` is their Gram matrix.
@@ -299,25 +229,6 @@ fn whiten_columns(b: &mut [f64], m: usize, start: usize, rows: usize) {
             *value *= scale;
         }
     }
-}
-
-/// Bound on the spectral norm of block `(i, j)`, `i > j`: exact for blocks with at most two rows or columns, else Frobenius.
-fn block_norm(a: &[f64], m: usize, units: Units, i: usize, j: usize) -> f64 {
-    let (row, rows) = (units.start(i), units.count(i));
-    let (column, columns) = (units.start(j), units.count(j));
-    let at = |r: usize, c: usize| a[(column + c) * m + row + r];
-    if rows == 2 && columns == 2 {
-        let (p, q, r, s) = (at(0, 0), at(0, 1), at(1, 0), at(1, 1));
-        let (sum, difference) = ((p + s).hypot(r - q), (p - s).hypot(r + q));
-        return 0.5 * (sum + difference);
-    }
-    let mut square = 0.0;
-    for c in 0..columns {
-        for r in 0..rows {
-            square += at(r, c) * at(r, c);
-        }
-    }
-    square.sqrt()
 }
 
 /// The greedy set, by pivoted Cholesky of the whitened `A`: `O(m)` per row taken and row taken before.
@@ -415,40 +326,83 @@ impl Greedy {
     }
 }
 
-/// One set `X` of units that are out, worked out.
+/// Shares of Young's inequality that are tried, see the module's page. The first is for bounds without bringing back.
+const THETAS: [f64; 4] = [1.0, 0.75, 0.5, 0.25];
+/// Sum of couplings from which a candidate is called strongly coupled, and the share for which it is looked at.
+const STRONG: f64 = 0.6;
+const STRONG_THETA: usize = 1;
+/// Most passes over the candidates in search of those.
+const ROUNDS: usize = 4;
+/// Most times that a level at large is worked out anew.
+const PASSES: usize = 4;
+
+/// One number for each of [`THETAS`].
+type PerTheta<T> = [T; THETAS.len()];
+
+/// One set `X` of units that are out, worked out: a node of the search.
 #[derive(Clone, Debug, Default)]
 struct Level {
     units: Vec<usize>,
     /// Rows of `X`.
     rows: Vec<usize>,
+    /// First row within `X` of each unit.
+    starts: Vec<usize>,
     /// Cholesky factor of `A_XX`, rows one after the other.
     factor: Vec<f64>,
     /// `w` on the rows of `X`.
     w: Vec<f64>,
-    /// `z - A w`, all rows.
+    /// `q = z - A_:X w`, all rows.
     q: Vec<f64>,
-    /// Sum of `c_ij` over `j` in `X`.
-    coupling: Vec<f64>,
-    /// Bound on what each unit adds (outside) or what bringing it back loses (in `G`), corrected by `tau`.
-    score: Vec<f64>,
-    /// Units that may still be added, most promising first.
-    candidates: Vec<usize>,
     /// `f(X)`.
     reduction: f64,
     /// Rows beyond the smallest possible number.
     extra: usize,
+    /// How many units of `X` are not of `G`; they come last.
+    added: usize,
+    /// How many of those are left out for nothing, see [`Search::refute_at_large`]; they come last of all.
+    free: usize,
+    /// `H = A_XX^-1`: entry `(r, c)`, `c <= r`, at `r * size + c`.
+    h: Vec<f64>,
+    /// `w_i^T H_ii^-1 w_i` of the units of `X`.
+    own_loss: Vec<f64>,
+    /// Norms of the blocks of `H`, scaled, of the units of `X`.
+    loss_coupling: Vec<f64>,
+    /// Least loss of bringing back 0, 1, 2, ... units at positions from `losses_from` on, times `1 - theta`; the
+    /// first as it is, for when nothing is added.
+    losses: PerTheta<Vec<f64>>,
+    losses_from: Option<usize>,
+    /// Units that could be added when the level was made, and those of them that still may.
+    universe: Vec<usize>,
+    candidates: Vec<usize>,
+    /// Columns of `L^-1 A_X:` of the candidates, by row of the batch.
+    v: Vec<f64>,
+    /// What each candidate adds by itself, and how far its `M_ii` is above zero.
+    gains: PerTheta<Vec<f64>>,
+    floor: PerTheta<Vec<f64>>,
+    has_gains: bool,
+    /// Scaled norms of the blocks of `M`, `n x n`, among candidates.
+    gain_coupling: PerTheta<Vec<f64>>,
+    has_couplings: bool,
 }
 
 impl Level {
-    fn condition(&mut self, a: &[f64], z: &[f64], c: &[f64], units: Units, least_rows: usize) {
-        let (m, n) = (z.len(), units.len());
+    /// `w`, `q`, `f(X)`.
+    fn condition(&mut self, a: &[f64], z: &[f64], units: Units, least_rows: usize) {
+        let m = z.len();
         self.rows.clear();
+        self.starts.clear();
         self.extra = 0;
-        for &unit in &self.units {
+        for (index, &unit) in self.units.iter().enumerate() {
+            self.starts.push(self.rows.len());
             self.rows
                 .extend(units.start(unit)..units.start(unit) + units.count(unit));
-            self.extra += units.count(unit) - least_rows;
+            if index < self.units.len() - self.free {
+                self.extra += units.count(unit) - least_rows;
+            }
         }
+        self.losses_from = None;
+        self.has_gains = false;
+        self.has_couplings = false;
         self.factor.clear();
         self.w.clear();
         self.reduction = 0.0;
@@ -486,73 +440,305 @@ impl Level {
                 *q -= a * w;
             }
         }
-        self.coupling.clear();
-        self.coupling.resize(n, 0.0);
-        for &unit in &self.units {
-            for (sum, c) in self.coupling.iter_mut().zip(&c[unit * n..(unit + 1) * n]) {
-                *sum += c;
+    }
+
+    /// `H`, and what bringing back each unit of `X` loses. Since `H_ii >= I`, norms of `H_ij` bound the scaled ones.
+    fn work_out_own_losses(&mut self, units: Units) {
+        let size = self.rows.len();
+        self.h.clear();
+        self.h.resize(size * size, 0.0);
+        // L^-1 into the lower triangle, column by column; then H = L^-T L^-1.
+        for c in 0..size {
+            for r in c..size {
+                let head = r * (r + 1) / 2;
+                let sum = dot(
+                    &self.factor[head + c..head + r],
+                    &self.h[c * size + c..c * size + r],
+                );
+                let unit = if r == c { 1.0 } else { 0.0 };
+                self.h[c * size + r] = (unit - sum) / self.factor[head + r];
+            }
+        }
+        for c in 0..size {
+            for r in 0..=c {
+                let value = dot(
+                    &self.h[r * size + c..(r + 1) * size],
+                    &self.h[c * size + c..(c + 1) * size],
+                );
+                // Row r of the result is final from column r on; the upper part of column c is free.
+                self.h[c * size + r] = value;
+            }
+        }
+        let count = self.units.len();
+        self.own_loss.clear();
+        self.loss_coupling.clear();
+        self.loss_coupling.resize(count * count, 0.0);
+        for i in 0..count {
+            let (si, ni) = (self.starts[i], units.count(self.units[i]));
+            let mut block = [[0.0; MAX_ROWS]; MAX_ROWS];
+            for (r, row) in block.iter_mut().enumerate().take(ni) {
+                for (c, value) in row.iter_mut().enumerate().take(r + 1) {
+                    *value = self.h[(si + r) * size + si + c];
+                }
+            }
+            self.own_loss
+                .push(block_distance(&block, &self.w[si..si + ni]));
+            for j in 0..i {
+                let (sj, nj) = (self.starts[j], units.count(self.units[j]));
+                let square: f64 = (si..si + ni)
+                    .flat_map(|r| &self.h[r * size + sj..r * size + sj + nj])
+                    .map(|v| v * v)
+                    .sum();
+                self.loss_coupling[i * count + j] = square.sqrt();
+                self.loss_coupling[j * count + i] = square.sqrt();
             }
         }
     }
 
-    /// What leaving out `unit` as well takes off, exactly.
-    fn exact_gain(&self, a: &[f64], units: Units, unit: usize, buffer: &mut Vec<f64>) -> f64 {
-        let m = self.q.len();
-        let (start, rows) = (units.start(unit), units.count(unit));
+    /// Least losses of bringing back units with these indices in `X`, those of `G` from `position` on, less
+    /// `penalty` for each.
+    fn work_out_losses(
+        &mut self,
+        units: Units,
+        position: usize,
+        range: std::ops::Range<usize>,
+        penalty: impl Fn(usize) -> f64,
+        sums: &mut Sums,
+    ) {
+        if self.losses_from == Some(position) {
+            return;
+        }
+        if self.losses_from.is_none() && !range.is_empty() {
+            self.work_out_own_losses(units);
+        }
+        self.losses_from = Some(position);
+        let (count, available) = (self.units.len(), range.len());
+        // Row by row: couplings within the range, decreasing.
+        sums.picked.clear();
+        for i in range.clone() {
+            let start = sums.picked.len();
+            let row = &self.loss_coupling[i * count..(i + 1) * count];
+            sums.picked.extend_from_slice(&row[range.clone()]);
+            sums.picked[start..].sort_unstable_by(|a, b| b.total_cmp(a));
+        }
+        for (losses, theta) in self.losses.iter_mut().zip(THETAS) {
+            let share = if theta == 1.0 { 1.0 } else { 1.0 - theta };
+            losses.clear();
+            losses.push(0.0);
+            sums.totals.clear();
+            sums.totals.resize(available, 1.0);
+            for number in 1..=available {
+                sums.terms.clear();
+                for (i, index) in range.clone().enumerate() {
+                    if number > 1 {
+                        sums.totals[i] += sums.picked[i * available + number - 2];
+                    }
+                    let loss = share * self.own_loss[index] / sums.totals[i];
+                    sums.terms.push(penalty(self.units[index]) - loss);
+                }
+                losses.push(-sum_of_largest(&mut sums.terms, number));
+            }
+        }
+    }
+
+    /// What adding each candidate brings by itself: `q_i^T M_ii^-1 q_i`.
+    fn work_out_gains(&mut self, a: &[f64], units: Units) {
+        if self.has_gains {
+            return;
+        }
+        self.has_gains = true;
+        let (m, n, size) = (self.q.len(), units.len(), self.rows.len());
+        self.v.resize(m * size, 0.0);
+        for table in self.gains.iter_mut().chain(&mut self.floor) {
+            table.resize(n, 0.0);
+        }
+        for index in 0..self.universe.len() {
+            let unit = self.universe[index];
+            let (start, count) = (units.start(unit), units.count(unit));
+            for row in start..start + count {
+                let column = &a[row * m..(row + 1) * m];
+                let v = &mut self.v[row * size..(row + 1) * size];
+                for r in 0..size {
+                    let head = r * (r + 1) / 2;
+                    let sum = dot(&self.factor[head..head + r], &v[..r]);
+                    v[r] = (column[self.rows[r]] - sum) / self.factor[head + r];
+                }
+            }
+            let mut p = [[0.0; MAX_ROWS]; MAX_ROWS];
+            let mut square = 0.0;
+            for (r, row) in p.iter_mut().enumerate().take(count) {
+                for (c, value) in row.iter_mut().enumerate().take(r + 1) {
+                    *value = dot(self.v_row(start + r), self.v_row(start + c));
+                    square += if r == c { 1.0 } else { 2.0 } * *value * *value;
+                }
+            }
+            for (k, theta) in THETAS.into_iter().enumerate() {
+                let mut block = p;
+                for (r, row) in block.iter_mut().enumerate() {
+                    for value in row.iter_mut() {
+                        *value /= -theta;
+                    }
+                    row[r] += 1.0;
+                }
+                self.gains[k][unit] = block_distance(&block, &self.q[start..start + count]);
+                self.floor[k][unit] = 1.0 - square.sqrt() / theta;
+            }
+        }
+    }
+
+    fn v_row(&self, row: usize) -> &[f64] {
         let size = self.rows.len();
-        // Columns of L^-1 A_Xi, one after the other.
-        buffer.clear();
-        for row in start..start + rows {
-            let column = &a[row * m..(row + 1) * m];
-            let base = buffer.len();
-            for r in 0..size {
-                let head = r * (r + 1) / 2;
-                let sum = dot(&self.factor[head..head + r], &buffer[base..base + r]);
-                buffer.push((column[self.rows[r]] - sum) / self.factor[head + r]);
+        &self.v[row * size..(row + 1) * size]
+    }
+
+    /// Leaves out for nothing the candidates whose couplings exceed [`STRONG`]; false if there are none.
+    fn free_strongly_coupled(&mut self, left: usize, n: usize, sums: &mut Sums) -> bool {
+        let before = self.candidates.len();
+        for _ in 0..ROUNDS {
+            sums.totals.clear();
+            for &unit in &self.candidates {
+                let row = &self.gain_coupling[STRONG_THETA][unit * n..(unit + 1) * n];
+                sums.picked.clear();
+                let others = self.candidates.iter().filter(|&&other| other != unit);
+                sums.picked.extend(others.map(|&other| row[other]));
+                let total = sum_of_largest(&mut sums.picked, left.saturating_sub(1));
+                sums.totals
+                    .push(total.max(1.0 - self.floor[STRONG_THETA][unit]));
+            }
+            let largest = sums.totals.iter().copied().fold(0.0, f64::max);
+            if largest <= STRONG {
+                break;
+            }
+            let limit = (0.75 * largest).max(STRONG);
+            let mut index = 0;
+            let units = &mut self.units;
+            self.candidates.retain(|&unit| {
+                let keep = sums.totals[index] <= limit;
+                index += 1;
+                if !keep {
+                    units.push(unit);
+                }
+                keep
+            });
+        }
+        let moved = before - self.candidates.len();
+        self.free += moved;
+        self.added += moved;
+        self.universe.clone_from(&self.candidates);
+        moved > 0
+    }
+
+    /// Scaled norms of the blocks of `M` among the candidates; infinite where `M_ii` may be indefinite.
+    fn work_out_couplings(&mut self, a: &[f64], units: Units) {
+        if self.has_couplings {
+            return;
+        }
+        self.has_couplings = true;
+        let (m, n) = (self.q.len(), units.len());
+        let mut couplings = std::mem::take(&mut self.gain_coupling);
+        for table in &mut couplings {
+            table.resize(n * n, 0.0);
+        }
+        for (index, &i) in self.universe.iter().enumerate() {
+            let (si, ni) = (units.start(i), units.count(i));
+            for &j in &self.universe[..index] {
+                let (sj, nj) = (units.start(j), units.count(j));
+                let mut squares = [0.0; THETAS.len()];
+                for r in si..si + ni {
+                    for c in sj..sj + nj {
+                        let shared = dot(self.v_row(r), self.v_row(c));
+                        let own = a[c * m + r];
+                        for (square, theta) in squares.iter_mut().zip(THETAS) {
+                            *square += (own - shared / theta).powi(2);
+                        }
+                    }
+                }
+                for k in 0..THETAS.len() {
+                    let scale = self.floor[k][i].max(0.0) * self.floor[k][j].max(0.0);
+                    let value = (squares[k] / scale).sqrt();
+                    let value = if value.is_nan() { f64::INFINITY } else { value };
+                    couplings[k][i * n + j] = value;
+                    couplings[k][j * n + i] = value;
+                }
             }
         }
-        let mut block = [[0.0; MAX_ROWS]; MAX_ROWS];
-        for r in 0..rows {
-            for c in 0..=r {
-                let shared = dot(
-                    &buffer[r * size..(r + 1) * size],
-                    &buffer[c * size..(c + 1) * size],
-                );
-                block[r][c] = a[(start + c) * m + start + r] - shared;
-            }
-        }
-        block_distance(&block, &self.q[start..start + rows])
+        self.gain_coupling = couplings;
     }
 }
 
-/// Depth-first search of one order after the other.
+/// Scratch lists of the bounds.
+#[derive(Clone, Debug, Default)]
+struct Sums {
+    picked: Vec<f64>,
+    totals: Vec<f64>,
+    terms: Vec<f64>,
+}
+
+/// `T_k,e` and what follows from them.
+#[derive(Clone, Debug, Default)]
+struct Thresholds {
+    /// Rows beyond the smallest number that a unit can have.
+    spread: usize,
+    /// `T_k,e` for `k = 0, 1, ...`, `k * spread + 1` values each.
+    values: Vec<f64>,
+    /// `target_k`.
+    target: Vec<f64>,
+    tau: f64,
+}
+
+impl Thresholds {
+    fn start(&self, order: usize) -> usize {
+        // Sum of j * spread + 1 over j < order.
+        order + self.spread * order * order.saturating_sub(1) / 2
+    }
+
+    fn at(&self, order: usize, extra: usize) -> f64 {
+        self.values[self.start(order) + extra]
+    }
+
+    /// `target_k` from `T_k,e`.
+    fn update_target(&mut self, order: usize) {
+        let start = self.start(order);
+        self.target[order] = (0..=order * self.spread)
+            .map(|extra| self.values[start + extra] - self.tau * extra as f64)
+            .fold(f64::INFINITY, f64::min);
+    }
+}
+
+/// Depth-first search over all sets.
 struct Search<'a> {
     units: Units<'a>,
     a: &'a [f64],
     z: &'a [f64],
-    c: &'a [f64],
-    outside: &'a [f64],
-    stride: usize,
-    in_greedy: &'a [bool],
-    greedy: &'a [usize],
+    greedy: &'a Greedy,
     levels: &'a mut Vec<Level>,
-    picked: &'a mut Vec<f64>,
-    /// `T_e` of the best tail probability so far, by extra rows.
-    thresholds: &'a mut Vec<f64>,
+    /// The root at large, once `has_at_large`.
+    at_large: &'a mut Level,
+    has_at_large: bool,
+    sums: &'a mut Sums,
+    thresholds: &'a mut Thresholds,
     best: &'a mut Vec<usize>,
     quantiles: &'a mut Quantiles,
     d2: f64,
     level: f64,
-    /// Threshold of bounds corrected by `tau`: the least `T_e - tau e`.
-    target: f64,
-    tau: f64,
     least_rows: usize,
-    most_rows: usize,
+    /// Largest order of interest: that of the best set so far.
     order: usize,
     nodes: usize,
     max_nodes: usize,
     struck: bool,
+    /// `f` of the best set so far.
     found: Option<f64>,
+}
+
+/// What the bounds say about a node.
+enum Outlook {
+    /// No set below it can win.
+    Refuted,
+    /// Decide next whether this candidate is added.
+    Decide(usize),
+    /// Decide next which unit of `G` is brought back first.
+    BringBack,
 }
 
 impl<'a> Search<'a> {
@@ -563,28 +749,24 @@ impl<'a> Search<'a> {
         settings: &HohctSettings,
         quantiles: &'a mut Quantiles,
     ) -> Self {
-        let n = units.len();
-        let counts = (0..n).map(|unit| units.count(unit));
+        let counts = (0..units.len()).map(|unit| units.count(unit));
+        let least_rows = counts.clone().min().unwrap_or(0);
+        scratch.thresholds.spread = counts.max().unwrap_or(0) - least_rows;
         Self {
             units,
             a: &scratch.a[..scratch.z.len().pow(2)],
             z: &scratch.z,
-            c: &scratch.c[..n * n],
-            outside: &scratch.outside,
-            stride: scratch.outside.len() / n,
-            in_greedy: &scratch.in_greedy,
-            greedy: &scratch.greedy.units,
+            greedy: &scratch.greedy,
             levels: &mut scratch.levels,
-            picked: &mut scratch.picked,
+            at_large: &mut scratch.at_large,
+            has_at_large: false,
+            sums: &mut scratch.sums,
             thresholds: &mut scratch.thresholds,
             best: &mut scratch.best,
             quantiles,
             d2,
             level: settings.level,
-            target: 0.0,
-            tau: 0.0,
-            least_rows: counts.clone().min().unwrap_or(0),
-            most_rows: counts.max().unwrap_or(0),
+            least_rows,
             order: 0,
             nodes: 0,
             max_nodes: settings.max_nodes,
@@ -593,57 +775,304 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Works out `G` itself, the root of every order.
-    fn start(&mut self) {
+    /// Searches all sets of at most `max_order` units.
+    fn run(&mut self, max_order: usize, greedy_passes: bool) {
+        let greedy = self.greedy;
+        let size = greedy.units.len();
+        self.order = max_order.min(size);
+        self.set_level_thresholds();
+        if greedy_passes {
+            let extra = greedy.units.iter().map(|&u| self.extra_rows(u)).sum();
+            self.best.clone_from(&greedy.units);
+            self.accept(size, greedy.reduction, extra);
+        }
+        if size == 0 {
+            return;
+        }
         self.grow_level(0);
-        self.levels[0].units.clear();
-        self.levels[0].units.extend_from_slice(self.greedy);
-        self.condition(0);
-    }
-
-    /// All sets of `order` units; `found` tells whether one passes.
-    fn run(&mut self, order: usize) {
-        self.order = order;
-        self.set_thresholds(None);
-        let size = self.greedy.len();
-        for added in 0..=order.min(self.units.len() - size) {
-            if size + added < order || self.struck {
-                continue;
-            }
-            let left = size + added - order;
-            if left <= size {
-                self.bring_back(0, 0, left, added);
-            }
+        let root = &mut self.levels[0];
+        root.units.clone_from(&greedy.units);
+        root.added = 0;
+        root.free = 0;
+        root.universe.clear();
+        root.universe
+            .extend((0..self.units.len()).filter(|&unit| !greedy.taken[unit]));
+        if !self.condition(0) {
+            return;
         }
-    }
-
-    /// Thresholds of the level, or of an incumbent with tail probability `exp(ln_tail)`.
-    fn set_thresholds(&mut self, ln_tail: Option<f64>) {
-        let widest = self.order * (self.most_rows - self.least_rows);
-        self.thresholds.clear();
-        for extra in 0..=widest {
-            let gone = self.order * self.least_rows + extra;
-            let Some(dof) = self.z.len().checked_sub(gone) else {
+        for left in 0..=self.units.len() - size {
+            // The order may fall on the way.
+            if left > self.order || self.struck {
                 break;
-            };
-            let largest = match ln_tail {
-                None => self.quantiles.get(self.level, dof),
-                Some(value) => chi2::inverse_ln_survival(value, dof as f64),
-            };
-            self.thresholds.push(self.d2 - largest);
+            }
+            let root = &mut self.levels[0];
+            root.candidates.clone_from(&root.universe);
+            self.explore(0, 0, left);
         }
-        let first = self.thresholds[0];
-        let by_extra = || (0..).map(f64::from).zip(self.thresholds.iter());
-        if ln_tail.is_none() {
-            self.tau = by_extra()
-                .skip(1)
-                .map(|(extra, t)| (t - first) / extra)
-                .reduce(f64::min)
-                .unwrap_or(0.0);
+    }
+
+    /// All sets that follow from the level's `X` by adding exactly `left` of its candidates and bringing back units of
+    /// `G` at positions from `position` on.
+    fn explore(&mut self, depth: usize, position: usize, left: usize) {
+        while !self.struck && self.levels[depth].candidates.len() >= left {
+            match self.outlook(depth, position, left) {
+                Outlook::Refuted => return,
+                Outlook::Decide(unit) => {
+                    self.levels[depth].candidates.retain(|&u| u != unit);
+                    self.add(depth, position, left, unit);
+                }
+                Outlook::BringBack => return self.bring_back(depth, position, left),
+            }
         }
-        self.target = by_extra()
-            .map(|(extra, t)| t - self.tau * extra)
-            .fold(f64::INFINITY, f64::min);
+    }
+
+    /// Sets with `unit`, which was a candidate until now.
+    fn add(&mut self, depth: usize, position: usize, left: usize, unit: usize) {
+        let level = &self.levels[depth];
+        if left == 1 {
+            // Its gain is known exactly. The set needs to be worked out only for what may be brought back as well.
+            let order = level.units.len() + 1;
+            let reduction = level.reduction + level.gains[0][unit];
+            let extra = level.extra + self.extra_rows(unit);
+            if self.improves(order, reduction, extra) {
+                self.best.clone_from(&level.units);
+                self.best.push(unit);
+                self.accept(order, reduction, extra);
+            }
+            let penalty = self.penalty(unit);
+            let gains = self.levels[depth]
+                .gains
+                .each_ref()
+                .map(|gain| gain[unit] - penalty);
+            if !self.can_win(depth, position, left, 1, gains, 0.0) {
+                return;
+            }
+        }
+        if self.descend(depth, |units| units.push(unit), 1) {
+            self.explore(depth + 1, position, left - 1);
+        }
+    }
+
+    /// Sets without some of the units of `G` at positions from `position` on, by the first of them.
+    fn bring_back(&mut self, depth: usize, position: usize, left: usize) {
+        let (gains, _) = self.bounded_gains(depth, left);
+        let first = self.first_index(depth, position);
+        for at in position..self.greedy.units.len() {
+            let unit = self.greedy.units[at];
+            let level = &self.levels[depth];
+            let own = level.own_loss[first + at - position];
+            let mut fewest = 1;
+            if left == 0 {
+                // As in `add`.
+                let order = level.units.len() - 1;
+                let reduction = level.reduction - own;
+                let extra = level.extra - self.extra_rows(unit);
+                if self.improves(order, reduction, extra) {
+                    self.best.clear();
+                    let rest = level.units.iter().filter(|&&other| other != unit);
+                    self.best.extend(rest);
+                    self.accept(order, reduction, extra);
+                }
+                fewest = 2;
+            }
+            if self.can_win(depth, position, left, fewest, gains, own)
+                && self.descend(depth, |units| units.retain(|&u| u != unit), 0)
+            {
+                self.explore(depth + 1, at + 1, left);
+            }
+        }
+    }
+
+    /// Bounds the sets below a node, see [`Search::explore`], and chooses how to go on.
+    fn outlook(&mut self, depth: usize, position: usize, left: usize) -> Outlook {
+        self.work_out_losses(depth, position);
+        if left == 0 {
+            return if self.can_win(depth, position, left, 1, [0.0; THETAS.len()], 0.0) {
+                Outlook::BringBack
+            } else {
+                Outlook::Refuted
+            };
+        }
+        self.levels[depth].work_out_gains(self.a, self.units);
+        // As if candidates were not coupled, and X and F neither: no bound, but the branch to follow.
+        let level = &self.levels[depth];
+        let mut best = (f64::NEG_INFINITY, level.candidates[0]);
+        self.sums.terms.clear();
+        for &unit in &level.candidates {
+            let gain = level.gains[0][unit] - self.penalty(unit);
+            self.sums.terms.push(gain);
+            if gain > best.0 {
+                best = (gain, unit);
+            }
+        }
+        let hope = sum_of_largest(&mut self.sums.terms, left);
+        let must = level_order(&self.levels[depth], left) > self.order;
+        if self.can_win(depth, position, left, 0, [hope; THETAS.len()], 0.0) {
+            return if must {
+                Outlook::BringBack
+            } else {
+                Outlook::Decide(best.1)
+            };
+        }
+        let (gains, worst) = self.bounded_gains(depth, left);
+        if !self.can_win(depth, position, left, 0, gains, 0.0) {
+            return Outlook::Refuted;
+        }
+        // Is it Young's inequality that is too loose, or the couplings?
+        let exact = [gains[0]; THETAS.len()];
+        if must && !self.can_win(depth, position, left, 0, exact, 0.0) {
+            Outlook::BringBack
+        } else if self.refute_at_large(depth, position, left) {
+            Outlook::Refuted
+        } else {
+            Outlook::Decide(worst)
+        }
+    }
+
+    /// Tries to refute a node by leaving out all strongly coupled candidates for nothing, on top of `X`.
+    ///
+    /// `f(E) <= f(E u V)` for every `V`. The candidates `V` whose couplings spoil the bounds bring little by themselves, so that
+    /// `X u V` is refuted almost as easily as `X` with tight bounds would be; the rest of `F` is at most `left`
+    /// of the other candidates. At the root one `V` serves every `left`.
+    fn refute_at_large(&mut self, depth: usize, position: usize, left: usize) -> bool {
+        self.grow_level(depth + 1);
+        if depth > 0 {
+            self.start_at_large(depth);
+            return self.deepen_at_large(depth + 1, position, left);
+        }
+        std::mem::swap(&mut self.levels[1], self.at_large);
+        if !self.has_at_large {
+            self.has_at_large = true;
+            self.start_at_large(0);
+        }
+        let refuted = self.is_refuted(1, position, left) || self.deepen_at_large(1, position, left);
+        std::mem::swap(&mut self.levels[1], self.at_large);
+        refuted
+    }
+
+    /// Makes the next level a copy of this one, with all candidates it once had.
+    fn start_at_large(&mut self, depth: usize) {
+        let (upper, lower) = self.levels.split_at_mut(depth + 1);
+        lower[0].clone_from(&upper[depth]);
+        let to = &mut lower[0];
+        to.candidates.clone_from(&to.universe);
+    }
+
+    /// Leaves out what is strongly coupled until the level is refuted or nothing such is left.
+    fn deepen_at_large(&mut self, depth: usize, position: usize, left: usize) -> bool {
+        for _ in 0..PASSES {
+            let level = &mut self.levels[depth];
+            level.work_out_couplings(self.a, self.units);
+            if !level.free_strongly_coupled(left, self.units.len(), self.sums)
+                || !self.condition(depth)
+            {
+                return false;
+            }
+            if self.is_refuted(depth, position, left) {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Whether the bounds at a level leave no set that can win.
+    fn is_refuted(&mut self, depth: usize, position: usize, left: usize) -> bool {
+        self.work_out_losses(depth, position);
+        self.levels[depth].work_out_gains(self.a, self.units);
+        let (gains, _) = self.bounded_gains(depth, left);
+        !self.can_win(depth, position, left, 0, gains, 0.0)
+    }
+
+    /// Bounds on what `left` candidates add if nothing (first) or something (second) is brought back, and the
+    /// candidate whose couplings loosen them most.
+    fn bounded_gains(&mut self, depth: usize, left: usize) -> (PerTheta<f64>, usize) {
+        if left == 0 {
+            return ([0.0; THETAS.len()], usize::MAX);
+        }
+        let n = self.units.len();
+        let level = &mut self.levels[depth];
+        if left > 1 {
+            level.work_out_couplings(self.a, self.units);
+        }
+        let level = &self.levels[depth];
+        let mut worst = (f64::NEG_INFINITY, f64::NEG_INFINITY, usize::MAX);
+        let mut gains = [0.0; THETAS.len()];
+        for (k, gain) in gains.iter_mut().enumerate() {
+            self.sums.terms.clear();
+            for &unit in &level.candidates {
+                let mut coupling = 0.0;
+                if left > 1 {
+                    let row = &level.gain_coupling[k][unit * n..(unit + 1) * n];
+                    let others = level.candidates.iter().filter(|&&other| other != unit);
+                    self.sums.picked.clear();
+                    self.sums.picked.extend(others.map(|&other| row[other]));
+                    coupling = sum_of_largest(&mut self.sums.picked, left - 1);
+                }
+                let bounded = if coupling < 1.0 {
+                    level.gains[k][unit] / (1.0 - coupling)
+                } else {
+                    f64::INFINITY
+                };
+                let excess = bounded - level.gains[0][unit];
+                if excess > worst.0 || (excess == worst.0 && coupling > worst.1) {
+                    worst = (excess, coupling, unit);
+                }
+                let term = bounded - self.penalty(unit);
+                // Of a level at large fewer may come.
+                let least = if level.free > 0 { 0.0 } else { term };
+                self.sums.terms.push(term.max(least));
+            }
+            *gain = sum_of_largest(&mut self.sums.terms, left);
+        }
+        (gains, worst.2)
+    }
+
+    /// Whether a set below a node may win that brings back at least `fewest` units and gains at most `gains` (if
+    /// nothing, if something is brought back), `own` being the loss of a unit that is brought back for certain.
+    fn can_win(
+        &self,
+        depth: usize,
+        position: usize,
+        left: usize,
+        fewest: usize,
+        gains: PerTheta<f64>,
+        own: f64,
+    ) -> bool {
+        let level = &self.levels[depth];
+        let base = level.reduction - self.thresholds.tau * level.extra as f64;
+        let largest = level_order(level, left);
+        let available = self.greedy.units.len() - position;
+        let rows = self.thresholds.tau * self.thresholds.spread as f64;
+        (fewest.max(largest.saturating_sub(self.order))..=available.min(largest.saturating_sub(1)))
+            .any(|number| {
+                let loss = |k: usize, share: f64| {
+                    level.losses[k][number].max(share * own - rows * number as f64)
+                };
+                let bound = if number == 0 {
+                    base + gains[0]
+                } else if left == 0 {
+                    base - loss(0, 1.0)
+                } else {
+                    let best = (1..THETAS.len()).map(|k| gains[k] - loss(k, 1.0 - THETAS[k]));
+                    base + best.fold(f64::INFINITY, f64::min)
+                };
+                // A margin for rounding.
+                bound + 1e-10 * bound.abs() >= self.thresholds.target[largest - number]
+            })
+    }
+
+    /// Makes the next level from this one; false if the budget has struck.
+    fn descend(&mut self, depth: usize, edit: impl FnOnce(&mut Vec<usize>), added: usize) -> bool {
+        self.grow_level(depth + 1);
+        let (upper, lower) = self.levels.split_at_mut(depth + 1);
+        let (from, to) = (&upper[depth], &mut lower[0]);
+        to.units.clone_from(&from.units);
+        edit(&mut to.units);
+        to.added = from.added + added;
+        to.free = 0;
+        to.universe.clone_from(&from.candidates);
+        to.candidates.clone_from(&from.candidates);
+        self.condition(depth + 1)
     }
 
     fn grow_level(&mut self, depth: usize) {
@@ -652,207 +1081,106 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Conditions the level on its units; false if the budget has struck.
     fn condition(&mut self, depth: usize) -> bool {
-        if !self.count_node() {
-            return false;
-        }
-        self.levels[depth].condition(self.a, self.z, self.c, self.units, self.least_rows);
-        true
-    }
-
-    fn count_node(&mut self) -> bool {
         self.struck |= self.nodes >= self.max_nodes;
-        self.nodes += usize::from(!self.struck);
+        if !self.struck {
+            self.nodes += 1;
+            self.levels[depth].condition(self.a, self.z, self.units, self.least_rows);
+        }
         !self.struck
     }
 
-    /// What leaving out a unit with more than the least number of rows costs in the threshold.
+    fn work_out_losses(&mut self, depth: usize, position: usize) {
+        let first = self.first_index(depth, position);
+        let available = self.greedy.units.len() - position;
+        let (tau, units, least) = (self.thresholds.tau, self.units, self.least_rows);
+        let penalty = |unit| tau * (units.count(unit) - least) as f64;
+        let range = first..first + available;
+        self.levels[depth].work_out_losses(units, position, range, penalty, self.sums);
+    }
+
+    /// Index in the level's `X` of the unit of `G` at `position`; all from there on are in `X`.
+    fn first_index(&self, depth: usize, position: usize) -> usize {
+        let level = &self.levels[depth];
+        level.units.len() - level.added - (self.greedy.units.len() - position)
+    }
+
+    fn extra_rows(&self, unit: usize) -> usize {
+        self.units.count(unit) - self.least_rows
+    }
+
     fn penalty(&self, unit: usize) -> f64 {
-        self.tau * (self.units.count(unit) - self.least_rows) as f64
+        self.thresholds.tau * self.extra_rows(unit) as f64
     }
 
-    /// Whether sets bounded by `bound` (corrected by `tau`) can still win, with a margin for rounding.
-    fn can_win(&self, bound: f64) -> bool {
-        bound + 1e-10 * bound.abs() >= self.target
-    }
-
-    /// Grows `Y` (the level's units are `G \ Y`): brings back `left` more units of `G`, at positions from `position` on; then adds `added` others.
-    fn bring_back(&mut self, depth: usize, position: usize, left: usize, added: usize) {
-        if depth > 0 && !self.condition(depth) {
-            return;
-        }
-        if left == 0 {
-            self.add(depth, added);
-            return;
-        }
-        let base = self.levels[depth].reduction - self.tau * self.levels[depth].extra as f64;
-        let gain = self.score_outside(depth, added);
-        let bounded = self.score_inside(depth, added);
-        for at in position..=self.greedy.len() - left {
-            if self.struck {
-                return;
-            }
-            let unit = self.greedy[at];
-            let bound = if bounded {
-                let loss = self.levels[depth].score[unit];
-                base + gain - loss - self.smallest_scores(depth, at + 1, left - 1)
-            } else {
-                f64::INFINITY
-            };
-            if self.can_win(bound) {
-                self.grow_level(depth + 1);
-                let (upper, lower) = self.levels.split_at_mut(depth + 1);
-                lower[0].units.clear();
-                lower[0]
-                    .units
-                    .extend(upper[depth].units.iter().filter(|&&other| other != unit));
-                self.bring_back(depth + 1, at + 1, left - 1, added);
-            }
-        }
-    }
-
-    /// Scores the units outside of `G`, of which `added` come; returns the sum of that many largest.
-    fn score_outside(&mut self, depth: usize, added: usize) -> f64 {
-        if added == 0 {
-            return 0.0;
-        }
-        self.picked.clear();
-        for unit in 0..self.units.len() {
-            if !self.in_greedy[unit] {
-                let gain = self.gain_bound(depth, unit, added);
-                self.picked.push(gain);
-            }
-        }
-        sum_of_largest(self.picked, added)
-    }
-
-    /// `|q_i|^2 / b_i - tau e_i` of a unit outside of `X`, one of `added` to come.
-    fn gain_bound(&self, depth: usize, unit: usize, added: usize) -> f64 {
-        let level = &self.levels[depth];
-        let b = 1.0 - level.coupling[unit] - self.outside[unit * self.stride + added - 1];
-        if b <= 0.0 {
-            return f64::INFINITY;
-        }
-        let q = &level.q[self.units.start(unit)..][..self.units.count(unit)];
-        q.iter().map(|v| v * v).sum::<f64>() / b - self.penalty(unit)
-    }
-
-    /// Scores the units of `X` with `b_i |w_i|^2 - tau e_i`; false if a `b_i` is not positive.
-    fn score_inside(&mut self, depth: usize, added: usize) -> bool {
-        let n = self.units.len();
-        self.levels[depth].score.resize(n, 0.0);
-        let mut row = 0;
-        for index in 0..self.levels[depth].units.len() {
-            let unit = self.levels[depth].units[index];
-            let penalty = self.penalty(unit);
-            let level = &mut self.levels[depth];
-            let b = 1.0 - level.coupling[unit] - self.outside[unit * self.stride + added];
-            if b <= 0.0 {
-                return false;
-            }
-            let w = &level.w[row..row + self.units.count(unit)];
-            row += w.len();
-            level.score[unit] = b * w.iter().map(|v| v * v).sum::<f64>() - penalty;
-        }
-        true
-    }
-
-    /// Sum of the `count` smallest scores among the units of `G` from `position` on.
-    fn smallest_scores(&mut self, depth: usize, position: usize, count: usize) -> f64 {
-        if count == 0 {
-            return 0.0;
-        }
-        self.picked.clear();
-        let score = &self.levels[depth].score;
-        self.picked
-            .extend(self.greedy[position..].iter().map(|&unit| -score[unit]));
-        -sum_of_largest(self.picked, count)
-    }
-
-    /// `Y` is complete: adds `left` units from outside of `G`.
-    fn add(&mut self, depth: usize, left: usize) {
-        if left == 0 {
-            let reduction = self.levels[depth].reduction;
-            self.offer(depth, reduction, None);
-            return;
-        }
-        let mut candidates = std::mem::take(&mut self.levels[depth].candidates);
-        candidates.clear();
-        candidates.extend((0..self.units.len()).filter(|&unit| !self.in_greedy[unit]));
-        self.add_from(depth, &mut candidates, left);
-        self.levels[depth].candidates = candidates;
-    }
-
-    /// Adds `left` of the candidates to the conditioned level.
-    fn add_from(&mut self, depth: usize, candidates: &mut [usize], left: usize) {
-        let base = self.levels[depth].reduction - self.tau * self.levels[depth].extra as f64;
-        let mut score = std::mem::take(&mut self.levels[depth].score);
-        score.resize(self.units.len(), 0.0);
-        for &unit in candidates.iter() {
-            score[unit] = self.gain_bound(depth, unit, left);
-        }
-        candidates.sort_unstable_by(|&a, &b| score[b].total_cmp(&score[a]).then(a.cmp(&b)));
-        for at in 0..(candidates.len() + 1).saturating_sub(left) {
-            // Sorted: the best that can come is this unit with its followers.
-            let bound: f64 = candidates[at..at + left].iter().map(|&u| score[u]).sum();
-            if self.struck || !self.can_win(base + bound) {
-                break;
-            }
-            let unit = candidates[at];
-            if left == 1 {
-                if self.count_node() {
-                    let level = &self.levels[depth];
-                    let gain = level.exact_gain(self.a, self.units, unit, self.picked);
-                    let reduction = level.reduction + gain;
-                    self.offer(depth, reduction, Some(unit));
+    /// Thresholds that the level sets, for all orders up to `self.order`.
+    fn set_level_thresholds(&mut self) {
+        let table = &mut *self.thresholds;
+        table.values.clear();
+        table.target.clear();
+        table.target.resize(self.order + 1, f64::INFINITY);
+        table.tau = f64::INFINITY;
+        for order in 0..=self.order {
+            let start = table.values.len();
+            for extra in 0..=order * table.spread {
+                let gone = order * self.least_rows + extra;
+                let value = match self.z.len().checked_sub(gone) {
+                    Some(dof) => self.d2 - self.quantiles.get(self.level, dof),
+                    None => f64::INFINITY,
+                };
+                table.values.push(value);
+                if extra > 0 {
+                    let slope = (value - table.values[start]) / extra as f64;
+                    table.tau = table.tau.min(slope);
                 }
-                continue;
-            }
-            self.grow_level(depth + 1);
-            let (upper, lower) = self.levels.split_at_mut(depth + 1);
-            let next = &mut lower[0];
-            next.units.clear();
-            next.units.extend_from_slice(&upper[depth].units);
-            next.units.push(unit);
-            if self.condition(depth + 1) {
-                let mut rest = std::mem::take(&mut self.levels[depth + 1].candidates);
-                rest.clear();
-                rest.extend_from_slice(&candidates[at + 1..]);
-                self.add_from(depth + 1, &mut rest, left - 1);
-                self.levels[depth + 1].candidates = rest;
             }
         }
-        self.levels[depth].score = score;
+        if table.tau == f64::INFINITY {
+            table.tau = 0.0;
+        }
+        for order in 0..=self.order {
+            table.update_target(order);
+        }
     }
 
-    /// A complete set (the level's, plus one more unit): keeps it if it beats the best.
-    fn offer(&mut self, depth: usize, reduction: f64, more: Option<usize>) {
-        let level = &self.levels[depth];
-        let extra = level.extra + more.map_or(0, |unit| self.units.count(unit) - self.least_rows);
-        let threshold = self.thresholds[extra];
-        // The first must pass the level, a later one must be better.
-        let wins = match self.found {
-            None => reduction >= threshold,
-            Some(_) => reduction > threshold,
-        };
-        if !wins {
-            return;
+    /// Whether a set beats the best so far: a smaller one must pass the level, one of the same order must be better.
+    fn improves(&self, order: usize, reduction: f64, extra: usize) -> bool {
+        if order == 0 || order > self.order {
+            return false;
         }
-        self.best.clear();
-        self.best.extend_from_slice(&level.units);
-        self.best.extend(more);
-        self.found = Some(reduction);
-        if self.most_rows == self.least_rows {
-            self.thresholds[0] = reduction;
-            self.target = reduction;
+        let threshold = self.thresholds.at(order, extra);
+        if order == self.order && self.found.is_some() {
+            reduction > threshold
         } else {
-            let dof = self.z.len() - self.order * self.least_rows - extra;
-            let rest = (self.d2 - reduction).max(0.0);
-            self.set_thresholds(Some(chi2::ln_survival(rest, dof as f64)));
-            self.thresholds[extra] = reduction;
+            reduction >= threshold
         }
     }
+
+    /// Takes a set as the best so far; from now on sets of its order must have a larger tail probability.
+    fn accept(&mut self, order: usize, reduction: f64, extra: usize) {
+        self.found = Some(reduction);
+        self.order = order;
+        let table = &mut *self.thresholds;
+        let start = table.start(order);
+        if table.spread > 0 {
+            let dof = |extra: usize| self.z.len().checked_sub(order * self.least_rows + extra);
+            let rest = (self.d2 - reduction).max(0.0);
+            let ln_tail = chi2::ln_survival(rest, dof(extra).unwrap_or(0) as f64);
+            for other in 0..=order * table.spread {
+                table.values[start + other] = match dof(other) {
+                    Some(dof) => self.d2 - chi2::inverse_ln_survival(ln_tail, dof as f64),
+                    None => f64::INFINITY,
+                };
+            }
+        }
+        table.values[start + extra] = reduction;
+        table.update_target(order);
+    }
+}
+
+/// Order of the sets below a level if nothing is brought back.
+fn level_order(level: &Level, left: usize) -> usize {
+    level.units.len() - level.free + left
 }
 
 /// Sum of the `count` largest values, or of all if there are fewer. Reorders the values.
@@ -860,7 +1188,7 @@ fn sum_of_largest(values: &mut [f64], count: usize) -> f64 {
     if count == 0 {
         0.0
     } else if count == 1 {
-        values.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+        values.iter().copied().reduce(f64::max).unwrap_or(0.0)
     } else if count < values.len() {
         values.select_nth_unstable_by(count - 1, |a, b| b.total_cmp(a));
         values[..count].iter().sum()

@@ -1,0 +1,61 @@
+//! Gauge directions of the map: what no camera can see (METHOD 13, 14).
+//!
+//! Moving or turning camera and map together changes no measurement, so uncertainty along these directions never
+//! interacts with the filter: it is kept apart, as a 6x6 covariance of the world frame, and added to the pose that is
+//! reported.
+
+use crate::math::quat;
+use crate::observe::point::CameraPose;
+use crate::settings::ProcessSettings;
+use nalgebra::{Matrix3, Matrix6};
+
+/// Right tangent of the pose from a small motion `(translation, rotation)` of the world frame.
+fn seen_from_camera(pose: &CameraPose) -> Matrix6<f64> {
+    let r_cw = quat::rotation(&pose.q).transpose();
+    let mut a = Matrix6::zeros();
+    a.fixed_view_mut::<3, 3>(0, 0).copy_from(&r_cw);
+    a.fixed_view_mut::<3, 3>(0, 3)
+        .copy_from(&(-r_cw * quat::skew(&pose.r)));
+    a.fixed_view_mut::<3, 3>(3, 3).copy_from(&r_cw);
+    a
+}
+
+/// Covariance of the world frame's drift since the start.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct FrameDrift(Matrix6<f64>);
+
+impl FrameDrift {
+    /// Grows over `dt` seconds and `distance` metres; the noise is that of the camera where it is now.
+    pub(crate) fn grow(
+        &mut self,
+        pose: &CameraPose,
+        dt: f64,
+        distance: f64,
+        settings: &ProcessSettings,
+    ) {
+        let position = settings.position_drift.powi(2) * distance;
+        let attitude = settings.attitude_drift.to_radians().powi(2) * dt;
+        // Isotropic noise in C is the same in W, taken about the camera.
+        let lever = quat::skew(&pose.r);
+        let mut noise = Matrix6::zeros();
+        noise
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&(Matrix3::identity() * position + lever * lever.transpose() * attitude));
+        noise
+            .fixed_view_mut::<3, 3>(0, 3)
+            .copy_from(&(lever * attitude));
+        noise
+            .fixed_view_mut::<3, 3>(3, 0)
+            .copy_from(&(lever.transpose() * attitude));
+        noise
+            .fixed_view_mut::<3, 3>(3, 3)
+            .copy_from(&(Matrix3::identity() * attitude));
+        self.0 += noise;
+    }
+
+    /// What it adds to the covariance of the pose, right tangent.
+    pub(crate) fn of_pose(&self, pose: &CameraPose) -> Matrix6<f64> {
+        let a = seen_from_camera(pose);
+        a * self.0 * a.transpose()
+    }
+}

@@ -1,0 +1,10 @@
+"""``python -m collabslam``."""
+
+from __future__ import annotations
+
+import sys
+
+from collabslam.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,143 @@
+"""A recording made of image files, which is what every data set on disk becomes."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from collabslam._core import Camera
+from collabslam.datasets.images import read_grey
+from collabslam.errors import DataError, InputError
+from collabslam.types import Array, Frame, Image, Target, WornView
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The second camera of a rigid rig, which can stand in for a worn camera.
+
+    Attributes
+    ----------
+    camera : Camera
+    t_cf : (4, 4) float64
+        From calibration: maps points of the second camera into Cs, metres.
+    paths : mapping of frame index to image file
+    """
+
+    camera: Camera
+    t_cf: Array
+    paths: Mapping[int, Path]
+
+
+@dataclass(frozen=True)
+class RecordedView:
+    """A view of the worn camera on disk, with the measured pose and covariance of WornView."""
+
+    path: Path
+    t_cf: Array
+    covariance: Array
+
+
+@dataclass(frozen=True)
+class RecordedWorn:
+    """The views that a worn camera really took: its calibration, and the views by frame index."""
+
+    camera: Camera
+    views: Mapping[int, RecordedView]
+
+
+@dataclass(frozen=True)
+class ImageRecording:
+    """A :class:`collabslam.types.Recording` whose images are files.
+
+    Raises
+    ------
+    DataError
+        If there are no images, counts disagree, or stamps do not increase.
+    """
+
+    name: str
+    source: str
+    camera: Camera
+    paths: tuple[Path, ...]
+    times: Array
+    truth: Array | None = None
+    target: Target | None = None
+    rig: Rig | None = None
+    worn: RecordedWorn | None = None
+
+    def __post_init__(self) -> None:
+        n = len(self.paths)
+        if n == 0:
+            raise DataError(f"The recording {self.source} holds no frames; give a folder with images.")
+        if len(self.times) != n:
+            raise DataError(
+                f"The recording {self.source} has {n} images but {len(self.times)} time stamps; match them."
+            )
+        if self.truth is not None and len(self.truth) != n:
+            raise DataError(
+                f"The recording {self.source} has {n} images but {len(self.truth)} poses; match them."
+            )
+        late = np.flatnonzero(~(np.diff(self.times) > 0.0))
+        if late.size:
+            k = int(late[0]) + 1
+            raise DataError(
+                f"The time stamp of frame {k} ({self.paths[k].name}) in {self.source} is not later than "
+                "that of the "
+                "frame before; give stamps that increase."
+            )
+
+    @property
+    def worn_camera(self) -> Camera | None:
+        """Calibration of Cf, where the recording holds views of it."""
+        return None if self.worn is None else self.worn.camera
+
+    def __len__(self) -> int:
+        return len(self.paths)
+
+    def image(self, i: int) -> Image:
+        """The (H, W) uint8 image of Cs in frame ``i``."""
+        return read_grey(self.paths[self._index(i)], self.camera)
+
+    def frame(self, i: int) -> Frame:
+        """Frame ``i``, with the recorded view of the worn camera where there is one."""
+        i = self._index(i)
+        worn = None
+        if self.worn is not None and i in self.worn.views:
+            view = self.worn.views[i]
+            worn = WornView(read_grey(view.path, self.worn.camera), view.t_cf, view.covariance)
+        return Frame(i, float(self.times[i]), self.image(i), worn)
+
+    def _index(self, i: int) -> int:
+        if not 0 <= i < len(self.paths):
+            raise InputError(
+                f"The frame {i} does not exist; {self.name} has the frames 0 to {len(self.paths) - 1}."
+            )
+        return int(i)
+
+
+def times_at_rate(paths: Sequence[Path], rate: float) -> Array:
+    """Time stamps of images that carry none: the numbers in their names, from the first, over the frame rate.
+
+    The number is made of the digits before the name's first dot; missing images leave gaps, so that the time
+    between frames stays true.  Names without increasing numbers count as 0, 1, 2 and so on.
+
+    Parameters
+    ----------
+    paths
+        Image files in order.
+    rate
+        Frames per second.
+
+    Returns
+    -------
+    (N,) seconds from the first image
+    """
+    digits = ["".join(c for c in p.name.split(".")[0] if c.isdigit()) for p in paths]
+    numbers = [int(d) for d in digits if d]
+    if len(numbers) < len(paths) or any(b <= a for a, b in itertools.pairwise(numbers)):
+        numbers = list(range(len(paths)))
+    return np.asarray([(k - numbers[0]) / rate for k in numbers], dtype=np.float64)

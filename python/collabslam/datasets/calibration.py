@@ -1,0 +1,219 @@
+"""Camera calibrations: Kalibr camchain, EuRoC ``sensor.yaml``, OpenCV and ROS YAML files.
+
+All become one :class:`collabslam._core.Camera`.  The models are METHOD section 4's: no distortion, OpenCV's
+radial-tangential (k1 k2 p1 p2 and optionally k3), fisheye (equidistant, k1..k4), and Davison's wide-angle
+model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from collabslam._core import Camera
+from collabslam.datasets.poses import rigid
+from collabslam.errors import DataError
+from collabslam.types import Image
+
+MODEL_OF_DISTORTION = {
+    "none": "pinhole",
+    "radtan": "radtan",
+    "radial-tangential": "radtan",
+    "plumb_bob": "radtan",
+    "equidistant": "fisheye",
+    "equi": "fisheye",
+    "fisheye": "fisheye",
+    "wideangle": "wideangle",
+}
+_COEFFICIENTS = {"pinhole": (0,), "radtan": (4, 5), "fisheye": (4,), "wideangle": (1,)}
+_OPENCV_MATRICES = ("camera_matrix", "distortion_coefficients")
+_OPENCV_SCALARS = ("image_width", "image_height", "fisheye")
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """A YAML file as a dictionary; plain YAML, or OpenCV's FileStorage dialect.
+
+    Raises
+    ------
+    DataError
+        If the file is missing, not YAML, or not a mapping.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"The file {path} cannot be read as text; give an existing YAML file.") from error
+    if "opencv-matrix" in text:
+        return _read_file_storage(path, text)
+    body = "\n".join(line for line in text.splitlines() if not line.startswith("%"))
+    try:
+        content = yaml.safe_load(body)
+    except yaml.YAMLError as error:
+        reason = " ".join(str(error).split())
+        raise DataError(f"The file {path} is not valid YAML ({reason}); correct it.") from error
+    if not isinstance(content, dict):
+        raise DataError(f"The file {path} holds no 'key: value' lines; give a calibration in YAML.")
+    return content
+
+
+def _read_file_storage(path: Path, text: str) -> dict[str, Any]:
+    content = text if text.startswith("%YAML") else "%YAML:1.0\n---\n" + text
+    flags = cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY | cv2.FILE_STORAGE_FORMAT_YAML
+    try:
+        storage = cv2.FileStorage(content, flags)
+    except cv2.error as error:
+        raise DataError(
+            f"The file {path} is not a valid OpenCV YAML file; write it again with OpenCV."
+        ) from error
+    out: dict[str, Any] = {}
+    for key in _OPENCV_MATRICES:
+        node = storage.getNode(key)
+        if not node.empty():
+            out[key] = {"data": np.asarray(node.mat(), dtype=np.float64).ravel().tolist()}
+    for key in _OPENCV_SCALARS:
+        node = storage.getNode(key)
+        if not node.empty():
+            out[key] = int(node.real())
+    node = storage.getNode("distortion_model")
+    if not node.empty():
+        out["distortion_model"] = node.string()
+    storage.release()
+    return out
+
+
+def _required(block: Mapping[str, Any], keys: tuple[str, ...], path: Path) -> Any:
+    for key in keys:
+        if block.get(key) is not None:
+            return block[key]
+    raise DataError(f"The calibration {path} lacks the key '{keys[0]}'; add it.")
+
+
+def _numbers(value: Any, count: tuple[int, ...] | None, key: str, path: Path) -> list[float]:
+    if isinstance(value, Mapping):
+        value = value.get("data")
+    try:
+        # PyYAML reads 1e-05 as text, hence float() of each item.
+        numbers = [float(x) for x in np.asarray(value, dtype=object).ravel().tolist()]
+    except (TypeError, ValueError) as error:
+        raise DataError(f"The key '{key}' of {path} is not a list of numbers; correct it.") from error
+    if not bool(np.all(np.isfinite(numbers))):
+        raise DataError(f"The key '{key}' of {path} holds a number that is not finite; correct it.")
+    if count is not None and len(numbers) not in count:
+        expected = " or ".join(str(c) for c in count)
+        raise DataError(f"The key '{key}' of {path} has {len(numbers)} numbers; {expected} are needed.")
+    return numbers
+
+
+def _pick(content: Mapping[str, Any], name: str | None, path: Path) -> Mapping[str, Any]:
+    """The block of one camera: the named one of a Kalibr camchain, or the whole file."""
+    chain = {k: v for k, v in content.items() if isinstance(v, Mapping) and "intrinsics" in v}
+    if not chain:
+        return content
+    wanted = name if name is not None else ("cam0" if "cam0" in chain else sorted(chain)[0])
+    if wanted not in chain:
+        raise DataError(
+            f"The calibration {path} has no camera '{wanted}'; it has {', '.join(sorted(chain))}."
+        )
+    block: Mapping[str, Any] = chain[wanted]
+    return block
+
+
+def _distortion(block: Mapping[str, Any], path: Path) -> tuple[str, list[float]]:
+    keys = ("distortion_coefficients", "distortion_coeffs")
+    value: Any = next((block[k] for k in keys if block.get(k) is not None), [])
+    coefficients = _numbers(value, None, keys[0], path)
+    named = block.get("distortion_model")
+    if named is None:
+        named = "fisheye" if block.get("fisheye") else ("radtan" if coefficients else "none")
+    model = MODEL_OF_DISTORTION.get(str(named).strip().lower())
+    if model is None:
+        known = ", ".join(MODEL_OF_DISTORTION)
+        raise DataError(
+            f"The distortion model '{named}' of {path} is not supported; calibrate with one of: {known}."
+        )
+    if not coefficients and model == "radtan":
+        model = "pinhole"
+    return model, _numbers(coefficients, _COEFFICIENTS[model], keys[0], path)
+
+
+def camera_from_mapping(content: Mapping[str, Any], path: Path, name: str | None = None) -> Camera:
+    """Camera of the content of a calibration file; ``path`` serves the messages.
+
+    Raises
+    ------
+    DataError
+        Naming the missing key, or the value that is not allowed.
+    """
+    block = _pick(content, name, path)
+    if "camera_matrix" in block:
+        k = _numbers(block["camera_matrix"], (9,), "camera_matrix", path)
+        intrinsics = [k[0], k[4], k[2], k[5]]
+        sizes = [_required(block, ("image_width",), path), _required(block, ("image_height",), path)]
+        resolution = _numbers(sizes, (2,), "image_width", path)
+    else:
+        projection = str(block.get("camera_model", "pinhole")).strip().lower()
+        if projection != "pinhole":
+            raise DataError(
+                f"The camera model '{projection}' of {path} is not supported; calibrate as 'pinhole' with "
+                "the "
+                "distortion model radtan or equidistant."
+            )
+        intrinsics = _numbers(_required(block, ("intrinsics",), path), (4,), "intrinsics", path)
+        resolution = _numbers(_required(block, ("resolution",), path), (2,), "resolution", path)
+    model, coefficients = _distortion(block, path)
+    try:
+        return Camera(model, int(resolution[0]), int(resolution[1]), intrinsics, coefficients)
+    except ValueError as error:
+        raise DataError(f"The calibration {path} is not usable: {error}") from error
+
+
+def load_camera(path: Path | str, name: str | None = None) -> Camera:
+    """Read a camera calibration.
+
+    Parameters
+    ----------
+    path
+        Kalibr camchain, EuRoC ``sensor.yaml``, OpenCV FileStorage or ROS CameraInfo YAML file.
+    name
+        Which camera of a camchain; ``cam0`` unless told.
+
+    Raises
+    ------
+    DataError
+        If the file is missing or broken, naming the missing key.
+    """
+    return camera_from_mapping(read_yaml(Path(path)), Path(path), name)
+
+
+def load_extrinsics(path: Path) -> NDArray[np.float64]:
+    """``T_BS`` of an EuRoC ``sensor.yaml``: (4, 4), maps points of the sensor into the body.
+
+    Raises
+    ------
+    DataError
+        If the key is missing or is no rigid pose.
+    """
+    numbers = _numbers(_required(read_yaml(path), ("T_BS",), path), (16,), "T_BS", path)
+    return rigid(np.asarray(numbers).reshape(4, 4), f"T_BS of {path}")
+
+
+def check_resolution(camera: Camera, image: Image, path: Path) -> None:
+    """Check that an image has the size that its camera was calibrated for.
+
+    Raises
+    ------
+    DataError
+        Giving both sizes and the fix.
+    """
+    height, width = image.shape[:2]
+    if (width, height) != (camera.width, camera.height):
+        raise DataError(
+            f"The image {path} is {width}x{height} but its camera is calibrated for "
+            f"{camera.width}x{camera.height}; give the calibration of this resolution, or scale fx, fy, "
+            "cx, cy with it."
+        )

@@ -1,0 +1,96 @@
+"""The one place that reads images from disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from collabslam._core import Camera
+from collabslam.datasets.calibration import check_resolution
+from collabslam.errors import DataError
+from collabslam.types import Image
+
+IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".pgm", ".bmp", ".tif", ".tiff"})
+
+
+def _is_cut_short(data: bytes) -> bool:
+    """Whether a JPEG lacks its end marker; OpenCV 4 fills the missing part with grey and says nothing."""
+    end = data.rstrip(b"\0")[-64:]  # Some cameras pad their files.
+    return data.startswith(b"\xff\xd8") and b"\xff\xd9" not in end
+
+
+def decode_grey(path: Path) -> Image:
+    """Read an image file as (H, W) uint8 grey; colour is converted, EXIF orientation is ignored.
+
+    Raises
+    ------
+    DataError
+        Naming the file, if it is missing, empty, cut short or no image.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(
+            f"The image {path} cannot be read ({error.strerror}); restore the file or take it out of the "
+            "recording."
+        ) from error
+    image = None
+    if data and not _is_cut_short(data):
+        flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+        try:
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        except cv2.error:
+            image = None
+    if image is None:
+        raise DataError(
+            f"The image {path} is empty, cut short or not an image; copy it again from the source."
+        )
+    return np.asarray(image, dtype=np.uint8)
+
+
+def read_grey(path: Path, camera: Camera) -> Image:
+    """Read an image and check its size against the camera that took it.
+
+    Raises
+    ------
+    DataError
+        Naming the file, if it is broken or of another size than the calibration's.
+    """
+    image = decode_grey(path)
+    check_resolution(camera, image, path)
+    return image
+
+
+def list_images(folder: Path) -> list[Path]:
+    """Image files of a folder, sorted by name.
+
+    Raises
+    ------
+    DataError
+        If the folder is missing or holds no images.
+    """
+    if not folder.is_dir():
+        raise DataError(f"The image folder {folder} does not exist; give the recording's own folder.")
+    found = sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and p.name[0] != ".")
+    if not found:
+        kinds = ", ".join(sorted(IMAGE_SUFFIXES))
+        raise DataError(f"The folder {folder} holds no images; files ending in {kinds} are read.")
+    return found
+
+
+def require_files(paths: list[Path]) -> None:
+    """Check that every listed image exists.
+
+    Raises
+    ------
+    DataError
+        Naming the first missing file and how many are missing.
+    """
+    missing = [p for p in paths if not p.is_file()]
+    if missing:
+        raise DataError(
+            f"{len(missing)} of {len(paths)} listed images are missing, the first is {missing[0]}; "
+            "restore them or take their lines out of the list."
+        )

@@ -1,0 +1,101 @@
+"""KITTI stereo: ``image_l``, ``image_r``, ``calib.txt`` (two 3x4 projections), ``poses.txt`` (3x4), 10 Hz.
+
+The left camera is Cs; the right one is the rig's second camera.  KITTI's own names ``image_0`` and
+``image_1``, its ``P0:`` line prefixes and its ``times.txt`` are understood too.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from collabslam._core import Camera
+from collabslam.datasets.base import ImageRecording, Rig, times_at_rate
+from collabslam.datasets.images import decode_grey, list_images
+from collabslam.datasets.poses import data_lines, number_fields, parse_stamp, read_pose_rows
+from collabslam.errors import DataError
+from collabslam.geometry import pose, pose_inverse
+from collabslam.types import Array
+
+LAYOUT = "KITTI stereo (image_l, image_r, calib.txt, poses.txt)"
+RATE = 10.0
+_FOLDERS = (("image_l", "image_r"), ("image_0", "image_1"))
+
+
+def _folders(path: Path) -> tuple[Path, Path] | None:
+    for left, right in _FOLDERS:
+        if (path / left).is_dir():
+            return path / left, path / right
+    return None
+
+
+def matches(path: Path) -> bool:
+    """Whether ``path`` is a KITTI sequence."""
+    return _folders(path) is not None and (path / "calib.txt").is_file()
+
+
+def _projections(path: Path) -> list[Array]:
+    """The first two 3x4 projections of ``calib.txt``; a lidar's line (``Tr:``) is not one."""
+    out: list[Array] = []
+    for number, fields in data_lines(path):
+        if fields[0].endswith(":"):
+            if not fields[0].startswith("P"):
+                continue
+            fields = fields[1:]
+        values = number_fields(fields, f"Line {number} of {path}")
+        if len(values) != 12:
+            raise DataError(
+                f"Line {number} of {path} has {len(values)} numbers; a projection is 3x4 = 12 numbers."
+            )
+        out.append(np.asarray(values).reshape(3, 4))
+    if len(out) < 2:
+        raise DataError(
+            f"The calibration {path} has {len(out)} projections; give the left and the right camera's."
+        )
+    return out[:2]
+
+
+def _split(projection: Array, size: tuple[int, int], path: Path) -> tuple[Camera, Array]:
+    """Camera of a projection K [I | t], and t: the reference camera's origin in this camera, metres."""
+    k = projection[:, :3]
+    try:
+        camera = Camera("pinhole", size[0], size[1], (k[0, 0], k[1, 1], k[0, 2], k[1, 2]), [])
+        return camera, np.asarray(np.linalg.solve(k, projection[:, 3]), dtype=np.float64)
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise DataError(f"The calibration {path} is not usable: {error}") from error
+
+
+def _times(path: Path, images: list[Path]) -> Array:
+    stamps = path / "times.txt"
+    if not stamps.is_file():
+        return times_at_rate(images, RATE)
+    return np.asarray([parse_stamp(f[0], f"line {n} of {stamps}") for n, f in data_lines(stamps)])
+
+
+def open(path: Path) -> ImageRecording:
+    """Open a KITTI sequence."""
+    folders = _folders(path)
+    if folders is None:
+        raise DataError(f"{path} has no folder image_l; give the folder of one KITTI sequence.")
+    left, right = (list_images(folders[0]), list_images(folders[1]) if folders[1].is_dir() else [])
+    height, width = decode_grey(left[0]).shape
+    calib = path / "calib.txt"
+    p_left, p_right = _projections(calib)
+    camera, t_left = _split(p_left, (width, height), calib)
+    second, t_right = _split(p_right, (width, height), calib)
+    truth = None
+    if (path / "poses.txt").is_file():
+        # Poses are the reference camera's: x_left = x_reference + t_left.
+        truth = read_pose_rows(path / "poses.txt") @ pose_inverse(pose(np.eye(3), t_left))
+    index = {p.stem: k for k, p in enumerate(left)}
+    pairs = {index[p.stem]: p for p in right if p.stem in index}
+    return ImageRecording(
+        name=path.name,
+        source=str(path),
+        camera=camera,
+        paths=tuple(left),
+        times=_times(path, left),
+        truth=truth,
+        rig=Rig(second, pose(np.eye(3), t_left - t_right), pairs) if pairs else None,
+    )

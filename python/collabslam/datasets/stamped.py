@@ -1,0 +1,62 @@
+"""Image streams of the ASL layout: ``data/`` with ``data.csv`` (ns, file name), or stamps as names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from collabslam.datasets.images import list_images, require_files
+from collabslam.datasets.poses import data_lines, nanoseconds
+from collabslam.errors import DataError
+
+
+def read_stream(folder: Path) -> tuple[list[int], list[Path]]:
+    """Stamps (nanoseconds) and image files of a camera folder such as ``cam0``, in order of time.
+
+    Raises
+    ------
+    DataError
+        If the list is broken, an image is missing, or a name is no stamp where there is no list.
+    """
+    listing = folder / "data.csv"
+    if listing.is_file():
+        pairs = []
+        for number, fields in data_lines(listing):
+            if len(fields) < 2:
+                raise DataError(
+                    f"Line {number} of {listing} needs two columns: the stamp in nanoseconds, the file name."
+                )
+            pairs.append((nanoseconds(fields[0], f"line {number} of {listing}"), folder / "data" / fields[1]))
+    else:
+        pairs = [(nanoseconds(p.stem, str(p)), p) for p in list_images(folder / "data")]
+    pairs.sort(key=lambda pair: pair[0])
+    paths = [p for _, p in pairs]
+    require_files(paths)
+    return [s for s, _ in pairs], paths
+
+
+def match_stamps(stamps: list[int], others: list[int], tolerance: int) -> Mapping[int, int]:
+    """For each stamp the nearest of ``others`` within a tolerance, all nanoseconds.
+
+    Both lists are sorted; each of ``others`` serves one stamp at most, the nearest.
+
+    Returns
+    -------
+    Mapping of index in ``stamps`` to index in ``others``
+    """
+    found: dict[int, tuple[int, int]] = {}
+    reference = np.asarray(stamps, dtype=np.int64)
+    for j, other in enumerate(others):
+        after = int(np.searchsorted(reference, other))
+        for i in (after - 1, after):
+            if 0 <= i < len(stamps):
+                gap = abs(stamps[i] - other)
+                if gap <= tolerance and (i not in found or gap < found[i][0]):
+                    found[i] = (gap, j)
+    taken: dict[int, tuple[int, int]] = {}
+    for i, (gap, j) in sorted(found.items()):
+        if j not in taken or gap < taken[j][0]:
+            taken[j] = (gap, i)
+    return {i: j for j, (_, i) in sorted(taken.items())}

@@ -1,0 +1,173 @@
+"""The demo's recording: a walk through a scene, seen by two cameras, with noise.
+
+The scene and the walk are fixed. The seed governs only the noise: of the pictures, and of the measured pose
+of Cf relative to Cs. Each frame has its own generator, so that frames may be asked for in any order.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from collabslam._core import Camera
+from collabslam.demo.renderer import Renderer
+from collabslam.demo.walk import CorridorWalk
+from collabslam.demo.world import corridor
+from collabslam.errors import InputError
+from collabslam.geometry import pose_inverse, se3_exp
+from collabslam.types import Frame, WornView
+
+Array = npt.NDArray[np.float64]
+Image = npt.NDArray[np.uint8]
+
+ROBOT_CAMERA = (720, 480, (620.0, 620.0, 359.5, 239.5), (-0.06, 0.02, 0.0005, -0.0004))
+WORN_CAMERA = (720, 480, (614.0, 615.0, 364.0, 236.5), (-0.05, 0.015, -0.0003, 0.0006))
+"""(width, height, intrinsics, distortion) of Cs and Cf: about 60 degrees wide."""
+
+PIXEL_NOISE = 2.5
+"""Standard deviation of the pictures' noise, grey levels."""
+VIGNETTING = 0.18
+"""Share of the light that is lost in the corners."""
+
+POSITION_SD = 0.03
+"""Standard deviation of the measured position of F in C along each axis, metres."""
+ROTATION_SD = (0.5, 1.0, 0.5)
+"""Standard deviation of the measured attitude about F's x (pitch), y (yaw) and z (roll) axes, degrees."""
+
+
+class DemoRecording:
+    """A `Recording` whose pictures are rendered when they are asked for; the last ones are kept.
+
+    Parameters
+    ----------
+    renderer : Renderer
+        The scene.
+    walk : CorridorWalk
+        The motion of both cameras.
+    times : (N,) float64
+        Time stamps, seconds.
+    name : str
+        Short name.
+    seed : int
+        Of the noise.
+    """
+
+    def __init__(self, renderer: Renderer, walk: CorridorWalk, times: Array, name: str, seed: int) -> None:
+        self.name = name
+        self.source = f"demo:{name}"
+        self.camera = Camera("radtan", *ROBOT_CAMERA)
+        self.worn_camera = Camera("radtan", *WORN_CAMERA)
+        self.times = times
+        self.truth = np.stack([walk.robot(float(t)) for t in times])
+        self.target = None
+        self.renderer = renderer
+        self._walk = walk
+        self._seed = seed
+        self._sd = np.concatenate([np.full(3, POSITION_SD), np.deg2rad(ROTATION_SD)])
+        self._gains = [_vignette(self.camera), _vignette(self.worn_camera)]
+        self._robot_image = lru_cache(maxsize=8)(self._take_robot_image)
+        self._frame = lru_cache(maxsize=8)(self._take_frame)
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def image(self, i: int) -> Image:
+        """The picture (H, W) uint8 of Cs in frame `i`; raises InputError if there is none such."""
+        return self._robot_image(self._check(i))
+
+    def frame(self, i: int) -> Frame:
+        """Frame `i`, with Cf's view where the person looks ahead; raises InputError if there is none such."""
+        return self._frame(self._check(i))
+
+    def true_t_cf(self, i: int) -> Array:
+        """True T_CF (4, 4) of frame `i`, with or without Cf's view. For scoring, never for the filter."""
+        i = self._check(i)
+        return np.asarray(pose_inverse(self.truth[i]) @ self._walk.person(float(self.times[i])))
+
+    def _check(self, i: int) -> int:
+        if not 0 <= i < len(self):
+            raise InputError(f"There is no frame {i}; this recording has the frames 0 to {len(self) - 1}.")
+        return int(i)
+
+    def _noise(self, i: int) -> np.random.Generator:
+        return np.random.Generator(np.random.PCG64((self._seed, i)))
+
+    def _take_robot_image(self, i: int) -> Image:
+        return self._expose(self.truth[i], 0, self._noise(i).spawn(2)[0])
+
+    def _take_frame(self, i: int) -> Frame:
+        t = float(self.times[i])
+        worn = None
+        if self._walk.looks_ahead(t):
+            generator = self._noise(i)
+            error = se3_exp(self._sd * generator.standard_normal(6))
+            true = self.true_t_cf(i)
+            measured = np.eye(4)
+            measured[:3, :3] = true[:3, :3] @ error[:3, :3].T
+            measured[:3, 3] = true[:3, 3] - measured[:3, :3] @ error[:3, 3]
+            image = self._expose(self._walk.person(t), 1, generator.spawn(2)[1])
+            worn = WornView(image, measured, np.diag(self._sd**2))
+        return Frame(i, t, self.image(i), worn)
+
+    def _expose(self, pose: Array, which: int, generator: np.random.Generator) -> Image:
+        """What Cs (0) or Cf (1) delivers at `pose`: the rendered picture with vignetting and noise."""
+        clean = self.renderer.render(pose, (self.camera, self.worn_camera)[which])
+        noise = generator.standard_normal(clean.shape, dtype=np.float32)
+        noise *= np.float32(PIXEL_NOISE)
+        noise += clean * self._gains[which]
+        return np.clip(np.rint(noise, out=noise), 0, 255, out=noise).astype(np.uint8)
+
+
+def _vignette(camera: Camera) -> npt.NDArray[np.float32]:
+    """Gain (H, W) that falls with the square of the distance from the principal point."""
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    r2 = (u - camera.intrinsics[2]) ** 2 + (v - camera.intrinsics[3]) ** 2
+    return np.asarray(1.0 - VIGNETTING * r2 / r2.max(), dtype=np.float32)
+
+
+def corridor_recording(
+    seed: int = 0, *, length_m: float = 15.0, speed: float = 1.5, rate: float = 10.0
+) -> DemoRecording:
+    """A robot and a person go down a straight corridor together.
+
+    Parameters
+    ----------
+    seed : int
+        Of the noise of the pictures and of T_CF; not negative. The scene and the paths do not depend on it.
+    length_m : float
+        Length of the way, metres, at most 200.
+    speed : float
+        Mean speed, m/s.
+    rate : float
+        Frames per second.
+
+    Returns
+    -------
+    DemoRecording
+        Cf's view is there in about 40 % of the frames, from the very first one on.
+
+    Raises
+    ------
+    InputError
+        If a value is not positive and finite, the way is too long, or there would be less than two frames.
+    """
+    for name, value in (("length_m", length_m), ("speed", speed), ("rate", rate)):
+        if not (np.isfinite(value) and value > 0.0):
+            raise InputError(f"{name} is {value}; give a positive number.")
+    if length_m > 200.0:
+        raise InputError(f"length_m is {length_m}; give at most 200 metres.")
+    if seed < 0:
+        raise InputError(f"seed is {seed}; give a number that is not negative.")
+    count = round(length_m / speed * rate)
+    if count < 2:
+        raise InputError(f"A way of {length_m} m makes {count} frames; give a longer way or a higher rate.")
+    times = np.arange(count) / rate
+    return DemoRecording(_corridor_renderer(length_m), CorridorWalk(speed), times, "corridor", seed)
+
+
+@lru_cache(maxsize=2)
+def _corridor_renderer(length_m: float) -> Renderer:
+    """One renderer a scene: its reduced textures serve every recording."""
+    return Renderer(corridor(length_m))

@@ -1,0 +1,294 @@
+"""One frame at a time: images in, pose with covariance out.
+
+:meth:`Slam.step` is METHOD section 7 in order; what a step does inside lives in ``frontend`` (images),
+``tracks`` (patches), ``overlap`` (the worn camera) and the Rust core (the filter).
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from collabslam import _core
+from collabslam._core import Camera, UpdateReport
+from collabslam.errors import InputError, SettingsError
+from collabslam.frontend.detect import detect_corners
+from collabslam.frontend.search import SearchCode
+from collabslam.frontend.settings import FrontendSettings
+from collabslam.modes import MODES, STARTS
+from collabslam.overlap import Overlap, WornLook
+from collabslam.settings import Settings
+from collabslam.status import StatusMonitor
+from collabslam.target_start import TargetStart
+from collabslam.tracks import Found, Tracks
+from collabslam.types import Status, Target, WornView
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+Ids = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class StepResult:
+    """What is known after a frame.
+
+    Attributes
+    ----------
+    t : float
+        Time stamp, seconds.
+    pose : (4, 4) float64
+        T_WC: maps points of Cs into W (Cs's optical frame at the start), metres.
+    covariance : (6, 6) float64
+        Of the pose over (translation, rotation), tangent on the right, m^2 and rad^2.
+    status : Status
+        OK, COASTING or LOST.
+    valid : bool
+        Whether the pose may be used: the filter has started and is not LOST.
+    started : bool
+        Whether there is a map to localise in.
+    diagnostics : dict
+        Counts, reasons of rejection, milliseconds per stage.
+    """
+
+    t: float
+    pose: Array
+    covariance: Array
+    status: Status
+    valid: bool
+    started: bool
+    diagnostics: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Landmarks:
+    """The map: ``ids`` (N,) int64, ``points`` (N, 3) metres in W, ``covariance`` (N, 3, 3) m^2."""
+
+    ids: Ids
+    points: Array
+    covariance: Array
+
+
+@dataclass
+class _Stages:
+    """Milliseconds per stage of one frame."""
+
+    began: float = field(default_factory=time.perf_counter)
+    ms: dict[str, float] = field(default_factory=dict)
+    last: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.last = self.began
+
+    def done(self, stage: str) -> None:
+        now = time.perf_counter()
+        self.ms[f"ms_{stage}"] = self.ms.get(f"ms_{stage}", 0.0) + 1e3 * (now - self.last)
+        self.last = now
+
+    def all(self) -> dict[str, float]:
+        return {**self.ms, "ms_total": 1e3 * (self.last - self.began)}
+
+
+class Slam:
+    """Collaborative monocular SLAM, frame by frame.
+
+    Parameters
+    ----------
+    camera : Camera
+        Cs, the robot's camera.
+    worn_camera : Camera, optional
+        Cf, the worn camera.
+    settings : Settings, optional
+        The defaults if left out.
+    mode : str, optional
+        One of ``modes.MODES``; the settings' ``filter.estimator.mode`` if left out.
+    start : {"worn", "target", "scale-free"}
+        Where the scale comes from: the first overlap, a known target, or nowhere (then it is arbitrary).
+    target : Target, optional
+        Needed with ``start="target"``.
+
+    Raises
+    ------
+    SettingsError
+        If the mode or the start does not exist or lacks what it needs.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        worn_camera: Camera | None = None,
+        *,
+        settings: Settings | None = None,
+        mode: str | None = None,
+        start: str = "worn",
+        target: Target | None = None,
+    ) -> None:
+        settings = settings or Settings.default()
+        if mode is not None:
+            if mode not in MODES:
+                raise SettingsError(f"There is no mode '{mode}'; use one of {', '.join(MODES)}.")
+            settings = settings.replace({"filter.estimator.mode": mode})
+        if start not in STARTS:
+            raise SettingsError(f"There is no start '{start}'; use one of {', '.join(STARTS)}.")
+        if start == "worn" and worn_camera is None:
+            raise SettingsError("start='worn' needs worn_camera, the calibration of Cf.")
+        if start == "target" and target is None:
+            raise SettingsError("start='target' needs a target.")
+        self._settings = settings
+        self._camera = camera
+        self._start = start
+        self._options = FrontendSettings.from_flat(settings.section("frontend"))
+        self._in_view = int(settings["filter.map.in_view"])
+        self._undelayed = settings["filter.estimator.mode"] == "mono-undelayed"
+        self.filter = _core.Filter(camera, worn_camera, settings=dict(settings.section("filter")))
+        self._tracks = Tracks(camera, self._options)
+        self._look = WornLook(self.filter, camera, worn_camera, settings, self._options)
+        self._target_start = TargetStart(self.filter, camera, target, self._options) if target else None
+        self._monitor = StatusMonitor()
+
+    def step(self, t: float, image: Image, worn: WornView | None = None) -> StepResult:
+        """Takes one frame (METHOD section 7).
+
+        Parameters
+        ----------
+        t : float
+            Time stamp, seconds; must follow the last one.
+        image : (H, W) uint8
+            Grey image of Cs.
+        worn : WornView, optional
+            The worn camera's view at the same instant.
+
+        Raises
+        ------
+        InputError
+            For an image of the wrong type or size, a time stamp that does not follow, or an impossible T_CF;
+            the state of the filter stays as it was.
+        """
+        _check_image(image, self._camera, "image")
+        self._look.check(worn)
+        stages = _Stages()
+        self.filter.predict(t)  # 1
+        expected = self.filter.predict_pixels()  # 2
+        stages.done("predict")
+        found = self._tracks.search(image, self.filter.pose, expected)  # 3
+        stages.done("search")
+        overlap = self._look.match(image, worn, found, self._tracks, self._missing(found))  # 4
+        stages.done("cf")
+        report = self.filter.update(found.searched, found.ids, found.uv, worn=overlap.observation)  # 5, 6, 7
+        stages.done("update")
+        births = self._births(image, found, overlap, report)  # 8
+        deleted = self.filter.manage_map()
+        self._tracks.forget_features(deleted)
+        self._tracks.keep_candidates(self.filter.candidates)
+        births["births_undelayed"] = self._new_points(image, found)
+        stages.done("map")
+        accepted = sum(o in ("pixel", "replaced") for o in report.bearings) + births["births_instant"]
+        target_residual = float("nan")
+        if self._target_start is not None:
+            if not self.filter.started:
+                births["births_instant"] = accepted = self._start_from_target(image)
+            target_residual = self._target_start.residual(image, self.filter.pose)
+        status = self._monitor.update(t, accepted if self.filter.started else 0)
+        diagnostics = {
+            **_search_counts(expected["ids"], found, report),
+            **overlap.counts(report),
+            **births,
+            "accepted": accepted,
+            "target_residual_px": target_residual,
+            "deleted": len(deleted),
+            "map_size": self.filter.map_size,
+            "candidates": self.filter.candidate_count,
+            **stages.all(),
+        }
+        return StepResult(
+            t=t,
+            pose=self.filter.pose,
+            covariance=self.filter.pose_covariance,
+            status=status,
+            valid=self.filter.started and status is not Status.LOST,
+            started=self.filter.started,
+            diagnostics=diagnostics,
+        )
+
+    def landmarks(self) -> Landmarks:
+        """The map with its uncertainty."""
+        found = self.filter.landmarks()
+        return Landmarks(found["ids"], found["points"], found["covariance"])
+
+    def _start_from_target(self, image: Image) -> int:
+        """First features from the known target (METHOD 10)."""
+        assert self._target_start is not None
+        ids, uv = self._target_start.start(image, self._in_view)
+        self._tracks.add_features(image, self.filter.pose, ids, uv)
+        return len(ids)
+
+    def _missing(self, found: Found) -> int:
+        """How many features the view lacks."""
+        return max(0, self._in_view - len(found.ids))
+
+    def _births(self, image: Image, found: Found, overlap: Overlap, report: UpdateReport) -> dict[str, int]:
+        """Takes over the features born from the worn camera, and lets candidates with parallax be born."""
+        pose = self.filter.pose
+        instant, used = overlap.births(report)
+        self._tracks.add_features(image, pose, instant, overlap.uv_of(report))
+        self.filter.drop_candidates(np.concatenate([found.lost, used]))
+        waiting = ~np.isin(found.candidates, used)
+        ids, uv = found.candidates[waiting], found.candidate_uv[waiting]
+        outcomes, features = self.filter.observe_candidates(ids, uv)
+        for candidate, feature in zip(ids.tolist(), features.tolist(), strict=True):
+            if feature >= 0:
+                self._tracks.promote(candidate, feature)
+        return {"births_instant": len(instant), "births_delayed": outcomes.count("born")}
+
+    def _new_points(self, image: Image, found: Found) -> int:
+        """Starts candidates (or vague features, undelayed) where the view lacks points."""
+        scale_free = not self.filter.started and self._start == "scale-free"
+        if not (self.filter.started or scale_free):
+            return 0
+        pixels = self._tracks.pixels
+        lacking = self._in_view - len(pixels)
+        if lacking < self._in_view // 8:
+            return 0
+        options = self._options
+        uv = detect_corners(image, pixels, lacking, options.detect, options.patch.size)
+        if not (self._undelayed or scale_free):
+            ids = self.filter.add_candidates(uv)
+            self._tracks.add_candidates(image, self.filter.pose, ids, uv)
+            return 0
+        ids = self.filter.add_undelayed(uv)
+        good = ids >= 0
+        self._tracks.add_features(image, self.filter.pose, ids[good], uv[good])
+        return int(good.sum())
+
+
+def _search_counts(predicted: Ids, found: Found, report: UpdateReport) -> dict[str, Any]:
+    codes = found.result.code
+    outcomes = report.bearings
+    return {
+        "predicted": len(predicted),
+        "searched": len(found.searched),
+        "found": len(found.ids),
+        "rejected_low_score": int(np.sum(codes == SearchCode.LOW_SCORE)),
+        "rejected_ambiguous": int(np.sum(codes == SearchCode.AMBIGUOUS)),
+        "rejected_outside": int(np.sum(codes == SearchCode.OUTSIDE)),
+        "rejected_chi2": outcomes.count("rejected-gate"),
+        "rejected_hohct": outcomes.count("rejected-batch"),
+        "nis": report.nis,
+        "nis_dof": report.dof,
+        "hohct_order": report.order,
+        "hohct_exact": int(report.exact),
+        "iterations": report.iterations,
+    }
+
+
+def _check_image(image: Image, camera: Camera, what: str) -> None:
+    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 2:
+        raise InputError(f"{what} must be a (H, W) uint8 grey image; convert it first.")
+    if image.shape != (camera.height, camera.width):
+        raise InputError(
+            f"{what} is {image.shape[1]} x {image.shape[0]} pixels, its calibration is for "
+            f"{camera.width} x {camera.height}; scale the calibration or the images."
+        )

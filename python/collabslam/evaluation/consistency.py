@@ -1,0 +1,126 @@
+"""Whether a covariance tells the truth: normalised errors (NEES) and their chi-square bands."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from collabslam.errors import InputError
+from collabslam.evaluation.metrics import inverse
+from collabslam.geometry import rotation_log
+
+Array = NDArray[np.float64]
+
+RESOLUTION = 1e-6
+"""Metres and radians below which no truth is taken to be known: its square is added to every variance."""
+
+
+def pose_tangent_error(estimate: ArrayLike, truth: ArrayLike) -> Array:
+    """Tangent error ``xi`` with ``T_true = T_hat Exp(xi)`` (METHOD section 1), (N, 6) metres and radians.
+
+    A pose with a NaN in it gives a row of NaN.
+    """
+    a, b = np.asarray(estimate, np.float64), np.asarray(truth, np.float64)
+    if a.shape != b.shape or a.shape[1:] != (4, 4):
+        raise InputError(
+            f"Poses have the shapes {a.shape} and {b.shape}; give two arrays (N, 4, 4) of one length."
+        )
+    delta = inverse(a) @ b
+    out = np.full((len(delta), 6), np.nan)
+    for i in np.flatnonzero(np.isfinite(delta).all(axis=(1, 2))):
+        out[i] = [*delta[i, :3, 3], *rotation_log(delta[i, :3, :3])]
+    return out
+
+
+def nees(errors: ArrayLike, covariances: ArrayLike) -> Array:
+    """Normalised estimation error squared ``e^T P^-1 e`` per row, (N,).
+
+    Parameters
+    ----------
+    errors : (N, d) array
+    covariances : (N, d, d) array
+        `RESOLUTION` squared is added to the diagonal, so that a certain pose is no division by zero.
+
+    Returns
+    -------
+    (N,) array
+        NaN where error or covariance is not finite.
+    """
+    e, p = np.asarray(errors, np.float64), np.asarray(covariances, np.float64)
+    if e.ndim != 2 or p.shape != (*e.shape, e.shape[1]):
+        raise InputError(f"Errors {e.shape} and covariances {p.shape} do not fit; give (N, d) and (N, d, d).")
+    out = np.full(len(e), np.nan)
+    good = np.isfinite(e).all(axis=1) & np.isfinite(p).all(axis=(1, 2))
+    if good.any():
+        sound = p[good] + RESOLUTION**2 * np.eye(e.shape[1])
+        out[good] = (e[good] * np.linalg.solve(sound, e[good][..., None])[..., 0]).sum(axis=1)
+    return out
+
+
+def chi2_cdf(x: float, dof: float) -> float:
+    """Chi-square distribution function: the regularised incomplete gamma function P(dof / 2, x / 2)."""
+    if dof <= 0.0:
+        raise InputError(f"The degrees of freedom are {dof}; give a positive number.")
+    if x <= 0.0:
+        return 0.0
+    a, z = 0.5 * dof, 0.5 * x
+    front = math.exp(a * math.log(z) - z - math.lgamma(a))
+    if z < a + 1.0:  # power series
+        term = total = 1.0 / a
+        k = a
+        while term > total * 1e-16:
+            k += 1.0
+            term *= z / k
+            total += term
+        return front * total
+    # Lentz's continued fraction of the upper tail
+    b = z + 1.0 - a
+    c, d = 1e300, 1.0 / b
+    fraction, i = d, 0
+    while True:
+        i += 1
+        an = -i * (i - a)
+        b += 2.0
+        d = 1.0 / (an * d + b)
+        c = b + an / c
+        fraction *= c * d
+        if abs(c * d - 1.0) < 1e-15 or i > 100_000:
+            return 1.0 - front * fraction
+
+
+def chi2_quantile(probability: float, dof: float) -> float:
+    """Chi-square quantile, by bisection of `chi2_cdf`."""
+    if not 0.0 < probability < 1.0:
+        raise InputError(f"The probability is {probability}; give a number between 0 and 1.")
+    low, high = 0.0, max(1.0, dof)
+    while chi2_cdf(high, dof) < probability:
+        low, high = high, 2.0 * high
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        if middle in (low, high):
+            break
+        low, high = (middle, high) if chi2_cdf(middle, dof) < probability else (low, middle)
+    return 0.5 * (low + high)
+
+
+def nees_band(dof: int, runs: int = 1, level: float = 0.95) -> tuple[float, float]:
+    """Two-sided band in which the mean NEES of ``runs`` independent runs lies with probability ``level``.
+
+    Frames of one run are correlated: a mean over the frames of a single run has no such band.
+    """
+    if dof < 1 or runs < 1:
+        raise InputError(f"dof is {dof} and runs is {runs}; both must be 1 or more.")
+    tail = 0.5 * (1.0 - level)
+    low, high = (chi2_quantile(p, dof * runs) / runs for p in (tail, 1.0 - tail))
+    return low, high
+
+
+def sigma_gate(sigmas: float, dof: int) -> float:
+    """Squared Mahalanobis distance in ``dof`` dimensions as unlikely as ``sigmas`` in one (two-sided).
+
+    5 sigma has the tail 5.7e-7, which is 39.5 in six dimensions (and 25 in one).
+    """
+    tail = math.erfc(sigmas / math.sqrt(2.0))
+    return chi2_quantile(1.0 - tail, dof)

@@ -1,0 +1,269 @@
+"""Scores of one run: what it did, and how far from the truth it was (METHOD section 12)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from collabslam.evaluation import metrics, overlap
+from collabslam.evaluation.consistency import nees, nees_band, pose_tangent_error, sigma_gate
+from collabslam.evaluation.record import Mask, RunRecord
+
+Array = NDArray[np.float64]
+Scores = dict[str, Any]
+
+OK_SIGMAS = 5.0
+"""An OK frame further off than this counts as not OK; see `sigma_gate` for six dimensions."""
+RPE_SECONDS = 1.0
+TRUTH_SCORES = (
+    "ate_rmse_m",
+    "ate_pct",
+    "scale_error",
+    "avg_position_error_m",
+    "avg_position_error_all_m",
+    "avg_error_pct",
+    "sum_position_error_m",
+    "final_position_error_m",
+    "final_error_pct",
+    "rpe_translation_m",
+    "rpe_rotation_deg",
+    "orientation_error_avg_deg",
+    "orientation_error_final_deg",
+    "heading_error_final_deg",
+    "nees_mean",
+    "nees_position_mean",
+    "nees_attitude_mean",
+    "nees_inside_share",
+    "overhead_u",
+    "overhead_u_per_path",
+)
+
+
+@dataclass(frozen=True)
+class AlignedTruth:
+    """Truth in W, sharing the estimate's pose at ``start``.
+
+    Attributes
+    ----------
+    poses : (N, 4, 4) float64
+        ``T_WC``; NaN where the truth is missing.
+    start : int
+        First frame with both a valid estimate and a truth.
+    known : (N,) bool
+        Frames from ``start`` on that have a truth and a finite estimate.
+    """
+
+    poses: Array
+    start: int
+    known: Mask
+
+
+def align_truth(record: RunRecord, truth: Array | None) -> AlignedTruth | None:
+    """The truth of a run's frames moved into W, or None if there is none to compare with.
+
+    Parameters
+    ----------
+    record : RunRecord
+        Of N frames.
+    truth : (N or more, 4, 4) array or None
+        ``T_WC`` in the data set's own world, NaN where it is missing.
+    """
+    if truth is None or not len(record):
+        return None
+    given = np.asarray(truth, np.float64)[: len(record)]
+    known = np.isfinite(given).all(axis=(1, 2)) & record.finite
+    both = np.flatnonzero(known & record.valid)
+    if not len(both):
+        return None
+    start = int(both[0])
+    moved = metrics.first_poses_aligned(given, given[start], record.poses[start])
+    return AlignedTruth(moved, start, known & (np.arange(len(record)) >= start))
+
+
+def score(record: RunRecord, truth: Array | None) -> Scores:
+    """Every number of ``summary.json`` that follows from the frames and the truth.
+
+    ATE, scale error, Eq. 15 and 16, RPE and NEES are over the valid poses that have a truth;
+    ``avg_position_error_all_m`` and the final errors are over all poses from the start on, valid or not, so
+    that getting lost does not pay.  NEES leaves out the start, whose error is zero by construction.
+
+    Parameters
+    ----------
+    record : RunRecord
+    truth : (N or more, 4, 4) array or None
+
+    Returns
+    -------
+    dict
+        Numbers, or None where one cannot be had.
+    """
+    aligned = align_truth(record, truth)
+    out = _activity(record, aligned)
+    out.update(_overlap(record))
+    out.update(dict.fromkeys(TRUTH_SCORES))
+    if aligned is None:
+        positions = record.poses[record.valid, :3, 3]
+        out["path_length_m"], out["path_length_of"] = metrics.path_length(positions), "estimate"
+        return _plain(out)
+    path = metrics.path_length(aligned.poses[aligned.known, :3, 3])
+    out["path_length_m"], out["path_length_of"] = path, "truth"
+    out.update(_position_scores(record, aligned, path))
+    out.update(_orientation_scores(record, aligned))
+    out.update(_consistency_scores(record, aligned))
+    out.update(_overhead(record, aligned, path))
+    return _plain(out)
+
+
+def pose_nees(record: RunRecord, aligned: AlignedTruth) -> Array:
+    """NEES of each pose, six degrees of freedom, (N,); NaN where there is no truth."""
+    return nees(pose_tangent_error(*_pair(record, aligned)), record.covariances)
+
+
+def _pair(record: RunRecord, aligned: AlignedTruth) -> tuple[Array, Array]:
+    """Estimate and truth, (N, 4, 4) each, NaN in both where they cannot be compared."""
+    hidden = ~aligned.known[:, None, None]
+    return np.where(hidden, np.nan, record.poses), np.where(hidden, np.nan, aligned.poses)
+
+
+def _activity(record: RunRecord, aligned: AlignedTruth | None) -> Scores:
+    """Frames by status, features, depth measurements, innovation statistics."""
+    statuses = np.array(record.statuses, dtype=object)
+    ok = statuses == "OK"
+    far = np.zeros(len(record), bool)
+    if aligned is not None:
+        with np.errstate(invalid="ignore"):
+            far = aligned.known & (pose_nees(record, aligned) > sigma_gate(OK_SIGMAS, 6))
+    frames = len(record)
+    good = int((ok & ~far & record.started).sum())
+    nis, dof = record.diagnostic("nis"), record.diagnostic("nis_dof")
+    used = np.isfinite(nis) & (dof > 0)
+    return {
+        "frames": frames,
+        "frames_ok": good,
+        "frames_ok_reported": int(ok.sum()),
+        "frames_ok_too_far": int((ok & far).sum()),
+        "frames_coasting": int((statuses == "COASTING").sum()),
+        "frames_lost": int((statuses == "LOST").sum()),
+        "frames_valid": int(record.valid.sum()),
+        "frames_scored": 0 if aligned is None else int((aligned.known & record.valid).sum()),
+        "frames_worn": int(np.sum(record.worn)),
+        "ok_share": good / frames if frames else None,
+        "status_final": str(statuses[-1]) if frames else None,
+        "start_frame": record.start,
+        "all_finite": bool(record.finite.all()),
+        "features_per_frame": _mean(record.diagnostic("accepted")),
+        "map_size_mean": _mean(record.diagnostic("map_size")),
+        "depth_measurements": _total(record, "depth_rows") + _total(record, "cf_pixel_rows"),
+        "births_instant": _total(record, "births_instant"),
+        "nis_per_dof": float(nis[used].sum() / dof[used].sum()) if used.any() else None,
+    }
+
+
+def _overlap(record: RunRecord) -> Scores:
+    flags = np.nan_to_num(record.diagnostic("overlap")) > 0.0
+    eta, mu = overlap.overlap_intervals(record.times, flags)
+    return {
+        "overlap_ratio": overlap.overlap_ratio(record.times, flags),
+        "overlap_intervals": len(eta),
+        "overlap_seconds": float(eta.sum()),
+        "overlap_tau_s": overlap.overlap_regularity(eta),
+        "overlap_kappa_s2": overlap.non_overlap_deviation(mu),
+    }
+
+
+def _position_scores(record: RunRecord, aligned: AlignedTruth, path: float) -> Scores:
+    estimate, truth = record.poses[:, :3, 3], aligned.poses[:, :3, 3]
+    use = aligned.known & record.valid
+    every = np.flatnonzero(aligned.known)
+    ate = metrics.ate_rmse(estimate[use], truth[use])
+    average = metrics.average_position_error(estimate[use], truth[use])
+    last = int(every[-1])
+    final = float(np.linalg.norm(estimate[last] - truth[last]))
+    moves = metrics.path_length(estimate[use]) > 0.0
+    step = _frames_in(record.times, RPE_SECONDS)
+    gaps = np.where(use[:, None, None], record.poses, np.nan)
+    relative = metrics.rpe(gaps, aligned.poses, step=step) if step < len(record) else (None, None)
+    return {
+        "ate_rmse_m": ate,
+        "ate_pct": _percent(ate, path),
+        "scale_error": metrics.scale_error(estimate[use], truth[use]) if moves else None,
+        "sum_position_error_m": metrics.accumulated_position_error(estimate[use], truth[use]),
+        "avg_position_error_m": average,
+        "avg_position_error_all_m": metrics.average_position_error(estimate[every], truth[every]),
+        "avg_error_pct": _percent(average, path),
+        "final_position_error_m": final,
+        "final_error_pct": _percent(final, path),
+        "rpe_seconds": RPE_SECONDS,
+        "rpe_translation_m": relative[0],
+        "rpe_rotation_deg": None if relative[1] is None else float(np.degrees(relative[1])),
+    }
+
+
+def _orientation_scores(record: RunRecord, aligned: AlignedTruth) -> Scores:
+    estimate, truth = _pair(record, aligned)
+    angle = np.degrees(metrics.orientation_errors(estimate, truth))
+    heading = np.degrees(metrics.heading_errors(estimate, truth))
+    last = int(np.flatnonzero(aligned.known)[-1])
+    return {
+        "orientation_error_avg_deg": float(angle[aligned.known & record.valid].mean()),
+        "orientation_error_final_deg": float(angle[last]),
+        "heading_error_final_deg": float(heading[last]),
+    }
+
+
+def _consistency_scores(record: RunRecord, aligned: AlignedTruth) -> Scores:
+    use = aligned.known & record.valid
+    use[aligned.start] = False
+    errors = pose_tangent_error(*_pair(record, aligned))[use]
+    covariances = record.covariances[use]
+    whole = nees(errors, covariances)
+    low, high = nees_band(6)
+    return {
+        "nees_mean": _mean(whole),
+        "nees_position_mean": _mean(nees(errors[:, :3], covariances[:, :3, :3])),
+        "nees_attitude_mean": _mean(nees(errors[:, 3:], covariances[:, 3:, 3:])),
+        "nees_band_95": [low, high],
+        "nees_inside_share": float(((whole >= low) & (whole <= high)).mean()) if len(whole) else None,
+    }
+
+
+def _overhead(record: RunRecord, aligned: AlignedTruth, path: float) -> Scores:
+    """Eq. 19, with the paper's normaliser and with the path length."""
+    use = aligned.known & record.valid
+    truth = aligned.poses[use, :3, 3]
+    errors = metrics.position_errors(record.poses[use, :3, 3], truth)
+    flags = np.nan_to_num(record.diagnostic("overlap")) > 0.0
+    eta_total = float(overlap.overlap_intervals(record.times, flags)[0].sum())
+    distance = float(np.linalg.norm(truth[-1] - truth[0]))
+    return {
+        "overhead_u": overlap.overhead_return(errors, distance, eta_total),
+        "overhead_u_per_path": overlap.overhead_return(errors, path, eta_total),
+    }
+
+
+def _total(record: RunRecord, key: str) -> int:
+    return int(np.nansum(record.diagnostic(key)))
+
+
+def _frames_in(times: Array, seconds: float) -> int:
+    """Frames in a stretch of time, 1 or more."""
+    if len(times) < 2:
+        return 1
+    return max(1, round(seconds / float(np.median(np.diff(times)))))
+
+
+def _percent(part: float, whole: float) -> float | None:
+    return 100.0 * part / whole if whole > 0.0 else None
+
+
+def _mean(values: Array) -> float | None:
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if len(finite) else None
+
+
+def _plain(scores: Scores) -> Scores:
+    """Numbers that are not finite become None."""
+    return {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in scores.items()}

@@ -1,0 +1,204 @@
+"""Descriptors at given points, all of them unit vectors that are compared by their Euclidean distance.
+
+``warped-sift`` is SIFT's histogram of gradients (4 x 4 cells, 8 directions) over a window that is first
+warped as the other view sees it: the relative pose of the two cameras is known well enough to undo rotation,
+scale and foreshortening, so neither a scale space nor a dominant direction has to be found.  ``sift`` and
+``orb`` are OpenCV's, with the rotation given and one scale.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from collabslam.errors import InputError
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+Descriptors = NDArray[np.float32]
+
+_CELLS, _DIRECTIONS = 4, 8  # the layout of SIFT
+_GRID = 8  # samples along a side; twice as many match no better and cost four times as much
+_CLIP = 0.2  # largest share of one bin: keeps a single strong edge from ruling the descriptor
+_BATCH = 128  # windows treated at once: buffers of a few hundred kilobytes
+_SIFT_SUPPORT = 6.0  # side of OpenCV's SIFT window over KeyPoint.size
+_ORB_PATCH = 31
+
+
+def describe(
+    image: Image,
+    uv: Array,
+    angle_rad: float | Array,
+    size_px: float,
+    kind: str = "sift",
+) -> Descriptors:
+    """Descriptors at points whose rotation and scale are known.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+    uv : (N, 2) float64
+    angle_rad : float or (N,) float64
+        Direction of the descriptor's first axis, from the image's u axis towards its v axis.
+    size_px : float
+        Side of the described window, pixels.
+    kind : str
+        A key of :data:`DESCRIPTORS`.
+
+    Returns
+    -------
+    (N, D) float32
+        Unit vectors; D is 128 for ``sift`` and ``warped-sift``, 256 for ``orb``.
+
+    Raises
+    ------
+    InputError
+        If the kind is unknown.
+    """
+    if kind not in DESCRIPTORS:
+        raise InputError(f"There is no descriptor '{kind}'; choose one of {', '.join(DESCRIPTORS)}.")
+    points = np.asarray(uv, dtype=np.float64).reshape(-1, 2)
+    angle = np.broadcast_to(np.asarray(angle_rad, dtype=np.float64), (len(points),))
+    cosine, sine = np.cos(angle), np.sin(angle)
+    axes = np.stack([np.stack([cosine, -sine], axis=1), np.stack([sine, cosine], axis=1)], axis=1)
+    return DESCRIPTORS[kind](image, points, axes, size_px)
+
+
+def describe_warped(image: Image, uv: Array, axes: Array, size_px: float) -> Descriptors:
+    """SIFT's histogram over windows warped by an affine map.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+    uv : (N, 2) float64
+    axes : (N, 2, 2) float64
+        Maps offsets in the described window to pixel offsets in the image.
+    size_px : float
+        Side of the window, in pixels of the described (warped) view.
+
+    Returns
+    -------
+    (N, 128) float32
+        Square roots of the L1-normalised histogram (RootSIFT): unit vectors.
+    """
+    halved = size_px / _GRID >= 1.5
+    source, scale = (cv2.pyrDown(image), 0.5) if halved else (image, 1.0)
+    side = _GRID + 2  # one sample more on each side for the differences
+    line = (np.arange(side) - (side - 1) / 2.0) * (size_px / _GRID)
+    x, y = np.meshgrid(line, line)
+    offsets = np.stack([x.ravel(), y.ravel()])
+    out = np.empty((len(uv), _CELLS * _CELLS * _DIRECTIONS), dtype=np.float32)
+    for begin in range(0, len(uv), _BATCH):
+        part = slice(begin, min(len(uv), begin + _BATCH))
+        maps = ((axes[part] @ offsets + uv[part, :, None]) * scale).astype(np.float32)
+        windows = cv2.remap(
+            source,
+            maps[:, 0].reshape(-1, side),
+            maps[:, 1].reshape(-1, side),
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        ).reshape(-1, side, side)
+        out[part] = _histograms(windows.astype(np.float32))
+    return out
+
+
+def _histograms(windows: NDArray[np.float32]) -> Descriptors:
+    """(N, 128) histograms of gradients of (N, 10, 10) windows."""
+    count = len(windows)
+    dx = (windows[:, 1:-1, 2:] - windows[:, 1:-1, :-2]).reshape(count, -1)
+    dy = (windows[:, 2:, 1:-1] - windows[:, :-2, 1:-1]).reshape(count, -1)
+    # max(0, |g| cos(difference) - |g| cos(45 deg)): a bump over the two bins next to a gradient's direction.
+    least = cv2.sqrt(dx * dx + dy * dy) * np.float32(np.cos(2.0 * np.pi / _DIRECTIONS))
+    channels = np.empty((_DIRECTIONS, count, _GRID * _GRID), dtype=np.float32)
+    opposite = _DIRECTIONS // 2
+    for k in range(opposite):
+        angle = 2.0 * np.pi * k / _DIRECTIONS
+        along = cv2.addWeighted(dx, np.cos(angle), dy, np.sin(angle), 0.0)
+        np.subtract(along, least, out=channels[k])
+        np.negative(np.add(along, least, out=along), out=channels[k + opposite])
+    np.maximum(channels, 0.0, out=channels)
+    cells = (channels.reshape(-1, _GRID * _GRID) @ _POOLING).reshape(_DIRECTIONS, count, -1)
+    bins = cells.transpose(1, 2, 0).reshape(count, -1)
+    bins /= np.linalg.norm(bins, axis=1, keepdims=True) + np.float32(1e-6)
+    np.minimum(bins, np.float32(_CLIP), out=bins)
+    return np.asarray(np.sqrt(bins / (bins.sum(axis=1, keepdims=True) + np.float32(1e-9))), dtype=np.float32)
+
+
+def _pooling() -> NDArray[np.float32]:
+    """(64, 16) weights of the window's samples in the cells: bilinear, under a Gaussian window."""
+    place = (np.arange(_GRID) + 0.5) / _GRID
+    bilinear = np.maximum(0.0, 1.0 - np.abs(place[:, None] * _CELLS - 0.5 - np.arange(_CELLS)[None]))
+    line = bilinear * np.exp(-0.5 * ((place - 0.5) / 0.5) ** 2)[:, None]
+    return np.asarray(np.einsum("ya,xb->yxab", line, line).reshape(_GRID**2, _CELLS**2), dtype=np.float32)
+
+
+_POOLING = _pooling()
+
+
+def _crop(image: Image, uv: Array, margin: float) -> tuple[Image, Array]:
+    """Bounding box of the points with a margin (a crop costs less than a mask), and the points in it."""
+    low = np.maximum(np.floor(uv.min(axis=0) - margin), 0).astype(int)
+    high = np.minimum(np.ceil(uv.max(axis=0) + margin) + 1, image.shape[::-1]).astype(int)
+    return np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]]), uv - low
+
+
+def _angle_scale(axes: Array) -> tuple[Array, Array]:
+    """Rotation (radians) and scale of affine maps."""
+    angle = np.arctan2(axes[:, 1, 0] - axes[:, 0, 1], axes[:, 0, 0] + axes[:, 1, 1])
+    return angle, np.sqrt(np.abs(np.linalg.det(axes)))
+
+
+def _describe_sift(image: Image, uv: Array, axes: Array, size_px: float) -> Descriptors:
+    """OpenCV's SIFT; one octave only (its number is packed into the key point), whatever the scale."""
+    if len(uv) == 0:
+        return np.empty((0, 128), dtype=np.float32)
+    angle, scale = _angle_scale(axes)
+    crop, points = _crop(image, uv, size_px * float(scale.max()))
+    first_layer = 1 << 8
+    keys = [
+        cv2.KeyPoint(
+            float(u),
+            float(v),
+            float(s) * size_px / _SIFT_SUPPORT,
+            float(np.degrees(a)) % 360.0,
+            1.0,
+            first_layer,
+        )
+        for (u, v), a, s in zip(points, angle, scale, strict=True)
+    ]
+    _, found = cv2.SIFT.create().compute(crop, keys)
+    return np.asarray(np.sqrt(found / (found.sum(axis=1, keepdims=True) + 1e-9)), dtype=np.float32)
+
+
+def _describe_orb(image: Image, uv: Array, axes: Array, size_px: float) -> Descriptors:
+    """OpenCV's ORB as vectors of +-1/16: their squared distance is the Hamming distance over 64."""
+    if len(uv) == 0:
+        return np.empty((0, 256), dtype=np.float32)
+    angle, _ = _angle_scale(axes)
+    crop, points = _crop(image, uv, size_px)
+    padded = cv2.copyMakeBorder(crop, _ORB_PATCH, _ORB_PATCH, _ORB_PATCH, _ORB_PATCH, cv2.BORDER_REPLICATE)
+    keys = [
+        cv2.KeyPoint(
+            float(u) + _ORB_PATCH,
+            float(v) + _ORB_PATCH,
+            float(_ORB_PATCH),
+            float(np.degrees(a)) % 360.0,
+            1.0,
+            0,
+            i,
+        )
+        for i, ((u, v), a) in enumerate(zip(points, angle, strict=True))
+    ]
+    _, found = cv2.ORB.create(nlevels=1, edgeThreshold=_ORB_PATCH // 2 + 1).compute(padded, keys)
+    bits = np.unpackbits(np.asarray(found, dtype=np.uint8), axis=1).astype(np.float32)
+    return np.asarray((2.0 * bits - 1.0) / 16.0, dtype=np.float32)
+
+
+DESCRIPTORS: dict[str, Callable[[Image, Array, Array, float], Descriptors]] = {
+    "warped-sift": describe_warped,
+    "sift": _describe_sift,
+    "orb": _describe_orb,
+}

@@ -1,0 +1,137 @@
+"""Corners spread over an image (Shi-Tomasi response, emptiest cells first)."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from collabslam.frontend.settings import DetectSettings
+
+Array = NDArray[np.float64]
+
+_STRIP = 96  # rows treated at once: small buffers stay in the cache and are not paged in anew for each image
+_SUBPIXEL_REACH = 2.0  # pixels a corner may move when it is refined
+_GREY_GRADIENT = 255.0 / 2.0  # of OpenCV's 3x3 Sobel: it sees twice the gradient of an image in 0..1
+
+
+def corner_peaks(
+    image: NDArray[np.uint8], settings: DetectSettings, distance: float, border: int
+) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    """Local maxima of the Shi-Tomasi response, the strongest first.
+
+    The response is the smaller eigenvalue of the mean gradient matrix, in (grey levels per pixel)^2.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+    settings : DetectSettings
+    distance : float
+        A peak is the largest response within this many pixels (square neighbourhood).
+    border : int
+        Pixels along the image's edge without peaks.
+
+    Returns
+    -------
+    uv : (M, 2) int64
+    response : (M,) float32
+    """
+    height, width = image.shape
+    reach = max(1, int(distance))
+    overlap = reach + settings.block // 2 + 2
+    kernel = np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)
+    least = np.float32((settings.min_gradient / _GREY_GRADIENT) ** 2)
+    points: list[NDArray[np.int64]] = [np.empty((0, 2), dtype=np.int64)]
+    values: list[NDArray[np.float32]] = [np.empty(0, dtype=np.float32)]
+    for top in range(border, height - border, _STRIP):
+        low, bottom = max(0, top - overlap), min(height - border, top + _STRIP)
+        response = cv2.cornerMinEigenVal(image[low : bottom + overlap], settings.block, ksize=3)
+        inner = np.s_[top - low : bottom - low, border : width - border]
+        inside = response[inner]
+        peaks = (inside == cv2.dilate(response, kernel)[inner]) & (inside > least)
+        v, u = np.divmod(np.flatnonzero(peaks), peaks.shape[1])
+        points.append(np.stack([u + border, v + top], axis=1))
+        values.append(np.asarray(inside[v, u], dtype=np.float32))
+    uv, response = np.concatenate(points), np.concatenate(values)
+    strong = response >= settings.quality * (response.max() if len(response) else 0.0)
+    uv, response = uv[strong], response[strong]
+    order = np.lexsort((uv[:, 0], uv[:, 1], -response))
+    return uv[order], response[order] * np.float32(_GREY_GRADIENT**2)
+
+
+def refine_corners(image: NDArray[np.uint8], uv: Array) -> Array:
+    """Sub-pixel position of corners; one that would move by more than two pixels stays where it was.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+    uv : (N, 2) float64
+
+    Returns
+    -------
+    (N, 2) float64
+    """
+    if len(uv) == 0:
+        return uv
+    points = np.ascontiguousarray(uv, dtype=np.float32).reshape(-1, 1, 2)
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 8, 0.02)
+    moved = cv2.cornerSubPix(image, points.copy(), (3, 3), (-1, -1), stop)
+    near = np.abs(moved - points).max(axis=(1, 2)) <= _SUBPIXEL_REACH
+    return np.where(near[:, None], moved[:, 0], points[:, 0]).astype(np.float64)
+
+
+def detect_corners(
+    image: NDArray[np.uint8],
+    existing: Array,
+    count: int,
+    settings: DetectSettings,
+    mask_border: int,
+) -> Array:
+    """At most ``count`` new corners, those first whose part of the image needs them most.
+
+    The response is found once over the whole image; then each cell of a grid offers its corners by strength,
+    and a corner's rank is the number of points its cell holds before it (existing ones included).
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+    existing : (N, 2) float64
+        Points that are tracked already (u, v); new corners keep their distance from them.
+    count : int
+    settings : DetectSettings
+    mask_border : int
+        Pixels along the image's edge without corners.
+
+    Returns
+    -------
+    (M, 2) float64
+        Corners (u, v), the most wanted first.
+    """
+    height, width = image.shape
+    distance = max(2.0, settings.min_distance * width)
+    peaks, response = corner_peaks(image, settings, distance, max(1, mask_border))
+    existing = np.asarray(existing, dtype=np.float64).reshape(-1, 2)
+    existing = existing[np.all(np.isfinite(existing), axis=1)]
+    if len(existing) and len(peaks):
+        gap = ((peaks[:, None, :] - existing[None, :, :]) ** 2).sum(axis=2).min(axis=1)
+        peaks, response = peaks[gap >= distance**2], response[gap >= distance**2]
+    if count <= 0 or len(peaks) == 0:
+        return np.empty((0, 2), dtype=np.float64)
+    side = max(height, width) / settings.cells
+    columns = int(np.ceil(width / side))
+    cell = (peaks[:, 1] / side).astype(np.int64) * columns + (peaks[:, 0] / side).astype(np.int64)
+    held = np.zeros(columns * int(np.ceil(height / side)) + 1, dtype=np.int64)
+    if len(existing):
+        clipped = np.clip(existing, 0.0, [width - 1.0, height - 1.0])
+        np.add.at(
+            held,
+            (clipped[:, 1] / side).astype(np.int64) * columns + (clipped[:, 0] / side).astype(np.int64),
+            1,
+        )
+    by_cell = np.argsort(cell, kind="stable")  # within a cell still the strongest first
+    first = np.searchsorted(cell[by_cell], cell[by_cell], side="left")
+    rank = np.empty(len(peaks), dtype=np.int64)
+    rank[by_cell] = np.arange(len(peaks)) - first
+    chosen = np.lexsort((np.arange(len(peaks)), rank + held[cell]))[:count]
+    corners = peaks[chosen].astype(np.float64)
+    return refine_corners(image, corners) if settings.subpixel else corners

@@ -1,0 +1,211 @@
+"""Optical flow between consecutive frames: guesses for the search, and tracks of candidates.
+
+A strong rotation moves the image by far more than a flow window.  So the motion of the whole image is found
+first, on strongly downsampled images: the shift is where the shared part correlates best, an alignment by
+the enhanced correlation coefficient adds the roll, and the alternative that leaves the images most alike is
+kept.  It is the start of a pyramidal Lucas-Kanade flow at half resolution: the search refines the guess at
+full resolution by correlation.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from collabslam.frontend.search import FOUND, active_search, build_pyramid
+from collabslam.frontend.settings import FlowSettings, FrontendSettings
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+Small = NDArray[np.float32]
+
+_MIN_OVERLAP = 0.3  # share of the small image in which both views must lie for a shift to be believed
+_HALF_RES_WIDTH = 400  # pixels of width above which the flow runs at half resolution
+
+
+def global_motion(previous: Image, image: Image, settings: FlowSettings) -> Array:
+    """Rigid motion (shift and roll) of the image content between two frames.
+
+    Parameters
+    ----------
+    previous, image : (H, W) uint8
+    settings : FlowSettings
+
+    Returns
+    -------
+    (2, 3) float64
+        ``uv_now = m[:, :2] @ uv_previous + m[:, 2]``, pixels; the identity where nothing explains the images
+        better.
+    """
+    halvings = max(0, int(np.ceil(np.log2(previous.shape[1] / settings.small_width))))
+    factor = float(2**halvings)
+    a, b = (build_pyramid(full, halvings)[-1].astype(np.float32) for full in (previous, image))
+    if min(a.shape) < 8:
+        return np.eye(2, 3)
+    shift = _best_shift(a, b)
+    starts = [
+        np.eye(2, 3, dtype=np.float32),
+        np.array([[1, 0, shift[0]], [0, 1, shift[1]]], dtype=np.float32),
+    ]
+    scores = [_likeness(a, b, start) for start in starts]
+    best = starts[int(np.argmax(scores))]
+    score = max(scores)
+    try:
+        stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 12, 1e-3)
+        _, refined = cv2.findTransformECC(a, b, best.copy(), cv2.MOTION_EUCLIDEAN, stop)
+        turned = np.asarray(refined, dtype=np.float32)
+        if _likeness(a, b, turned) > score:
+            best = turned
+    except cv2.error:  # the alignment did not converge: the shift stands
+        pass
+    motion = best.astype(np.float64)
+    motion[:, 2] *= factor  # halving keeps every second pixel: pixel i of the small image is pixel factor * i
+    return motion
+
+
+def _best_shift(a: Small, b: Small) -> tuple[float, float]:
+    """Shift (u, v) from ``a`` to ``b``, whole pixels, at which the part they share is most alike.
+
+    Every shift that leaves ``_MIN_OVERLAP`` of the image in both is tried.
+    """
+    height, width = a.shape
+    x, y = (image - cv2.GaussianBlur(image, (0, 0), width / 8.0) for image in (a, b))
+    pad_u, pad_v = int((1.0 - _MIN_OVERLAP) * width), int((1.0 - _MIN_OVERLAP) * height)
+    ones = np.ones_like(a)
+    wide_y, wide_ones = (
+        cv2.copyMakeBorder(image, pad_v, pad_v, pad_u, pad_u, cv2.BORDER_CONSTANT) for image in (y, ones)
+    )
+    product = cv2.matchTemplate(wide_y, x, cv2.TM_CCORR)
+    energy_a = cv2.matchTemplate(wide_ones, x * x, cv2.TM_CCORR)
+    energy_b = cv2.matchTemplate(wide_y * wide_y, ones, cv2.TM_CCORR)
+    count = cv2.matchTemplate(wide_ones, ones, cv2.TM_CCORR)
+    likeness = product / np.sqrt(np.maximum(energy_a * energy_b, 1e-3))
+    # A small overlap is alike by chance more often: its likeness counts less.
+    likeness = np.where(count >= _MIN_OVERLAP * a.size, likeness * np.sqrt(count / a.size), -1.0)
+    v, u = np.unravel_index(int(np.argmax(likeness)), likeness.shape)
+    return float(u) - pad_u, float(v) - pad_v
+
+
+def _likeness(a: Small, b: Small, motion: Small) -> float:
+    """Correlation of the part that two small images share under a motion; -1 if they share too little."""
+    v, u = np.indices(a.shape, dtype=np.float32)
+    (a00, a01, t0), (a10, a11, t1) = motion
+    maps = (a00 * u + a01 * v + t0, a10 * u + a11 * v + t1)
+    moved = cv2.remap(b, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=-1e6)
+    shared = moved >= 0.0
+    if shared.mean() < _MIN_OVERLAP:
+        return -1.0
+    x, y = a[shared], moved[shared]
+    x, y = x - x.mean(), y - y.mean()
+    return float((x * y).sum() / max(1e-9, float(np.sqrt((x * x).sum() * (y * y).sum()))))
+
+
+def flow_guess(
+    previous: Image,
+    image: Image,
+    uv_prev: Array,
+    uv_init: Array | None,
+    settings: FlowSettings,
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Where points of the previous image are now, to about a pixel.
+
+    Parameters
+    ----------
+    previous, image : (H, W) uint8
+    uv_prev : (N, 2) float64
+    uv_init : (N, 2) float64, optional
+        First guess of the points now; NaN where there is none.  The global motion of the image serves as the
+        guess where there is none, and as a second one where the flow from this one fails.
+    settings : FlowSettings
+
+    Returns
+    -------
+    uv : (N, 2) float64
+    ok : (N,) bool
+        Whether the point, tracked forth and back, came home within ``flow.max_error``.
+    """
+    points = np.asarray(uv_prev, dtype=np.float64).reshape(-1, 2)
+    if len(points) == 0:
+        return points.copy(), np.empty(0, dtype=np.bool_)
+    motion = global_motion(previous, image, settings)
+    moved = points @ motion[:, :2].T + motion[:, 2]
+    start = moved
+    if uv_init is not None:
+        init = np.asarray(uv_init, dtype=np.float64)
+        start = np.where(np.all(np.isfinite(init), axis=1)[:, None], init, moved)
+    factor = 2.0 if previous.shape[1] >= _HALF_RES_WIDTH else 1.0
+    a, b = (build_pyramid(full, 1)[-1] if factor == 2.0 else full for full in (previous, image))
+    uv, ok = _forth_and_back(a, b, points / factor, start / factor, factor, settings)
+    again = np.flatnonzero(~ok & (np.abs(start - moved).max(axis=1) > 2.0))
+    if len(again):
+        uv[again], ok[again] = _forth_and_back(
+            a, b, points[again] / factor, moved[again] / factor, factor, settings
+        )
+    return uv, ok
+
+
+def _forth_and_back(
+    a: Image, b: Image, points: Array, start: Array, factor: float, settings: FlowSettings
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Lucas-Kanade flow from ``a`` to ``b`` and back; pixels of the flow's resolution in, full ones out."""
+    window = (settings.window, settings.window)
+    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.03)
+    p = points.astype(np.float32).reshape(-1, 1, 2)
+    q, seen, _ = cv2.calcOpticalFlowPyrLK(
+        a, b, p, start.astype(np.float32).reshape(-1, 1, 2).copy(), winSize=window, maxLevel=settings.levels,
+        criteria=stop, flags=cv2.OPTFLOW_USE_INITIAL_FLOW, minEigThreshold=1e-4,
+    )  # fmt: skip
+    # The way back starts from the undone guess: the point itself would be confirmed too easily.
+    undone = q - start.astype(np.float32).reshape(-1, 1, 2) + p
+    home, back, _ = cv2.calcOpticalFlowPyrLK(
+        b, a, q, undone, winSize=window, maxLevel=settings.levels,
+        criteria=stop, flags=cv2.OPTFLOW_USE_INITIAL_FLOW, minEigThreshold=1e-4,
+    )  # fmt: skip
+    uv = q.reshape(-1, 2).astype(np.float64)
+    gap = np.abs(home - p).reshape(-1, 2).max(axis=1)
+    inside = np.all((uv >= 0.0) & (uv <= [b.shape[1] - 1.0, b.shape[0] - 1.0]), axis=1)
+    ok = (seen.ravel() == 1) & (back.ravel() == 1) & (gap * factor <= settings.max_error) & inside
+    return uv * factor, ok
+
+
+def track_candidates(
+    previous: Image,
+    image: Image,
+    uv_prev: Array,
+    templates: Image,
+    usable: NDArray[np.bool_],
+    settings: FrontendSettings,
+    uv_init: Array | None = None,
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Follow candidates to the next frame without drift.
+
+    The flow only says where to look: each candidate's own template, cut when it was first seen and warped to
+    today's view, is located there by correlation.
+
+    Parameters
+    ----------
+    previous, image : (H, W) uint8
+    uv_prev : (N, 2) float64
+        Candidates in the previous image.
+    templates : (N, h, h) uint8
+        Their templates as they should look now.
+    usable : (N,) bool
+        Whether the template could be warped; a candidate without one is lost.
+    settings : FrontendSettings
+    uv_init : (N, 2) float64, optional
+        First guess of the candidates now; NaN where there is none.
+
+    Returns
+    -------
+    uv : (N, 2) float64
+        Sub-pixel position; NaN where the candidate is lost.
+    ok : (N,) bool
+    """
+    uv, ok = flow_guess(previous, image, uv_prev, uv_init, settings.flow)
+    ok = ok & np.asarray(usable, dtype=np.bool_)
+    uv = np.where(ok[:, None], uv, np.nan)
+    spread = (settings.flow.max_error / settings.search.gate) ** 2 * np.eye(2)
+    result = active_search([image], templates, uv, np.broadcast_to(spread, (len(uv), 2, 2)), None, settings)
+    found = result.code == FOUND
+    return np.where(found[:, None], result.uv, np.nan), found

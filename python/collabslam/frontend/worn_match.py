@@ -1,0 +1,420 @@
+"""Matches between the robot's view Cs and the worn camera's view Cf (METHOD sections 7 and 9).
+
+The relative pose T_CF is measured with a covariance.  It says how a window of Cs looks in Cf, which points of
+Cf lie on a point's epipolar line and in front of both cameras, and how wide that line is.  So:
+
+1. corners inside Cf's region of interest;
+2. descriptors on windows of Cs warped to Cf's view (where the view depends on the depth: for a few depths);
+3. the best candidate inside the gate, if it is much better than the second best there, and mutual;
+4. a consensus: the correction of T_CF that most matches agree on, under the prior of its covariance;
+5. the same again for all points under the corrected pose, whose gate is far narrower; points of known depth
+   are searched with their own patch where they must be;
+6. each match located to sub-pixel by correlating the warped patch, and the consensus once more with these.
+
+The corrected pose only vets the matches: the filter uses the measured one, or the images would count twice.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from collabslam._core import Camera
+from collabslam.errors import InputError
+from collabslam.frontend.describe import DESCRIPTORS, describe
+from collabslam.frontend.detect import detect_corners
+from collabslam.frontend.epipolar import Consensus, PairGeometry, find_consensus, inverse_ranges, skews
+from collabslam.frontend.patch import affine_maps, inverse_maps, sample_templates, usable_affine
+from collabslam.frontend.search import FOUND, active_search
+from collabslam.frontend.settings import FrontendSettings
+from collabslam.geometry import pose_inverse
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Region = tuple[float, float, float, float]
+
+_DEPTHS = (0.1, 0.25)  # inverse depths, as shares of the largest, at which windows are warped besides 0
+_REASONS = ("region", "epipolar", "ratio", "mutual", "score", "consensus")
+_DEPTH_CHANGE = 0.15  # relative change of the warp that makes another depth worth its cost
+
+
+@dataclass(frozen=True)
+class WornMatches:
+    """Matches of one frame.
+
+    Attributes
+    ----------
+    index : (M,) int64
+        Rows of ``uv_s``.
+    uv_f : (M, 2) float64
+        Sub-pixel position in Cf.
+    score : (M,) float64
+        Correlation of the warped patch there.
+    rejected : dict
+        Number of points without a match by reason: ``region`` (outside the region of interest), ``epipolar``
+        (no candidate in the gate), ``ratio`` (ambiguous or unlike), ``mutual``, ``score`` (low correlation),
+        ``consensus`` (against the pose that the others agree on).
+    corners : int
+        Interest points found in Cf.
+    t_cf : (4, 4) float64
+        The pose that the matches agree on; for vetting and diagnostics only.
+    """
+
+    index: Indices
+    uv_f: Array
+    score: Array
+    rejected: dict[str, int]
+    corners: int
+    t_cf: Array = field(repr=False)
+
+
+def match_worn(
+    image_s: Image,
+    camera_s: Camera,
+    image_f: Image,
+    camera_f: Camera,
+    t_cf: Array,
+    covariance: Array,
+    roi_s: Region | None,
+    roi_f: Region | None,
+    uv_s: Array,
+    inverse_range: Array | None,
+    inverse_range_sd: Array | None,
+    settings: FrontendSettings,
+) -> WornMatches:
+    """Find points of Cs in the worn camera's image.
+
+    Parameters
+    ----------
+    image_s, image_f : (H, W) uint8
+    camera_s, camera_f : Camera
+    t_cf : (4, 4) float64
+        Measured pose of Cf relative to Cs: maps points of F into C, metres.
+    covariance : (6, 6) float64
+        Of ``t_cf`` over (translation, rotation), tangent on the right.
+    roi_s, roi_f : (u0, v0, u1, v1) or None
+        Region of interest in each image; None is the whole image.
+    uv_s : (N, 2) float64
+        Points in Cs.
+    inverse_range, inverse_range_sd : (N,) float64, optional
+        Inverse distance of the points from Cs (1/m) and its standard deviation; NaN where unknown.
+    settings : FrontendSettings
+
+    Returns
+    -------
+    WornMatches
+
+    Raises
+    ------
+    InputError
+        If an array has a wrong shape, or the covariance is not positive definite.
+    """
+    matcher = _Matcher(
+        image_s,
+        camera_s,
+        image_f,
+        camera_f,
+        t_cf,
+        covariance,
+        uv_s,
+        inverse_range,
+        inverse_range_sd,
+        settings,
+    )
+    return matcher.run(_whole(roi_s, image_s), _whole(roi_f, image_f))
+
+
+def _whole(region: Region | None, image: Image) -> Region:
+    return region if region is not None else (0.0, 0.0, image.shape[1] - 1.0, image.shape[0] - 1.0)
+
+
+class _Matcher:
+    """The steps of :func:`match_worn` over their common data."""
+
+    def __init__(
+        self,
+        image_s: Image,
+        camera_s: Camera,
+        image_f: Image,
+        camera_f: Camera,
+        t_cf: Array,
+        covariance: Array,
+        uv_s: Array,
+        inverse_range: Array | None,
+        inverse_range_sd: Array | None,
+        settings: FrontendSettings,
+    ) -> None:
+        self.image_s, self.image_f = image_s, image_f
+        self.camera_s, self.camera_f = camera_s, camera_f
+        self.t_cf = np.asarray(t_cf, dtype=np.float64)
+        self.covariance = np.asarray(covariance, dtype=np.float64)
+        self.uv_s = np.asarray(uv_s, dtype=np.float64).reshape(-1, 2)
+        count = len(self.uv_s)
+        unknown = np.full(count, np.nan)
+        self.rho = unknown if inverse_range is None else np.asarray(inverse_range, dtype=np.float64)
+        self.rho_sd = unknown if inverse_range_sd is None else np.asarray(inverse_range_sd, dtype=np.float64)
+        if self.rho.shape != (count,) or self.rho_sd.shape != (count,):
+            raise InputError(
+                f"Give one inverse range and one standard deviation for each of the {count} points."
+            )
+        if self.t_cf.shape != (4, 4) or self.covariance.shape != (6, 6):
+            raise InputError(
+                "The worn camera's pose must be a (4, 4) array and its covariance a (6, 6) array."
+            )
+        try:
+            np.linalg.cholesky(self.covariance)
+        except np.linalg.LinAlgError as error:
+            raise InputError("The covariance of the worn camera's pose is not positive definite.") from error
+        self.settings = settings
+        self.options = settings.worn
+        self.focal = (_focal(camera_s), _focal(camera_f))
+        self.rays_s = camera_s.unproject(self.uv_s).reshape(-1, 3)
+        self.rho_sd = np.maximum(self.rho_sd, self.options.depth_floor * np.abs(self.rho))
+        self.known = np.isfinite(self.rho) & np.isfinite(self.rho_sd) & (self.rho_sd >= 0.0)
+
+    def run(self, roi_s: Region, roi_f: Region) -> WornMatches:
+        """All steps, in the order of the module's description."""
+        inside = _inside(self.uv_s, roi_s) & np.all(np.isfinite(self.rays_s), axis=1)
+        points = np.flatnonzero(inside)
+        rejected = dict.fromkeys(_REASONS, 0)
+        rejected["region"] = len(inside) - len(points)
+        uv_f = self._corners(roi_f)
+        corners = len(uv_f)
+        if len(points) == 0 or corners < 2:
+            return self._none(rejected, corners)
+        rays_f = self.camera_f.unproject(uv_f)
+        alike = self._likeness(points, uv_f, rays_f)
+        i, j, _ = self._assign(points, rays_f, alike, self.t_cf, self.covariance)
+        seeds = self._consensus(self.rays_s[points[i]], rays_f[j], self.options.sigma)
+        i, j, why = self._assign(points, rays_f, alike, seeds.t_cf, seeds.covariance)
+        rejected.update(why)
+        index, place = points[i], uv_f[j]
+        index, place = self._add_known(points, index, place, seeds, roi_f)
+        tried = len(index)
+        index, place, score = self._locate(index, place, seeds.t_cf)
+        rejected["score"] = tried - len(index)
+        if len(index) == 0:
+            return self._none(rejected, corners)
+        rays_f = self.camera_f.unproject(place)
+        final = self._consensus(self.rays_s[index], rays_f, 0.5 * self.options.sigma, seeds)
+        keep = final.agree
+        rejected["consensus"] = int((~keep).sum())
+        if keep.sum() < max(self.options.min_matches, self.options.min_share * tried):
+            rejected["consensus"] = len(index)
+            return self._none(rejected, corners)
+        return WornMatches(index[keep], place[keep], score[keep], rejected, corners, final.t_cf)
+
+    def _none(self, rejected: dict[str, int], corners: int) -> WornMatches:
+        empty = np.empty(0)
+        return WornMatches(np.empty(0, np.int64), empty.reshape(0, 2), empty, rejected, corners, self.t_cf)
+
+    def _corners(self, roi: Region) -> Array:
+        """Corners of Cf inside the region of interest."""
+        u0, v0 = (max(0, int(np.floor(x))) for x in roi[:2])
+        u1, v1 = int(np.ceil(roi[2])) + 1, int(np.ceil(roi[3])) + 1
+        crop = np.ascontiguousarray(self.image_f[v0:v1, u0:u1])
+        border = self.settings.patch.size // 2 + 1
+        if min(crop.shape) <= 2 * border + 2:
+            return np.empty((0, 2))
+        detect = dataclasses.replace(
+            self.settings.detect,
+            subpixel=False,  # the correlation does that
+            min_distance=self.options.corner_distance * self.image_f.shape[1] / crop.shape[1],
+        )
+        corners = detect_corners(crop, np.empty((0, 2)), self.options.corners, detect, border)
+        corners += np.array([u0, v0])
+        return corners
+
+    def _warps(self, points: Indices, t_cf: Array, rho: Array) -> Array:
+        """(N, 2, 2) maps of Cs offsets to Cf offsets; those without a usable depth show the rotation only."""
+        t_fc = pose_inverse(t_cf)
+        _, affine, ok = affine_maps(self.camera_s, self.uv_s[points], self.camera_f, t_fc, rho)
+        ok &= usable_affine(affine, self.settings.patch)
+        if not np.all(ok):
+            _, far, far_ok = affine_maps(
+                self.camera_s, self.uv_s[points], self.camera_f, t_fc, np.zeros(len(points))
+            )
+            far = np.where((far_ok & usable_affine(far, self.settings.patch))[:, None, None], far, np.eye(2))
+            affine = np.where(ok[:, None, None], affine, far)
+        return affine
+
+    def _likeness(self, points: Indices, uv_f: Array, rays_f: Array) -> NDArray[np.float32]:
+        """(N, M) inner products of descriptors, each pair at the nearest of the warped depths."""
+        kind, support = self.options.descriptor, self.options.support
+        described_f = describe(self.image_f, uv_f, 0.0, support, kind)
+
+        def products(of: Indices, warps: Array) -> NDArray[np.float32]:
+            described_s = DESCRIPTORS[kind](self.image_s, self.uv_s[of], inverse_maps(warps), support)
+            return np.asarray(described_s @ described_f.T)
+
+        first = self._warps(points, self.t_cf, np.where(self.known[points], self.rho[points], 0.0))
+        alike = products(points, first)
+        rows = np.flatnonzero(~self.known[points])
+        free = points[rows]
+        depths = self._depths(free[:: max(1, len(free) // 16)])
+        if len(depths) > 1:
+            blocks = PairGeometry(self.rays_s[free], rays_f, self.t_cf, np.empty((0, 3, 3))).blocks()
+            pair_rho = np.concatenate([rho for _, rho, _, _ in blocks])
+            chosen = alike[rows]
+            for far, near in pairwise(depths):
+                warps = self._warps(free, self.t_cf, np.full(len(free), near))
+                np.copyto(chosen, products(free, warps), where=pair_rho > 0.5 * (far + near))
+            alike[rows] = chosen
+        return alike
+
+    def _depths(self, sample: Indices) -> list[float]:
+        """Inverse ranges at which windows are warped: 0, and those where the warp has changed enough."""
+        depths = [0.0]
+        if len(sample) == 0:
+            return depths
+        last = self._warps(sample, self.t_cf, np.zeros(len(sample)))
+        for share in _DEPTHS:
+            rho = share / self.options.min_range
+            warps = self._warps(sample, self.t_cf, np.full(len(sample), rho))
+            change = np.linalg.norm(warps - last, axis=(1, 2)) / np.linalg.norm(last, axis=(1, 2))
+            if np.median(change) > _DEPTH_CHANGE:
+                depths.append(rho)
+                last = warps
+        return depths
+
+    def _assign(
+        self, points: Indices, rays_f: Array, alike: NDArray[np.float32], t_cf: Array, covariance: Array
+    ) -> tuple[Indices, Indices, dict[str, int]]:
+        """Best, unambiguous and mutual candidates in the gate of a pose: rows of points and of corners."""
+        gate = self._gate(points, rays_f, t_cf, covariance)
+        product = np.where(gate, alike, np.float32(-2.0))
+        rows = np.arange(len(points))
+        best = np.argmax(product, axis=1)
+        first = product[rows, best]
+        mutual = np.argmax(product, axis=0)[best] == rows
+        product[rows, best] = -2.0
+        second = np.maximum(product.max(axis=1), np.float32(1.0 - 0.5 * 1.2**2))
+        any_candidate = first > -1.5
+        near, next_near = (np.sqrt(np.maximum(2.0 - 2.0 * x, 0.0)) for x in (first, second))
+        distinct = (near <= self.options.ratio * next_near) & (near <= self.options.max_distance)
+        keep = any_candidate & distinct & mutual
+        why = {
+            "epipolar": int((~any_candidate).sum()),
+            "ratio": int((any_candidate & ~distinct).sum()),
+            "mutual": int((any_candidate & distinct & ~mutual).sum()),
+        }
+        return np.flatnonzero(keep), best[keep], why
+
+    def _gate(self, points: Indices, rays_f: Array, t_cf: Array, covariance: Array) -> Mask:
+        """(N, M) pairs that a pose allows: near the epipolar line, in front, at the depth if it is known."""
+        rotation, t = t_cf[:3, :3], t_cf[:3, 3]
+        root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
+        # The epipolar constraint and its change by each error of the pose are bilinear in the rays.
+        across = skews(t[:, None])[0] @ rotation
+        changes = skews(rotation @ root[:3]) @ rotation + across @ skews(root[3:])
+        forms = np.concatenate([across[None], changes])
+        geometry = PairGeometry(self.rays_s[points], rays_f, t_cf, forms)
+        options = self.options
+        noise = ((options.sigma / np.array(self.focal)) ** 2).astype(np.float32)
+        angle = np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1] + 2.0 * float(noise[0]))
+        length = np.float32(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
+        per_range, per_range_f = (np.float32(options.gate) / np.sqrt(n) for n in (geometry.n_f, geometry.n_s))
+        known = self.known[points]
+        reach = options.gate * self.rho_sd[points]
+        low = np.where(known, self.rho[points] - reach, 0.0).astype(np.float32)
+        high = np.where(known, self.rho[points] + reach, 1.0 / options.min_range).astype(np.float32)
+        gate = np.empty((len(points), len(rays_f)), dtype=np.bool_)
+        for part, rho, rho_f, values in geometry.blocks():
+            square = values[0] ** 2
+            variance = (geometry.n_f - square) * noise[0] + (geometry.n_s[part, None] - square) * noise[1]
+            for change in values[1:]:
+                variance += change**2
+            slack = (np.float32(angle) + length * np.abs(rho)) * per_range
+            gate[part] = (
+                (square <= options.gate**2 * variance)
+                & (rho >= low[part, None] - slack)
+                & (rho <= high[part, None] + slack)
+                & (rho_f >= -(np.float32(angle) + length * np.abs(rho_f)) * per_range_f[part, None])
+            )
+        return gate
+
+    def _consensus(
+        self, rays_s: Array, rays_f: Array, sigma: float, start: Consensus | None = None
+    ) -> Consensus:
+        limit = max(self.options.max_residual, self.options.gate * sigma)
+        return find_consensus(rays_s, rays_f, self.t_cf, self.covariance, self.focal, sigma, limit, start)
+
+    def _add_known(
+        self, points: Indices, index: Indices, place: Array, consensus: Consensus, roi: Region
+    ) -> tuple[Indices, Array]:
+        """Points of known depth without a match, searched with their own patch in their predicted ellipse."""
+        rest = points[self.known[points] & ~np.isin(points, index)]
+        if len(rest) == 0:
+            return index, place
+        uv, spread, ok = self._predict(rest, consensus)
+        ok &= _inside(uv, roi)
+        rest, uv, spread = rest[ok], uv[ok], spread[ok]
+        if len(rest) == 0:
+            return index, place
+        affine = self._warps(rest, consensus.t_cf, np.maximum(self.rho[rest], 0.0))
+        templates = self._templates(rest, affine)
+        result = active_search([self.image_f], templates, uv, spread, None, self.settings)
+        found = result.code == FOUND
+        return np.concatenate([index, rest[found]]), np.concatenate([place, result.uv[found]])
+
+    def _predict(self, index: Indices, consensus: Consensus) -> tuple[Array, Array, Mask]:
+        """Pixels in Cf of points of known depth; covariance from the depth, the pose and the pixels."""
+        t_cf = consensus.t_cf
+        rotation, t = t_cf[:3, :3], t_cf[:3, 3]
+        rho = np.maximum(self.rho[index], 0.0)
+        seen = (self.rays_s[index] - rho[:, None] * t) @ rotation
+        # By inverse range, by translation (on the right), by rotation (on the right).
+        by_rho = -(t @ rotation)[None].repeat(len(index), axis=0)
+        scale = np.linalg.norm(seen, axis=1, keepdims=True)
+        directions = [by_rho * self.rho_sd[index][:, None]]
+        root = np.asarray(np.linalg.cholesky(consensus.covariance), dtype=np.float64)
+        directions += list(-rho[:, None] * root[:3].T[:, None] + seen @ skews(root[3:]))
+        stack = np.stack([seen, *(seen + 1e-3 * d for d in directions)])
+        front = seen[:, 2] > 1e-3 * scale[:, 0]
+        uv, _ = self.camera_f.project(np.where(front[None, :, None], stack, [0.0, 0.0, 1.0]).reshape(-1, 3))
+        uv = uv.reshape(len(directions) + 1, len(index), 2)
+        change = (uv[1:] - uv[0]) / 1e-3
+        spread = np.einsum("kni,knj->nij", change, change) + self.options.sigma**2 * np.eye(2)
+        ok = front & np.all(np.isfinite(uv), axis=(0, 2))
+        return uv[0], spread, ok
+
+    def _templates(self, index: Indices, affine: Array) -> Image:
+        return sample_templates(self.image_s, self.uv_s[index], affine, self.settings.patch.size)[0]
+
+    def _locate(self, index: Indices, place: Array, t_cf: Array) -> tuple[Indices, Array, Array]:
+        """Sub-pixel positions in Cf by correlating the patch of Cs, warped at each match's own depth."""
+        if len(index) == 0:
+            return index, place, np.empty(0)
+        rho = inverse_ranges(self.rays_s[index], self.camera_f.unproject(place), t_cf)
+        templates = self._templates(index, self._warps(index, t_cf, np.maximum(rho, 0.0)))
+        near = dataclasses.replace(
+            self.settings.search,
+            min_radius=self.options.refine_radius,
+            min_score=self.options.min_score,
+            ambiguity=1.0,
+        )
+        result = active_search(
+            [self.image_f],
+            templates,
+            place,
+            np.zeros((len(index), 2, 2)),
+            None,
+            dataclasses.replace(self.settings, search=near),
+        )
+        found = result.code == FOUND
+        return index[found], result.uv[found], result.score[found]
+
+
+def _focal(camera: Camera) -> float:
+    """Pixels per radian near the optical axis."""
+    return float(np.sqrt(camera.intrinsics[0] * camera.intrinsics[1]))
+
+
+def _inside(uv: Array, region: Region) -> Mask:
+    return np.asarray(np.all((uv >= region[:2]) & (uv <= region[2:]), axis=1))

@@ -1,0 +1,11 @@
+"""Names of the modes and of the ways to start (METHOD sections 5, 6 and 10)."""
+
+from __future__ import annotations
+
+MODES = ("mono", "mono-undelayed", "collab-init", "collab", "collab-tight")
+"""`mono`: delayed births only.  `mono-undelayed`: Civera's births.  `collab-init`: Cf gives births only.
+`collab`: Cf gives births and points with depth (the paper).  `collab-tight`: Cf's pixels are measured, with
+T_CF in the state."""
+
+STARTS = ("worn", "target", "scale-free")
+"""Where the scale comes from: the first overlap with Cf, a known target, or nowhere."""

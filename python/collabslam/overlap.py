@@ -1,0 +1,179 @@
+"""The worn camera in one frame: is there overlap, which points do both cameras see (METHOD 7.4 and 9)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from collabslam._core import Camera, Filter, UpdateReport
+from collabslam.errors import InputError
+from collabslam.frontend.detect import detect_corners
+from collabslam.frontend.settings import FrontendSettings
+from collabslam.frontend.worn_match import WornMatches, match_worn
+from collabslam.settings import Settings
+from collabslam.tracks import Found, Tracks
+from collabslam.types import WornView
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+Ids = NDArray[np.int64]
+
+NEW_POINTS = 120
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Matches between Cs and Cf, ready for the filter.
+
+    Attributes
+    ----------
+    ids : (M,) int64
+        Feature of each pair, -1 for a new point.
+    candidates : (M,) int64
+        Candidate that the new point was until now, -1 for none.
+    uv, uv_f : (M, 2) float64
+        Pixels in Cs and Cf.
+    worn : WornView or None
+        None where there is no overlap.
+    matches : WornMatches or None
+    baseline : float
+        |t_CF|, metres; NaN without overlap.
+    """
+
+    ids: Ids = field(default_factory=lambda: np.empty(0, np.int64))
+    candidates: Ids = field(default_factory=lambda: np.empty(0, np.int64))
+    uv: Array = field(default_factory=lambda: np.empty((0, 2)))
+    uv_f: Array = field(default_factory=lambda: np.empty((0, 2)))
+    worn: WornView | None = None
+    matches: WornMatches | None = None
+    points: int = 0
+    baseline: float = float("nan")
+
+    @property
+    def observation(self) -> tuple[Array, Array, Ids, Array, Array] | None:
+        """The argument ``worn`` of :meth:`Filter.update`."""
+        if self.worn is None:
+            return None
+        return self.worn.t_cf, self.worn.covariance, self.ids, self.uv, self.uv_f
+
+    def births(self, report: UpdateReport) -> tuple[Ids, Ids]:
+        """Features born from pairs, and the candidates among them."""
+        if self.worn is None:
+            return np.empty(0, np.int64), np.empty(0, np.int64)
+        born = report.pair_births >= 0
+        used = self.candidates[born]
+        return report.pair_births[born], used[used >= 0]
+
+    def uv_of(self, report: UpdateReport) -> Array:
+        """Pixels in Cs of the features born."""
+        return self.uv[report.pair_births >= 0] if self.worn is not None else self.uv
+
+    def counts(self, report: UpdateReport) -> dict[str, Any]:
+        """Diagnostics of the worn camera."""
+        rejected = self.matches.rejected if self.matches else {}
+        pairs = report.pairs
+        return {
+            "overlap": int(self.worn is not None),
+            "baseline_m": self.baseline,
+            "cf_points": self.points,
+            "cf_matches": len(self.ids),
+            "cf_rejected_region": rejected.get("region", 0),
+            "cf_rejected_ratio": rejected.get("ratio", 0) + rejected.get("mutual", 0),
+            "cf_rejected_epipolar": rejected.get("epipolar", 0) + rejected.get("consensus", 0),
+            "cf_rejected_low_score": rejected.get("score", 0),
+            "cf_rejected_chi2": pairs.count("rejected-gate"),
+            "cf_rejected_hohct": pairs.count("rejected-batch"),
+            "cf_too_uncertain": pairs.count("too-uncertain"),
+            "depth_rows": pairs.count("depth"),
+            "cf_pixel_rows": pairs.count("pixel"),
+        }
+
+
+class WornLook:
+    """Decides whether Cf helps in a frame, and matches it to Cs."""
+
+    def __init__(
+        self,
+        core: Filter,
+        camera: Camera,
+        worn_camera: Camera | None,
+        settings: Settings,
+        options: FrontendSettings,
+    ) -> None:
+        self._filter = core
+        self._camera = camera
+        self._worn_camera = worn_camera
+        self._options = options
+        mode = str(settings["filter.estimator.mode"])
+        self._only_start = mode.startswith("mono")
+        self._only_births = mode == "collab-init"
+
+    def check(self, worn: WornView | None) -> None:
+        """Raises InputError if the worn view does not fit its calibration."""
+        if worn is None:
+            return
+        camera = self._worn_camera
+        if camera is None:
+            raise InputError("there is a worn view but no worn_camera; give the calibration of Cf.")
+        if worn.image.shape != (camera.height, camera.width) or worn.image.dtype != np.uint8:
+            raise InputError(
+                f"the worn image is {worn.image.shape} {worn.image.dtype}, its calibration is for "
+                f"({camera.height}, {camera.width}) uint8; scale the calibration or the images."
+            )
+
+    def match(self, image: Image, worn: WornView | None, found: Found, tracks: Tracks, missing: int) -> Overlap:
+        """Pairs of this frame; known features first, then as many new points as the view is missing."""
+        started = self._filter.started
+        if worn is None or self._worn_camera is None or (started and self._only_start):
+            return Overlap()
+        overlap = self._filter.predict_overlap(worn.t_cf, worn.covariance)
+        if overlap is None:
+            return Overlap()
+        known = np.empty(0, np.int64) if self._only_births and started else np.flatnonzero(found.hit)
+        known_uv = found.result.uv[known]
+        taken = np.concatenate([found.uv, found.candidate_uv])
+        fresh = detect_corners(
+            image, taken, NEW_POINTS if missing else 0, self._options.detect, self._options.patch.size
+        )
+        uv = np.concatenate([known_uv, found.candidate_uv, fresh])
+        unknown = np.full(len(found.candidate_uv) + len(fresh), np.nan)
+        matches = match_worn(
+            image,
+            self._camera,
+            worn.image,
+            self._worn_camera,
+            worn.t_cf,
+            worn.covariance,
+            overlap["roi_s"],
+            overlap["roi_f"],
+            uv,
+            np.concatenate([found.rho[known], unknown]),
+            np.concatenate([found.rho_sd[known], unknown]),
+            self._options,
+        )
+        ids = np.concatenate([found.searched[known], np.full(len(unknown), -1)])
+        candidates = np.concatenate(
+            [np.full(len(known), -1), found.candidates, np.full(len(fresh), -1)]
+        )
+        chosen = self._choose(ids[matches.index], matches, missing)
+        rows = matches.index[chosen]
+        return Overlap(
+            ids=ids[rows].astype(np.int64),
+            candidates=candidates[rows].astype(np.int64),
+            uv=uv[rows],
+            uv_f=matches.uv_f[chosen],
+            worn=worn,
+            matches=matches,
+            points=len(uv),
+            baseline=float(overlap["baseline"]),
+        )
+
+    @staticmethod
+    def _choose(ids: Ids, matches: WornMatches, missing: int) -> Ids:
+        """All matches of known features, and the best new ones up to the number that is missing."""
+        new = np.flatnonzero(ids < 0)
+        best = new[np.argsort(-matches.score[new], kind="stable")[:missing]]
+        return np.sort(np.concatenate([np.flatnonzero(ids >= 0), best]))

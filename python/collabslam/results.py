@@ -1,0 +1,304 @@
+"""The one writer of every result file.
+
+A result folder holds ``config.yaml`` (the settings as used), ``frames.csv`` (every frame, written as it
+comes), ``trajectory.tum`` and ``trajectory.cov`` (valid poses only), ``groundtruth.tum``, ``map.ply``,
+``trajectory.png`` and ``summary.json``.  Whole files are written beside their place and then moved into it,
+so that a reader never meets half a file.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from collabslam.errors import DataError
+from collabslam.evaluation.record import Landmarks, RunRecord, Step, status_name
+from collabslam.geometry import quaternion_wxyz
+
+Array = NDArray[np.float64]
+
+CONFIG, FRAMES, TRAJECTORY, COVARIANCE = "config.yaml", "frames.csv", "trajectory.tum", "trajectory.cov"
+GROUND_TRUTH, MAP, PICTURE, SUMMARY = "groundtruth.tum", "map.ply", "trajectory.png", "summary.json"
+RESULT_FILES = (CONFIG, FRAMES, TRAJECTORY, COVARIANCE, GROUND_TRUTH, MAP, PICTURE, SUMMARY)
+MARK = "# collabslam settings"
+"""How the first line of a result folder's ``config.yaml`` begins."""
+
+POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
+DIAGNOSTICS = (
+    "predicted",
+    "searched",
+    "found",
+    "accepted",
+    "rejected_low_score",
+    "rejected_ambiguous",
+    "rejected_hohct",
+    "cf_points",
+    "cf_matches",
+    "cf_rejected_region",
+    "cf_rejected_ratio",
+    "cf_rejected_epipolar",
+    "cf_rejected_chi2",
+    "depth_rows",
+    "births_instant",
+    "births_delayed",
+    "births_undelayed",
+    "deleted",
+    "map_size",
+    "candidates",
+    "overlap",
+    "nis",
+    "nis_dof",
+    "hohct_order",
+    "hohct_exact",
+    "baseline_m",
+    "ms_predict",
+    "ms_search",
+    "ms_cf",
+    "ms_update",
+    "ms_map",
+    "ms_total",
+)
+LEADING = ("index", "t", "status", "valid", "started", "worn")
+
+_TUM_HEADER = "# t tx ty tz qx qy qz qw: seconds, metres; T_WC maps points of the camera C into W"
+_COV_HEADER = """\
+# Covariance of each pose of trajectory.tum, row by row: t, then the 21 numbers of the lower triangle
+# c11 c21 c22 c31 ... c66 of the 6x6 matrix over (x y z rx ry rz), in m^2, m rad and rad^2.
+# Tangent on the right, in the camera's frame C: T_WC = T_WC_hat Exp(xi).
+#%TANGENT_CONVENTION right_perturbation
+#%TANGENT_ORDER translation_rotation"""
+
+
+class ResultWriter:
+    """Writes the files of one run into a folder; use it as a context manager.
+
+    Leaving the block, even by an exception, writes the trajectory as far as it came.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if missing.  Results of an earlier run in it are removed.
+
+    Raises
+    ------
+    DataError
+        If the folder holds something that is no result of collabslam, or cannot be written.
+    """
+
+    def __init__(self, folder: Path, config: str) -> None:
+        self.folder = folder
+        claim_folder(folder)
+        write_text(folder / CONFIG, config)
+        self._frames: IO[str] = (folder / FRAMES).open("w", encoding="utf-8", newline="")
+        self._columns: tuple[str, ...] = ()
+        self._record: RunRecord | None = None
+
+    def __enter__(self) -> ResultWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._frames.close()
+        if self._record is not None:
+            write_trajectory(self.folder, self._record)
+
+    def frame(self, record: RunRecord) -> None:
+        """Append the record's last frame to ``frames.csv``, and flush it."""
+        self._record = record
+        index = len(record) - 1
+        step = record.steps[index]
+        rows = csv.writer(self._frames, lineterminator="\n")
+        if not self._columns:
+            self._columns = frame_columns(step.diagnostics)
+            rows.writerow(self._columns)
+        rows.writerow(_cell(v) for v in _frame_row(index, step, record.worn[index], self._columns))
+        self._frames.flush()
+
+    def finish(
+        self, record: RunRecord, landmarks: Landmarks | None, truth: Array | None, summary: Mapping[str, Any]
+    ) -> None:
+        """Write everything that needs the whole run.
+
+        Parameters
+        ----------
+        record : RunRecord
+        landmarks : Landmarks or None
+        truth : (N, 4, 4) array or None
+            In W, NaN where missing.
+        summary : mapping
+        """
+        write_trajectory(self.folder, record)
+        if truth is not None:
+            write_tum(
+                self.folder / GROUND_TRUTH,
+                record.times,
+                truth,
+                note="# True poses, moved so that the first one equals the estimate's.",
+            )
+        if landmarks is not None:
+            write_map(self.folder / MAP, landmarks)
+        write_summary(self.folder / SUMMARY, summary)
+
+
+def is_result_folder(folder: Path) -> bool:
+    """Whether a run has written into this folder."""
+    try:
+        with (folder / CONFIG).open(encoding="utf-8") as lines:
+            return lines.readline().startswith(MARK)
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def claim_folder(folder: Path) -> None:
+    """Make the folder, or empty it of an earlier run's results; nothing else in it is touched.
+
+    Raises
+    ------
+    DataError
+        If it holds other things than results, or cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()) and not is_result_folder(folder):
+            raise DataError(
+                f"The folder {folder} is not empty and holds no collabslam result; give another --out."
+            )
+        for name in RESULT_FILES:
+            (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        text = f"The folder {folder} cannot be written ({error.strerror}); give another --out."
+        raise DataError(text) from error
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a whole file beside its place, then move it there."""
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write a whole file beside its place, then move it there."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        beside.write_bytes(data)
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def write_trajectory(folder: Path, record: RunRecord) -> None:
+    """``trajectory.tum`` and ``trajectory.cov``: the valid poses, one line of each per pose."""
+    use = record.valid
+    write_tum(folder / TRAJECTORY, record.times[use], record.poses[use])
+    write_covariances(folder / COVARIANCE, record.times[use], record.covariances[use])
+
+
+def write_tum(path: Path, times: ArrayLike, poses: ArrayLike, note: str = "") -> None:
+    """Poses (N, 4, 4) in the TUM format, sorted by time; poses that are not finite are left out."""
+    t, t_wc = np.asarray(times, np.float64), np.asarray(poses, np.float64)
+    lines = [line for line in (note, _TUM_HEADER) if line]
+    lines += [
+        f"{t[i]:.9f} " + " ".join(f"{v:.9f}" for v in _position_quaternion(t_wc[i]))
+        for i in np.argsort(t, kind="stable")
+        if np.isfinite(t_wc[i]).all()
+    ]
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def write_covariances(path: Path, times: ArrayLike, covariances: ArrayLike) -> None:
+    """Covariances (N, 6, 6) as lower triangles, sorted by time; the header states frame and order."""
+    t, p = np.asarray(times, np.float64), np.asarray(covariances, np.float64)
+    rows, columns = np.tril_indices(6)
+    lines = [_COV_HEADER] + [
+        f"{t[i]:.9f} " + " ".join(f"{v:.12e}" for v in p[i][rows, columns])
+        for i in np.argsort(t, kind="stable")
+    ]
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def write_map(path: Path, landmarks: Landmarks) -> None:
+    """The map as a binary PLY: points in W, metres, with sd along x, y, z and the 3x3 covariance."""
+    points = np.asarray(landmarks.points, np.float64).reshape(-1, 3)
+    p = np.asarray(landmarks.covariance, np.float64).reshape(-1, 3, 3)
+    upper = [("xx", 0, 0), ("xy", 0, 1), ("xz", 0, 2), ("yy", 1, 1), ("yz", 1, 2), ("zz", 2, 2)]
+    columns: list[tuple[str, str, str, Array]] = [
+        (axis, "double", "<f8", points[:, k]) for k, axis in enumerate("xyz")
+    ]
+    for k, axis in enumerate("xyz"):
+        columns.append((f"sigma_{axis}", "float", "<f4", np.sqrt(np.maximum(p[:, k, k], 0.0))))
+    columns += [(f"cov_{name}", "float", "<f4", p[:, i, j]) for name, i, j in upper]
+    columns.append(("id", "int", "<i4", np.asarray(landmarks.ids, np.float64)))
+    table = np.empty(len(points), dtype=[(name, code) for name, _, code, _ in columns])
+    for name, _, _, values in columns:
+        table[name] = values
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment collabslam map: points in W, metres; sigma in metres; cov in m^2",
+        f"element vertex {len(points)}",
+        *(f"property {kind} {name}" for name, kind, _, _ in columns),
+        "end_header",
+    ]
+    write_bytes(path, ("\n".join(header) + "\n").encode() + table.tobytes())
+
+
+def write_summary(path: Path, summary: Mapping[str, Any]) -> None:
+    """The summary as JSON: sorted keys, and null for every number that is not finite."""
+    write_text(path, json.dumps(jsonable(summary), indent=2, sort_keys=True, allow_nan=False) + "\n")
+
+
+def jsonable(value: Any) -> Any:
+    """``value`` in JSON's own types; numbers that are not finite become None."""
+    if isinstance(value, Mapping):
+        return {str(k): jsonable(v) for k, v in value.items()}
+    if isinstance(value, str) or value is None:
+        return value
+    if isinstance(value, np.generic | np.ndarray):
+        return jsonable(value.tolist())
+    if isinstance(value, Sequence):
+        return [jsonable(v) for v in value]
+    if isinstance(value, bool | int):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return str(value)
+
+
+def frame_columns(diagnostics: Mapping[str, Any]) -> tuple[str, ...]:
+    """Columns of ``frames.csv``: the known ones in a fixed order, then any further diagnostics."""
+    known = {*LEADING, *POSE_COLUMNS, *DIAGNOSTICS}
+    return (*LEADING, *POSE_COLUMNS, *DIAGNOSTICS, *(k for k in diagnostics if k not in known))
+
+
+def _frame_row(index: int, step: Step, worn: bool, columns: Iterable[str]) -> list[Any]:
+    row: dict[str, Any] = dict(step.diagnostics)
+    row.update(index=index, t=f"{step.t:.9f}", status=status_name(step.status), worn=worn)
+    row.update(valid=bool(step.valid), started=bool(step.started))
+    finite = bool(np.isfinite(step.pose).all())
+    numbers = [f"{v:.9f}" for v in _position_quaternion(step.pose)] if finite else [""] * len(POSE_COLUMNS)
+    row.update(zip(POSE_COLUMNS, numbers, strict=True))
+    return [row.get(column) for column in columns]
+
+
+def _cell(value: Any) -> str:
+    """Text of a cell: flags as 0 and 1, floats short, nothing for what is missing or not finite."""
+    if isinstance(value, bool | np.bool_):
+        return str(int(value))
+    if isinstance(value, float | np.floating):
+        return f"{value:.6g}" if math.isfinite(value) else ""
+    return "" if value is None else str(value)
+
+
+def _position_quaternion(t_wc: Array) -> list[float]:
+    """``x y z qx qy qz qw`` of a pose."""
+    w, x, y, z = quaternion_wxyz(t_wc[:3, :3])
+    return [*(float(v) for v in t_wc[:3, 3]), float(x), float(y), float(z), float(w)]

@@ -1,0 +1,215 @@
+"""One recording through the filter, from the first frame to the result folder."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from collabslam.errors import SettingsError
+from collabslam.evaluation.record import Landmarks, RunRecord, Step, status_name
+from collabslam.evaluation.scoring import AlignedTruth, align_truth, score
+from collabslam.modes import STARTS
+from collabslam.progress import Progress
+from collabslam.results import PICTURE, ResultWriter
+from collabslam.settings import Settings
+from collabslam.types import Image, Recording, WornView
+from collabslam.version import version
+
+MODE_KEY = "filter.estimator.mode"
+LEAST_OK_SHARE = 0.5
+"""A run with a smaller share of OK frames counts as having lost the camera."""
+
+Summary = dict[str, Any]
+
+
+class SlamLike(Protocol):
+    """What a run asks of the engine."""
+
+    def step(self, t: float, image: Image, worn: WornView | None = None) -> Step: ...
+    def landmarks(self) -> Landmarks: ...
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """A finished run.
+
+    Attributes
+    ----------
+    summary : dict
+        As in ``summary.json``.
+    record : RunRecord
+    truth : AlignedTruth or None
+        The truth in W, where there is one.
+    landmarks : Landmarks
+        The map at the end.
+    """
+
+    summary: Summary
+    record: RunRecord
+    truth: AlignedTruth | None
+    landmarks: Landmarks
+
+
+def run(recording: Recording, **options: Any) -> Summary:
+    """Run a recording and return its summary; the options are those of `execute`."""
+    return execute(recording, **options).summary
+
+
+def execute(
+    recording: Recording,
+    *,
+    mode: str | None = None,
+    start: str = "worn",
+    settings: Settings | None = None,
+    out: Path | None = None,
+    seed: int = 0,
+    max_frames: int | None = None,
+    progress: bool = True,
+    options: Mapping[str, Any] | None = None,
+    slam: SlamLike | None = None,
+) -> RunResult:
+    """Run a recording through the filter and score it.
+
+    Ctrl-C ends the run early; what was done until then is scored and written, and marked ``interrupted``.
+
+    Parameters
+    ----------
+    recording : Recording
+    mode : str, optional
+        One of `collabslam.modes.MODES`; the settings' ``filter.estimator.mode`` if left out.
+    start : str
+        One of `collabslam.modes.STARTS`.
+    settings : Settings, optional
+        The defaults if left out.
+    out : Path, optional
+        Result folder; nothing is written if left out.
+    seed : int
+        The seed the recording was made with (of the worn camera's noise), for the summary.
+    max_frames : int, optional
+        Stop after so many frames.
+    progress : bool
+        Whether to show progress on standard error.
+    options : mapping, optional
+        Further facts for the summary, such as how the worn camera was emulated.
+    slam : SlamLike, optional
+        An engine of one's own in place of `collabslam.engine.Slam`.
+
+    Raises
+    ------
+    DataError
+        If the recording breaks off, or ``out`` cannot be used.
+    SettingsError
+        If an option is not allowed.
+    """
+    frames = _frame_count(len(recording), max_frames)
+    settings = settings or Settings.default()
+    if mode is None:
+        mode = str(settings[MODE_KEY])
+    settings = settings.replace({MODE_KEY: mode})
+    engine = slam or make_engine(recording, mode=mode, start=start, settings=settings)
+    record, interrupted = RunRecord(), False
+    title = f"as used by {recording.name}, mode {mode}"
+    with contextlib.ExitStack() as stack:
+        writer = stack.enter_context(ResultWriter(out, settings.dump(title=title))) if out else None
+        bar = stack.enter_context(Progress(frames, f"{recording.name} {mode}", enabled=progress))
+        try:
+            for i in range(frames):
+                frame = recording.frame(i)
+                began = time.perf_counter()
+                step = engine.step(frame.t, frame.image, frame.worn)
+                record.append(step, worn=frame.worn is not None, seconds=time.perf_counter() - began)
+                if writer:
+                    writer.frame(record)
+                bar.update(_note(step))
+        except KeyboardInterrupt:
+            interrupted = True
+        truth, landmarks = align_truth(record, recording.truth), engine.landmarks()
+        summary: Summary = {
+            **score(record, recording.truth),
+            **_timing(record),
+            "mode": mode,
+            "start": start,
+            "recording": recording.name,
+            "source": recording.source,
+            "seed": seed,
+            "version": version(),
+            "interrupted": interrupted,
+            "frames_available": len(recording),
+            "map_size_final": len(landmarks.ids),
+            "settings_hash": settings.hash(),
+            "options": dict(options or {}),
+        }
+        if writer:
+            writer.finish(record, landmarks, None if truth is None else truth.poses, summary)
+    result = RunResult(summary, record, truth, landmarks)
+    if out:
+        from collabslam.viz.plot import plot_run
+
+        plot_run(result, out / PICTURE)
+    return result
+
+
+def make_engine(recording: Recording, *, mode: str, start: str, settings: Settings) -> SlamLike:
+    """The engine for a recording; raises SettingsError where mode or start do not fit the recording."""
+    if start not in STARTS:
+        raise SettingsError(f"The start '{start}' does not exist; give one of: {', '.join(STARTS)}.")
+    if recording.worn_camera is None and (start == "worn" or mode.startswith("collab")):
+        what = "start 'worn'" if start == "worn" else f"mode '{mode}'"
+        raise SettingsError(
+            f"The {what} needs a worn camera and {recording.name} has none; emulate one with --worn, "
+            "or give --mode mono with --start scale-free or target."
+        )
+    if start == "target" and recording.target is None:
+        raise SettingsError(
+            f"The start 'target' needs a known target and {recording.name} has none; give another --start."
+        )
+    from collabslam.engine import Slam
+
+    slam: SlamLike = Slam(
+        recording.camera,
+        recording.worn_camera,
+        settings=settings,
+        mode=mode,
+        start=start,
+        target=recording.target if start == "target" else None,
+    )
+    return slam
+
+
+def exit_status(summary: Summary) -> int:
+    """0 for a good run, 1 if the camera was lost at the end or for more than half of the frames."""
+    share = summary["ok_share"]
+    lost = summary["status_final"] == "LOST" or share is None or share < LEAST_OK_SHARE
+    return int(lost)
+
+
+def _frame_count(available: int, max_frames: int | None) -> int:
+    if max_frames is not None and max_frames < 1:
+        raise SettingsError(f"The largest number of frames is {max_frames}; give 1 or more.")
+    return available if max_frames is None else min(available, max_frames)
+
+
+def _note(step: Step) -> str:
+    text = status_name(step.status) if step.started else "not started"
+    accepted = step.diagnostics.get("accepted")
+    return text if accepted is None else f"{text}, {int(accepted)} features"
+
+
+def _timing(record: RunRecord) -> Summary:
+    """Mean milliseconds per stage, and frames per second without reading or rendering images."""
+    stages = sorted({k for s in record.steps for k in s.diagnostics if k.startswith("ms_")})
+    means = {}
+    for key in stages:
+        values = record.diagnostic(key)
+        if np.isfinite(values).any():
+            means[key.removeprefix("ms_")] = float(np.nanmean(values))
+    total = float(np.sum(record.seconds))
+    if len(record):
+        means["step"] = 1e3 * total / len(record)
+    return {"ms_per_frame": means, "fps": len(record) / total if total > 0.0 else None}

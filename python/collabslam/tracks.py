@@ -1,0 +1,165 @@
+"""What the front end remembers between frames: patches of features and candidates, and where they were last."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from collabslam._core import Camera
+from collabslam.frontend.flow import flow_guess
+from collabslam.frontend.patch import Patch, capture, warp_templates
+from collabslam.frontend.search import FOUND, SearchResult, active_search
+from collabslam.frontend.settings import FrontendSettings
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+Ids = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Found:
+    """Outcome of a frame's search in Cs.
+
+    Attributes
+    ----------
+    searched : (S,) int64
+        Features that were looked for.
+    result : SearchResult
+        One row for each of them.
+    rho, rho_sd : (S,) float64
+        Predicted inverse range and its standard deviation, 1/m.
+    candidates : (C,) int64
+        Candidates that were followed into this frame.
+    candidate_uv : (C, 2) float64
+        Their pixels.
+    lost : (L,) int64
+        Candidates that were not.
+    """
+
+    searched: Ids
+    result: SearchResult
+    rho: Array
+    rho_sd: Array
+    candidates: Ids
+    candidate_uv: Array
+    lost: Ids
+
+    @property
+    def hit(self) -> NDArray[np.bool_]:
+        """(S,) bool: the feature was found."""
+        return np.asarray(self.result.code == FOUND)
+
+    @property
+    def ids(self) -> Ids:
+        """(N,) int64: features that were found."""
+        return self.searched[self.hit]
+
+    @property
+    def uv(self) -> Array:
+        """(N, 2) float64: their pixels."""
+        return self.result.uv[self.hit]
+
+
+class Tracks:
+    """Patches and last pixels of features and candidates."""
+
+    def __init__(self, camera: Camera, settings: FrontendSettings) -> None:
+        self._camera = camera
+        self._settings = settings
+        self._features: dict[int, Patch] = {}
+        self._candidates: dict[int, Patch] = {}
+        self._last: dict[int, Array] = {}
+        self._candidate_last: dict[int, Array] = {}
+        self._previous: Image | None = None
+
+    def search(self, image: Image, pose: Array, expected: dict[str, Any]) -> Found:
+        """Active search of the expected features, and candidates followed from the last frame (METHOD 7.3)."""
+        ids: Ids = expected["ids"]
+        waiting = np.array(sorted(self._candidate_last), dtype=np.int64)
+        guess, followed = self._flow(image, ids, waiting)
+        patches = [self._features[i] for i in ids] + [self._candidates[i] for i in waiting]
+        points = np.concatenate([expected["points"], np.full((len(waiting), 3), np.nan)])
+        templates, usable, _ = warp_templates(self._camera, patches, pose, points, self._settings.patch)
+        spread = (self._settings.flow.max_error / self._settings.search.gate) ** 2 * np.eye(2)
+        result = active_search(
+            [image],
+            templates,
+            np.concatenate([expected["uv"], followed]),
+            np.concatenate([expected["s"], np.broadcast_to(spread, (len(waiting), 2, 2))]),
+            np.concatenate([guess, followed]),
+            self._settings,
+        )
+        n = len(ids)
+        seen = usable[:n]
+        alive = (result.code[n:] == FOUND) & usable[n:]
+        found = Found(
+            searched=ids[seen],
+            result=SearchResult(*(column[:n][seen] for column in result)),
+            rho=expected["rho"][seen],
+            rho_sd=expected["rho_sd"][seen],
+            candidates=waiting[alive],
+            candidate_uv=result.uv[n:][alive],
+            lost=waiting[~alive],
+        )
+        self._last = dict(zip(found.ids.tolist(), found.uv, strict=True))
+        self._candidate_last = dict(zip(found.candidates.tolist(), found.candidate_uv, strict=True))
+        self._previous = image
+        return found
+
+    def _flow(self, image: Image, ids: Ids, waiting: Ids) -> tuple[Array, Array]:
+        """Where optical flow says that features and candidates are now; NaN where it does not say."""
+        guess = np.full((len(ids), 2), np.nan)
+        if self._previous is None:
+            return guess, np.full((len(waiting), 2), np.nan)
+        known = np.array([k for k, i in enumerate(ids.tolist()) if i in self._last], dtype=np.int64)
+        before = [self._last[int(i)] for i in ids[known]] + [self._candidate_last[i] for i in waiting.tolist()]
+        uv, ok = flow_guess(
+            self._previous, image, np.reshape(before, (-1, 2)), None, self._settings.flow
+        )
+        uv = np.where(ok[:, None], uv, np.nan)
+        guess[known] = uv[: len(known)]
+        return guess, uv[len(known) :]
+
+    def add_features(self, image: Image, pose: Array, ids: Ids, uv: Array) -> None:
+        """Starts the patches of features born in this frame."""
+        patches = capture(image, uv, pose, self._settings.patch)
+        for i, patch in zip(ids.tolist(), patches, strict=True):
+            self._features[i] = patch
+            self._last[i] = patch.uv_ref
+
+    def add_candidates(self, image: Image, pose: Array, ids: Ids, uv: Array) -> None:
+        """Starts the patches of candidates."""
+        patches = capture(image, uv, pose, self._settings.patch)
+        for i, patch in zip(ids.tolist(), patches, strict=True):
+            self._candidates[i] = patch
+            self._candidate_last[i] = patch.uv_ref
+
+    def promote(self, candidate: int, feature: int) -> None:
+        """A candidate became a feature: it keeps its patch of the first view."""
+        self._features[feature] = self._candidates.pop(candidate)
+        self._last[feature] = self._candidate_last.pop(candidate)
+
+    def forget_features(self, ids: Ids) -> None:
+        """Drops the patches of deleted features."""
+        for i in ids.tolist():
+            self._features.pop(i, None)
+            self._last.pop(i, None)
+
+    def keep_candidates(self, ids: Ids) -> None:
+        """Drops every candidate that is not listed."""
+        alive = set(ids.tolist())
+        self._candidates = {i: p for i, p in self._candidates.items() if i in alive}
+        self._candidate_last = {i: p for i, p in self._candidate_last.items() if i in alive}
+
+    @property
+    def pixels(self) -> Array:
+        """(N, 2) float64: pixels of all features and candidates found in the last frame."""
+        return np.reshape([*self._last.values(), *self._candidate_last.values()], (-1, 2))
+
+    @property
+    def candidate_count(self) -> int:
+        """Number of candidates that are being followed."""
+        return len(self._candidate_last)

@@ -1,0 +1,230 @@
+"""Pictures of runs: the way seen from above, and the error over time beside what the filter claims.
+
+Seen from above means W's x-z plane: W is the camera's optical frame at the start, so z goes ahead (drawn to
+the right) and x to the right (drawn downwards).
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+from numpy.typing import NDArray
+
+from collabslam.evaluation.record import Mask, RunRecord
+from collabslam.results import write_bytes
+
+if TYPE_CHECKING:
+    from collabslam.evaluation.scoring import AlignedTruth
+    from collabslam.run import RunResult
+
+Array = NDArray[np.float64]
+
+TRUTH, WORN, POINTS = "#1b1b1b", "#f2b134", "#8a94a0"
+COLOURS = {"mono": "#d1495b", "mono-undelayed": "#b5651d", "collab-init": "#6a8d3a", "collab": "#1d6fa5",
+           "collab-tight": "#5b3a8e"}  # fmt: skip
+SIGMAS = 3.0
+_ELLIPSES = 12
+_SURE_M = 0.3
+
+
+def plot_run(result: RunResult, path: Path) -> None:
+    """Write the picture of one run: top view with covariance ellipses, error and 3-sigma below."""
+    summary = result.summary
+    mode = summary["mode"]
+    figure, top, bottom = _canvas((11.0, 8.0), f"{summary['recording']}, {mode}{_verdict(summary)}")
+    colour = COLOURS.get(mode, POINTS)
+    _truth(top, result.truth)
+    _path(top, result.record, colour, mode)
+    _scene(top, [result])
+    _errors(bottom, result.record, result.truth, colour, mode)
+    _dress_errors(bottom, [result])
+    _save(figure, path)
+
+
+def plot_comparison(results: Mapping[str, RunResult], path: Path, *, title: str) -> None:
+    """Write one picture of several runs of the same recording against the truth.
+
+    Parameters
+    ----------
+    results : mapping of label to RunResult
+        Drawn in this order; worn camera, truth and map are those of the last one.
+    path : Path
+    title : str
+    """
+    runs = list(results.values())
+    figure, top, bottom = _canvas((12.0, 7.0), title)
+    _truth(top, runs[-1].truth)
+    for label, result in results.items():
+        mode = result.summary["mode"]
+        colour = COLOURS.get(mode, POINTS)
+        _path(top, result.record, colour, f"{label}{_verdict(result.summary)}")
+        _errors(bottom, result.record, result.truth, colour, mode)
+    _scene(top, runs)
+    _dress_errors(bottom, runs)
+    _save(figure, path)
+
+
+def position_covariances(record: RunRecord) -> Array:
+    """(N, 3, 3) covariance of the position along W's axes, m^2: ``R P_tt R^T``, since the tangent is in C."""
+    rotation = record.poses[:, :3, :3]
+    return np.asarray(rotation @ record.covariances[:, :3, :3] @ np.swapaxes(rotation, 1, 2))
+
+
+def _canvas(size: tuple[float, float], title: str) -> tuple[Figure, Axes, Axes]:
+    """A figure of that size, inches, with the panel of the way and, below, that of the error."""
+    figure = Figure(figsize=size, dpi=100)
+    figure.suptitle(title, fontsize=14, fontweight="bold", y=0.975)
+    top, bottom = figure.add_axes((0.065, 0.43, 0.915, 0.495)), figure.add_axes((0.065, 0.085, 0.915, 0.265))
+    for axes in (top, bottom):
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(color="#e6e8eb", linewidth=0.7)
+        axes.set_axisbelow(True)
+    return figure, top, bottom
+
+
+def _verdict(summary: Mapping[str, object]) -> str:
+    error, share = summary.get("avg_position_error_m"), summary.get("avg_error_pct")
+    if not isinstance(error, float):
+        return ""
+    return f": {error:.2f} m off on average" + (
+        f" ({share:.1f} % of the path)" if isinstance(share, float) else ""
+    )
+
+
+def _path(axes: Axes, record: RunRecord, colour: str, label: str) -> None:
+    """The valid poses, with the 3-sigma ellipse of some of them; the gaps are where none is valid."""
+    use = record.valid
+    shown = np.where(use[:, None], record.poses[:, :3, 3], np.nan)
+    axes.plot(shown[:, 2], shown[:, 0], color=colour, linewidth=2.0, label=label, zorder=4)
+    valid = np.flatnonzero(use)
+    if len(valid):
+        covariances = position_covariances(record)
+        for i in np.unique(valid[np.linspace(0, len(valid) - 1, _ELLIPSES).astype(int)]):
+            _ellipse(axes, shown[i], covariances[i], colour)
+        axes.plot(*shown[valid[-1], [2, 0]], marker="o", markersize=6, color=colour, zorder=5)
+
+
+def _ellipse(axes: Axes, centre: Array, covariance: Array, colour: str) -> None:
+    """The 3-sigma ellipse of a position in the (z, x) picture."""
+    variances, directions = np.linalg.eigh(covariance[np.ix_([2, 0], [2, 0])])
+    height, width = 2.0 * SIGMAS * np.sqrt(np.maximum(variances, 0.0))
+    angle = float(np.degrees(np.arctan2(directions[1, 1], directions[0, 1])))
+    shape = Ellipse((centre[2], centre[0]), width, height, angle=angle, facecolor=colour, edgecolor=colour)
+    shape.set(alpha=0.16, linewidth=0.8, zorder=3)
+    axes.add_patch(shape)
+
+
+def _truth(axes: Axes, truth: AlignedTruth | None) -> None:
+    if truth is not None:
+        p = np.where(truth.known[:, None], truth.poses[:, :3, 3], np.nan)
+        axes.plot(
+            p[:, 2], p[:, 0], color=TRUTH, linewidth=1.6, linestyle=(0, (4, 2)), label="truth", zorder=5
+        )
+
+
+def _scene(axes: Axes, runs: list[RunResult]) -> None:
+    """What surrounds the paths: map and worn camera of the last run, limits, labels."""
+    low, high = _view_box(runs)
+    last = runs[-1]
+    points = np.asarray(last.landmarks.points, np.float64).reshape(-1, 3)
+    p = np.asarray(last.landmarks.covariance, np.float64).reshape(-1, 3, 3)
+    sure = np.sqrt(np.maximum(np.trace(p, axis1=1, axis2=2), 0.0)) < _SURE_M
+    if sure.any():
+        axes.scatter(points[sure, 2], points[sure, 0], s=7, color=POINTS, linewidths=0, label="map", zorder=1)
+    worn = np.where((last.record.valid & _worn(last.record))[:, None], last.record.poses[:, :3, 3], np.nan)
+    if np.isfinite(worn).any():
+        style = {"color": WORN, "linewidth": 11, "alpha": 0.35, "solid_capstyle": "round"}
+        axes.plot(worn[:, 2], worn[:, 0], label="worn camera at hand", zorder=2, **style)
+    box = axes.get_window_extent()
+    middle, half = 0.5 * (low + high), 0.5 * (high - low)
+    half_z = max(half[2], half[0] * box.width / box.height)
+    half_x = half_z * box.height / box.width
+    axes.set_xlim(middle[2] - half_z, middle[2] + half_z)
+    axes.set_ylim(middle[0] + half_x, middle[0] - half_x)
+    axes.set_xlabel("ahead of the start, z (m)")
+    axes.set_ylabel("to the right, x (m)")
+    axes.legend(loc="lower left", fontsize=9, framealpha=0.9)
+
+
+def _view_box(runs: list[RunResult]) -> tuple[Array, Array]:
+    """Corners (3,) of what the top view shows: the truth (or the estimates) with a margin.
+
+    A run that drifts further than that leaves the picture instead of shrinking the rest.
+    """
+    truths = [r.truth.poses[r.truth.known, :3, 3] for r in runs if r.truth is not None]
+    points = np.concatenate(truths or [r.record.poses[r.record.valid, :3, 3] for r in runs])
+    if not len(points):
+        return -np.ones(3), np.ones(3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = max(0.5, 0.12 * float((high - low)[[0, 2]].max()))
+    return low - margin, high + margin
+
+
+def _errors(axes: Axes, record: RunRecord, truth: AlignedTruth | None, colour: str, label: str) -> None:
+    """Position error of the valid poses, with a band up to 3 sigma along the worst direction."""
+    t = record.times - record.times[0] if len(record) else record.times
+    sigma = np.full(len(record), np.nan)
+    valid = record.valid
+    sigma[valid] = np.sqrt(np.maximum(np.linalg.eigvalsh(record.covariances[valid, :3, :3])[:, -1], 0.0))
+    axes.fill_between(
+        t, 0.0, SIGMAS * sigma, color=colour, alpha=0.14, linewidth=0, label=f"{label}, 3 sigma claimed"
+    )
+    if truth is not None:
+        error = np.linalg.norm(record.poses[:, :3, 3] - truth.poses[:, :3, 3], axis=1)
+        error[~(truth.known & valid)] = np.nan
+        axes.plot(t, error, color=colour, linewidth=2.0, label=f"{label}, error", zorder=3)
+    lost = np.array([s != "OK" for s in record.statuses], bool) & record.started
+    if lost.any():
+        axes.plot(
+            t[lost], np.zeros(int(lost.sum())), "x", color=colour, markersize=5, label=f"{label}, not OK"
+        )
+
+
+def _worn(record: RunRecord) -> Mask:
+    """(N,) whether a view of the worn camera was at hand."""
+    return np.array(record.worn, bool)
+
+
+def _worn_spans(axes: Axes, record: RunRecord) -> None:
+    on = _worn(record)
+    if not on.any():
+        return
+    t = record.times - record.times[0]
+    step = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], on.astype(int), [0]])))
+    for k, (a, b) in enumerate(zip(edges[::2], edges[1::2] - 1, strict=True)):
+        name = "worn camera at hand" if k == 0 else None
+        axes.axvspan(t[a], t[b] + step, color=WORN, alpha=0.2, linewidth=0, zorder=0, label=name)
+
+
+def _dress_errors(axes: Axes, runs: list[RunResult]) -> None:
+    """Worn camera, labels, and a range that shows the errors: a band that outgrows them is cut off."""
+    _worn_spans(axes, runs[-1].record)
+    largest = 0.0
+    for run in runs:
+        if run.truth is not None:
+            error = np.linalg.norm(run.record.poses[:, :3, 3] - run.truth.poses[:, :3, 3], axis=1)
+            use = run.truth.known & run.record.valid
+            largest = max(largest, float(error[use].max(initial=0.0)))
+    axes.set_ylim(0.0, 1.6 * largest if largest > 0.0 else None)
+    axes.margins(x=0.0)
+    axes.set_xlabel("time (s)")
+    axes.set_ylabel("position error (m)" if largest > 0.0 else "3 sigma of the position (m)")
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="upper left", fontsize=9, ncols=3, framealpha=0.9)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    """Written as a whole, without date or version, so that equal runs give equal files."""
+    FigureCanvasAgg(figure)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", metadata={"Software": None})
+    write_bytes(path, buffer.getvalue())

@@ -1,0 +1,364 @@
+"""The command line and the run behind it, with a stand-in for the engine."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from collabslam import cli, demo_run, run, table
+from collabslam import geometry as g
+from collabslam._core import Camera
+from collabslam.errors import DataError, FilterError, SettingsError
+from collabslam.report import median_summary, summary_text
+from collabslam.settings import Settings
+from collabslam.types import Frame, WornView
+
+
+class Walk:
+    """A recording in memory, 10 Hz; Cf is there in the first half."""
+
+    name, source, target = "walk", "memory", None
+
+    def __init__(self, frames: int = 30, breaks_at: int | None = None) -> None:
+        self.camera = Camera("pinhole", 32, 24, (30.0, 30.0, 15.5, 11.5), [])
+        self.worn_camera = self.camera
+        self.times = 0.1 * np.arange(frames)
+        self.truth = np.array(
+            [g.se3_exp([0.1 * np.sin(k), 0, 0.1 * k, 0, 0.01 * k, 0]) for k in range(frames)]
+        )
+        self._breaks_at = breaks_at
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def image(self, i: int) -> np.ndarray:
+        return np.zeros((24, 32), np.uint8)
+
+    def frame(self, i: int) -> Frame:
+        if i == self._breaks_at:
+            raise DataError("The image 7.png is broken; replace it.")
+        worn = WornView(self.image(i), np.eye(4), np.eye(6) * 1e-4) if i < len(self) // 2 else None
+        return Frame(i, float(self.times[i]), self.image(i), worn)
+
+
+class FakeSlam:
+    """Knows the truth, makes it a little too long, and loses it from a frame on."""
+
+    def __init__(
+        self, recording: Walk, *, scale: float = 1.05, lost_from: int = 10**6, stop_at: int = -1
+    ) -> None:
+        self._recording, self._scale, self._lost_from, self._stop_at = recording, scale, lost_from, stop_at
+        self._frame = 0
+
+    def step(self, t: float, image: np.ndarray, worn: WornView | None = None) -> SimpleNamespace:
+        k = self._frame
+        self._frame += 1
+        if k == self._stop_at:
+            raise KeyboardInterrupt
+        pose = self._recording.truth[k].copy()
+        pose[:3, 3] = self._scale * (pose[:3, 3])
+        status = "OK" if k < self._lost_from else "LOST"
+        diagnostics = {"accepted": 20, "overlap": worn is not None, "depth_rows": 3 if worn else 0,
+                       "ms_update": 1.0, "ms_total": 2.0, "nis": 30.0, "nis_dof": 40}  # fmt: skip
+        return SimpleNamespace(
+            t=t, pose=pose, covariance=np.eye(6) * (1e-3 * (k + 1)), status=status, valid=status != "LOST",
+            started=True, diagnostics=diagnostics,
+        )  # fmt: skip
+
+    def landmarks(self) -> SimpleNamespace:
+        points = np.array([[1.0, 0.0, 2.0], [-1.0, 0.5, 3.0]])
+        return SimpleNamespace(
+            ids=np.arange(2), points=points, covariance=np.tile(np.eye(3) * 1e-3, (2, 1, 1))
+        )
+
+
+def go(recording: Walk, out: Path | None = None, **options):
+    slam = options.pop("slam", None) or FakeSlam(recording)
+    return run.run(recording, slam=slam, out=out, progress=False, **options)
+
+
+@pytest.fixture
+def _no_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures are slow, and the tests of the run itself need none."""
+    monkeypatch.setattr("collabslam.viz.plot.plot_run", lambda result, path: None)
+
+
+@pytest.fixture
+def _walk_instead(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command line meets the walk and the stand-in, whatever it is asked to open."""
+    monkeypatch.setattr("collabslam.datasets.open_recording", lambda source, **_: Walk())
+    monkeypatch.setattr(run, "make_engine", lambda recording, **_: FakeSlam(Walk()))
+
+
+def test_run_writes_results_and_scores_them(tmp_path: Path) -> None:
+    summary = go(Walk(), tmp_path, mode="collab", seed=3)
+    stored = json.loads((tmp_path / "summary.json").read_text())
+    assert stored["frames"] == stored["frames_ok"] == 30
+    assert stored["scale_error"] == pytest.approx(1 / 1.05 - 1, abs=1e-6)
+    assert stored["seed"] == 3
+    assert stored["depth_measurements"] == 45
+    assert stored["overlap_ratio"] == pytest.approx(0.5)
+    assert stored["ms_per_frame"]["update"] == 1.0
+    assert stored["ms_per_frame"]["step"] > 0.0
+    assert stored["fps"] > 0
+    assert stored["settings_hash"] == summary["settings_hash"] == Settings.default().hash()
+    for key in ("mode", "source", "version", "path_length_m", "ate_rmse_m", "avg_position_error_m",
+                "final_position_error_m", "final_error_pct", "nees_mean"):  # fmt: skip
+        assert stored[key] is not None
+    assert (tmp_path / "trajectory.png").read_bytes().startswith(b"\x89PNG")
+    assert Settings.load(tmp_path / "config.yaml") == Settings.default()
+    assert run.exit_status(summary) == 0
+    assert "average position error" in summary_text(summary)
+
+
+def test_two_runs_write_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        go(Walk(), tmp_path / name)
+    for file in (
+        "trajectory.tum",
+        "trajectory.cov",
+        "frames.csv",
+        "map.ply",
+        "config.yaml",
+        "trajectory.png",
+    ):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+def test_mode_and_settings_agree(tmp_path: Path) -> None:
+    mono = Settings.default().replace({run.MODE_KEY: "mono"})
+    assert go(Walk(), settings=mono)["mode"] == "mono"
+    assert go(Walk(), tmp_path, mode="mono")["settings_hash"] == mono.hash()
+    assert Settings.load(tmp_path / "config.yaml") == mono
+    with pytest.raises(SettingsError, match="'best'"):
+        go(Walk(), mode="best")
+
+
+def test_max_frames_ends_the_run() -> None:
+    assert go(Walk(), max_frames=7)["frames"] == 7
+    assert go(Walk(), max_frames=700)["frames"] == 30
+    with pytest.raises(SettingsError, match="1 or more"):
+        go(Walk(), max_frames=0)
+
+
+@pytest.mark.usefixtures("_no_picture")
+def test_a_lost_camera_is_told(tmp_path: Path) -> None:
+    walk = Walk()
+    summary = go(walk, tmp_path, slam=FakeSlam(walk, lost_from=20))
+    assert run.exit_status(summary) == 1
+    assert summary["frames_lost"] == 10
+    assert len(np.loadtxt(tmp_path / "trajectory.tum", comments="#")) == 20
+    walk = Walk()
+    assert run.exit_status(go(walk, slam=FakeSlam(walk, scale=40.0))) == 1  # OK by itself, and far off
+
+
+@pytest.mark.usefixtures("_no_picture")
+def test_ctrl_c_keeps_what_was_done(tmp_path: Path) -> None:
+    walk = Walk()
+    summary = go(walk, tmp_path, slam=FakeSlam(walk, stop_at=12))
+    assert summary["interrupted"]
+    assert summary["frames"] == 12
+    assert (tmp_path / "summary.json").exists()
+
+
+def test_a_recording_that_breaks_off_leaves_the_part_before(tmp_path: Path) -> None:
+    walk = Walk(breaks_at=7)
+    with pytest.raises(DataError, match=r"7\.png"):
+        go(walk, tmp_path)
+    assert len(np.loadtxt(tmp_path / "trajectory.tum", comments="#")) == 7
+
+
+def test_modes_and_starts_must_fit_the_recording() -> None:
+    alone = Walk()
+    alone.worn_camera = None
+    settings = Settings.default()
+    for mode, start, part in (
+        ("mono", "magic", "start 'magic'"),
+        ("collab", "scale-free", "needs a worn camera"),
+        ("mono", "worn", "needs a worn camera"),
+        ("mono", "target", "known target"),
+    ):
+        with pytest.raises(SettingsError, match=part):
+            run.make_engine(alone, mode=mode, start=start, settings=settings)
+
+
+@pytest.mark.usefixtures("_walk_instead", "_no_picture")
+def test_run_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["run", "anything", "--worn-available", "40%"]) == 0
+    shown = capsys.readouterr()
+    assert "walk, collab, start worn" in shown.out
+    assert "30/30 frames" in shown.err  # no terminal: plain lines
+    stored = json.loads(Path("results/walk-collab/summary.json").read_text())
+    assert stored["options"]["worn_available"] == 0.4
+    assert stored["frames_worn"] == 15
+    assert cli.main(["run", "anything", "--worn", "none", "--out", "mono"]) == 0
+    assert "the mode is mono" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("_walk_instead")
+def test_bad_input_gives_2_and_says_what(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["run", "x", "--set", "filter.nonsense=1", "--out", str(tmp_path)]) == 2
+    assert cli.main(["run", "x", "--worn", "lag:never", "--out", str(tmp_path)]) == 2
+    (tmp_path / "mine.txt").write_text("mine")
+    assert cli.main(["run", "x", "--out", str(tmp_path)]) == 2
+    errors = capsys.readouterr().err
+    assert errors.count("collabslam: error:") == 3
+    assert "no collabslam result" in errors
+
+
+@pytest.mark.usefixtures("_walk_instead")
+def test_a_filter_that_gives_up_gives_1(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise FilterError("The innovation covariance is not positive.")
+
+    monkeypatch.setattr(FakeSlam, "step", fail)
+    assert cli.main(["run", "x", "--out", str(tmp_path)]) == 1
+
+
+def test_a_missing_recording_gives_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["run", str(tmp_path / "none")]) == 2
+    assert "does not exist" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run"],
+        ["run", "x", "--mode", "best"],
+        ["run", "x", "--worn-available", "140%"],
+        ["run", "x", "--worn-intervals", "3"],
+        ["run", "x", "--worn-noise", "1,2"],
+        ["demo", "--seeds", "a"],
+    ],
+)
+def test_words_that_are_not_understood_give_2(words: list[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        cli.main(words)
+    assert caught.value.code == 2
+
+
+def test_option_texts() -> None:
+    assert cli.share("40%") == pytest.approx(0.4)
+    assert cli.share("0.4") == pytest.approx(0.4)
+    assert cli.intervals("0-2,5-7.5") == [(0.0, 2.0), (5.0, 7.5)]
+    assert cli.noise("0.03,0.5,0.5,1") == (0.03, 0.5, 0.5, 1.0)
+    assert cli.seed_list("0-2") == [0, 1, 2]
+    assert cli.seed_list("4,1") == [4, 1]
+    with pytest.raises(argparse.ArgumentTypeError):
+        cli.seed_list("3-1")
+
+
+def test_settings_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["settings", "dump"]) == 0
+    path = tmp_path / "all.yaml"
+    path.write_text(capsys.readouterr().out)
+    assert cli.main(["settings", "check", str(path)]) == 0
+    assert Settings.default().hash() in capsys.readouterr().out
+    assert cli.main(["settings", "show", "frontend."]) == 0
+    assert "frontend.detect.min_distance" in capsys.readouterr().out
+    path.write_text("frontend: {detect: {min_distence: 3}}\n")
+    assert cli.main(["settings", "check", str(path)]) == 2
+    assert "min_distance" in capsys.readouterr().err
+
+
+def test_help_needs_no_heavy_import() -> None:
+    code = (
+        "import sys; from collabslam import cli; cli.build_parser(); "
+        "print([m for m in %r if m in sys.modules])"
+    )
+    heavy = ("numpy", "cv2", "matplotlib", "yaml", "tqdm", "collabslam._core")
+    done = subprocess.run([sys.executable, "-c", code % (heavy,)], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+    began = time.perf_counter()
+    subprocess.run([sys.executable, "-m", "collabslam", "run", "--help"], capture_output=True, check=True)
+    assert time.perf_counter() - began < 2.0
+
+
+@pytest.mark.usefixtures("_no_picture")
+def test_demo_runs_both_modes_on_one_rendering(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rendered = []
+
+    class Counted(Walk):
+        def frame(self, i: int) -> Frame:
+            rendered.append(i)
+            return super().frame(i)
+
+    scales = {"mono": 1.4, "collab": 1.1}
+    monkeypatch.setattr(demo_run, "corridor_recording", lambda seed: Counted())
+    monkeypatch.setattr(
+        run, "make_engine", lambda recording, *, mode, **_: FakeSlam(Walk(), scale=scales[mode])
+    )
+    medians = demo_run.run_demo(tmp_path, seeds=[0], progress=False)
+    assert rendered == list(range(30))
+    assert medians["collab"]["avg_position_error_m"] < medians["mono"]["avg_position_error_m"]
+    assert "collab over mono: 0.25" in capsys.readouterr().out
+    assert (tmp_path / "comparison.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "mono" / "summary.json").exists()
+
+
+@pytest.mark.usefixtures("_no_picture")
+def test_demo_of_several_seeds_gives_medians(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("collabslam.viz.plot.plot_comparison", lambda *_, **__: None)
+    monkeypatch.setattr(demo_run, "corridor_recording", lambda seed: Walk())
+    monkeypatch.setattr(run, "make_engine", lambda *_, **__: FakeSlam(Walk()))
+    demo_run.run_demo(tmp_path, seeds=[0, 1], progress=False)
+    assert (tmp_path / "seed-1" / "collab" / "summary.json").exists()
+    assert (tmp_path / "medians.json").exists()
+
+
+def test_medians_are_over_the_runs_that_have_the_number() -> None:
+    base = {"name": "a", "flag": True, "ms_per_frame": {"step": 1.0}, "frames": 3}
+    runs = [{**base, "x": 1.0}, {**base, "x": 5.0}, {**base, "x": None}]
+    assert median_summary(runs)["x"] == 3.0
+    assert median_summary(runs)["frames"] == 3
+
+
+def test_table_takes_medians_and_names_what_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "hololens_000").mkdir()
+    asked: list[table.Task] = []
+
+    def answer(tasks: list[table.Task], jobs: int, out: Path | None) -> list[list[dict]]:
+        asked.extend(tasks)
+        numbers = {"ate_pct": 1.0, "avg_error_pct": 2.0, "ok_share": 0.98, "nees_mean": 7.0, "frames": 150,
+                   "ms_per_frame": {"step": 20.0}}  # fmt: skip
+        return [
+            [
+                {**numbers, "entry": t.entry.name, "mode": m, "seed": t.seed, "ate_pct": 1.0 + t.seed}
+                for m in t.entry.modes
+            ]
+            for t in tasks
+        ]
+
+    monkeypatch.setattr(table, "_run_tasks", answer)
+    rows = table.run_table(tmp_path, seeds=[0, 1, 2], out=tmp_path / "out", jobs=1)
+    shown = capsys.readouterr().out
+    assert len(rows) == 12
+    assert {t.entry.name for t in asked} == {"demo", "hololens_000"}
+    assert "kitti_seq1: not in" in shown
+    assert "| hololens_000 | lag:0.7 | collab | 2.00 | 2.00 | 98.0 | 7.0 | 20.0 | 150 |" in shown
+
+
+def test_a_recording_that_fails_is_a_row_of_the_table(tmp_path: Path) -> None:
+    (tmp_path / "kitti_seq1").mkdir()
+    entry = next(e for e in table.SET if e.name == "kitti_seq1")
+    rows = table.run_task(table.Task(entry, 0, tmp_path, None))
+    assert [r["mode"] for r in rows] == ["mono", "collab"]
+    assert all("not recognised" in r["error"] for r in rows)
+    assert "| kitti_seq1 | rig | mono | failed |" in table.markdown(rows)
+    with pytest.raises(DataError, match="does not exist"):
+        table.run_table(tmp_path / "nowhere", seeds=[0], out=None, jobs=1)

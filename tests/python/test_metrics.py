@@ -1,0 +1,238 @@
+"""Metrics against hand-made cases and, where it is there, scipy."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from collabslam import geometry as g
+from collabslam.errors import InputError
+from collabslam.evaluation import consistency, metrics, overlap, scoring
+from collabslam.evaluation.alignment import umeyama
+from collabslam.evaluation.record import RunRecord
+
+
+def walk(frames: int = 60, step: float = 0.1) -> np.ndarray:
+    """A winding path of poses (N, 4, 4), which starts at the origin."""
+    return np.array(
+        [g.se3_exp([0.3 * np.sin(0.2 * k), 0.05 * k % 0.3, step * k, 0, 0.02 * k, 0]) for k in range(frames)]
+    )
+
+
+def record_of(poses: np.ndarray, covariance: np.ndarray | None = None, **diagnostics: list) -> RunRecord:
+    """A record in which every frame is OK, 10 Hz."""
+    record = RunRecord()
+    p = np.eye(6) * 1e-2 if covariance is None else covariance
+    for k, pose in enumerate(poses):
+        extra = {key: values[k] for key, values in diagnostics.items()}
+        step = SimpleNamespace(
+            t=5.0 + 0.1 * k, pose=pose, covariance=p, status="OK", valid=True, started=True, diagnostics=extra
+        )
+        record.append(step, worn=False, seconds=0.01)
+    return record
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.Generator(np.random.PCG64(4))
+
+
+def test_umeyama_finds_a_known_similarity(rng: np.random.Generator) -> None:
+    points = rng.normal(size=(40, 3))
+    known = g.se3_exp([1.0, -2.0, 0.5, 0.4, -0.9, 1.3])
+    target = 1.7 * points @ known[:3, :3].T + known[:3, 3]
+    found = umeyama(points, target, with_scale=True)
+    np.testing.assert_allclose(found.rotation, known[:3, :3], atol=1e-12)
+    np.testing.assert_allclose(found.translation, known[:3, 3], atol=1e-12)
+    assert found.scale == pytest.approx(1.7)
+    assert metrics.scale_error(points, target) == pytest.approx(0.7)
+    assert umeyama(points, target, with_scale=False).scale == 1.0
+
+
+def test_umeyama_never_mirrors(rng: np.random.Generator) -> None:
+    flat = rng.normal(size=(20, 3)) * [1.0, 1.0, 0.0]
+    mirrored = rng.normal(size=(20, 3))
+    for target in (flat, mirrored * [1.0, 1.0, -1.0]):
+        rotation = umeyama(mirrored, target, with_scale=False).rotation
+        assert np.linalg.det(rotation) == pytest.approx(1.0)
+
+
+def test_ate_is_blind_to_the_frame_and_sees_scale() -> None:
+    truth = walk()[:, :3, 3]
+    moved = g.se3_exp([3.0, 1.0, 2.0, 0.5, 0.1, -0.7])
+    assert metrics.ate_rmse(truth @ moved[:3, :3].T + moved[:3, 3], truth) == pytest.approx(0.0, abs=1e-12)
+    line = np.zeros((3, 3))
+    line[:, 2] = [-1.0, 0.0, 1.0]
+    assert metrics.ate_rmse(1.3 * line, line) == pytest.approx(0.3 * math.sqrt(2.0 / 3.0))
+
+
+def test_position_errors_equations_15_and_16() -> None:
+    truth = np.zeros((4, 3))
+    estimate = np.array([[0, 0, 0], [3, 4, 0], [0, 0, 1], [0, 2, 0]], float)
+    assert metrics.accumulated_position_error(estimate, truth) == pytest.approx(8.0)
+    assert metrics.average_position_error(estimate, truth) == pytest.approx(2.0)
+
+
+def test_rpe_of_a_scaled_path_and_of_a_constant_turn() -> None:
+    truth = np.tile(np.eye(4), (6, 1, 1))
+    truth[:, 2, 3] = np.arange(6.0)
+    estimate = truth.copy()
+    estimate[:, 2, 3] *= 1.1
+    assert metrics.rpe(estimate, truth) == pytest.approx((0.1, 0.0))
+    assert metrics.rpe(estimate, truth, step=3) == pytest.approx((0.3, 0.0))
+    turning = np.array([g.se3_exp([0, 0, 0, 0, 0.01 * k, 0]) for k in range(6)])
+    still = np.tile(np.eye(4), (6, 1, 1))
+    assert metrics.rpe(turning, still, step=2)[1] == pytest.approx(0.02)
+    estimate[1] = np.nan
+    assert metrics.rpe(estimate, truth) == pytest.approx((0.1, 0.0))
+
+
+def test_heading_wraps_and_orientation_is_an_angle() -> None:
+    a = g.se3_exp([0, 0, 0, 0, np.pi - 0.01, 0])[None]
+    b = g.se3_exp([0, 0, 0, 0, -np.pi + 0.02, 0])[None]
+    assert metrics.heading_errors(a, b)[0] == pytest.approx(-0.03)
+    assert metrics.orientation_errors(a, b)[0] == pytest.approx(0.03)
+    assert metrics.rotation_angles(g.se3_exp([0, 0, 0, 1e-9, 0, 0])[None, :3, :3])[0] == pytest.approx(1e-9)
+
+
+def test_scale_drift_counts_converged_features_only() -> None:
+    drift = metrics.scale_drift([2.0, 4.0, 9.0], [2.5, 5.0, 1.0], [0.05, 0.09, 0.3])
+    assert drift == pytest.approx(0.2)
+    assert math.isnan(metrics.scale_drift([2.0], [2.5], [0.5]))
+
+
+def test_overlap_metrics_equations_17_to_19() -> None:
+    on = np.array([1, 1, 0, 0, 0, 1, 1, 1, 1, 0], bool)
+    eta, mu = overlap.overlap_intervals(0.5 * np.arange(10), on)
+    np.testing.assert_allclose(eta, [1.0, 2.0])
+    np.testing.assert_allclose(mu, [1.5, 0.5])
+    assert overlap.overlap_ratio(0.5 * np.arange(10), on) == pytest.approx(0.6)
+    assert overlap.overlap_regularity(eta) == pytest.approx(2.0 * (0.5 + 0.5))
+    assert overlap.non_overlap_deviation(mu) == pytest.approx(0.25)
+    assert math.isnan(overlap.overlap_regularity([1.0]))
+    assert overlap.overhead_return([1.0, 2.0], 10.0, 3.0) == pytest.approx(1.5)
+    assert math.isnan(overlap.overhead_return([1.0], 0.0, 3.0))
+
+
+def test_chi2_quantiles_match_the_tables() -> None:
+    assert consistency.chi2_quantile(0.95, 1) == pytest.approx(3.841458820694124)
+    assert consistency.chi2_quantile(0.975, 6) == pytest.approx(14.44937533544792)
+    assert consistency.sigma_gate(5.0, 1) == pytest.approx(25.0)
+    assert consistency.sigma_gate(5.0, 6) == pytest.approx(39.4914, abs=1e-3)
+    assert consistency.nees_band(2, 200) == pytest.approx((1.73, 2.29), abs=0.01)
+
+
+def test_chi2_agrees_with_scipy() -> None:
+    stats = pytest.importorskip("scipy.stats")
+    for dof in (1, 2, 3, 6, 120, 6000):
+        for p in (1e-6, 0.025, 0.5, 0.975, 0.9999):
+            assert consistency.chi2_quantile(p, dof) == pytest.approx(stats.chi2.ppf(p, dof), rel=1e-9)
+
+
+def test_nees_of_gaussian_errors_lies_in_its_band(rng: np.random.Generator) -> None:
+    runs = 300
+    root = rng.normal(size=(6, 6)) * 0.05
+    covariance = root @ root.T
+    errors = rng.normal(size=(runs, 6)) @ root.T
+    truth = walk(runs)
+    estimate = np.array([t @ g.pose_inverse(g.se3_exp(e)) for t, e in zip(truth, errors, strict=True)])
+    found = consistency.pose_tangent_error(estimate, truth)
+    np.testing.assert_allclose(found, errors, atol=1e-9)
+    low, high = consistency.nees_band(6, runs)
+    covariances = np.tile(covariance, (runs, 1, 1))
+    assert low < consistency.nees(found, covariances).mean() < high
+    assert consistency.nees(found, covariances / 4.0).mean() > high
+
+
+def test_nees_of_a_certain_pose_is_no_division_by_zero() -> None:
+    zero = np.zeros((1, 6, 6))
+    assert consistency.nees(np.zeros((1, 6)), zero)[0] == 0.0
+    assert consistency.nees(np.full((1, 6), 0.1), zero)[0] > 1e6
+
+
+def test_score_of_a_perfect_run_in_another_world() -> None:
+    truth = walk()
+    other_world = g.se3_exp([5.0, 6.0, 7.0, 1.0, 0.2, 0.3]) @ truth
+    scores = scoring.score(record_of(truth), other_world)
+    assert scores["ate_rmse_m"] == pytest.approx(0.0, abs=1e-9)
+    assert scores["avg_position_error_m"] == pytest.approx(0.0, abs=1e-9)
+    assert scores["final_error_pct"] == pytest.approx(0.0, abs=1e-9)
+    assert scores["scale_error"] == pytest.approx(0.0, abs=1e-9)
+    assert scores["nees_mean"] == pytest.approx(0.0, abs=1e-9)
+    assert scores["path_length_m"] == pytest.approx(metrics.path_length(truth[:, :3, 3]))
+    assert scores["frames_ok"] == 60
+
+
+def test_score_of_a_path_that_is_too_long() -> None:
+    truth = walk()
+    estimate = truth.copy()
+    estimate[:, :3, 3] *= 1.25
+    scores = scoring.score(record_of(estimate), truth)
+    assert scores["scale_error"] == pytest.approx(1.0 / 1.25 - 1.0)
+    assert scores["final_position_error_m"] == pytest.approx(0.25 * np.linalg.norm(truth[-1, :3, 3]))
+
+
+def test_an_ok_frame_more_than_five_sigma_off_is_not_ok() -> None:
+    truth = walk()
+    estimate = truth.copy()
+    estimate[-3:, 0, 3] += 0.64  # 6.4 standard deviations of 0.1 m: beyond the square root of 39.5
+    estimate[-5:-3, 0, 3] += 0.6
+    scores = scoring.score(record_of(estimate), truth)
+    assert (scores["frames_ok"], scores["frames_ok_reported"], scores["frames_ok_too_far"]) == (57, 60, 3)
+
+
+def test_scores_skip_missing_truth_late_starts_and_invalid_poses() -> None:
+    truth = walk()
+    estimate = truth.copy()
+    record = record_of(estimate)
+    for k in range(10):
+        record.steps[k].started = record.steps[k].valid = False
+        record.steps[k].status = "COASTING"
+    record.steps[40].valid, record.steps[40].pose = False, estimate[40] + 9.0
+    partial = truth.copy()
+    partial[12:15] = np.nan
+    scores = scoring.score(record, partial)
+    assert scores["start_frame"] == 10
+    assert scores["frames_scored"] == 50 - 3 - 1
+    assert scores["avg_position_error_m"] < 1e-9 < scores["avg_position_error_all_m"]
+    assert scores["final_position_error_m"] < 1e-9
+
+
+def test_scores_without_truth_and_without_a_start() -> None:
+    scores = scoring.score(record_of(walk(), overlap=[1] * 30 + [0] * 30, depth_rows=[2] * 60), None)
+    assert scores["ate_rmse_m"] is None
+    assert scores["path_length_of"] == "estimate"
+    assert scores["overlap_ratio"] == pytest.approx(0.5)
+    assert scores["depth_measurements"] == 120
+    never = record_of(walk(3))
+    for step in never.steps:
+        step.started = False
+    assert scoring.score(never, walk(3))["frames_ok"] == 0
+    assert scoring.score(RunRecord(), walk(3))["frames"] == 0
+
+
+def test_a_pose_that_is_not_finite_is_reported_and_left_out() -> None:
+    record = record_of(walk())
+    record.steps[20].pose = np.full((4, 4), np.nan)
+    scores = scoring.score(record, walk())
+    assert scores["all_finite"] is False
+    assert scores["ate_rmse_m"] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: metrics.ate_rmse(np.zeros((3, 3)), np.zeros((4, 3))),
+        lambda: metrics.ate_rmse(np.full((3, 3), np.nan), np.zeros((3, 3))),
+        lambda: metrics.scale_error(np.zeros((3, 3)), np.zeros((3, 3))),
+        lambda: metrics.rpe(np.zeros((3, 4)), np.zeros((3, 4))),
+        lambda: consistency.nees(np.zeros((2, 6)), np.zeros((2, 3, 3))),
+        lambda: overlap.overlap_intervals([0.0, 1.0], [True]),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(call) -> None:
+    with pytest.raises(InputError):
+        call()

@@ -1,0 +1,163 @@
+"""Result files: formats, atomic writing, and that nothing foreign is overwritten."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from collabslam import geometry as g
+from collabslam import results
+from collabslam.errors import DataError
+from collabslam.evaluation.record import RunRecord
+
+CONFIG = results.MARK + ": test\n"
+
+
+def landmarks(count: int = 5) -> SimpleNamespace:
+    points = np.arange(3.0 * count).reshape(count, 3)
+    return SimpleNamespace(
+        ids=np.arange(count), points=points, covariance=np.tile(np.diag([1.0, 4.0, 9.0]), (count, 1, 1))
+    )
+
+
+def step(k: int, valid: bool = True) -> SimpleNamespace:
+    return SimpleNamespace(
+        t=1.5e9 + 0.1 * k,
+        pose=g.se3_exp([0.1 * k, 0.0, 0.2 * k, 0.0, 0.1 * k, 0.0]),
+        covariance=np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]) * 1e-4 + 1e-5,
+        status="OK" if valid else "LOST",
+        valid=valid,
+        started=True,
+        diagnostics={"accepted": 12 + k, "nis": np.float64(3.25), "overlap": True, "own_number": 7},
+    )
+
+
+def write(folder: Path, frames: int = 4) -> RunRecord:
+    record = RunRecord()
+    with results.ResultWriter(folder, CONFIG) as writer:
+        for k in range(frames):
+            record.append(step(k, valid=k != 2), worn=k % 2 == 0, seconds=0.01)
+            writer.frame(record)
+        truth = record.poses.copy()
+        truth[1] = np.nan
+        writer.finish(
+            record, landmarks(), truth, {"mode": "mono", "ate_rmse_m": float("nan"), "n": np.int64(3)}
+        )
+    return record
+
+
+def numbers(path: Path) -> np.ndarray:
+    return np.loadtxt(path, comments="#", ndmin=2)
+
+
+def test_a_run_writes_every_file(tmp_path: Path) -> None:
+    write(tmp_path)
+    expected = set(results.RESULT_FILES) - {results.PICTURE}
+    assert {p.name for p in tmp_path.iterdir()} == expected
+
+
+def test_trajectory_holds_the_valid_poses_in_tum_order(tmp_path: Path) -> None:
+    record = write(tmp_path)
+    rows = numbers(tmp_path / "trajectory.tum")
+    assert rows.shape == (3, 8)
+    assert np.all(np.diff(rows[:, 0]) > 0)
+    np.testing.assert_allclose(rows[2, 1:4], record.poses[3, :3, 3], atol=1e-8)
+    x, y, z, w = rows[2, 4:]
+    np.testing.assert_allclose(g.pose_from_quaternion(rows[2, 1:4], [w, x, y, z]), record.poses[3], atol=1e-8)
+    assert len(numbers(tmp_path / "groundtruth.tum")) == 3
+
+
+def test_covariances_are_lower_triangles_matched_to_the_poses(tmp_path: Path) -> None:
+    record = write(tmp_path)
+    rows = numbers(tmp_path / "trajectory.cov")
+    assert rows.shape == (3, 22)
+    np.testing.assert_array_equal(rows[:, 0], numbers(tmp_path / "trajectory.tum")[:, 0])
+    matrix = np.zeros((6, 6))
+    matrix[np.tril_indices(6)] = rows[0, 1:]
+    np.testing.assert_allclose(np.tril(record.covariances[0]), matrix, rtol=1e-12)
+    assert "#%TANGENT_CONVENTION right_perturbation" in (tmp_path / "trajectory.cov").read_text()
+
+
+def test_frames_hold_every_frame_with_pose_and_flags(tmp_path: Path) -> None:
+    write(tmp_path)
+    with (tmp_path / "frames.csv").open(newline="") as lines:
+        rows = list(csv.DictReader(lines))
+    assert [r["status"] for r in rows] == ["OK", "OK", "LOST", "OK"]
+    assert [r["valid"] for r in rows] == ["1", "1", "0", "1"]
+    assert rows[3]["accepted"] == "15"
+    assert rows[3]["nis"] == "3.25"
+    assert rows[0]["searched"] == ""
+    assert rows[0]["overlap"] == "1"
+    assert rows[0]["own_number"] == "7"
+    assert float(rows[2]["z"]) == pytest.approx(0.4)
+    assert set(results.DIAGNOSTICS) <= set(rows[0])
+
+
+def test_a_crash_keeps_the_frames_so_far(tmp_path: Path) -> None:
+    record = RunRecord()
+
+    def crash() -> None:
+        with results.ResultWriter(tmp_path, CONFIG) as writer:
+            record.append(step(0), worn=False, seconds=0.0)
+            writer.frame(record)
+            assert len((tmp_path / "frames.csv").read_text().splitlines()) == 2
+            raise RuntimeError("broken")
+
+    with pytest.raises(RuntimeError, match="broken"):
+        crash()
+    assert numbers(tmp_path / "trajectory.tum").shape == (1, 8)
+
+
+def test_summary_is_sorted_json_with_null_for_nan(tmp_path: Path) -> None:
+    write(tmp_path)
+    text = (tmp_path / "summary.json").read_text()
+    assert json.loads(text) == {"ate_rmse_m": None, "mode": "mono", "n": 3}
+    assert text.index("ate_rmse_m") < text.index("mode")
+
+
+def test_map_is_a_ply_with_uncertainty(tmp_path: Path) -> None:
+    write(tmp_path)
+    data = (tmp_path / "map.ply").read_bytes()
+    header, body = data.split(b"end_header\n", 1)
+    assert b"element vertex 5" in header
+    names = [line.split()[2].decode() for line in header.splitlines() if line.startswith(b"property")]
+    codes = {b"double": "<f8", b"float": "<f4", b"int": "<i4"}
+    kinds = [codes[line.split()[1]] for line in header.splitlines() if line.startswith(b"property")]
+    table = np.frombuffer(body, dtype=list(zip(names, kinds, strict=True)))
+    np.testing.assert_allclose(table["z"], landmarks().points[:, 2])
+    np.testing.assert_allclose(table["sigma_y"], 2.0)
+    np.testing.assert_allclose(table["cov_zz"], 9.0)
+    assert table["id"].tolist() == [0, 1, 2, 3, 4]
+
+
+def test_an_earlier_result_is_replaced_and_other_files_stay(tmp_path: Path) -> None:
+    write(tmp_path)
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "trajectory.png").write_text("old")
+    with results.ResultWriter(tmp_path, CONFIG):
+        assert not (tmp_path / "summary.json").exists()
+        assert not (tmp_path / "trajectory.png").exists()
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_a_folder_with_other_things_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "config.yaml").write_text("mine: 1\n")
+    with pytest.raises(DataError, match="--out"):
+        results.ResultWriter(tmp_path, CONFIG)
+    assert (tmp_path / "config.yaml").read_text() == "mine: 1\n"
+    with pytest.raises(DataError, match="cannot be written"):
+        results.ResultWriter(tmp_path / "config.yaml", CONFIG)
+
+
+def test_runs_without_a_valid_pose_write_empty_trajectories(tmp_path: Path) -> None:
+    record = RunRecord()
+    record.append(step(0, valid=False), worn=False, seconds=0.0)
+    results.write_trajectory(tmp_path, record)
+    assert all(line.startswith("#") for line in (tmp_path / "trajectory.tum").read_text().splitlines())
+    results.write_map(tmp_path / "map.ply", landmarks(0))
+    assert b"element vertex 0" in (tmp_path / "map.ply").read_bytes()

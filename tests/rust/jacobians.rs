@@ -1,0 +1,408 @@
+//! Every analytic Jacobian against central differences at random states, to 1e-6 relative, by one checker.
+
+use crate::scene::{camera, normals, rng};
+use ekf_core::Camera;
+use ekf_core::birth::new_feature::{FirstPoseCovariance, NewFeature};
+use ekf_core::birth::two_view::TwoView;
+use ekf_core::math::{inverse_depth, pose::Pose, quat};
+use ekf_core::observe::point::{CameraPose, FeatureState, PointInCamera};
+use ekf_core::observe::{Rows, WornView};
+use ekf_core::predict;
+use ekf_core::settings::ProcessSettings;
+use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector2, Vector3, Vector4, Vector6};
+use rand::Rng;
+use rand_pcg::Pcg64;
+
+/// Compares `analytic` with central differences of `f` at `x`, relative to the largest entry.
+fn check<const R: usize, const C: usize>(
+    what: &str,
+    x: &SMatrix<f64, C, 1>,
+    analytic: &SMatrix<f64, R, C>,
+    f: impl Fn(&SMatrix<f64, C, 1>) -> SMatrix<f64, R, 1>,
+) {
+    let mut numeric = SMatrix::<f64, R, C>::zeros();
+    for c in 0..C {
+        // Fourth-order differences: truncation and rounding both stay below 1e-9.
+        let h = 1e-3 * x[c].abs().max(0.1);
+        let at = |k: f64| {
+            let mut y = *x;
+            y[c] += k * h;
+            f(&y)
+        };
+        let column = (at(-2.0) - at(2.0) + (at(1.0) - at(-1.0)) * 8.0) / (12.0 * h);
+        numeric.set_column(c, &column);
+    }
+    let scale = numeric.abs().max().max(1e-9);
+    let worst = (analytic - numeric).abs().max() / scale;
+    assert!(
+        worst < 1e-6,
+        "{what}: off by {worst:e}\nanalytic {analytic}numeric {numeric}"
+    );
+}
+
+fn random_quat(rng: &mut Pcg64) -> Vector4<f64> {
+    normals::<4>(rng).normalize()
+}
+
+/// A camera and a feature some metres in front of it.
+fn random_view(rng: &mut Pcg64) -> (CameraPose, FeatureState) {
+    let pose = CameraPose {
+        r: normals::<3>(rng),
+        q: random_quat(rng),
+    };
+    let in_c = Vector3::new(
+        rng.random_range(-1.0..1.0),
+        rng.random_range(-0.7..0.7),
+        rng.random_range(2.0..6.0),
+    );
+    let point = quat::rotation(&pose.q) * in_c + pose.r;
+    let anchor = pose.r + normals::<3>(rng) * 0.3;
+    let (angles, _) = inverse_depth::angles(&(point - anchor));
+    let rho = 1.0 / (point - anchor).norm();
+    let feature = FeatureState(Vector6::new(
+        anchor.x, anchor.y, anchor.z, angles[0], angles[1], rho,
+    ));
+    (pose, feature)
+}
+
+fn pose_of(x: &SMatrix<f64, 7, 1>) -> CameraPose {
+    CameraPose {
+        r: x.fixed_rows::<3>(0).into_owned(),
+        q: x.fixed_rows::<4>(3).into_owned(),
+    }
+}
+
+fn vector_of(pose: &CameraPose) -> SMatrix<f64, 7, 1> {
+    let mut x = SMatrix::<f64, 7, 1>::zeros();
+    x.fixed_rows_mut::<3>(0).copy_from(&pose.r);
+    x.fixed_rows_mut::<4>(3).copy_from(&pose.q);
+    x
+}
+
+#[test]
+fn quaternions() {
+    let mut rng = rng(1);
+    for _ in 0..50 {
+        // Away from unit length too: R(q) normalises.
+        let q = normals::<4>(&mut rng) * 1.3;
+        let v = normals::<3>(&mut rng);
+        check("R v", &q, &quat::rotate_jacobian(&q, &v), |q| {
+            quat::rotation(q) * v
+        });
+        check("R^T v", &q, &quat::rotate_inverse_jacobian(&q, &v), |q| {
+            quat::rotation(q).transpose() * v
+        });
+        check("q / |q|", &q, &quat::normalise_jacobian(&q), |q| {
+            q / q.norm()
+        });
+        let w = normals::<3>(&mut rng);
+        check("exp", &w, &quat::exp_jacobian(&w), quat::exp);
+        let tiny = w * 1e-7;
+        check("exp near zero", &tiny, &quat::exp_jacobian(&tiny), quat::exp);
+        let unit = random_quat(&mut rng);
+        check("lift", &Vector3::zeros(), &quat::lift(&unit), |w| {
+            quat::left(&unit) * quat::exp(w)
+        });
+        check("right Jacobian", &w, &quat::right_jacobian(&w), |x| {
+            // Exp(w)^-1 Exp(x), as a rotation vector near zero.
+            let mut back = quat::exp(&w);
+            back.fixed_rows_mut::<3>(1).neg_mut();
+            quat::log(&(quat::left(&back) * quat::exp(x)))
+        });
+    }
+}
+
+#[test]
+fn hamilton_products() {
+    let (i, j, k) = (
+        Vector4::new(0.0, 1.0, 0.0, 0.0),
+        Vector4::new(0.0, 0.0, 1.0, 0.0),
+        Vector4::new(0.0, 0.0, 0.0, 1.0),
+    );
+    assert_eq!(quat::left(&i) * j, k);
+    assert_eq!(quat::right(&j) * i, k);
+    let mut rng = rng(2);
+    for _ in 0..20 {
+        let (a, b) = (random_quat(&mut rng), random_quat(&mut rng));
+        let product = quat::rotation(&(quat::left(&a) * b));
+        assert!((product - quat::rotation(&a) * quat::rotation(&b)).abs().max() < 1e-12);
+        let back = quat::from_rotation(&quat::rotation(&a));
+        let sign = if a[0] < 0.0 { -1.0 } else { 1.0 };
+        assert!((back - a * sign).abs().max() < 1e-12);
+    }
+}
+
+#[test]
+fn ray_conventions() {
+    // theta = atan2(x, z), phi = atan2(-y, hypot(x, z)); y points down, so a ray upwards has phi > 0.
+    let (angles, _) = inverse_depth::angles(&Vector3::new(0.0, -2.0, 2.0));
+    assert!((angles - Vector2::new(0.0, std::f64::consts::FRAC_PI_4)).norm() < 1e-15);
+    let mut rng = rng(3);
+    for _ in 0..50 {
+        let h = normals::<3>(&mut rng);
+        let (angles, jacobian) = inverse_depth::angles(&h);
+        check("angles", &h, &jacobian, |h| inverse_depth::angles(h).0);
+        assert!((inverse_depth::ray(angles[0], angles[1]) - h.normalize()).norm() < 1e-12);
+        let (by_theta, by_phi) = inverse_depth::ray_jacobian(angles[0], angles[1]);
+        check(
+            "ray",
+            &angles,
+            &SMatrix::<f64, 3, 2>::from_columns(&[by_theta, by_phi]),
+            |a| inverse_depth::ray(a[0], a[1]),
+        );
+    }
+}
+
+#[test]
+fn observations() {
+    let mut rng = rng(4);
+    let camera = camera();
+    for _ in 0..50 {
+        let (pose, feature) = random_view(&mut rng);
+        let x = vector_of(&pose);
+        let scaled = PointInCamera::scaled(&pose, &feature);
+        check("Eq. 7 by pose", &x, &scaled.by_pose, |x| {
+            PointInCamera::scaled(&pose_of(x), &feature).value
+        });
+        check("Eq. 7 by feature", &feature.0, &scaled.by_feature, |y| {
+            PointInCamera::scaled(&pose, &FeatureState(*y)).value
+        });
+        let metric = PointInCamera::metric(&pose, &feature).expect("rho > 0");
+        check("Eq. 5 by pose", &x, &metric.by_pose, |x| {
+            PointInCamera::metric(&pose_of(x), &feature)
+                .expect("rho > 0")
+                .value
+        });
+        check("Eq. 5 by feature", &feature.0, &metric.by_feature, |y| {
+            PointInCamera::metric(&pose, &FeatureState(*y))
+                .expect("rho > 0")
+                .value
+        });
+        check("point", &feature.0, &feature.point_jacobian(), |y| {
+            FeatureState(*y).point().expect("rho > 0")
+        });
+        let zero = Vector2::zeros();
+        // The innovation is measured minus predicted, so with a measurement of zero it is minus the prediction.
+        let predicted = |pose: &CameraPose, feature: &FeatureState| -> Vector2<f64> {
+            let rows = Rows::bearing(&camera, pose, feature, &zero, 1.0).expect("visible");
+            -rows.innovation.fixed_rows::<2>(0).into_owned()
+        };
+        let rows = Rows::bearing(&camera, &pose, &feature, &zero, 1.0).expect("visible");
+        let by_pose = rows.by_pose.fixed_rows::<2>(0).into_owned();
+        check("bearing by pose", &x, &by_pose, |x| {
+            predicted(&pose_of(x), &feature)
+        });
+        let by_feature = rows.by_feature.fixed_rows::<2>(0).into_owned();
+        check("bearing by feature", &feature.0, &by_feature, |y| {
+            predicted(&pose, &FeatureState(*y))
+        });
+    }
+}
+
+fn random_worn(rng: &mut Pcg64) -> Pose {
+    Pose {
+        rotation: quat::rotation(&quat::exp(&(normals::<3>(rng) * 0.15))),
+        translation: Vector3::new(0.6, -0.2, 0.1) + normals::<3>(rng) * 0.1,
+    }
+}
+
+#[test]
+fn worn_pixel_rows() {
+    let mut rng = rng(5);
+    let camera = camera();
+    for _ in 0..50 {
+        let (pose, feature) = random_view(&mut rng);
+        let t_cf = random_worn(&mut rng);
+        let error = normals::<6>(&mut rng) * 0.02;
+        let rows = |pose: &CameraPose, feature: &FeatureState, error: &Vector6<f64>| {
+            let view = WornView {
+                camera: &camera,
+                measured: t_cf.clone(),
+                error: *error,
+            };
+            Rows::worn_pixel(&view, pose, feature, &Vector2::zeros(), 1.0).expect("visible")
+        };
+        let predicted = |rows: Rows| -> Vector2<f64> {
+            -rows.innovation.fixed_rows::<2>(0).into_owned()
+        };
+        let at = rows(&pose, &feature, &error);
+        let two = |m: &SMatrix<f64, 3, 6>| m.fixed_rows::<2>(0).into_owned();
+        check(
+            "Cf pixel by pose",
+            &vector_of(&pose),
+            &at.by_pose.fixed_rows::<2>(0).into_owned(),
+            |x| predicted(rows(&pose_of(x), &feature, &error)),
+        );
+        check("Cf pixel by feature", &feature.0, &two(&at.by_feature), |y| {
+            predicted(rows(&pose, &FeatureState(*y), &error))
+        });
+        let by_error = at.by_worn.expect("depends on T_CF");
+        check("Cf pixel by T_CF", &error, &two(&by_error), |e| {
+            predicted(rows(&pose, &feature, e))
+        });
+    }
+}
+
+/// A pixel pair of one point, in general position (not exactly on the epipolar plane).
+fn random_pair(rng: &mut Pcg64, camera: &Camera, other: &Pose) -> (Vector2<f64>, Vector2<f64>) {
+    let point = Vector3::new(
+        rng.random_range(-1.0..1.0),
+        rng.random_range(-0.7..0.7),
+        rng.random_range(2.0..5.0),
+    );
+    let uv = camera.project(&point).expect("in front");
+    let uv_other = camera
+        .project(&other.inverse().apply(&point))
+        .expect("in front");
+    (uv, uv_other + normals::<2>(rng) * 0.5)
+}
+
+#[test]
+fn two_view_eleven_parameters() {
+    let mut rng = rng(6);
+    let camera = camera();
+    for _ in 0..50 {
+        let other = random_worn(&mut rng);
+        let q = quat::from_rotation(&other.rotation);
+        let (uv, uv2) = random_pair(&mut rng, &camera, &other);
+        let view = TwoView::new(&camera, &uv, &camera, &uv2, &other).expect("they meet");
+        // Eq. 8's order: (u2, v2, u1, v1, t, q).
+        let mut x = SMatrix::<f64, 11, 1>::zeros();
+        x.fixed_rows_mut::<2>(0).copy_from(&uv2);
+        x.fixed_rows_mut::<2>(2).copy_from(&uv);
+        x.fixed_rows_mut::<3>(4).copy_from(&other.translation);
+        x.fixed_rows_mut::<4>(7).copy_from(&q);
+        let at = |x: &SMatrix<f64, 11, 1>| {
+            let pose = Pose::from_quat(
+                x.fixed_rows::<3>(4).into_owned(),
+                &x.fixed_rows::<4>(7).into_owned(),
+            );
+            let (uv2, uv) = (x.fixed_rows::<2>(0).into(), x.fixed_rows::<2>(2).into());
+            TwoView::new(&camera, &uv, &camera, &uv2, &pose).expect("they meet")
+        };
+        let mut by = SMatrix::<f64, 1, 11>::zeros();
+        by.fixed_view_mut::<1, 2>(0, 0)
+            .copy_from(&view.rho_by_other_pixel);
+        by.fixed_view_mut::<1, 2>(0, 2).copy_from(&view.rho_by_pixel);
+        by.fixed_view_mut::<1, 7>(0, 4)
+            .copy_from(&view.rho_by_pose(&q));
+        check("rho by 11 parameters", &x, &by, |x| {
+            SMatrix::<f64, 1, 1>::new(at(x).rho)
+        });
+        let tangent = |xi: &Vector6<f64>| {
+            TwoView::new(&camera, &uv, &camera, &uv2, &other.retract(xi)).expect("they meet")
+        };
+        let zero = Vector6::zeros();
+        check("rho by tangent", &zero, &view.rho_by_tangent(), |xi| {
+            SMatrix::<f64, 1, 1>::new(tangent(xi).rho)
+        });
+        check("point by tangent", &zero, &view.point_by_tangent(), |xi| {
+            tangent(xi).point()
+        });
+        // Law of sines, as METHOD 5 writes it.
+        let (a, b) = (view.ray, other.rotation * view.other_ray);
+        let t = other.translation;
+        let beta = a.angle(&t);
+        let gamma = b.angle(&-t);
+        let alpha = std::f64::consts::PI - beta - gamma;
+        let law = alpha.sin() / (t.norm() * gamma.sin());
+        assert!((law / view.rho - 1.0).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn delayed_birth_depends_on_both_poses() {
+    let mut rng = rng(7);
+    let camera = camera();
+    for _ in 0..30 {
+        let now = CameraPose {
+            r: normals::<3>(&mut rng),
+            q: random_quat(&mut rng),
+        };
+        let offset = random_worn(&mut rng);
+        let rotation = quat::rotation(&now.q);
+        let first = CameraPose {
+            r: rotation * offset.translation + now.r,
+            q: quat::from_rotation(&(rotation * offset.rotation)),
+        };
+        let (uv, uv_first) = random_pair(&mut rng, &camera, &offset);
+        let born = |now: &CameraPose, first: &CameraPose| {
+            let r_cw = quat::rotation(&now.q).transpose();
+            let relative = Pose {
+                rotation: r_cw * quat::rotation(&first.q),
+                translation: r_cw * (first.r - now.r),
+            };
+            let view = TwoView::new(&camera, &uv, &camera, &uv_first, &relative).expect("they meet");
+            let mut new = NewFeature::from_two_views(now, &view, 1.0, 1.0);
+            new.depend_on_first_pose(now, first, &view, FirstPoseCovariance::InState(13));
+            new
+        };
+        let new = born(&now, &first);
+        check("birth by pose now", &vector_of(&now), &new.by_pose, |x| {
+            born(&pose_of(x), &first).mean
+        });
+        let (_, by_first, _) = new.by_other.expect("depends on the clone");
+        check("birth by first pose", &vector_of(&first), &by_first, |x| {
+            born(&now, &pose_of(x)).mean
+        });
+    }
+}
+
+#[test]
+fn birth_from_a_point() {
+    let mut rng = rng(8);
+    for _ in 0..30 {
+        let pose = CameraPose {
+            r: normals::<3>(&mut rng),
+            q: random_quat(&mut rng),
+        };
+        let point = Vector3::new(0.3, -0.2, 3.0) + normals::<3>(&mut rng) * 0.3;
+        let noise = Matrix3::zeros();
+        let identity = SMatrix::<f64, 3, 6>::identity();
+        let new = NewFeature::from_point(&pose, &point, &noise, Some((0, &identity)));
+        check("point birth by pose", &vector_of(&pose), &new.by_pose, |x| {
+            NewFeature::from_point(&pose_of(x), &point, &noise, None).mean
+        });
+        let (_, by, _) = new.by_other.expect("shares an error");
+        let by_point = by.fixed_view::<6, 3>(0, 0).into_owned();
+        check("point birth by point", &point, &by_point, |p| {
+            NewFeature::from_point(&pose, p, &noise, None).mean
+        });
+    }
+}
+
+#[test]
+fn motion_model() {
+    let mut rng = rng(9);
+    for _ in 0..30 {
+        let mut x = normals::<13>(&mut rng);
+        x.fixed_rows_mut::<4>(3).normalize_mut();
+        let dt = rng.random_range(0.02..0.2);
+        let mut moved = x;
+        let f = predict::transition(moved.as_mut_slice(), dt);
+        check("transition", &x, &f, |x| {
+            let mut y = *x;
+            predict::transition(y.as_mut_slice(), dt);
+            y
+        });
+    }
+}
+
+#[test]
+fn process_noise_does_not_depend_on_the_frame_rate() {
+    // From rest the attitude part is linear, so ten steps of 0.01 s add up to one of 0.1 s.
+    let settings = ProcessSettings::default();
+    let q = quat::identity();
+    let whole = predict::process_noise(&q, 0.1, &settings);
+    let mut x = SMatrix::<f64, 13, 1>::zeros();
+    x[3] = 1.0;
+    let f = predict::transition(x.as_mut_slice(), 0.01);
+    let mut sum = predict::CameraMatrix::zeros();
+    for _ in 0..10 {
+        sum = f * sum * f.transpose() + predict::process_noise(&q, 0.01, &settings);
+    }
+    assert!((whole - sum).abs().max() < 1e-12 * whole.abs().max());
+    let eigenvalues = DMatrix::from_column_slice(13, 13, whole.as_slice()).symmetric_eigenvalues();
+    assert!(eigenvalues.min() > -1e-12);
+    assert_eq!(DVector::from_column_slice(&[0.0; 1])[0], whole[(3, 3)]);
+}

@@ -1,0 +1,10 @@
+//! Tests of `ekf_core` from outside: one binary, one module per subject.
+
+mod births;
+mod cameras;
+mod jacobians;
+mod long_run;
+mod overlap;
+mod scene;
+mod update;
+mod validate;

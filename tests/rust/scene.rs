@@ -1,0 +1,222 @@
+//! A simulated camera among random points, for the tests that need a filter in use.
+
+use ekf_core::math::pose::Pose;
+use ekf_core::math::quat;
+use ekf_core::settings::Value;
+use ekf_core::{Bearing, Camera, Filter, Measurements, Settings, WornObservation, WornPair};
+use nalgebra::{Matrix6, SMatrix, Vector2, Vector3, Vector6};
+use rand::{Rng, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64;
+use std::collections::BTreeMap;
+
+pub(crate) fn rng(seed: u64) -> Pcg64 {
+    Pcg64::seed_from_u64(seed)
+}
+
+pub(crate) fn normal(rng: &mut Pcg64) -> f64 {
+    StandardNormal.sample(rng)
+}
+
+pub(crate) fn normals<const N: usize>(rng: &mut Pcg64) -> SMatrix<f64, N, 1> {
+    SMatrix::from_fn(|_, _| normal(rng))
+}
+
+pub(crate) fn camera() -> Camera {
+    Camera::new(
+        "radtan",
+        720,
+        480,
+        [600.0, 605.0, 362.0, 238.0],
+        &[-0.1, 0.02, 1e-4, -2e-4],
+    )
+    .expect("valid calibration")
+}
+
+/// 3 cm and 0.5, 0.5, 1 degree, as in Table C1.
+pub(crate) fn worn_covariance() -> Matrix6<f64> {
+    let degree = std::f64::consts::PI / 180.0;
+    Matrix6::from_diagonal(
+        &Vector6::new(0.03, 0.03, 0.03, 0.5 * degree, degree, 0.5 * degree).map(|s| s * s),
+    )
+}
+
+pub(crate) fn settings(changes: &[(&str, Value)]) -> Settings {
+    let mut settings = Settings::default();
+    for (key, value) in changes {
+        settings.set(key, value).expect("valid setting");
+    }
+    settings
+}
+
+pub(crate) fn name(text: &str) -> Value {
+    Value::Name(text.into())
+}
+
+/// Points in front of a camera that wanders about, and a worn camera half a metre beside it.
+pub(crate) struct Scene {
+    pub(crate) camera: Camera,
+    pub(crate) points: Vec<Vector3<f64>>,
+    pub(crate) sigma_px: f64,
+    pub(crate) worn_covariance: Matrix6<f64>,
+    rng: Pcg64,
+}
+
+impl Scene {
+    pub(crate) fn new(seed: u64, points: usize) -> Self {
+        let mut rng = rng(seed);
+        let points = (0..points)
+            .map(|_| {
+                Vector3::new(
+                    rng.random_range(-4.0..4.0),
+                    rng.random_range(-2.0..2.0),
+                    rng.random_range(3.0..9.0),
+                )
+            })
+            .collect();
+        Self {
+            camera: camera(),
+            points,
+            sigma_px: 1.0,
+            worn_covariance: worn_covariance(),
+            rng,
+        }
+    }
+
+    /// Pose of the camera at time `t`: at the origin at 0, slowly swaying.
+    pub(crate) fn pose(&self, t: f64) -> Pose {
+        let turn = Vector3::new(0.05 * (0.7 * t).sin(), 0.2 * (0.3 * t).sin(), 0.0);
+        Pose {
+            rotation: quat::rotation(&quat::exp(&turn)),
+            translation: Vector3::new(
+                0.6 * (0.4 * t).sin(),
+                0.1 * (0.9 * t).sin(),
+                0.5 * (1.0 - (0.25 * t).cos()),
+            ),
+        }
+    }
+
+    pub(crate) fn pixel(&mut self, pose: &Pose, point: usize) -> Option<Vector2<f64>> {
+        let uv = self
+            .camera
+            .project(&pose.inverse().apply(&self.points[point]))?;
+        let noise: Vector2<f64> = normals(&mut self.rng);
+        self.camera
+            .in_image(&uv, 2.0)
+            .then(|| uv + noise * self.sigma_px)
+    }
+
+    /// One frame: what `known` (feature id to point) sees, and the worn camera's pairs for all points.
+    pub(crate) fn measure(
+        &mut self,
+        t: f64,
+        known: &BTreeMap<u64, usize>,
+        with_worn: bool,
+    ) -> (Measurements, Vec<usize>) {
+        let pose = self.pose(t);
+        let mut z = Measurements::default();
+        for (&id, &point) in known {
+            z.searched.push(id);
+            if let Some(uv) = self.pixel(&pose, point) {
+                z.bearings.push(Bearing { id, uv });
+            }
+        }
+        let mut pair_points = Vec::new();
+        if with_worn {
+            let t_cf = Pose {
+                rotation: quat::rotation(&quat::exp(&Vector3::new(0.0, -0.08, 0.02))),
+                translation: Vector3::new(0.5, -0.3, 0.1),
+            };
+            let chol = self.worn_covariance.cholesky().expect("positive definite");
+            let error = chol.l() * normals::<6>(&mut self.rng);
+            // T_true = T_measured Exp(error), to first order.
+            let measured = t_cf.retract(&-error);
+            let worn_pose = Pose {
+                rotation: pose.rotation * t_cf.rotation,
+                translation: pose.apply(&t_cf.translation),
+            };
+            let of_point: BTreeMap<usize, u64> = known.iter().map(|(id, p)| (*p, *id)).collect();
+            let mut pairs = Vec::new();
+            for point in 0..self.points.len() {
+                let id = of_point.get(&point).copied();
+                let bearing = id.and_then(|id| z.bearings.iter().find(|b| b.id == id));
+                let uv = match (id, bearing) {
+                    (Some(_), Some(b)) => Some(b.uv),
+                    (Some(_), None) => None,
+                    (None, _) => self.pixel(&pose, point),
+                };
+                if let (Some(uv), Some(uv_f)) = (uv, self.pixel(&worn_pose, point)) {
+                    pairs.push(WornPair { id, uv, uv_f });
+                    pair_points.push(point);
+                }
+            }
+            z.worn = Some(WornObservation {
+                t_cf: measured,
+                covariance: self.worn_covariance,
+                pairs,
+            });
+        }
+        (z, pair_points)
+    }
+
+    pub(crate) fn filter(&self, settings: Settings) -> Filter {
+        Filter::new(settings, self.camera.clone(), Some(self.camera.clone()))
+    }
+}
+
+/// Which feature is which point, after an update.
+pub(crate) fn adopt(
+    known: &mut BTreeMap<u64, usize>,
+    report: &ekf_core::UpdateReport,
+    pair_points: &[usize],
+) {
+    for (outcome, &point) in report.pairs.iter().zip(pair_points) {
+        if let ekf_core::Outcome::Born(id) = outcome {
+            known.insert(*id, point);
+        }
+    }
+}
+
+/// Seconds between frames.
+pub(crate) const DT: f64 = 0.1;
+
+/// A filter after a worn start and five more frames, predicted to the next one at `t`.
+pub(crate) struct Warm {
+    pub(crate) scene: Scene,
+    pub(crate) filter: Filter,
+    pub(crate) known: BTreeMap<u64, usize>,
+    pub(crate) t: f64,
+}
+
+pub(crate) fn warm(seed: u64, changes: &[(&str, Value)]) -> Warm {
+    let scene = Scene::new(seed, 30);
+    let mut filter = scene.filter(settings(changes));
+    filter.predict(0.0).expect("first frame");
+    let mut warm = Warm {
+        scene,
+        filter,
+        known: BTreeMap::new(),
+        t: 0.0,
+    };
+    for frame in 0..6 {
+        warm.update(frame == 0);
+        warm.next_frame();
+    }
+    assert!(warm.filter.started());
+    assert!(warm.known.len() >= 8, "{} features", warm.known.len());
+    warm
+}
+
+impl Warm {
+    /// Measures the present frame.
+    pub(crate) fn update(&mut self, with_worn: bool) {
+        let (z, points) = self.scene.measure(self.t, &self.known, with_worn);
+        let report = self.filter.update(&z).expect("good measurements");
+        adopt(&mut self.known, &report, &points);
+    }
+
+    pub(crate) fn next_frame(&mut self) {
+        self.t += DT;
+        self.filter.predict(self.t).expect("increasing time");
+    }
+}

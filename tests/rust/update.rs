@@ -1,0 +1,508 @@
+//! The batch update against a textbook dense EKF, its failures, and what it does with outliers.
+
+use crate::scene::{DT, Scene, Warm, name, settings, warm};
+use ekf_core::birth::two_view::TwoView;
+use ekf_core::observe::{PointInCamera, Rows, WornView};
+use ekf_core::settings::Value;
+use ekf_core::state::BlockKind;
+use ekf_core::{
+    DepthObservation, EkfError, Filter, Measurements, Outcome, UpdateReport, WornObservation,
+};
+use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector2, Vector3, Vector4, Vector6};
+use std::collections::BTreeMap;
+
+/// A warm filter with two candidates in its state, so one clone, predicted to the next frame.
+fn with_clone(seed: u64, changes: &[(&str, Value)]) -> Warm {
+    let mut warm = warm(seed, changes);
+    let pixels = [Vector2::new(300.0, 200.0), Vector2::new(420.0, 260.0)];
+    warm.filter.add_candidates(&pixels).expect("started");
+    warm.next_frame();
+    warm
+}
+
+/// Measurements of the present frame; worn pairs of known features only, so that nothing is born.
+fn measure(warm: &mut Warm, with_worn: bool) -> Measurements {
+    let (mut z, _) = warm.scene.measure(warm.t, &warm.known, with_worn);
+    if let Some(worn) = &mut z.worn {
+        worn.pairs.retain(|p| p.id.is_some());
+    }
+    z
+}
+
+/// Mean and covariance as plain dense matrices, the frame's error of T_CF at the end where there is one.
+struct Dense {
+    x: DVector<f64>,
+    p: DMatrix<f64>,
+    worn: Option<usize>,
+}
+
+impl Dense {
+    fn of(filter: &Filter, worn: Option<&WornObservation>) -> Self {
+        let x = DVector::from_column_slice(filter.state().mean());
+        let p = filter.state().covariance().to_dense();
+        let n = x.len();
+        let Some(worn) = worn else {
+            return Self { x, p, worn: None };
+        };
+        // The frame's error is the bias, if there is one, plus white noise.
+        let mut grow = DMatrix::<f64>::identity(n + 6, n);
+        let bias = filter.state().layout().of_kind(BlockKind::WornBias).next();
+        if let Some(bias) = bias {
+            for i in 0..6 {
+                grow[(n + i, bias.offset + i)] = 1.0;
+            }
+        }
+        let white = worn.covariance * (1.0 - filter.settings().worn.bias_share);
+        let mut p = &grow * p * grow.transpose();
+        for c in 0..6 {
+            for r in 0..6 {
+                p[(n + r, n + c)] += white[(r, c)];
+            }
+        }
+        Self {
+            x: grow * x,
+            p,
+            worn: Some(n),
+        }
+    }
+
+    fn error(&self) -> Vector6<f64> {
+        self.worn.map_or(Vector6::zeros(), |w| {
+            self.x.fixed_rows::<6>(w).into_owned()
+        })
+    }
+
+    /// The textbook update, then the quaternions of the camera and the clones normalised, P through the Jacobian.
+    fn update(&mut self, units: &[(Rows, usize)], quaternions: &[usize]) {
+        let n = self.x.len();
+        let m: usize = units.iter().map(|(rows, _)| rows.count).sum();
+        let mut h = DMatrix::<f64>::zeros(m, n);
+        let mut r = DMatrix::<f64>::zeros(m, m);
+        let mut g = DVector::<f64>::zeros(m);
+        let mut at = 0;
+        for (rows, feature) in units {
+            for i in 0..rows.count {
+                g[at + i] = rows.innovation[i];
+                for c in 0..7 {
+                    h[(at + i, c)] = rows.by_pose[(i, c)];
+                }
+                for c in 0..6 {
+                    h[(at + i, feature + c)] = rows.by_feature[(i, c)];
+                    if let (Some(by), Some(worn)) = (&rows.by_worn, self.worn) {
+                        h[(at + i, worn + c)] = by[(i, c)];
+                    }
+                }
+                for c in 0..rows.count {
+                    r[(at + i, at + c)] = rows.noise[(i, c)];
+                }
+            }
+            at += rows.count;
+        }
+        let pht = &self.p * h.transpose();
+        let s = &h * &pht + r;
+        let gain = &pht * s.clone().cholesky().expect("S is positive definite").inverse();
+        self.x += &gain * g;
+        self.p -= &gain * s * gain.transpose();
+        for &offset in quaternions {
+            let q: Vector4<f64> = self.x.fixed_rows::<4>(offset).into_owned();
+            let norm = q.norm();
+            let mut j = DMatrix::<f64>::identity(n, n);
+            let own = (SMatrix::<f64, 4, 4>::identity() - q * q.transpose() / (norm * norm)) / norm;
+            j.fixed_view_mut::<4, 4>(offset, offset).copy_from(&own);
+            self.p = &j * &self.p * j.transpose();
+            self.x.fixed_rows_mut::<4>(offset).copy_from(&(q / norm));
+        }
+    }
+
+    fn compare(&self, filter: &Filter) {
+        let (x, p) = (filter.state().mean(), filter.state().covariance());
+        assert!(x.len() <= self.x.len() && x.len() == p.dim());
+        for i in 0..x.len() {
+            let sd = p.get(i, i).max(0.0).sqrt();
+            assert!((x[i] - self.x[i]).abs() < 1e-9 * (sd + 1e-3), "mean {i}");
+            for j in 0..x.len() {
+                let scale = (self.p[(i, i)] * self.p[(j, j)]).abs().sqrt() + 1e-12;
+                let off = (p.get(i, j) - self.p[(i, j)]).abs() / scale;
+                assert!(off < 1e-9, "P[{i},{j}] is off by {off:e} standard deviations");
+            }
+        }
+    }
+}
+
+fn quaternions(filter: &Filter) -> Vec<usize> {
+    let clones = filter.state().layout().of_kind(BlockKind::Clone);
+    let mut offsets: Vec<usize> = clones.map(|b| b.offset + 3).collect();
+    assert!(!offsets.is_empty(), "the warm filter holds a clone");
+    offsets.push(3);
+    offsets
+}
+
+/// A depth along the axis as a point in C with its covariance, differentiated numerically.
+fn point_at_depth(scene: &Scene, depth: &DepthObservation, sigma_px: f64) -> (Vector3<f64>, Matrix3<f64>) {
+    let at = |du: f64, dv: f64| -> Vector3<f64> {
+        let uv = depth.uv + Vector2::new(du, dv);
+        let (ray, _) = scene.camera.unproject_jac(&uv).expect("in the image");
+        ray * (depth.depth / ray.z)
+    };
+    let h = 0.05;
+    let difference = |du: f64, dv: f64| {
+        (at(-2.0 * du, -2.0 * dv) - at(2.0 * du, 2.0 * dv) + (at(du, dv) - at(-du, -dv)) * 8.0)
+            / (12.0 * h)
+    };
+    let by_uv = SMatrix::<f64, 3, 2>::from_columns(&[difference(h, 0.0), difference(0.0, h)]);
+    let point = at(0.0, 0.0);
+    let along = point / depth.depth;
+    let noise = by_uv * by_uv.transpose() * sigma_px.powi(2)
+        + along * along.transpose() * depth.sigma.powi(2);
+    (point, noise)
+}
+
+/// The rows of the accepted measurements, each built from the prior mean.
+fn units(
+    warm: &Warm,
+    before: &Filter,
+    dense: &Dense,
+    z: &Measurements,
+    report: &UpdateReport,
+) -> Vec<(Rows, usize)> {
+    let state = before.state();
+    let pose = state.camera_pose();
+    let pixel = &before.settings().pixel;
+    let camera = &warm.scene.camera;
+    let feature = |id: u64| {
+        let block = state.layout().find(id).expect("in the map");
+        (state.feature(block), block.offset)
+    };
+    let mut units = Vec::new();
+    for (bearing, outcome) in z.bearings.iter().zip(&report.bearings) {
+        if *outcome == Outcome::Pixel {
+            let (y, offset) = feature(bearing.id);
+            let rows = Rows::bearing(camera, &pose, &y, &bearing.uv, pixel.sigma_cs);
+            units.push((rows.expect("visible"), offset));
+        }
+    }
+    for (depth, outcome) in z.depths.iter().zip(&report.depths) {
+        assert_eq!(*outcome, Outcome::Depth);
+        let (y, offset) = feature(depth.id.expect("known"));
+        let (point, noise) = point_at_depth(&warm.scene, depth, pixel.sigma_cs);
+        let rows = Rows::depth(&pose, &y, &point, &noise, None);
+        units.push((rows.expect("rho > 0"), offset));
+    }
+    let Some(worn) = &z.worn else { return units };
+    let error = dense.error();
+    for (pair, outcome) in worn.pairs.iter().zip(&report.pairs) {
+        let (y, offset) = feature(pair.id.expect("known"));
+        let rows = match outcome {
+            Outcome::Pixel => {
+                let view = WornView {
+                    camera,
+                    measured: worn.t_cf.clone(),
+                    error,
+                };
+                Rows::worn_pixel(&view, &pose, &y, &pair.uv_f, pixel.sigma_cf)
+            }
+            Outcome::Depth => {
+                let range = PointInCamera::metric(&pose, &y).expect("rho > 0").value.norm();
+                let t_cf = worn.t_cf.retract(&error);
+                let view = TwoView::new(camera, &pair.uv, camera, &pair.uv_f, &t_cf)
+                    .expect("rays meet")
+                    .at_range(range);
+                let j = view.point_by_tangent();
+                let mut noise = view.point_noise(pixel.sigma_cs, pixel.sigma_cf);
+                let shared = dense.worn.map(|_| (&error, &j));
+                if shared.is_none() {
+                    noise += j * worn.covariance * j.transpose();
+                }
+                let point = view.point() - j * error;
+                Rows::depth(&pose, &y, &point, &noise, shared)
+            }
+            _ => continue,
+        };
+        units.push((rows.expect("visible"), offset));
+    }
+    units
+}
+
+fn against_dense(seed: u64, changes: &[(&str, Value)], worn: bool, depths: bool) -> UpdateReport {
+    let mut all = vec![
+        ("validate.test", name("none")),
+        ("estimator.iterations", Value::Int(1)),
+    ];
+    all.extend_from_slice(changes);
+    let mut warm = with_clone(seed, &all);
+    let mut z = measure(&mut warm, worn);
+    if depths {
+        let pose = warm.scene.pose(warm.t).inverse();
+        for bearing in z.bearings.iter().step_by(3) {
+            let point = pose.apply(&warm.scene.points[warm.known[&bearing.id]]);
+            z.depths.push(DepthObservation {
+                id: Some(bearing.id),
+                uv: bearing.uv,
+                depth: point.z + 0.02,
+                sigma: 0.03,
+            });
+        }
+    }
+    let before = warm.filter.clone();
+    let shared = changes.iter().all(|(key, _)| *key != "worn.errors");
+    let mut dense = Dense::of(&before, z.worn.as_ref().filter(|_| shared));
+    let report = warm.filter.update(&z).expect("good measurements");
+    let units = units(&warm, &before, &dense, &z, &report);
+    assert_eq!(
+        report.dof,
+        units.iter().map(|(rows, _)| rows.count).sum::<usize>()
+    );
+    dense.update(&units, &quaternions(&before));
+    dense.compare(&warm.filter);
+    report
+}
+
+fn count(outcomes: &[Outcome], wanted: Outcome) -> usize {
+    outcomes.iter().filter(|o| **o == wanted).count()
+}
+
+#[test]
+fn bearings_agree_with_a_dense_filter() {
+    let report = against_dense(1, &[], false, false);
+    assert!(count(&report.bearings, Outcome::Pixel) >= 8);
+}
+
+#[test]
+fn depths_agree_with_a_dense_filter() {
+    let report = against_dense(2, &[], false, true);
+    assert!(count(&report.depths, Outcome::Depth) >= 3);
+    assert_eq!(
+        count(&report.bearings, Outcome::Replaced),
+        report.depths.len()
+    );
+    assert!(count(&report.bearings, Outcome::Pixel) >= 5);
+}
+
+#[test]
+fn worn_points_agree_with_a_dense_filter() {
+    for errors in [&[][..], &[("worn.errors", name("independent"))][..]] {
+        let mut changes = vec![("estimator.mode", name("collab"))];
+        changes.extend_from_slice(errors);
+        let report = against_dense(3, &changes, true, false);
+        assert!(count(&report.pairs, Outcome::Depth) >= 3, "{report:?}");
+        assert!(count(&report.bearings, Outcome::Pixel) >= 1, "{report:?}");
+    }
+}
+
+#[test]
+fn worn_pixels_agree_with_a_dense_filter() {
+    let report = against_dense(4, &[("estimator.mode", name("collab-tight"))], true, false);
+    assert!(count(&report.pairs, Outcome::Pixel) >= 5, "{report:?}");
+    assert_eq!(
+        count(&report.bearings, Outcome::Pixel),
+        report.bearings.len()
+    );
+}
+
+#[test]
+fn a_bias_of_the_worn_camera_agrees_with_a_dense_filter() {
+    for mode in ["collab", "collab-tight"] {
+        let changes = [
+            ("estimator.mode", name(mode)),
+            ("worn.bias_share", Value::Float(0.6)),
+        ];
+        let report = against_dense(5, &changes, true, false);
+        assert!(report.dof > 20);
+        assert!(report.worn_error.norm() > 0.0);
+    }
+}
+
+fn bits(filter: &Filter) -> Vec<u64> {
+    let state = filter.state();
+    let p = state.covariance().to_dense();
+    let entries = state.mean().iter().chain(p.iter());
+    entries.map(|v| v.to_bits()).collect()
+}
+
+#[test]
+fn a_failed_update_changes_nothing() {
+    let mut warm = with_clone(6, &[("estimator.mode", name("collab-tight"))]);
+    let (good, _) = warm.scene.measure(warm.t, &warm.known, true);
+    let spoil = |change: &dyn Fn(&mut Measurements)| {
+        let mut z = good.clone();
+        change(&mut z);
+        z
+    };
+    let worn = |change: &dyn Fn(&mut WornObservation)| {
+        spoil(&|z| change(z.worn.as_mut().expect("a worn frame")))
+    };
+    let non_finite = |e: &EkfError| matches!(e, EkfError::NonFinite { .. });
+    let invalid = |e: &EkfError| matches!(e, EkfError::InvalidInput { .. });
+    let unknown = |e: &EkfError| *e == EkfError::UnknownFeature { id: 999_999 };
+    let indefinite = |e: &EkfError| matches!(e, EkfError::NotPositiveDefinite { .. });
+    let depth = |depth: f64, sigma: f64| {
+        spoil(&|z| {
+            z.depths.push(DepthObservation {
+                id: None,
+                uv: Vector2::new(300.0, 200.0),
+                depth,
+                sigma,
+            });
+        })
+    };
+    type Check<'a> = &'a dyn Fn(&EkfError) -> bool;
+    let cases: Vec<(&str, Measurements, Check<'_>)> = vec![
+        ("pixel", spoil(&|z| z.bearings[2].uv.x = f64::NAN), &non_finite),
+        ("Cf pixel", worn(&|w| w.pairs[1].uv_f.y = f64::INFINITY), &non_finite),
+        ("T_CF", worn(&|w| w.t_cf.translation.x = f64::NAN), &non_finite),
+        ("bearing's id", spoil(&|z| z.bearings[2].id = 999_999), &unknown),
+        ("searched id", spoil(&|z| z.searched.push(999_999)), &unknown),
+        ("pair's id", worn(&|w| w.pairs[0].id = Some(999_999)), &unknown),
+        ("twice", spoil(&|z| z.bearings.push(z.bearings[0])), &invalid),
+        ("covariance", worn(&|w| w.covariance[(2, 2)] = -0.1), &invalid),
+        ("asymmetry", worn(&|w| w.covariance[(0, 1)] = 1e-4), &invalid),
+        ("rotation", worn(&|w| w.t_cf.rotation *= 1.01), &invalid),
+        ("mirror", worn(&|w| w.t_cf.rotation *= -1.0), &invalid),
+        ("depth", depth(-1.0, 0.1), &invalid),
+        ("depth's sd", depth(2.0, 0.0), &invalid),
+        // Passes every check; the factorisation fails after the tight births have grown the state.
+        ("S", worn(&|w| w.covariance *= 1e60), &indefinite),
+    ];
+    let before = bits(&warm.filter);
+    let blocks = warm.filter.state().layout().blocks().to_vec();
+    for (what, z, is_right) in &cases {
+        let error = warm.filter.update(z).expect_err(what);
+        assert!(is_right(&error), "{what}: {error:?}");
+        assert_eq!(bits(&warm.filter), before, "{what}");
+        assert_eq!(warm.filter.state().layout().blocks(), blocks, "{what}");
+    }
+    // And nothing hidden has changed either: the next update is that of an untouched filter.
+    let mut fresh = with_clone(6, &[("estimator.mode", name("collab-tight"))]).filter;
+    let (a, b) = (warm.filter.update(&good), fresh.update(&good));
+    assert_eq!(a.expect("good").nis.to_bits(), b.expect("good").nis.to_bits());
+    assert_eq!(bits(&warm.filter), bits(&fresh));
+}
+
+#[test]
+fn a_worn_frame_needs_a_worn_camera() {
+    let mut scene = Scene::new(7, 30);
+    let mut filter = Filter::new(settings(&[]), scene.camera.clone(), None);
+    filter.predict(0.0).expect("first frame");
+    let (z, _) = scene.measure(0.0, &BTreeMap::new(), true);
+    let error = filter.update(&z).expect_err("no model of Cf");
+    assert!(matches!(error, EkfError::InvalidInput { .. }), "{error:?}");
+}
+
+#[test]
+fn every_test_rejects_an_outlier() {
+    // The camera's motion is uncertain by some 20 px, common to all matches: 15 px off passes alone, not together.
+    for (test, pixels) in [
+        ("hohct", 15.0),
+        ("jcbb", 15.0),
+        ("one-point", 15.0),
+        ("individual", 200.0),
+        ("none", 15.0),
+    ] {
+        let mut warm = with_clone(8, &[("validate.test", name(test))]);
+        let mut z = measure(&mut warm, false);
+        let wrong = 3;
+        z.bearings[wrong].uv.x += pixels;
+        let report = warm.filter.update(&z).expect("good measurements");
+        let accepted = count(&report.bearings, Outcome::Pixel);
+        if test == "none" {
+            assert_eq!(report.bearings[wrong], Outcome::Pixel);
+            assert_eq!(accepted, z.bearings.len());
+            continue;
+        }
+        let outcome = report.bearings[wrong];
+        let wanted = if test == "individual" {
+            Outcome::RejectedGate
+        } else {
+            Outcome::RejectedBatch
+        };
+        assert_eq!(outcome, wanted, "{test}");
+        assert!(accepted + 3 >= z.bearings.len(), "{test}: {report:?}");
+        let rejected = count(&report.bearings, Outcome::RejectedBatch);
+        assert_eq!(report.order, rejected, "{test}");
+    }
+}
+
+#[test]
+fn a_wrong_worn_pair_falls_back_to_its_bearing() {
+    for mode in ["collab", "collab-tight"] {
+        let mut warm = with_clone(3, &[("estimator.mode", name(mode))]);
+        let z = measure(&mut warm, true);
+        let mut untouched = warm.filter.clone();
+        let report = untouched.update(&z).expect("good measurements");
+        let used = if mode == "collab" {
+            Outcome::Depth
+        } else {
+            Outcome::Pixel
+        };
+        let i = report.pairs.iter().position(|o| *o == used).expect("one is used");
+        let mut spoilt = z.clone();
+        let pair = &mut spoilt.worn.as_mut().expect("a worn frame").pairs[i];
+        pair.uv_f.x -= 60.0;
+        let id = pair.id;
+        let report = warm.filter.update(&spoilt).expect("good measurements");
+        assert!(
+            matches!(report.pairs[i], Outcome::RejectedGate | Outcome::RejectedBatch),
+            "{mode}: {:?}",
+            report.pairs[i]
+        );
+        let bearing = z.bearings.iter().position(|b| Some(b.id) == id).expect("seen");
+        assert_eq!(report.bearings[bearing], Outcome::Pixel, "{mode}");
+        assert!(count(&report.pairs, used) >= 2, "{mode}: {report:?}");
+    }
+}
+
+#[test]
+fn time_must_increase() {
+    let mut warm = with_clone(9, &[]);
+    let before = bits(&warm.filter);
+    for t in [warm.t, warm.t - 0.05] {
+        let error = warm.filter.predict(t).expect_err("not after the last frame");
+        assert_eq!(error, EkfError::BadTime { t, last: warm.t });
+    }
+    let error = warm.filter.predict(f64::NAN).expect_err("NaN");
+    assert_eq!(error, EkfError::NonFinite { what: "time" });
+    assert_eq!(bits(&warm.filter), before);
+    warm.filter.predict(warm.t + DT).expect("after the last frame");
+}
+
+#[test]
+fn removing_features_deletes_rows_and_columns() {
+    let mut warm = with_clone(10, &[]);
+    let (x, p) = (
+        warm.filter.state().mean().to_vec(),
+        warm.filter.state().covariance().to_dense(),
+    );
+    let ids: Vec<u64> = warm.known.keys().copied().step_by(4).collect();
+    let blocks: Vec<_> = warm.filter.state().layout().blocks().to_vec();
+    let gone: Vec<usize> = blocks
+        .iter()
+        .filter(|b| ids.contains(&b.id))
+        .flat_map(|b| b.range())
+        .collect();
+    assert_eq!(gone.len(), 6 * ids.len());
+    let before = bits(&warm.filter);
+    let error = warm.filter.remove_features(&[ids[0], 999_999]);
+    assert_eq!(error, Err(EkfError::UnknownFeature { id: 999_999 }));
+    assert_eq!(bits(&warm.filter), before);
+    warm.filter.remove_features(&ids).expect("in the map");
+    let p = p.remove_columns_at(&gone).remove_rows_at(&gone);
+    let x = DVector::from_vec(x).remove_rows_at(&gone);
+    assert_eq!(warm.filter.state().mean(), x.as_slice());
+    assert_eq!(warm.filter.state().covariance().to_dense(), p);
+    for block in warm.filter.state().layout().blocks() {
+        assert!(!ids.contains(&block.id));
+        assert!(blocks.iter().any(|b| b.id == block.id && b.kind == block.kind));
+    }
+}
+
+#[test]
+fn the_worn_error_stays_for_one_frame_only() {
+    let mut warm = with_clone(11, &[("estimator.mode", name("collab-tight"))]);
+    let dim = warm.filter.state().mean().len();
+    let z = measure(&mut warm, true);
+    let report = warm.filter.update(&z).expect("good measurements");
+    assert!(report.worn_error.norm() > 0.0);
+    assert_eq!(warm.filter.state().mean().len(), dim);
+    let kinds = warm.filter.state().layout();
+    assert_eq!(kinds.of_kind(BlockKind::WornError).count(), 0);
+}
