@@ -17,7 +17,7 @@ Row = dict[str, Any]
 
 HEADER = (
     "recording", "worn camera", "mode", "ATE, % of path", "average error, % of path", "frames OK, %", "NEES",
-    "ms a frame", "frames",
+    "features a frame", "ms a frame", "frames", "target, px",
 )  # fmt: skip
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS")
 
@@ -38,24 +38,34 @@ class Entry:
         Whether anything in it depends on the seed.
     available : float
         Share of the time the worn camera is there.
+    settings : tuple of (str, value)
+        Changes to the default settings.
     """
 
     name: str
     worn: str | None
     start: str = "worn"
-    modes: tuple[str, ...] = ("mono", "collab")
+    modes: tuple[str, ...] = ("mono", "collab", "collab-tight")
     seeded: bool = True
     available: float = 0.4
+    settings: tuple[tuple[str, Any], ...] = ()
 
 
 DEMO = "demo"
 SET = (
-    Entry(DEMO, None),
+    Entry(DEMO, None, modes=("mono", "mono-undelayed", "collab", "collab-tight")),
     Entry("scenes7_redkitchen", "lag:2.0"),
     Entry("hololens_000", "lag:0.7"),
     Entry("euroc_v101", "views:stereo_keyframes"),
     Entry("kitti_seq1", "rig"),
-    Entry("davison_monoslam", None, start="target", modes=("mono",), seeded=False),
+    Entry(
+        "davison_monoslam",
+        None,
+        start="target",
+        modes=("mono",),
+        seeded=False,
+        settings=(("frontend.target.withhold", True),),
+    ),
 )
 
 
@@ -146,6 +156,7 @@ def _run_mode(task: Task, mode: str) -> Row:
     from collabslam.datasets import attach_worn, open_recording
     from collabslam.demo.recording import corridor_recording
     from collabslam.run import run
+    from collabslam.settings import Settings
     from collabslam.types import Recording
 
     entry = task.entry
@@ -159,7 +170,14 @@ def _run_mode(task: Task, mode: str) -> Row:
     folder = None if task.out is None else task.out / f"{entry.name}-{mode}-seed{task.seed}"
     options = {"worn": entry.worn, "worn_available": entry.available if entry.worn else None}
     return run(
-        recording, mode=mode, start=entry.start, out=folder, seed=task.seed, progress=False, options=options
+        recording,
+        mode=mode,
+        start=entry.start,
+        settings=Settings.default().replace(dict(entry.settings)),
+        out=folder,
+        seed=task.seed,
+        progress=False,
+        options=options,
     )
 
 
@@ -200,6 +218,8 @@ def _cells(runs: list[Row]) -> list[str]:
         number(median_of(runs, "avg_error_pct"), 2),
         number(median_of(runs, "ok_share"), 1, scale=100.0),
         number(median_of(runs, "nees_mean"), 1),
+        number(median_of(runs, "features_per_frame"), 1),
         number(median_of(times, "ms"), 1),
         number(median_of(runs, "frames"), 0),
+        number(median_of(runs, "target_residual_max_px"), 1),
     ]

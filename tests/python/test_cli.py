@@ -335,7 +335,7 @@ def test_table_takes_medians_and_names_what_is_missing(
     def answer(tasks: list[table.Task], jobs: int, out: Path | None) -> list[list[dict]]:
         asked.extend(tasks)
         numbers = {"ate_pct": 1.0, "avg_error_pct": 2.0, "ok_share": 0.98, "nees_mean": 7.0, "frames": 150,
-                   "ms_per_frame": {"step": 20.0}}  # fmt: skip
+                   "ms_per_frame": {"step": 20.0}, "features_per_frame": 50.0, "target_residual_max_px": None}  # fmt: skip
         return [
             [
                 {**numbers, "entry": t.entry.name, "mode": m, "seed": t.seed, "ate_pct": 1.0 + t.seed}
@@ -347,17 +347,17 @@ def test_table_takes_medians_and_names_what_is_missing(
     monkeypatch.setattr(table, "_run_tasks", answer)
     rows = table.run_table(tmp_path, seeds=[0, 1, 2], out=tmp_path / "out", jobs=1)
     shown = capsys.readouterr().out
-    assert len(rows) == 12
+    assert len(rows) == 21
     assert {t.entry.name for t in asked} == {"demo", "hololens_000"}
     assert "kitti_seq1: not in" in shown
-    assert "| hololens_000 | lag:0.7 | collab | 2.00 | 2.00 | 98.0 | 7.0 | 20.0 | 150 |" in shown
+    assert "| hololens_000 | lag:0.7 | collab | 2.00 | 2.00 | 98.0 | 7.0 | 50.0 | 20.0 | 150 | - |" in shown
 
 
 def test_a_recording_that_fails_is_a_row_of_the_table(tmp_path: Path) -> None:
     (tmp_path / "kitti_seq1").mkdir()
     entry = next(e for e in table.SET if e.name == "kitti_seq1")
     rows = table.run_task(table.Task(entry, 0, tmp_path, None))
-    assert [r["mode"] for r in rows] == ["mono", "collab"]
+    assert [r["mode"] for r in rows] == ["mono", "collab", "collab-tight"]
     assert all("not recognised" in r["error"] for r in rows)
     assert "| kitti_seq1 | rig | mono | failed |" in table.markdown(rows)
     with pytest.raises(DataError, match="does not exist"):

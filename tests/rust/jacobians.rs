@@ -98,7 +98,12 @@ fn quaternions() {
         let w = normals::<3>(&mut rng);
         check("exp", &w, &quat::exp_jacobian(&w), quat::exp);
         let tiny = w * 1e-7;
-        check("exp near zero", &tiny, &quat::exp_jacobian(&tiny), quat::exp);
+        check(
+            "exp near zero",
+            &tiny,
+            &quat::exp_jacobian(&tiny),
+            quat::exp,
+        );
         let unit = random_quat(&mut rng);
         check("lift", &Vector3::zeros(), &quat::lift(&unit), |w| {
             quat::left(&unit) * quat::exp(w)
@@ -125,7 +130,12 @@ fn hamilton_products() {
     for _ in 0..20 {
         let (a, b) = (random_quat(&mut rng), random_quat(&mut rng));
         let product = quat::rotation(&(quat::left(&a) * b));
-        assert!((product - quat::rotation(&a) * quat::rotation(&b)).abs().max() < 1e-12);
+        assert!(
+            (product - quat::rotation(&a) * quat::rotation(&b))
+                .abs()
+                .max()
+                < 1e-12
+        );
         let back = quat::from_rotation(&quat::rotation(&a));
         let sign = if a[0] < 0.0 { -1.0 } else { 1.0 };
         assert!((back - a * sign).abs().max() < 1e-12);
@@ -222,9 +232,8 @@ fn worn_pixel_rows() {
             };
             Rows::worn_pixel(&view, pose, feature, &Vector2::zeros(), 1.0).expect("visible")
         };
-        let predicted = |rows: Rows| -> Vector2<f64> {
-            -rows.innovation.fixed_rows::<2>(0).into_owned()
-        };
+        let predicted =
+            |rows: Rows| -> Vector2<f64> { -rows.innovation.fixed_rows::<2>(0).into_owned() };
         let at = rows(&pose, &feature, &error);
         let two = |m: &SMatrix<f64, 3, 6>| m.fixed_rows::<2>(0).into_owned();
         check(
@@ -233,9 +242,12 @@ fn worn_pixel_rows() {
             &at.by_pose.fixed_rows::<2>(0).into_owned(),
             |x| predicted(rows(&pose_of(x), &feature, &error)),
         );
-        check("Cf pixel by feature", &feature.0, &two(&at.by_feature), |y| {
-            predicted(rows(&pose, &FeatureState(*y), &error))
-        });
+        check(
+            "Cf pixel by feature",
+            &feature.0,
+            &two(&at.by_feature),
+            |y| predicted(rows(&pose, &FeatureState(*y), &error)),
+        );
         let by_error = at.by_worn.expect("depends on T_CF");
         check("Cf pixel by T_CF", &error, &two(&by_error), |e| {
             predicted(rows(&pose, &feature, e))
@@ -283,7 +295,8 @@ fn two_view_eleven_parameters() {
         let mut by = SMatrix::<f64, 1, 11>::zeros();
         by.fixed_view_mut::<1, 2>(0, 0)
             .copy_from(&view.rho_by_other_pixel);
-        by.fixed_view_mut::<1, 2>(0, 2).copy_from(&view.rho_by_pixel);
+        by.fixed_view_mut::<1, 2>(0, 2)
+            .copy_from(&view.rho_by_pixel);
         by.fixed_view_mut::<1, 7>(0, 4)
             .copy_from(&view.rho_by_pose(&q));
         check("rho by 11 parameters", &x, &by, |x| {
@@ -332,7 +345,8 @@ fn delayed_birth_depends_on_both_poses() {
                 rotation: r_cw * quat::rotation(&first.q),
                 translation: r_cw * (first.r - now.r),
             };
-            let view = TwoView::new(&camera, &uv, &camera, &uv_first, &relative).expect("they meet");
+            let view =
+                TwoView::new(&camera, &uv, &camera, &uv_first, &relative).expect("they meet");
             let mut new = NewFeature::from_two_views(now, &view, 1.0, 1.0);
             new.depend_on_first_pose(now, first, &view, FirstPoseCovariance::InState(13));
             new
@@ -360,9 +374,12 @@ fn birth_from_a_point() {
         let noise = Matrix3::zeros();
         let identity = SMatrix::<f64, 3, 6>::identity();
         let new = NewFeature::from_point(&pose, &point, &noise, Some((0, &identity)));
-        check("point birth by pose", &vector_of(&pose), &new.by_pose, |x| {
-            NewFeature::from_point(&pose_of(x), &point, &noise, None).mean
-        });
+        check(
+            "point birth by pose",
+            &vector_of(&pose),
+            &new.by_pose,
+            |x| NewFeature::from_point(&pose_of(x), &point, &noise, None).mean,
+        );
         let (_, by, _) = new.by_other.expect("shares an error");
         let by_point = by.fixed_view::<6, 3>(0, 0).into_owned();
         check("point birth by point", &point, &by_point, |p| {

@@ -67,9 +67,8 @@ impl Dense {
     }
 
     fn error(&self) -> Vector6<f64> {
-        self.worn.map_or(Vector6::zeros(), |w| {
-            self.x.fixed_rows::<6>(w).into_owned()
-        })
+        self.worn
+            .map_or(Vector6::zeros(), |w| self.x.fixed_rows::<6>(w).into_owned())
     }
 
     /// The textbook update, then the quaternions of the camera and the clones normalised, P through the Jacobian.
@@ -100,7 +99,11 @@ impl Dense {
         }
         let pht = &self.p * h.transpose();
         let s = &h * &pht + r;
-        let gain = &pht * s.clone().cholesky().expect("S is positive definite").inverse();
+        let gain = &pht
+            * s.clone()
+                .cholesky()
+                .expect("S is positive definite")
+                .inverse();
         self.x += &gain * g;
         self.p -= &gain * s * gain.transpose();
         for &offset in quaternions {
@@ -114,16 +117,23 @@ impl Dense {
         }
     }
 
-    fn compare(&self, filter: &Filter) {
+    /// Against the filter after its update, in units of the standard deviations before it.
+    fn compare(&self, filter: &Filter, before: &Filter) {
         let (x, p) = (filter.state().mean(), filter.state().covariance());
         assert!(x.len() <= self.x.len() && x.len() == p.dim());
+        let prior = before.state().covariance();
+        let sd = |i: usize| prior.get(i, i).sqrt();
         for i in 0..x.len() {
-            let sd = p.get(i, i).max(0.0).sqrt();
-            assert!((x[i] - self.x[i]).abs() < 1e-9 * (sd + 1e-3), "mean {i}");
+            let off = (x[i] - self.x[i]).abs();
+            assert!(off <= 1e-9 * sd(i), "mean {i} is off by {off:e}");
             for j in 0..x.len() {
-                let scale = (self.p[(i, i)] * self.p[(j, j)]).abs().sqrt() + 1e-12;
+                // The anchors of the start are exact: both sides are zero there.
+                let scale = (sd(i) * sd(j)).max(1e-30);
                 let off = (p.get(i, j) - self.p[(i, j)]).abs() / scale;
-                assert!(off < 1e-9, "P[{i},{j}] is off by {off:e} standard deviations");
+                assert!(
+                    off < 1e-9,
+                    "P[{i},{j}] is off by {off:e} standard deviations"
+                );
             }
         }
     }
@@ -138,7 +148,11 @@ fn quaternions(filter: &Filter) -> Vec<usize> {
 }
 
 /// A depth along the axis as a point in C with its covariance, differentiated numerically.
-fn point_at_depth(scene: &Scene, depth: &DepthObservation, sigma_px: f64) -> (Vector3<f64>, Matrix3<f64>) {
+fn point_at_depth(
+    scene: &Scene,
+    depth: &DepthObservation,
+    sigma_px: f64,
+) -> (Vector3<f64>, Matrix3<f64>) {
     let at = |du: f64, dv: f64| -> Vector3<f64> {
         let uv = depth.uv + Vector2::new(du, dv);
         let (ray, _) = scene.camera.unproject_jac(&uv).expect("in the image");
@@ -202,7 +216,10 @@ fn units(
                 Rows::worn_pixel(&view, &pose, &y, &pair.uv_f, pixel.sigma_cf)
             }
             Outcome::Depth => {
-                let range = PointInCamera::metric(&pose, &y).expect("rho > 0").value.norm();
+                let range = PointInCamera::metric(&pose, &y)
+                    .expect("rho > 0")
+                    .value
+                    .norm();
                 let t_cf = worn.t_cf.retract(&error);
                 let view = TwoView::new(camera, &pair.uv, camera, &pair.uv_f, &t_cf)
                     .expect("rays meet")
@@ -253,7 +270,7 @@ fn against_dense(seed: u64, changes: &[(&str, Value)], worn: bool, depths: bool)
         units.iter().map(|(rows, _)| rows.count).sum::<usize>()
     );
     dense.update(&units, &quaternions(&before));
-    dense.compare(&warm.filter);
+    dense.compare(&warm.filter, &before);
     report
 }
 
@@ -347,15 +364,51 @@ fn a_failed_update_changes_nothing() {
     };
     type Check<'a> = &'a dyn Fn(&EkfError) -> bool;
     let cases: Vec<(&str, Measurements, Check<'_>)> = vec![
-        ("pixel", spoil(&|z| z.bearings[2].uv.x = f64::NAN), &non_finite),
-        ("Cf pixel", worn(&|w| w.pairs[1].uv_f.y = f64::INFINITY), &non_finite),
-        ("T_CF", worn(&|w| w.t_cf.translation.x = f64::NAN), &non_finite),
-        ("bearing's id", spoil(&|z| z.bearings[2].id = 999_999), &unknown),
-        ("searched id", spoil(&|z| z.searched.push(999_999)), &unknown),
-        ("pair's id", worn(&|w| w.pairs[0].id = Some(999_999)), &unknown),
-        ("twice", spoil(&|z| z.bearings.push(z.bearings[0])), &invalid),
-        ("covariance", worn(&|w| w.covariance[(2, 2)] = -0.1), &invalid),
-        ("asymmetry", worn(&|w| w.covariance[(0, 1)] = 1e-4), &invalid),
+        (
+            "pixel",
+            spoil(&|z| z.bearings[2].uv.x = f64::NAN),
+            &non_finite,
+        ),
+        (
+            "Cf pixel",
+            worn(&|w| w.pairs[1].uv_f.y = f64::INFINITY),
+            &non_finite,
+        ),
+        (
+            "T_CF",
+            worn(&|w| w.t_cf.translation.x = f64::NAN),
+            &non_finite,
+        ),
+        (
+            "bearing's id",
+            spoil(&|z| z.bearings[2].id = 999_999),
+            &unknown,
+        ),
+        (
+            "searched id",
+            spoil(&|z| z.searched.push(999_999)),
+            &unknown,
+        ),
+        (
+            "pair's id",
+            worn(&|w| w.pairs[0].id = Some(999_999)),
+            &unknown,
+        ),
+        (
+            "twice",
+            spoil(&|z| z.bearings.push(z.bearings[0])),
+            &invalid,
+        ),
+        (
+            "covariance",
+            worn(&|w| w.covariance[(2, 2)] = -0.1),
+            &invalid,
+        ),
+        (
+            "asymmetry",
+            worn(&|w| w.covariance[(0, 1)] = 1e-4),
+            &invalid,
+        ),
         ("rotation", worn(&|w| w.t_cf.rotation *= 1.01), &invalid),
         ("mirror", worn(&|w| w.t_cf.rotation *= -1.0), &invalid),
         ("depth", depth(-1.0, 0.1), &invalid),
@@ -374,7 +427,10 @@ fn a_failed_update_changes_nothing() {
     // And nothing hidden has changed either: the next update is that of an untouched filter.
     let mut fresh = with_clone(6, &[("estimator.mode", name("collab-tight"))]).filter;
     let (a, b) = (warm.filter.update(&good), fresh.update(&good));
-    assert_eq!(a.expect("good").nis.to_bits(), b.expect("good").nis.to_bits());
+    assert_eq!(
+        a.expect("good").nis.to_bits(),
+        b.expect("good").nis.to_bits()
+    );
     assert_eq!(bits(&warm.filter), bits(&fresh));
 }
 
@@ -390,7 +446,7 @@ fn a_worn_frame_needs_a_worn_camera() {
 
 #[test]
 fn every_test_rejects_an_outlier() {
-    // The camera's motion is uncertain by some 20 px, common to all matches: 15 px off passes alone, not together.
+    // The camera's motion is uncertain by some 60 px, common to all matches: 15 px off passes alone, not together.
     for (test, pixels) in [
         ("hohct", 15.0),
         ("jcbb", 15.0),
@@ -409,13 +465,7 @@ fn every_test_rejects_an_outlier() {
             assert_eq!(accepted, z.bearings.len());
             continue;
         }
-        let outcome = report.bearings[wrong];
-        let wanted = if test == "individual" {
-            Outcome::RejectedGate
-        } else {
-            Outcome::RejectedBatch
-        };
-        assert_eq!(outcome, wanted, "{test}");
+        assert_eq!(report.bearings[wrong], Outcome::RejectedBatch, "{test}");
         assert!(accepted + 3 >= z.bearings.len(), "{test}: {report:?}");
         let rejected = count(&report.bearings, Outcome::RejectedBatch);
         assert_eq!(report.order, rejected, "{test}");
@@ -434,18 +484,29 @@ fn a_wrong_worn_pair_falls_back_to_its_bearing() {
         } else {
             Outcome::Pixel
         };
-        let i = report.pairs.iter().position(|o| *o == used).expect("one is used");
+        let i = report
+            .pairs
+            .iter()
+            .position(|o| *o == used)
+            .expect("one is used");
         let mut spoilt = z.clone();
         let pair = &mut spoilt.worn.as_mut().expect("a worn frame").pairs[i];
         pair.uv_f.x -= 60.0;
         let id = pair.id;
         let report = warm.filter.update(&spoilt).expect("good measurements");
         assert!(
-            matches!(report.pairs[i], Outcome::RejectedGate | Outcome::RejectedBatch),
+            matches!(
+                report.pairs[i],
+                Outcome::RejectedGate | Outcome::RejectedBatch
+            ),
             "{mode}: {:?}",
             report.pairs[i]
         );
-        let bearing = z.bearings.iter().position(|b| Some(b.id) == id).expect("seen");
+        let bearing = z
+            .bearings
+            .iter()
+            .position(|b| Some(b.id) == id)
+            .expect("seen");
         assert_eq!(report.bearings[bearing], Outcome::Pixel, "{mode}");
         assert!(count(&report.pairs, used) >= 2, "{mode}: {report:?}");
     }
@@ -456,13 +517,18 @@ fn time_must_increase() {
     let mut warm = with_clone(9, &[]);
     let before = bits(&warm.filter);
     for t in [warm.t, warm.t - 0.05] {
-        let error = warm.filter.predict(t).expect_err("not after the last frame");
+        let error = warm
+            .filter
+            .predict(t)
+            .expect_err("not after the last frame");
         assert_eq!(error, EkfError::BadTime { t, last: warm.t });
     }
     let error = warm.filter.predict(f64::NAN).expect_err("NaN");
     assert_eq!(error, EkfError::NonFinite { what: "time" });
     assert_eq!(bits(&warm.filter), before);
-    warm.filter.predict(warm.t + DT).expect("after the last frame");
+    warm.filter
+        .predict(warm.t + DT)
+        .expect("after the last frame");
 }
 
 #[test]
@@ -491,7 +557,11 @@ fn removing_features_deletes_rows_and_columns() {
     assert_eq!(warm.filter.state().covariance().to_dense(), p);
     for block in warm.filter.state().layout().blocks() {
         assert!(!ids.contains(&block.id));
-        assert!(blocks.iter().any(|b| b.id == block.id && b.kind == block.kind));
+        assert!(
+            blocks
+                .iter()
+                .any(|b| b.id == block.id && b.kind == block.kind)
+        );
     }
 }
 

@@ -196,8 +196,8 @@ impl Workspace {
                 let pht = &self.pht[column * n..(column + 1) * n];
                 for r in 0..rows.count {
                     let mut sum = 0.0;
-                    for c in 0..POSE_DIM {
-                        sum += rows.by_pose[(r, c)] * pht[c];
+                    for (c, p) in pht[..POSE_DIM].iter().enumerate() {
+                        sum += rows.by_pose[(r, c)] * p;
                     }
                     for c in 0..6 {
                         sum += rows.by_feature[(r, c)] * pht[unit.feature + c];

@@ -149,6 +149,8 @@ choice! {
         Shared = "shared",
         /// Each match has an error of its own (the paper): overconfident.
         Independent = "independent",
+        /// Only the pixels err, T_CF is taken as exact (the paper's predecessor): more so.
+        Pixels = "pixels",
     }
     "One error common to all matches of the frame."
 }
@@ -227,7 +229,7 @@ settings! {
     /// Which estimator.
     estimator: EstimatorSettings {
         /// What the worn camera is used for and how features are born.
-        mode: Mode = Mode::Collab, "", None, None;
+        mode: Mode = Mode::CollabTight, "", None, None;
         /// Most linearisations of one update (iterated EKF); 1 is the plain EKF. It stops by itself where one is enough.
         iterations: usize = 5, "", Some(1.0), Some(50.0);
         /// By how many sigmas a measurement must be off its linear model for another linearisation.

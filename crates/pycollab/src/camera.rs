@@ -1,6 +1,6 @@
 //! Camera models.
 
-use crate::convert::{rows, pixels, to_matrix, vectors};
+use crate::convert::{pixels, rows, to_matrix, vectors};
 use crate::errors::to_python;
 use ekf_core::Camera;
 use nalgebra::{Vector2, Vector3};

@@ -3,7 +3,10 @@
 use crate::errors::bad_shape;
 use ekf_core::math::pose::Pose;
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3};
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{
+    PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    PyReadonlyArray3,
+};
 use pyo3::prelude::*;
 
 /// `(N, K)` rows as fixed-size vectors.
@@ -130,9 +133,7 @@ pub(crate) fn vectors<const K: usize>(
     rows: impl Iterator<Item = SMatrix<f64, K, 1>>,
     n: usize,
 ) -> Bound<'_, PyArray2<f64>> {
-    stacked(py, rows, n)
-        .reshape([n, K])
-        .expect("n * K entries")
+    stacked(py, rows, n).reshape([n, K]).expect("n * K entries")
 }
 
 /// `T` as 4x4.

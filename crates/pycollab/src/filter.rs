@@ -437,9 +437,7 @@ impl PyFilter {
 
     /// Removes features.
     fn remove_features(&mut self, ids: PyReadonlyArray1<'_, i64>) -> PyResult<()> {
-        self.0
-            .remove_features(&self::ids(&ids))
-            .map_err(to_python)
+        self.0.remove_features(&self::ids(&ids)).map_err(to_python)
     }
 
     /// The map: ``ids`` (N,) int64, ``points`` (N, 3) metres in W, ``covariance`` (N, 3, 3) m^2,
@@ -460,7 +458,6 @@ impl PyFilter {
         )?;
         Ok(out)
     }
-
 
     /// Predicts whether Cs and Cf overlap (METHOD 9).
     ///

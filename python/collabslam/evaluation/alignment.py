@@ -29,7 +29,8 @@ class Similarity:
 
     def apply(self, points: ArrayLike) -> Array:
         """The (N, 3) points, metres, mapped."""
-        return self.scale * np.asarray(points, np.float64) @ self.rotation.T + self.translation
+        mapped = self.scale * np.asarray(points, np.float64) @ self.rotation.T + self.translation
+        return np.asarray(mapped)
 
 
 def point_pair(estimate: ArrayLike, truth: ArrayLike) -> tuple[Array, Array]:

@@ -155,11 +155,17 @@ def _activity(record: RunRecord, aligned: AlignedTruth | None) -> Scores:
         "start_frame": record.start,
         "all_finite": bool(record.finite.all()),
         "features_per_frame": _mean(record.diagnostic("accepted")),
+        "target_residual_max_px": _largest(record.diagnostic("target_residual_px")),
         "map_size_mean": _mean(record.diagnostic("map_size")),
         "depth_measurements": _total(record, "depth_rows") + _total(record, "cf_pixel_rows"),
         "births_instant": _total(record, "births_instant"),
         "nis_per_dof": float(nis[used].sum() / dof[used].sum()) if used.any() else None,
     }
+
+
+def _largest(values: NDArray[np.float64]) -> float | None:
+    finite = values[np.isfinite(values)]
+    return float(finite.max()) if len(finite) else None
 
 
 def _overlap(record: RunRecord) -> Scores:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -141,7 +141,7 @@ def _scene(axes: Axes, runs: list[RunResult]) -> None:
         axes.scatter(points[sure, 2], points[sure, 0], s=7, color=POINTS, linewidths=0, label="map", zorder=1)
     worn = np.where((last.record.valid & _worn(last.record))[:, None], last.record.poses[:, :3, 3], np.nan)
     if np.isfinite(worn).any():
-        style = {"color": WORN, "linewidth": 11, "alpha": 0.35, "solid_capstyle": "round"}
+        style: dict[str, Any] = {"color": WORN, "linewidth": 11, "alpha": 0.35, "solid_capstyle": "round"}
         axes.plot(worn[:, 2], worn[:, 0], label="worn camera at hand", zorder=2, **style)
     box = axes.get_window_extent()
     middle, half = 0.5 * (low + high), 0.5 * (high - low)

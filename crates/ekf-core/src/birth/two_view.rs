@@ -78,15 +78,13 @@ impl TwoView {
         let sin_gamma_by_u = (u + b_c * cos_gamma) / sin_gamma;
         let cot_by_u = (-b_c - sin_gamma_by_u * cot_gamma) / sin_gamma;
         let ratio_by_u = a + sin_beta_by_u * cot_gamma + cot_by_u * sin_beta;
-        let rho_by_t = ((ratio_by_u - u * ratio_by_u.dot(&u)) / distance - u * rho).transpose()
-            / distance;
+        let rho_by_t =
+            ((ratio_by_u - u * ratio_by_u.dot(&u)) / distance - u * rho).transpose() / distance;
         Some(Self {
             ray: a,
             ray_by_pixel: a_uv,
             rho,
-            parallax: std::f64::consts::PI
-                - sin_beta.atan2(cos_beta)
-                - sin_gamma.atan2(cos_gamma),
+            parallax: std::f64::consts::PI - sin_beta.atan2(cos_beta) - sin_gamma.atan2(cos_gamma),
             rho_by_pixel: rho_by_a * a_uv,
             rho_by_other_pixel: rho_by_ray * rotation * b_uv,
             rho_by_t,
@@ -111,9 +109,8 @@ impl TwoView {
         let mut j = SMatrix::<f64, 1, 6>::zeros();
         j.fixed_view_mut::<1, 3>(0, 0)
             .copy_from(&(self.rho_by_t * self.rotation));
-        j.fixed_view_mut::<1, 3>(0, 3).copy_from(
-            &(self.rho_by_ray * -(self.rotation * quat::skew(&self.other_ray))),
-        );
+        j.fixed_view_mut::<1, 3>(0, 3)
+            .copy_from(&(self.rho_by_ray * -(self.rotation * quat::skew(&self.other_ray))));
         j
     }
 

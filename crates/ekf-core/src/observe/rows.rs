@@ -129,9 +129,7 @@ impl Rows {
             .copy_from(&(quat::skew(&value) * quat::right_jacobian(&turn)));
         let mut rows = Self::pixel(predicted, measured, sigma_px, &j, &in_f);
         let mut by_worn = SMatrix::<f64, 3, 6>::zeros();
-        by_worn
-            .fixed_rows_mut::<2>(0)
-            .copy_from(&(j * by_error));
+        by_worn.fixed_rows_mut::<2>(0).copy_from(&(j * by_error));
         rows.by_worn = Some(by_worn);
         Some(rows)
     }

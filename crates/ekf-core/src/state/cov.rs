@@ -149,8 +149,8 @@ impl Covariance {
             for w in 0..part.width {
                 for c in 0..K {
                     for r in 0..K {
-                        own[(r, c)] += part.matrix[c + w * K]
-                            * self.data[n + r + (part.offset + w) * self.ld];
+                        own[(r, c)] +=
+                            part.matrix[c + w * K] * self.data[n + r + (part.offset + w) * self.ld];
                     }
                 }
             }

@@ -53,7 +53,9 @@ use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::linalg::triangular_inverse::invert_lower_triangular;
 use faer::{Accum, MatMut, MatRef, Par};
 
-use super::{MAX_ROWS, Quantiles, Units, Verdict, Workspace, block_distance, check, dot, whiten};
+use super::{
+    Joint, MAX_ROWS, Quantiles, Units, Verdict, Workspace, block_distance, check, dot, whiten,
+};
 use crate::chi2;
 
 /// Settings of [`hohct`].
@@ -87,7 +89,7 @@ pub(super) struct Scratch {
     z: Vec<f64>,
     greedy: Greedy,
     levels: Vec<Level>,
-    at_large: Level,
+    pigeonhole: Pigeonhole,
     sums: Sums,
     thresholds: Thresholds,
     best: Vec<usize>,
@@ -95,9 +97,10 @@ pub(super) struct Scratch {
 
 /// Leaves out the fewest units so that the rest is jointly compatible at `settings.level`.
 ///
-/// `l` is the lower Cholesky factor of `S` (column-major, leading dimension `ld`), `g` the innovation. If all units
+/// `s` is `S`, `l` its Cholesky factor (both lower triangle, column-major, leading dimension `ld`), `g` the innovation. If all units
 /// pass together this costs one triangular solve; `S^-1` is only formed if they do not.
 pub fn hohct(
+    s: &[f64],
     l: &[f64],
     ld: usize,
     g: &[f64],
@@ -105,6 +108,7 @@ pub fn hohct(
     settings: &HohctSettings,
     ws: &mut Workspace,
 ) -> Verdict {
+    check(s, ld, g, units);
     check(l, ld, g, units);
     let (m, n) = (g.len(), units.len());
     ws.rejected.clear();
@@ -121,7 +125,13 @@ pub fn hohct(
     scratch.prepare(l, ld, &ws.whitened, units);
     let greedy_passes =
         scratch.leave_out_greedily(units, d2, max_order, settings.level, &mut ws.quantiles);
-    let mut search = Search::new(scratch, units, d2, settings, &mut ws.quantiles);
+    let mut search = Search::new(
+        scratch,
+        Rows { s, ld, g, units },
+        d2,
+        settings,
+        &mut ws.quantiles,
+    );
     search.run(max_order, greedy_passes);
     let (nodes, exact, found) = (search.nodes, !search.struck, search.found);
     let scratch = &mut ws.hohct;
@@ -328,14 +338,6 @@ impl Greedy {
 
 /// Shares of Young's inequality that are tried, see the module's page. The first is for bounds without bringing back.
 const THETAS: [f64; 4] = [1.0, 0.75, 0.5, 0.25];
-/// Sum of couplings from which a candidate is called strongly coupled, and the share for which it is looked at.
-const STRONG: f64 = 0.6;
-const STRONG_THETA: usize = 1;
-/// Most passes over the candidates in search of those.
-const ROUNDS: usize = 4;
-/// Most times that a level at large is worked out anew.
-const PASSES: usize = 4;
-
 /// One number for each of [`THETAS`].
 type PerTheta<T> = [T; THETAS.len()];
 
@@ -359,8 +361,6 @@ struct Level {
     extra: usize,
     /// How many units of `X` are not of `G`; they come last.
     added: usize,
-    /// How many of those are left out for nothing, see [`Search::refute_at_large`]; they come last of all.
-    free: usize,
     /// `H = A_XX^-1`: entry `(r, c)`, `c <= r`, at `r * size + c`.
     h: Vec<f64>,
     /// `w_i^T H_ii^-1 w_i` of the units of `X`.
@@ -392,13 +392,11 @@ impl Level {
         self.rows.clear();
         self.starts.clear();
         self.extra = 0;
-        for (index, &unit) in self.units.iter().enumerate() {
+        for &unit in &self.units {
             self.starts.push(self.rows.len());
             self.rows
                 .extend(units.start(unit)..units.start(unit) + units.count(unit));
-            if index < self.units.len() - self.free {
-                self.extra += units.count(unit) - least_rows;
-            }
+            self.extra += units.count(unit) - least_rows;
         }
         self.losses_from = None;
         self.has_gains = false;
@@ -591,43 +589,6 @@ impl Level {
         &self.v[row * size..(row + 1) * size]
     }
 
-    /// Leaves out for nothing the candidates whose couplings exceed [`STRONG`]; false if there are none.
-    fn free_strongly_coupled(&mut self, left: usize, n: usize, sums: &mut Sums) -> bool {
-        let before = self.candidates.len();
-        for _ in 0..ROUNDS {
-            sums.totals.clear();
-            for &unit in &self.candidates {
-                let row = &self.gain_coupling[STRONG_THETA][unit * n..(unit + 1) * n];
-                sums.picked.clear();
-                let others = self.candidates.iter().filter(|&&other| other != unit);
-                sums.picked.extend(others.map(|&other| row[other]));
-                let total = sum_of_largest(&mut sums.picked, left.saturating_sub(1));
-                sums.totals
-                    .push(total.max(1.0 - self.floor[STRONG_THETA][unit]));
-            }
-            let largest = sums.totals.iter().copied().fold(0.0, f64::max);
-            if largest <= STRONG {
-                break;
-            }
-            let limit = (0.75 * largest).max(STRONG);
-            let mut index = 0;
-            let units = &mut self.units;
-            self.candidates.retain(|&unit| {
-                let keep = sums.totals[index] <= limit;
-                index += 1;
-                if !keep {
-                    units.push(unit);
-                }
-                keep
-            });
-        }
-        let moved = before - self.candidates.len();
-        self.free += moved;
-        self.added += moved;
-        self.universe.clone_from(&self.candidates);
-        moved > 0
-    }
-
     /// Scaled norms of the blocks of `M` among the candidates; infinite where `M_ii` may be indefinite.
     fn work_out_couplings(&mut self, a: &[f64], units: Units) {
         if self.has_couplings {
@@ -696,6 +657,16 @@ impl Thresholds {
         self.values[self.start(order) + extra]
     }
 
+    /// Least of `T_k,e` for a `k`.
+    fn least(&self, order: usize) -> f64 {
+        let start = self.start(order);
+        let end = start + order * self.spread;
+        self.values[start..=end]
+            .iter()
+            .copied()
+            .fold(f64::INFINITY, f64::min)
+    }
+
     /// `target_k` from `T_k,e`.
     fn update_target(&mut self, order: usize) {
         let start = self.start(order);
@@ -705,16 +676,154 @@ impl Thresholds {
     }
 }
 
+/// Most groups that are looked at together.
+const MOST_INTACT: usize = 4;
+
+/// `S`, `g` and the units.
+#[derive(Clone, Copy)]
+struct Rows<'a> {
+    s: &'a [f64],
+    ld: usize,
+    g: &'a [f64],
+    units: Units<'a>,
+}
+
+/// Refutes sets with many units from outside of `G`, see the module's page.
+#[derive(Clone, Debug, Default)]
+struct Pigeonhole {
+    /// Units outside of `G`, the loosest predictions first.
+    outside: Vec<usize>,
+    /// A group, then `G`.
+    joint: Joint,
+    /// Covariance and innovation of `G` given the group, and the row offsets of its units.
+    covariance: Vec<f64>,
+    innovation: Vec<f64>,
+    offsets: Vec<usize>,
+    /// Largest distance that a set may keep which brings back so many units; negative if it cannot.
+    allowed: Vec<f64>,
+    /// Groups taken, then units of `G` chosen.
+    groups: Vec<usize>,
+    chosen: Joint,
+    positions: Vec<usize>,
+}
+
+impl Pigeonhole {
+    /// Takes the units outside of `G`; dealing them out in this order makes the groups alike.
+    fn sort(&mut self, rows: Rows, outside: &[usize]) {
+        let spread = |unit: usize| {
+            let start = rows.units.start(unit);
+            (start..start + rows.units.count(unit))
+                .map(|row| rows.s[row * rows.ld + row])
+                .sum::<f64>()
+        };
+        self.outside.clear();
+        self.outside.extend_from_slice(outside);
+        self.outside
+            .sort_unstable_by(|&a, &b| spread(b).total_cmp(&spread(a)).then(a.cmp(&b)));
+    }
+
+    /// Whether every set with at most `most` units from outside of `G` keeps a larger distance than allowed.
+    ///
+    /// Of `most + intact` disjoint groups `F` hits at most `most`, so that `intact` of them are kept, and with them `Y`.
+    fn refutes(&mut self, rows: Rows, greedy: &[usize], most: usize, intact: usize) -> bool {
+        self.offsets.clear();
+        self.offsets.push(0);
+        let mut size = 0;
+        for &unit in greedy {
+            size += rows.units.count(unit);
+            self.offsets.push(size);
+        }
+        let number = most + intact;
+        self.groups.clear();
+        self.groups.extend(0..intact);
+        loop {
+            self.joint.clear();
+            for &group in &self.groups {
+                for &unit in self.outside.iter().skip(group).step_by(number) {
+                    self.joint.push(rows.s, rows.ld, rows.g, rows.units, unit);
+                }
+            }
+            let before = self.joint.len();
+            let kept = self.joint.d2();
+            for &unit in greedy {
+                self.joint.push(rows.s, rows.ld, rows.g, rows.units, unit);
+            }
+            self.joint
+                .conditional(before, &mut self.covariance, &mut self.innovation);
+            if !self.all_exceed(kept) {
+                return false;
+            }
+            // The next choice of groups, in lexicographic order.
+            let Some(last) = (0..intact).rev().find(|&k| self.groups[k] < most + k) else {
+                return true;
+            };
+            self.groups[last] += 1;
+            for k in last + 1..intact {
+                self.groups[k] = self.groups[k - 1] + 1;
+            }
+        }
+    }
+
+    /// Whether every choice of units of `G` has a joint distance, given the groups, above what is allowed less `kept`.
+    fn all_exceed(&mut self, kept: f64) -> bool {
+        let units = Units::new(&self.offsets);
+        let size = units.rows();
+        let largest = self
+            .allowed
+            .iter()
+            .copied()
+            .fold(f64::NEG_INFINITY, f64::max);
+        if kept > largest {
+            return true;
+        }
+        let fewest = self
+            .allowed
+            .iter()
+            .take_while(|&&a| a == f64::NEG_INFINITY)
+            .count();
+        self.chosen.clear();
+        self.positions.clear();
+        let mut next = 0;
+        let mut steps = 0;
+        loop {
+            // Distances only grow: a choice beyond the largest that is ever allowed needs no more units.
+            while next < units.len() && self.positions.len() + (units.len() - next) >= fewest {
+                let rows = self.chosen.len();
+                steps += 1;
+                self.chosen
+                    .push(&self.covariance, size, &self.innovation, units, next);
+                let distance = kept + self.chosen.d2();
+                if distance > largest {
+                    self.chosen.truncate(rows);
+                } else {
+                    self.positions.push(next);
+                    if distance <= self.allowed[self.positions.len()] || steps > MAX_STEPS {
+                        return false;
+                    }
+                }
+                next += 1;
+            }
+            let Some(last) = self.positions.pop() else {
+                return true;
+            };
+            self.chosen.truncate(self.chosen.len() - units.count(last));
+            next = last + 1;
+        }
+    }
+}
+
+/// Most choices from `G` that are looked at for one group.
+const MAX_STEPS: usize = 5_000;
+
 /// Depth-first search over all sets.
 struct Search<'a> {
+    batch: Rows<'a>,
     units: Units<'a>,
     a: &'a [f64],
     z: &'a [f64],
     greedy: &'a Greedy,
     levels: &'a mut Vec<Level>,
-    /// The root at large, once `has_at_large`.
-    at_large: &'a mut Level,
-    has_at_large: bool,
+    pigeonhole: &'a mut Pigeonhole,
     sums: &'a mut Sums,
     thresholds: &'a mut Thresholds,
     best: &'a mut Vec<usize>,
@@ -744,22 +853,23 @@ enum Outlook {
 impl<'a> Search<'a> {
     fn new(
         scratch: &'a mut Scratch,
-        units: Units<'a>,
+        batch: Rows<'a>,
         d2: f64,
         settings: &HohctSettings,
         quantiles: &'a mut Quantiles,
     ) -> Self {
+        let units = batch.units;
         let counts = (0..units.len()).map(|unit| units.count(unit));
         let least_rows = counts.clone().min().unwrap_or(0);
         scratch.thresholds.spread = counts.max().unwrap_or(0) - least_rows;
         Self {
+            batch,
             units,
             a: &scratch.a[..scratch.z.len().pow(2)],
             z: &scratch.z,
             greedy: &scratch.greedy,
             levels: &mut scratch.levels,
-            at_large: &mut scratch.at_large,
-            has_at_large: false,
+            pigeonhole: &mut scratch.pigeonhole,
             sums: &mut scratch.sums,
             thresholds: &mut scratch.thresholds,
             best: &mut scratch.best,
@@ -793,22 +903,54 @@ impl<'a> Search<'a> {
         let root = &mut self.levels[0];
         root.units.clone_from(&greedy.units);
         root.added = 0;
-        root.free = 0;
         root.universe.clear();
         root.universe
             .extend((0..self.units.len()).filter(|&unit| !greedy.taken[unit]));
         if !self.condition(0) {
             return;
         }
-        for left in 0..=self.units.len() - size {
+        let most = size.min(self.units.len() - size);
+        self.pigeonhole.sort(self.batch, &self.levels[0].universe);
+        for left in 0..=most {
             // The order may fall on the way.
             if left > self.order || self.struck {
                 break;
             }
             let root = &mut self.levels[0];
             root.candidates.clone_from(&root.universe);
+            if matches!(self.outlook(0, 0, left), Outlook::Refuted) {
+                continue;
+            }
+            if left > 0 {
+                if self.refute_by_groups(left, most, 1) {
+                    break;
+                }
+                if (1..=MOST_INTACT).any(|intact| self.refute_by_groups(left, left, intact)) {
+                    continue;
+                }
+            }
             self.explore(0, 0, left);
         }
+    }
+
+    /// Tries to refute all sets with `low <= |F| <= high` by disjoint groups of which `intact` are sure to be kept.
+    fn refute_by_groups(&mut self, low: usize, high: usize, intact: usize) -> bool {
+        let size = self.greedy.units.len();
+        self.pigeonhole.allowed.clear();
+        for back in 0..=size {
+            // By bringing back `back` units and adding at least `low` the order becomes, at least,
+            let order = (size + low).saturating_sub(back);
+            let allowed = if order == 0 || order > self.order {
+                f64::NEG_INFINITY
+            } else {
+                self.d2 - self.thresholds.least(order)
+            };
+            // A margin for rounding.
+            self.pigeonhole.allowed.push(allowed + 1e-9 * allowed.abs());
+        }
+        self.nodes += 1;
+        self.pigeonhole
+            .refutes(self.batch, &self.greedy.units, high, intact)
     }
 
     /// All sets that follow from the level's `X` by adding exactly `left` of its candidates and bringing back units of
@@ -922,65 +1064,9 @@ impl<'a> Search<'a> {
         let exact = [gains[0]; THETAS.len()];
         if must && !self.can_win(depth, position, left, 0, exact, 0.0) {
             Outlook::BringBack
-        } else if self.refute_at_large(depth, position, left) {
-            Outlook::Refuted
         } else {
             Outlook::Decide(worst)
         }
-    }
-
-    /// Tries to refute a node by leaving out all strongly coupled candidates for nothing, on top of `X`.
-    ///
-    /// `f(E) <= f(E u V)` for every `V`. The candidates `V` whose couplings spoil the bounds bring little by themselves, so that
-    /// `X u V` is refuted almost as easily as `X` with tight bounds would be; the rest of `F` is at most `left`
-    /// of the other candidates. At the root one `V` serves every `left`.
-    fn refute_at_large(&mut self, depth: usize, position: usize, left: usize) -> bool {
-        self.grow_level(depth + 1);
-        if depth > 0 {
-            self.start_at_large(depth);
-            return self.deepen_at_large(depth + 1, position, left);
-        }
-        std::mem::swap(&mut self.levels[1], self.at_large);
-        if !self.has_at_large {
-            self.has_at_large = true;
-            self.start_at_large(0);
-        }
-        let refuted = self.is_refuted(1, position, left) || self.deepen_at_large(1, position, left);
-        std::mem::swap(&mut self.levels[1], self.at_large);
-        refuted
-    }
-
-    /// Makes the next level a copy of this one, with all candidates it once had.
-    fn start_at_large(&mut self, depth: usize) {
-        let (upper, lower) = self.levels.split_at_mut(depth + 1);
-        lower[0].clone_from(&upper[depth]);
-        let to = &mut lower[0];
-        to.candidates.clone_from(&to.universe);
-    }
-
-    /// Leaves out what is strongly coupled until the level is refuted or nothing such is left.
-    fn deepen_at_large(&mut self, depth: usize, position: usize, left: usize) -> bool {
-        for _ in 0..PASSES {
-            let level = &mut self.levels[depth];
-            level.work_out_couplings(self.a, self.units);
-            if !level.free_strongly_coupled(left, self.units.len(), self.sums)
-                || !self.condition(depth)
-            {
-                return false;
-            }
-            if self.is_refuted(depth, position, left) {
-                return true;
-            }
-        }
-        false
-    }
-
-    /// Whether the bounds at a level leave no set that can win.
-    fn is_refuted(&mut self, depth: usize, position: usize, left: usize) -> bool {
-        self.work_out_losses(depth, position);
-        self.levels[depth].work_out_gains(self.a, self.units);
-        let (gains, _) = self.bounded_gains(depth, left);
-        !self.can_win(depth, position, left, 0, gains, 0.0)
     }
 
     /// Bounds on what `left` candidates add if nothing (first) or something (second) is brought back, and the
@@ -1017,10 +1103,7 @@ impl<'a> Search<'a> {
                 if excess > worst.0 || (excess == worst.0 && coupling > worst.1) {
                     worst = (excess, coupling, unit);
                 }
-                let term = bounded - self.penalty(unit);
-                // Of a level at large fewer may come.
-                let least = if level.free > 0 { 0.0 } else { term };
-                self.sums.terms.push(term.max(least));
+                self.sums.terms.push(bounded - self.penalty(unit));
             }
             *gain = sum_of_largest(&mut self.sums.terms, left);
         }
@@ -1069,7 +1152,6 @@ impl<'a> Search<'a> {
         to.units.clone_from(&from.units);
         edit(&mut to.units);
         to.added = from.added + added;
-        to.free = 0;
         to.universe.clone_from(&from.candidates);
         to.candidates.clone_from(&from.candidates);
         self.condition(depth + 1)
@@ -1180,7 +1262,7 @@ impl<'a> Search<'a> {
 
 /// Order of the sets below a level if nothing is brought back.
 fn level_order(level: &Level, left: usize) -> usize {
-    level.units.len() - level.free + left
+    level.units.len() + left
 }
 
 /// Sum of the `count` largest values, or of all if there are fewer. Reorders the values.

@@ -141,7 +141,7 @@ impl BatchTest {
             units,
         } = *batch;
         match self {
-            Self::Hohct(settings) => hohct(l, ld, g, units, settings, ws),
+            Self::Hohct(settings) => hohct(s, l, ld, g, units, settings, ws),
             Self::Jcbb(settings) => jcbb(s, ld, g, units, settings, ws),
             Self::OnePoint(settings) => one_point(s, ld, g, noise, units, settings, ws),
             Self::Individual(level) => individual_gate(s, ld, g, units, *level, ws),
@@ -353,6 +353,24 @@ impl Joint {
 
     fn d2(&self) -> f64 {
         self.d2.last().copied().unwrap_or(0.0)
+    }
+
+    /// Covariance (lower triangle, column-major) and innovation of the rows from `from` on, given those before.
+    fn conditional(&self, from: usize, covariance: &mut Vec<f64>, innovation: &mut Vec<f64>) {
+        let size = self.len() - from;
+        let row = |r: usize| {
+            let head = (from + r) * (from + r + 1) / 2 + from;
+            &self.factor[head..head + r + 1]
+        };
+        covariance.clear();
+        covariance.resize(size * size, 0.0);
+        innovation.clear();
+        for r in 0..size {
+            innovation.push(dot(row(r), &self.y[from..from + r + 1]));
+            for c in 0..=r {
+                covariance[c * size + r] = dot(&row(r)[..c + 1], row(c));
+            }
+        }
     }
 
     /// Appends a unit; returns the distance it adds (infinite if the set's covariance is not positive definite).

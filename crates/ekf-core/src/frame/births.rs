@@ -1,0 +1,231 @@
+//! Births that the worn camera or another source of depth makes possible (METHOD 5, 6, 10).
+
+use super::{DepthObservation, Measurements, Outcome, UpdateReport, WornObservation, check_pose};
+use crate::birth::new_feature::NewFeature;
+use crate::birth::two_view::TwoView;
+use crate::error::EkfError;
+use crate::filter::Filter;
+use crate::math::pose::Pose;
+use crate::settings::WornErrors;
+use crate::state::{BlockKind, LinearPart};
+use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
+
+impl Filter {
+    pub(super) fn open_worn_error(&mut self, covariance: &Matrix6<f64>) {
+        let share = self.settings.worn.bias_share;
+        if share > 0.0 && self.state.layout.of_kind(BlockKind::WornBias).count() == 0 {
+            let stationary = covariance * share;
+            self.state.bias_stationary = stationary;
+            self.state
+                .append::<6>(BlockKind::WornBias, &Vector6::zeros(), &[], &stationary);
+        }
+        let bias = self
+            .state
+            .layout
+            .of_kind(BlockKind::WornBias)
+            .next()
+            .copied();
+        let identity = Matrix6::<f64>::identity();
+        let parts: Vec<LinearPart<'_>> = bias
+            .iter()
+            .map(|b| LinearPart {
+                offset: b.offset,
+                width: 6,
+                matrix: identity.as_slice(),
+            })
+            .collect();
+        let mean = bias.map_or(Vector6::zeros(), |b| self.state.part::<6>(b.offset));
+        self.state.append::<6>(
+            BlockKind::WornError,
+            &mean,
+            &parts,
+            &(covariance * (1.0 - share)),
+        );
+    }
+
+    pub(super) fn worn_error_offset(&self) -> Option<usize> {
+        self.state
+            .layout
+            .of_kind(BlockKind::WornError)
+            .next()
+            .map(|b| b.offset)
+    }
+
+    pub(super) fn intersect(
+        &self,
+        worn: &WornObservation,
+        uv: &Vector2<f64>,
+        uv_f: &Vector2<f64>,
+    ) -> Option<TwoView> {
+        let worn_camera = self.worn_camera.as_ref()?;
+        let t_cf = worn.t_cf.retract(&self.state.worn_error());
+        TwoView::new(&self.camera, uv, worn_camera, uv_f, &t_cf)
+    }
+
+    pub(super) fn worn_covariance(&self, worn: &WornObservation) -> Matrix6<f64> {
+        match (self.worn_error_offset(), self.settings.worn.errors) {
+            (Some(offset), _) => self.state.p.block::<6, 6>(offset, offset),
+            (None, WornErrors::Pixels) => Matrix6::zeros(),
+            (None, _) => worn.covariance,
+        }
+    }
+
+    pub(super) fn rho_variance(&self, worn: &WornObservation, view: &TwoView) -> f64 {
+        let j = view.rho_by_tangent();
+        let pixels = view
+            .rho_variance_from_pixels(self.settings.pixel.sigma_cs, self.settings.pixel.sigma_cf);
+        pixels + (j * self.worn_covariance(worn) * j.transpose())[(0, 0)].max(0.0)
+    }
+
+    pub(super) fn start_tight_births(
+        &mut self,
+        z: &Measurements,
+        report: &mut UpdateReport,
+    ) -> Vec<(usize, u64)> {
+        let Some(worn) = &z.worn else {
+            return Vec::new();
+        };
+        let ratio = self.settings.birth.tight_rho_ratio;
+        let sigma = self.settings.pixel.sigma_cs;
+        let pose = self.state.camera_pose();
+        let mut newborn = Vec::new();
+        for (i, pair) in worn.pairs.iter().enumerate() {
+            if pair.id.is_some() {
+                continue;
+            }
+            let new = self.intersect(worn, &pair.uv, &pair.uv_f).and_then(|view| {
+                let sd = ratio * view.rho;
+                NewFeature::with_prior_depth(&self.camera, &pose, &pair.uv, sigma, view.rho, sd)
+            });
+            report.pairs[i] = Outcome::NotVisible;
+            if let Some(new) = new {
+                let id = self.append_feature(&new).id;
+                newborn.push((i, id));
+                report.pairs[i] = Outcome::Born(id);
+            }
+        }
+        newborn
+    }
+
+    pub(super) fn settle_tight_births(
+        &mut self,
+        newborn: &[(usize, u64)],
+        report: &mut UpdateReport,
+    ) {
+        let largest = self.settings.birth.max_rho_ratio;
+        let mut gone = Vec::new();
+        for &(i, id) in newborn {
+            if report.pairs[i] != Outcome::Born(id) {
+                gone.push(id);
+            } else if let Ok(block) = self.feature_block(id) {
+                let rho = self.state.feature(&block).rho();
+                let variance = self.state.p.get(block.offset + 5, block.offset + 5);
+                if rho <= 0.0 || variance.max(0.0).sqrt() > largest * rho {
+                    gone.push(id);
+                    report.pairs[i] = Outcome::TooUncertain;
+                }
+            }
+        }
+        self.remove_blocks(&gone);
+    }
+
+    pub(super) fn instant_births(&mut self, z: &Measurements, report: &mut UpdateReport) {
+        let Some(worn) = &z.worn else { return };
+        let pose = self.state.camera_pose();
+        let (sigma, sigma_f) = (self.settings.pixel.sigma_cs, self.settings.pixel.sigma_cf);
+        for (i, pair) in worn.pairs.iter().enumerate() {
+            if pair.id.is_some() {
+                continue;
+            }
+            let Some(view) = self.intersect(worn, &pair.uv, &pair.uv_f) else {
+                report.pairs[i] = Outcome::NotVisible;
+                continue;
+            };
+            if self.rho_variance(worn, &view).sqrt() > self.settings.birth.max_rho_ratio * view.rho
+            {
+                report.pairs[i] = Outcome::TooUncertain;
+                continue;
+            }
+            let mut new = NewFeature::from_two_views(&pose, &view, sigma, sigma_f);
+            let by_error = view.rho_by_tangent();
+            match self.worn_error_offset() {
+                Some(offset) => new.share_worn_error(offset, &by_error),
+                None => {
+                    let own = by_error * self.worn_covariance(worn) * by_error.transpose();
+                    new.noise[(5, 5)] += own[(0, 0)];
+                }
+            }
+            report.pairs[i] = Outcome::Born(self.append_feature(&new).id);
+        }
+    }
+
+    pub(super) fn depth_births(&mut self, z: &Measurements, report: &mut UpdateReport) {
+        let pose = self.state.camera_pose();
+        for (i, depth) in z.depths.iter().enumerate() {
+            if depth.id.is_some() {
+                continue;
+            }
+            if let Some((point, noise)) = self.point_at_depth(depth) {
+                let new = NewFeature::from_point(&pose, &point, &noise, None);
+                report.depths[i] = Outcome::Born(self.append_feature(&new).id);
+            }
+        }
+    }
+
+    pub(super) fn point_at_depth(
+        &self,
+        depth: &DepthObservation,
+    ) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+        let (ray, by_uv) = self.camera.unproject_jac(&depth.uv)?;
+        if ray.z < 1e-3 {
+            return None;
+        }
+        // p = depth * ray / ray_z
+        let unit = ray / ray.z;
+        let by_pixel = (by_uv - unit * by_uv.fixed_view::<1, 2>(2, 0)) * (depth.depth / ray.z);
+        let noise = by_pixel * by_pixel.transpose() * self.settings.pixel.sigma_cs.powi(2)
+            + unit * unit.transpose() * depth.sigma.powi(2);
+        Some((unit * depth.depth, noise))
+    }
+
+    /// `BadShape` if the lists differ in length, `NonFinite`, `InvalidInput` if the filter has started already.
+    pub fn start_from_points(
+        &mut self,
+        points: &[Vector3<f64>],
+        noise: &[Matrix3<f64>],
+        shared: &[SMatrix<f64, 3, 6>],
+        covariance: &Matrix6<f64>,
+    ) -> Result<Vec<u64>, EkfError> {
+        if points.len() != noise.len() || points.len() != shared.len() {
+            return Err(EkfError::BadShape {
+                what: "noise and shared",
+                expected: format!("{} entries, one per point", points.len()),
+                got: format!("{} and {}", noise.len(), shared.len()),
+            });
+        }
+        if self.started {
+            return Err(EkfError::InvalidInput {
+                what: "start",
+                why: "the filter has started already; make a new one".into(),
+            });
+        }
+        if !points.iter().all(|p| p.iter().all(|x| x.is_finite())) {
+            return Err(EkfError::NonFinite { what: "points" });
+        }
+        check_pose(&Pose::identity(), covariance)?;
+        let error =
+            self.state
+                .append::<6>(BlockKind::WornError, &Vector6::zeros(), &[], covariance);
+        let pose = self.state.camera_pose();
+        let ids = (0..points.len())
+            .map(|i| {
+                let shared = Some((error.offset, &shared[i]));
+                let new = NewFeature::from_point(&pose, &points[i], &noise[i], shared);
+                self.append_feature(&new).id
+            })
+            .collect();
+        self.state.remove(|b| b.kind == BlockKind::WornError);
+        self.start();
+        Ok(ids)
+    }
+}

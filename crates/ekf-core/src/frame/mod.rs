@@ -1,0 +1,424 @@
+//! One frame's measurements (METHOD 7, steps 5-7): which rows each match gives in which mode, the batch test,
+//! the update, and the births that the worn camera makes possible.
+
+mod births;
+mod units;
+
+use crate::batch::Unit;
+use crate::error::EkfError;
+use crate::filter::Filter;
+use crate::math::pose::Pose;
+use crate::settings::{BatchTestKind, Mode, WornErrors};
+use crate::state::{BlockKind, POSE_DIM};
+use crate::validate::{self, BatchTest, HohctSettings, JcbbSettings, OnePointSettings};
+
+use nalgebra::{Matrix3, Matrix6, Vector2, Vector6};
+use units::{Source, leave_out, note};
+
+/// A feature found in Cs.
+#[derive(Clone, Copy, Debug)]
+pub struct Bearing {
+    /// Id of the feature.
+    pub id: u64,
+    /// Its pixel in Cs.
+    pub uv: Vector2<f64>,
+}
+
+/// A point seen by both cameras.
+#[derive(Clone, Copy, Debug)]
+pub struct WornPair {
+    /// The feature it is, or `None` for a new point.
+    pub id: Option<u64>,
+    /// Its pixel in Cs.
+    pub uv: Vector2<f64>,
+    /// Its pixel in Cf.
+    pub uv_f: Vector2<f64>,
+}
+
+/// What the worn camera contributes to a frame.
+#[derive(Clone, Debug)]
+pub struct WornObservation {
+    /// Measured T_CF: maps points of F into C.
+    pub t_cf: Pose,
+    /// 6x6 covariance of its error, (translation, rotation), right tangent.
+    pub covariance: Matrix6<f64>,
+    /// Matches between both images.
+    pub pairs: Vec<WornPair>,
+}
+
+/// A depth from any other source: a range finder, a depth camera.
+#[derive(Clone, Copy, Debug)]
+pub struct DepthObservation {
+    /// The feature it belongs to, or `None` for a new point.
+    pub id: Option<u64>,
+    /// Pixel in Cs.
+    pub uv: Vector2<f64>,
+    /// Depth along Cs's optical axis, metres.
+    pub depth: f64,
+    /// Its standard deviation, metres.
+    pub sigma: f64,
+}
+
+/// All measurements of one frame.
+#[derive(Clone, Debug, Default)]
+pub struct Measurements {
+    /// Features that were looked for, found or not.
+    pub searched: Vec<u64>,
+    /// Features found in Cs.
+    pub bearings: Vec<Bearing>,
+    /// The worn camera's part.
+    pub worn: Option<WornObservation>,
+    /// Other depths.
+    pub depths: Vec<DepthObservation>,
+}
+
+/// What became of one measurement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// Accepted as two pixel rows.
+    Pixel,
+    /// Accepted as three metric rows.
+    Depth,
+    /// Its feature was measured by a better form of the same match.
+    Replaced,
+    /// Not accurate enough to be worth more than its bearing.
+    TooUncertain,
+    /// The rays do not meet in front of both cameras, or the feature predicts nothing.
+    NotVisible,
+    /// Failed its own chi-square gate.
+    RejectedGate,
+    /// Rejected by the batch test.
+    RejectedBatch,
+    /// A new feature with this id.
+    Born(u64),
+    /// Not used in this mode.
+    Unused,
+}
+
+/// What one update did.
+#[derive(Clone, Debug, Default)]
+pub struct UpdateReport {
+    /// One per bearing.
+    pub bearings: Vec<Outcome>,
+    /// One per worn pair.
+    pub pairs: Vec<Outcome>,
+    /// One per depth.
+    pub depths: Vec<Outcome>,
+    /// Normalised innovation squared of the accepted batch.
+    pub nis: f64,
+    /// Its degrees of freedom.
+    pub dof: usize,
+    /// Number of matches the batch test left out.
+    pub order: usize,
+    /// Whether the batch test finished its exact search.
+    pub exact: bool,
+    /// Number of linearisations of the update.
+    pub iterations: usize,
+    /// Estimated error of T_CF after the update, tangent (m, rad).
+    pub worn_error: Vector6<f64>,
+}
+
+/// How the worn camera's pairs are measured in this frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum WornForm {
+    Unused,
+    BirthsOnly,
+    Points,
+    Tight,
+}
+
+impl Filter {
+    /// Bad input (`NonFinite`, `UnknownFeature`, `InvalidInput`, `NotPositiveDefinite`): the filter stays as it was.
+    pub fn update(&mut self, z: &Measurements) -> Result<UpdateReport, EkfError> {
+        self.check(z)?;
+        let before = self.state.layout.dim();
+        let form = self.worn_form(z);
+        let worn = z.worn.as_ref().filter(|_| form != WornForm::Unused);
+        if let Some(worn) = worn
+            && self.settings.worn.errors == WornErrors::Shared
+        {
+            self.open_worn_error(&worn.covariance);
+        }
+        let mut report = UpdateReport {
+            bearings: vec![Outcome::NotVisible; z.bearings.len()],
+            pairs: vec![Outcome::Unused; z.worn.as_ref().map_or(0, |w| w.pairs.len())],
+            depths: vec![Outcome::NotVisible; z.depths.len()],
+            exact: true,
+            iterations: 1,
+            ..UpdateReport::default()
+        };
+        let newborn = match form {
+            WornForm::Tight => self.start_tight_births(z, &mut report),
+            _ => Vec::new(),
+        };
+        if let Err(error) = self.measure(z, form, &newborn, &mut report) {
+            // Only blocks at the end were added: taking them away restores the state.
+            self.state.remove(|b| b.offset >= before);
+            let state = &self.state;
+            self.records
+                .retain(|id, _| state.layout.find(*id).is_some());
+            return Err(error);
+        }
+        match form {
+            WornForm::Tight => self.settle_tight_births(&newborn, &mut report),
+            WornForm::Points | WornForm::BirthsOnly => self.instant_births(z, &mut report),
+            WornForm::Unused => {}
+        }
+        self.depth_births(z, &mut report);
+        report.worn_error = self.state.worn_error();
+        self.state.remove(|b| b.kind == BlockKind::WornError);
+        self.finish(z, &mut report);
+        Ok(report)
+    }
+
+    fn check(&self, z: &Measurements) -> Result<(), EkfError> {
+        let pairs = z.worn.as_ref().map_or(&[][..], |w| &w.pairs);
+        let mut pixels: Vec<Vector2<f64>> = z.bearings.iter().map(|b| b.uv).collect();
+        pixels.extend(pairs.iter().flat_map(|p| [p.uv, p.uv_f]));
+        pixels.extend(z.depths.iter().map(|d| d.uv));
+        self.check_pixels(&pixels)?;
+        let ids = z.bearings.iter().map(|b| b.id).chain(
+            pairs
+                .iter()
+                .filter_map(|p| p.id)
+                .chain(z.depths.iter().filter_map(|d| d.id))
+                .chain(z.searched.iter().copied()),
+        );
+        for id in ids {
+            self.feature_block(id)?;
+        }
+        let mut seen: Vec<u64> = z.bearings.iter().map(|b| b.id).collect();
+        seen.sort_unstable();
+        if seen.windows(2).any(|w| w[0] == w[1]) {
+            return Err(EkfError::InvalidInput {
+                what: "bearings",
+                why: "a feature is measured twice; give each feature one pixel".into(),
+            });
+        }
+        for depth in &z.depths {
+            let good = |x: f64| x.is_finite() && x > 0.0;
+            if !good(depth.depth) || !good(depth.sigma) {
+                return Err(EkfError::InvalidInput {
+                    what: "depth",
+                    why: "depth and its standard deviation must be positive metres".into(),
+                });
+            }
+        }
+        if let Some(worn) = &z.worn {
+            check_pose(&worn.t_cf, &worn.covariance)?;
+            if self.worn_camera.is_none() {
+                return Err(EkfError::InvalidInput {
+                    what: "worn camera",
+                    why: "the filter was made without a camera model of Cf; give one".into(),
+                });
+            }
+        }
+        Ok(())
+    }
+
+    fn worn_form(&self, z: &Measurements) -> WornForm {
+        if z.worn.is_none() {
+            return WornForm::Unused;
+        }
+        let shared = self.settings.worn.errors == WornErrors::Shared;
+        match self.settings.estimator.mode {
+            // All modes start alike, from the best that the first overlap gives.
+            _ if !self.started && shared => WornForm::Tight,
+            _ if !self.started => WornForm::BirthsOnly,
+            Mode::Mono | Mode::MonoUndelayed => WornForm::Unused,
+            Mode::CollabInit => WornForm::BirthsOnly,
+            Mode::CollabTight if shared => WornForm::Tight,
+            Mode::Collab | Mode::CollabTight => WornForm::Points,
+        }
+    }
+
+    fn measure(
+        &mut self,
+        z: &Measurements,
+        form: WornForm,
+        newborn: &[(usize, u64)],
+        report: &mut UpdateReport,
+    ) -> Result<(), EkfError> {
+        let n = self.state.p.dim();
+        // A match whose 3D block is rejected falls back to its bearing (METHOD 6), in another round.
+        let mut demoted = vec![false; report.pairs.len() + report.depths.len()];
+        let mut sources = Vec::new();
+        for last in [false, false, true] {
+            sources = self.collect_units(z, form, newborn, &demoted, report);
+            self.batch.build(&self.state);
+            let gated = self.gated();
+            let mut again = note(
+                &sources,
+                &gated,
+                Outcome::RejectedGate,
+                report,
+                &mut demoted,
+            );
+            leave_out(&mut sources, &gated);
+            self.batch.leave_out(n, &gated);
+            self.batch.factor()?;
+            let rejected = self.batch_test(report);
+            again |= note(
+                &sources,
+                &rejected,
+                Outcome::RejectedBatch,
+                report,
+                &mut demoted,
+            );
+            if again && !last {
+                continue;
+            }
+            if !rejected.is_empty() {
+                leave_out(&mut sources, &rejected);
+                self.batch.leave_out(n, &rejected);
+                self.batch.factor()?;
+            }
+            break;
+        }
+        report.nis = self.batch.nis();
+        report.dof = self.batch.rows();
+        self.iterate(z, &sources, report)?;
+        self.batch.apply(&mut self.state);
+        Ok(())
+    }
+
+    fn iterate(
+        &mut self,
+        z: &Measurements,
+        sources: &[Source],
+        report: &mut UpdateReport,
+    ) -> Result<(), EkfError> {
+        let prior = self.state.x.clone();
+        for iteration in 1..self.settings.estimator.iterations {
+            let mut moved = prior.clone();
+            self.batch.add_gain_times_innovation(&mut moved);
+            self.state.x[..POSE_DIM].copy_from_slice(&moved[..POSE_DIM]);
+            let units: Vec<Option<Unit>> = sources.iter().map(|s| self.unit(z, *s).ok()).collect();
+            let point = std::mem::replace(&mut self.state.x, prior.clone());
+            if !self
+                .batch
+                .relinearise(units, &prior, &point, self.settings.estimator.nonlinearity)
+            {
+                break;
+            }
+            report.iterations = iteration + 1;
+            self.batch.build(&self.state);
+            self.batch.factor()?;
+        }
+        Ok(())
+    }
+
+    fn gated(&mut self) -> Vec<usize> {
+        if self.settings.validate.test == BatchTestKind::None {
+            return Vec::new();
+        }
+        let level = self.settings.validate.gate_level;
+        validate::individual_gate(
+            self.batch.s(),
+            self.batch.rows(),
+            self.batch.g(),
+            validate::Units::new(self.batch.offsets()),
+            level,
+            &mut self.test,
+        );
+        self.test.rejected().to_vec()
+    }
+
+    fn batch_test(&mut self, report: &mut UpdateReport) -> Vec<usize> {
+        let options = &self.settings.validate;
+        let test = match options.test {
+            BatchTestKind::Hohct => BatchTest::Hohct(HohctSettings {
+                level: options.level,
+                max_nodes: options.max_nodes,
+                max_share: options.max_share,
+            }),
+            BatchTestKind::Jcbb => BatchTest::Jcbb(JcbbSettings {
+                level: options.level,
+                max_nodes: options.max_nodes,
+            }),
+            BatchTestKind::OnePoint => BatchTest::OnePoint(OnePointSettings {
+                low_sigmas: options.low_sigmas,
+                level: options.level,
+            }),
+            BatchTestKind::Individual => BatchTest::Individual(options.level),
+            BatchTestKind::None => BatchTest::None,
+        };
+        let batch = validate::Batch {
+            s: self.batch.s(),
+            l: self.batch.l(),
+            ld: self.batch.rows(),
+            g: self.batch.g(),
+            noise: self.batch.noise(),
+            units: validate::Units::new(self.batch.offsets()),
+        };
+        if batch.units.is_empty() {
+            return Vec::new();
+        }
+        let verdict = test.run(&batch, &mut self.test);
+        report.order = verdict.order;
+        report.exact = verdict.exact;
+        self.test.rejected().to_vec()
+    }
+
+    fn finish(&mut self, z: &Measurements, report: &mut UpdateReport) {
+        let now = self.time.unwrap_or(0.0);
+        for id in &z.searched {
+            if let Some(record) = self.records.get_mut(id) {
+                record.searched += 1;
+            }
+        }
+        for (bearing, outcome) in z.bearings.iter().zip(&report.bearings) {
+            if let (Outcome::Pixel | Outcome::Replaced, Some(record)) =
+                (outcome, self.records.get_mut(&bearing.id))
+            {
+                record.found += 1;
+                record.last_found = now;
+            }
+        }
+        if self.started {
+            return;
+        }
+        let outcomes = report.pairs.iter_mut().chain(&mut report.depths);
+        let born: Vec<&mut Outcome> = outcomes.filter(|o| matches!(o, Outcome::Born(_))).collect();
+        if born.len() >= self.settings.worn.start_births {
+            self.start();
+        } else {
+            for outcome in born {
+                *outcome = Outcome::TooUncertain;
+            }
+            self.state.remove(|b| b.kind == BlockKind::Feature);
+            self.records.clear();
+        }
+    }
+}
+
+fn check_pose(pose: &Pose, covariance: &Matrix6<f64>) -> Result<(), EkfError> {
+    let finite = pose
+        .rotation
+        .iter()
+        .chain(pose.translation.iter())
+        .chain(covariance.iter())
+        .all(|x| x.is_finite());
+    if !finite {
+        return Err(EkfError::NonFinite {
+            what: "T_CF or its covariance",
+        });
+    }
+    let off = pose.rotation * pose.rotation.transpose() - Matrix3::identity();
+    if off.abs().max() > 1e-6 || pose.rotation.determinant() < 0.0 {
+        return Err(EkfError::InvalidInput {
+            what: "T_CF",
+            why: "its upper left 3x3 is not a rotation matrix".into(),
+        });
+    }
+    let asymmetry = (covariance - covariance.transpose()).abs().max();
+    let scale = covariance.abs().max();
+    let least = covariance.symmetric_eigenvalues().min();
+    if asymmetry > 1e-9 * scale || least < -1e-9 * scale {
+        return Err(EkfError::InvalidInput {
+            what: "covariance of T_CF",
+            why: "it is not symmetric positive semi-definite".into(),
+        });
+    }
+    Ok(())
+}

@@ -1,0 +1,237 @@
+//! Which rows each match gives in which mode (METHOD 7, step 5), linearised at the present mean.
+
+use super::{Bearing, DepthObservation, Measurements, Outcome, UpdateReport, WornForm};
+use super::{WornObservation, WornPair};
+use crate::batch::Unit;
+use crate::filter::Filter;
+use crate::observe::{PointInCamera, Rows, WornView};
+use crate::state::Block;
+
+/// Where in [`Measurements`] a unit of the batch comes from, and which form it takes.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Source {
+    /// Two rows: a pixel in Cs.
+    Bearing(usize),
+    /// Three rows: a worn pair as a 3D point.
+    Point(usize),
+    /// Two rows: a worn pair's pixel in Cf, of the feature with this id.
+    WornPixel(usize, u64),
+    /// Three rows: a depth from another sensor.
+    Depth(usize),
+}
+
+impl Filter {
+    pub(super) fn unit(&self, z: &Measurements, source: Source) -> Result<Unit, Outcome> {
+        match (source, &z.worn) {
+            (Source::Bearing(i), _) => self.bearing(&z.bearings[i]),
+            (Source::Point(i), Some(worn)) => self.worn_point(worn, &worn.pairs[i]),
+            (Source::WornPixel(i, id), Some(worn)) => self.worn_pixel(worn, &worn.pairs[i], id),
+            (Source::Depth(i), _) => self.other_depth(&z.depths[i]),
+            (Source::Point(_) | Source::WornPixel(..), None) => Err(Outcome::Unused),
+        }
+    }
+
+    pub(super) fn collect_units(
+        &mut self,
+        z: &Measurements,
+        form: WornForm,
+        newborn: &[(usize, u64)],
+        demoted: &[bool],
+        report: &mut UpdateReport,
+    ) -> Vec<Source> {
+        let mut wanted = Vec::new();
+        for (i, pair) in z.worn.iter().flat_map(|w| &w.pairs).enumerate() {
+            let born = newborn.iter().find(|(j, _)| *j == i).map(|(_, id)| *id);
+            match (form, pair.id.or(born)) {
+                (WornForm::Points, Some(_)) if pair.id.is_some() => wanted.push(Source::Point(i)),
+                (WornForm::Tight, Some(id)) => wanted.push(Source::WornPixel(i, id)),
+                _ => {}
+            }
+        }
+        let known_depths = (0..z.depths.len()).filter(|&i| z.depths[i].id.is_some());
+        wanted.extend(known_depths.map(Source::Depth));
+        wanted.extend((0..z.bearings.len()).map(Source::Bearing));
+        self.batch.clear();
+        let mut with_depth: Vec<u64> = Vec::new();
+        let mut sources = Vec::new();
+        for source in wanted {
+            let slot = source.slot(report.pairs.len());
+            if slot.is_some_and(|k| demoted[k]) {
+                continue; // keeps the outcome of its rejection
+            }
+            // Its 3 rows stand INSTEAD of these 2: both would use (u1, v1).
+            if let Source::Bearing(i) = source
+                && with_depth.contains(&z.bearings[i].id)
+            {
+                report.bearings[i] = Outcome::Replaced;
+                continue;
+            }
+            let unit = self.unit(z, source);
+            let outcome = match (&unit, source) {
+                (Err(outcome), _) => *outcome,
+                (Ok(_), Source::Bearing(_)) => Outcome::Pixel,
+                (Ok(_), Source::Point(_) | Source::Depth(_)) => Outcome::Depth,
+                (Ok(_), Source::WornPixel(i, id)) => {
+                    let known = z.worn.as_ref().is_some_and(|w| w.pairs[i].id.is_some());
+                    if known {
+                        Outcome::Pixel
+                    } else {
+                        Outcome::Born(id)
+                    }
+                }
+            };
+            *source.outcome(report) = outcome;
+            if let Ok(unit) = unit {
+                if outcome == Outcome::Depth {
+                    with_depth.push(unit.id);
+                }
+                self.batch.push(unit);
+                sources.push(source);
+            }
+        }
+        sources
+    }
+
+    pub(super) fn bearing(&self, bearing: &Bearing) -> Result<Unit, Outcome> {
+        let block = self
+            .feature_block(bearing.id)
+            .map_err(|_| Outcome::NotVisible)?;
+        let rows = Rows::bearing(
+            &self.camera,
+            &self.state.camera_pose(),
+            &self.state.feature(&block),
+            &bearing.uv,
+            self.settings.pixel.sigma_cs,
+        );
+        Unit::new(rows, &block, None)
+    }
+
+    pub(super) fn worn_point(
+        &self,
+        worn: &WornObservation,
+        pair: &WornPair,
+    ) -> Result<Unit, Outcome> {
+        let id = pair.id.ok_or(Outcome::Unused)?;
+        let block = self.feature_block(id).map_err(|_| Outcome::NotVisible)?;
+        let view = self
+            .intersect(worn, &pair.uv, &pair.uv_f)
+            .ok_or(Outcome::NotVisible)?;
+        let (pose, feature) = (self.state.camera_pose(), self.state.feature(&block));
+        let predicted = PointInCamera::metric(&pose, &feature).ok_or(Outcome::NotVisible)?;
+        // Taken at the predicted range: at the measured one, near errors would weigh more than far ones.
+        let view = view.at_range(predicted.value.norm());
+        let (sigma, sigma_f) = (self.settings.pixel.sigma_cs, self.settings.pixel.sigma_cf);
+        if self.rho_variance(worn, &view).sqrt() > self.settings.worn.max_range_ratio * view.rho {
+            return Err(Outcome::TooUncertain);
+        }
+        let j = view.point_by_tangent();
+        let mut noise = view.point_noise(sigma, sigma_f);
+        let error = self.worn_error_offset();
+        if error.is_none() {
+            noise += j * self.worn_covariance(worn) * j.transpose();
+        }
+        let mean = self.state.worn_error();
+        // The point was triangulated at the estimated error, so only its deviation from there counts.
+        let measured = view.point() - j * mean;
+        let rows = Rows::depth(
+            &pose,
+            &feature,
+            &measured,
+            &noise,
+            error.map(|_| (&mean, &j)),
+        );
+        Unit::new(rows, &block, error)
+    }
+
+    pub(super) fn worn_pixel(
+        &self,
+        worn: &WornObservation,
+        pair: &WornPair,
+        id: u64,
+    ) -> Result<Unit, Outcome> {
+        let block = self.feature_block(id).map_err(|_| Outcome::NotVisible)?;
+        let camera = self.worn_camera.as_ref().ok_or(Outcome::NotVisible)?;
+        let view = WornView {
+            camera,
+            measured: worn.t_cf.clone(),
+            error: self.state.worn_error(),
+        };
+        let rows = Rows::worn_pixel(
+            &view,
+            &self.state.camera_pose(),
+            &self.state.feature(&block),
+            &pair.uv_f,
+            self.settings.pixel.sigma_cf,
+        );
+        Unit::new(rows, &block, self.worn_error_offset())
+    }
+
+    pub(super) fn other_depth(&self, depth: &DepthObservation) -> Result<Unit, Outcome> {
+        let id = depth.id.ok_or(Outcome::Unused)?;
+        let block = self.feature_block(id).map_err(|_| Outcome::NotVisible)?;
+        let (point, noise) = self.point_at_depth(depth).ok_or(Outcome::NotVisible)?;
+        let (pose, feature) = (self.state.camera_pose(), self.state.feature(&block));
+        Unit::new(
+            Rows::depth(&pose, &feature, &point, &noise, None),
+            &block,
+            None,
+        )
+    }
+}
+
+impl Source {
+    /// Place in the list of 3D blocks that may be demoted to a bearing, `pairs` pairs coming first.
+    pub(super) fn slot(self, pairs: usize) -> Option<usize> {
+        match self {
+            Self::Point(i) => Some(i),
+            Self::Depth(i) => Some(pairs + i),
+            Self::Bearing(_) | Self::WornPixel(..) => None,
+        }
+    }
+
+    pub(super) fn outcome(self, report: &mut UpdateReport) -> &mut Outcome {
+        match self {
+            Self::Bearing(i) => &mut report.bearings[i],
+            Self::Point(i) | Self::WornPixel(i, _) => &mut report.pairs[i],
+            Self::Depth(i) => &mut report.depths[i],
+        }
+    }
+}
+
+impl Unit {
+    fn new(rows: Option<Rows>, block: &Block, worn: Option<usize>) -> Result<Self, Outcome> {
+        let rows = rows.ok_or(Outcome::NotVisible)?;
+        Ok(Self {
+            rows,
+            id: block.id,
+            feature: block.offset,
+            worn,
+        })
+    }
+}
+
+pub(super) fn note(
+    sources: &[Source],
+    rejected: &[usize],
+    outcome: Outcome,
+    report: &mut UpdateReport,
+    demoted: &mut [bool],
+) -> bool {
+    let mut any = false;
+    for &u in rejected {
+        *sources[u].outcome(report) = outcome;
+        if let Some(slot) = sources[u].slot(report.pairs.len()) {
+            demoted[slot] = true;
+            any = true;
+        }
+    }
+    any
+}
+
+pub(super) fn leave_out(sources: &mut Vec<Source>, gone: &[usize]) {
+    let mut u = 0;
+    sources.retain(|_| {
+        u += 1;
+        gone.binary_search(&(u - 1)).is_err()
+    });
+}

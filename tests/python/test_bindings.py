@@ -1,0 +1,308 @@
+"""The border to the compiled core: bad input is a clear exception and leaves the filter as it was."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from collabslam import Camera, Filter, settings
+from collabslam.errors import InputError, SettingsError
+
+CS = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5))
+CF = Camera("radtan", 640, 480, (480.0, 482.0, 321.0, 238.0), (-0.05, 0.01, 0.0003, -0.0002))
+T_CF = np.eye(4)
+T_CF[:3, 3] = 0.5, 0.0, 0.05
+SIGMA = np.diag([0.01] * 3 + [0.005] * 3) ** 2
+COUNT = 30
+NO_IDS, NO_UV = np.empty(0, np.int64), np.empty((0, 2))
+ONE_UV, NAN_UV = np.full((1, 2), 100.0), np.full((1, 2), np.nan)
+UNKNOWN = np.array([10**6])
+NAN_POSE, STRETCHED = np.where(np.eye(4) > 0, np.nan, 0.0), np.diag([2.0, 1.0, 1.0, 1.0])
+POINTS = np.random.Generator(np.random.PCG64(1)).uniform((-1.0, -0.8, 2.5), (1.2, 0.8, 5.0), (COUNT, 3))
+
+
+def _worn(
+    t_cf: Any = T_CF, covariance: Any = SIGMA, ids: Any = NO_IDS, uv: Any = NO_UV, uv_f: Any = NO_UV
+) -> Any:
+    return t_cf, covariance, ids, uv, uv_f
+
+
+def _started() -> Filter:
+    """A filter with a map of COUNT features, at 0.1 s, with two candidates."""
+    core = Filter(CS, CF)
+    core.predict(0.0)
+    new = np.full(COUNT, -1)
+    uv, uv_f = CS.project(POINTS)[0], CF.project(POINTS - T_CF[:3, 3])[0]
+    core.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(ids=new, uv=uv, uv_f=uv_f))
+    core.add_candidates(np.array([[50.0, 60.0], [500.0, 300.0]]))
+    core.predict(0.1)
+    return core
+
+
+def _one(core: Filter) -> Any:
+    return core.predict_pixels()["ids"][:1]
+
+
+def _state(core: Filter) -> tuple[object, ...]:
+    return (
+        core.mean.tobytes(),
+        core.covariance.tobytes(),
+        core.time,
+        core.started,
+        core.blocks,
+        core.candidates.tobytes(),
+    )
+
+
+CALLS: dict[str, tuple[Callable[[Filter], object], str]] = {
+    "time back": (lambda f: f.predict(0.05), "time 0.05 s does not follow"),
+    "time again": (lambda f: f.predict(0.1), "time 0.1 s does not follow"),
+    "time nan": (lambda f: f.predict(np.nan), "time"),
+    "uv columns": (lambda f: f.update(NO_IDS, _one(f), np.zeros((1, 3))), r"uv has shape \[1, 3\]"),
+    "uv rows": (lambda f: f.update(NO_IDS, _one(f), np.zeros((2, 2))), "uv has shape"),
+    "uv nan": (lambda f: f.update(NO_IDS, _one(f), NAN_UV), "pixel"),
+    "id unknown": (lambda f: f.update(NO_IDS, UNKNOWN, ONE_UV), "id 1000000"),
+    "id searched unknown": (lambda f: f.update(UNKNOWN, NO_IDS, NO_UV), "id 1000000"),
+    "id negative": (lambda f: f.update(NO_IDS, np.array([-1]), ONE_UV), "no feature"),
+    "id twice": (lambda f: f.update(NO_IDS, np.repeat(_one(f), 2), np.zeros((2, 2))), "measured twice"),
+    "worn pose shape": (lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(np.eye(3))), "t_cf has shape"),
+    "worn pose nan": (lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(NAN_POSE)), "T_CF"),
+    "worn pose stretched": (
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(STRETCHED)),
+        "rotation matrix",
+    ),
+    "worn covariance shape": (
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(covariance=np.eye(5))),
+        "covariance has shape",
+    ),
+    "worn covariance nan": (
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(covariance=SIGMA * np.nan)),
+        "T_CF or its covariance",
+    ),
+    "worn covariance negative": (
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(covariance=-SIGMA)),
+        "covariance of T_CF",
+    ),
+    "worn uv nan": (
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(ids=_one(f), uv=NAN_UV, uv_f=ONE_UV)),
+        "pixel",
+    ),
+    "worn uv_f nan": (
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(ids=_one(f), uv=ONE_UV, uv_f=NAN_UV)),
+        "pixel",
+    ),
+    "worn uv_f rows": (
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(ids=_one(f), uv=ONE_UV)),
+        "worn uv_f has shape",
+    ),
+    "worn id unknown": (
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(ids=UNKNOWN, uv=ONE_UV, uv_f=ONE_UV)),
+        "id 1000000",
+    ),
+    "depth nan": (lambda f: _depth(f, np.array([np.nan]), np.ones(1)), "depth"),
+    "depth negative": (lambda f: _depth(f, -np.ones(1), np.ones(1)), "depth"),
+    "depth sigma zero": (lambda f: _depth(f, np.ones(1), np.zeros(1)), "depth"),
+    "depth rows": (lambda f: _depth(f, np.ones(2), np.ones(1)), "depth has shape"),
+    "depth sigma rows": (lambda f: _depth(f, np.ones(1), np.ones(2)), "sigma has shape"),
+    "candidate nan": (lambda f: f.add_candidates(NAN_UV), "pixel"),
+    "candidate columns": (lambda f: f.add_candidates(np.zeros((1, 3))), "uv has shape"),
+    "candidate unknown": (lambda f: f.observe_candidates(UNKNOWN, ONE_UV), "candidate with id 1000000"),
+    "candidate seen nan": (lambda f: f.observe_candidates(f.candidates[:1], NAN_UV), "pixel"),
+    "candidate rows": (lambda f: f.observe_candidates(f.candidates[:1], NO_UV), "uv has shape"),
+    "candidate twice": (lambda f: f.observe_candidates(f.candidates[[0, 0]], np.zeros((2, 2))), "twice"),
+    "undelayed nan": (lambda f: f.add_undelayed(NAN_UV), "pixel"),
+    "undelayed columns": (lambda f: f.add_undelayed(np.zeros((1, 3))), "uv has shape"),
+    "remove unknown": (lambda f: f.remove_features(np.append(_one(f), UNKNOWN)), "id 1000000"),
+    "start again": (lambda f: _points(f), "started already"),
+    "overlap pose shape": (lambda f: f.predict_overlap(np.eye(3), SIGMA), "t_cf has shape"),
+    "overlap covariance shape": (lambda f: f.predict_overlap(T_CF, np.eye(5)), "covariance has shape"),
+    "overlap pose nan": (lambda f: f.predict_overlap(NAN_POSE, SIGMA), "T_CF"),
+    "overlap pose stretched": (lambda f: f.predict_overlap(STRETCHED, SIGMA), "rotation matrix"),
+    "overlap covariance nan": (lambda f: f.predict_overlap(T_CF, SIGMA * np.nan), "covariance"),
+    "overlap covariance negative": (lambda f: f.predict_overlap(T_CF, -SIGMA), "covariance"),
+}
+"""A bad call on a started filter, and words of its message."""
+
+STARTS: dict[str, tuple[dict[str, Any], str]] = {
+    "points columns": ({"points": np.zeros((2, 2))}, "points has shape"),
+    "points nan": ({"points": np.full((2, 3), np.nan)}, "points"),
+    "noise rows": ({"noise": np.zeros((3, 3, 3))}, "noise"),
+    "noise shape": ({"noise": np.zeros((2, 2, 3))}, "noise has shape"),
+    "noise nan": ({"noise": np.full((2, 3, 3), np.nan)}, "noise"),
+    "noise negative": ({"noise": np.tile(-np.eye(3), (2, 1, 1))}, "noise"),
+    "points at the centre": ({"points": np.zeros((2, 3))}, "points"),
+    "shared nan": ({"shared": np.full((2, 3, 6), np.nan)}, "shared"),
+    "shared shape": ({"shared": np.zeros((2, 3, 5))}, "shared has shape"),
+    "covariance shape": ({"covariance": np.eye(5)}, "covariance has shape"),
+    "covariance nan": ({"covariance": np.full((6, 6), np.nan)}, "covariance"),
+    "covariance negative": ({"covariance": -np.eye(6)}, "covariance"),
+}
+"""A bad argument of `start_from_points`, and words of its message."""
+
+
+def _depth(core: Filter, depth: Any, sigma: Any) -> object:
+    return core.update(NO_IDS, NO_IDS, NO_UV, depths=(_one(core), ONE_UV, depth, sigma))
+
+
+def _points(core: Filter, **changes: Any) -> Any:
+    arguments = {
+        "points": POINTS[:2],
+        "noise": np.tile(1e-4 * np.eye(3), (2, 1, 1)),
+        "shared": np.zeros((2, 3, 6)),
+        "covariance": 1e-4 * np.eye(6),
+    }
+    return core.start_from_points(**{**arguments, **changes})
+
+
+def test_the_filter_under_test_is_started() -> None:
+    core = _started()
+    assert core.started
+    assert core.map_size == COUNT
+    assert core.candidate_count == 2
+    assert core.soundness() > -1e-10
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_bad_call(name: str) -> None:
+    call, words = CALLS[name]
+    core = _started()
+    before = _state(core)
+    with pytest.raises(InputError, match=words):
+        call(core)
+    assert _state(core) == before
+    core.predict(0.2)
+
+
+@pytest.mark.parametrize("name", STARTS)
+def test_bad_start_from_points(name: str) -> None:
+    changes, words = STARTS[name]
+    core = Filter(CS)
+    before = _state(core)
+    with pytest.raises(InputError, match=words):
+        _points(core, **changes)
+    assert _state(core) == before
+    _points(core)
+    assert core.started
+
+
+def test_a_candidate_given_twice_does_not_panic_at_its_birth() -> None:
+    core = Filter(CS, settings={"birth.min_baseline": 0.01, "birth.min_parallax": 0.5})
+    start, step = CS.project(POINTS)[0], np.array([0.05, 0.0, 0.0])
+    ids = _points(
+        core, points=POINTS, noise=np.tile(1e-4 * np.eye(3), (COUNT, 1, 1)), shared=np.zeros((COUNT, 3, 6))
+    )
+    core.predict(0.0)
+    candidates = core.add_candidates(start[:1])
+    core.predict(0.1)
+    uv = CS.project(POINTS - step)[0]
+    core.update(ids, ids, uv)
+    with pytest.raises(InputError, match="twice"):
+        core.observe_candidates(np.repeat(candidates, 2), np.repeat(uv[:1], 2, axis=0))
+    outcome, _ = core.observe_candidates(candidates, uv[:1])
+    assert outcome == ["born"]
+
+
+def test_before_the_start() -> None:
+    core = Filter(CS)
+    before = _state(core)
+    with pytest.raises(InputError, match="not started"):
+        core.add_candidates(ONE_UV)
+    assert _state(core) == before
+
+
+def test_a_worn_camera_that_is_missing() -> None:
+    core = Filter(CS)
+    before = _state(core)
+    with pytest.raises(InputError, match="worn camera"):
+        core.update(NO_IDS, NO_IDS, NO_UV, worn=_worn())
+    with pytest.raises(InputError, match="worn camera"):
+        core.predict_overlap(T_CF, SIGMA)
+    assert _state(core) == before
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"process.speed": 1.0}, "process.speed: there is no such setting"),
+        ({"estimator.mode": "stereo"}, "estimator.mode: must be one of"),
+        ({"estimator.iterations": 0}, "estimator.iterations: 0 is outside"),
+        ({"estimator.iterations": "many"}, "estimator.iterations"),
+        ({"estimator.iterations": None}, "estimator.iterations"),
+        ({"pixel.sigma_cs": float("nan")}, "pixel.sigma_cs: NaN"),
+    ],
+)
+def test_bad_setting(values: dict[str, Any], words: str) -> None:
+    with pytest.raises(SettingsError, match=words):
+        Filter(CS, settings=values)
+
+
+def test_every_default_is_accepted() -> None:
+    Filter(CS, settings=dict(settings.Settings.default().section("filter")))
+
+
+@pytest.mark.parametrize(
+    ("call", "argument"),
+    [
+        (lambda f: f.update(NO_IDS, NO_IDS, np.zeros(2)), "uv"),
+        (lambda f: f.update(NO_IDS, np.zeros(1), ONE_UV), "ids"),
+        (lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=(T_CF, SIGMA)), "worn"),
+        (lambda f: f.add_candidates([[1.0, 2.0]]), "uv"),
+        (lambda f: f.add_undelayed(ONE_UV.astype(np.float32)), "uv"),
+        (lambda f: f.predict_overlap(np.zeros(4), SIGMA), "t_cf"),
+    ],
+)
+def test_a_wrong_type_names_its_argument(call: Callable[[Filter], object], argument: str) -> None:
+    core = _started()
+    before = _state(core)
+    with pytest.raises((TypeError, ValueError)) as caught:
+        call(core)
+    assert f"'{argument}'" in " ".join([str(caught.value), *getattr(caught.value, "__notes__", [argument])])
+    assert _state(core) == before
+
+
+class TestCamera:
+    @pytest.mark.parametrize(
+        ("arguments", "words"),
+        [
+            (("stereo", 64, 48, (50, 50, 32, 24)), "camera model: `stereo`"),
+            (("pinhole", 64, 48, (50, 50, 32, 24), (0.1,)), "camera distortion"),
+            (("radtan", 64, 48, (50, 50, 32, 24), (0.1, 0.2)), "camera distortion"),
+            (("fisheye", 64, 48, (50, 50, 32, 24), (0.1, np.nan, 0, 0)), "camera distortion"),
+            (("pinhole", 64, 48, (np.inf, 50, 32, 24)), "camera intrinsics"),
+            (("pinhole", 64, 48, (-50, 50, 32, 24)), "camera intrinsics"),
+            (("pinhole", 0, 48, (50, 50, 32, 24)), "camera image size"),
+        ],
+    )
+    def test_bad_calibration(self, arguments: Any, words: str) -> None:
+        with pytest.raises(InputError, match=words):
+            Camera(*arguments)
+
+    def test_bad_arrays(self) -> None:
+        with pytest.raises(InputError, match="points has shape"):
+            CS.project(np.zeros((2, 2)))
+        with pytest.raises(InputError, match="uv has shape"):
+            CS.unproject(np.zeros((2, 3)))
+
+    def test_points_without_a_pixel_are_nan(self) -> None:
+        uv, ok = CS.project(np.array([[0.0, 0.0, -1.0], [np.nan, 0.0, 1.0], [0.0, 0.0, 1.0]]))
+        assert ok.tolist() == [False, False, True]
+        np.testing.assert_array_equal(np.isfinite(uv).all(axis=1), ok)
+        assert np.isnan(CS.unproject(NAN_UV)).all()
+
+    def test_it_takes_any_memory_layout(self) -> None:
+        spread = np.repeat(POINTS, 2, axis=0)[::2]
+        expected = CF.project(POINTS)[0]
+        for points in (spread, np.asfortranarray(POINTS)):
+            np.testing.assert_array_equal(CF.project(points)[0], expected)
+
+    @pytest.mark.parametrize("camera", [CS, CF])
+    def test_it_pickles_and_copies(self, camera: Camera) -> None:
+        for again in (pickle.loads(pickle.dumps(camera)), copy.copy(camera), copy.deepcopy(camera)):
+            assert again == camera
+            np.testing.assert_array_equal(again.project(POINTS)[0], camera.project(POINTS)[0])
+        assert CS != CF
