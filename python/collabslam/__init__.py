@@ -1,8 +1,8 @@
 """Collaborative monocular SLAM: a robot's camera, helped now and then by a camera that a person wears.
 
-:class:`Slam` takes images and gives poses with covariance; :func:`run` takes a whole recording, which
-:func:`open_recording` finds on disk.  :class:`Filter` is the bare filter, without images.  What needs OpenCV
-is imported when it is first used.
+:class:`Slam` takes images and gives poses with covariance; :mod:`collabslam.run` takes a whole recording,
+found on disk by :func:`open_recording`.  :class:`Filter` is the bare filter, without images.  Everything but
+the errors is imported when it is first used, so that the command line answers at once.
 """
 
 from __future__ import annotations
@@ -10,17 +10,17 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from collabslam._core import Camera, Filter, __version__
 from collabslam.errors import CollabslamError, DataError, FilterError, InputError, SettingsError
 
-# Bound here and not on first use: else the submodule of the same name would take its place.
-from collabslam.run import run
-from collabslam.settings import Settings
-from collabslam.types import Frame, Status, Target, WornView
-
 if TYPE_CHECKING:
+    from collabslam import run
+    from collabslam._core import Camera, Filter
     from collabslam.datasets import attach_worn, open_recording
     from collabslam.engine import Slam, StepResult
+    from collabslam.settings import Settings
+    from collabslam.types import Frame, Status, Target, WornView
+
+    __version__: str
 
 __all__ = [
     "Camera",
@@ -43,18 +43,29 @@ __all__ = [
     "run",
 ]
 
-_LAZY = {
-    "Slam": "collabslam.engine",
-    "StepResult": "collabslam.engine",
-    "attach_worn": "collabslam.datasets",
-    "open_recording": "collabslam.datasets",
+_HOMES = {
+    "Camera": "_core",
+    "Filter": "_core",
+    "Frame": "types",
+    "Settings": "settings",
+    "Slam": "engine",
+    "Status": "types",
+    "StepResult": "engine",
+    "Target": "types",
+    "WornView": "types",
+    "__version__": "_core",
+    "attach_worn": "datasets",
+    "open_recording": "datasets",
 }
+"""Module that each public name is imported from on first use."""
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _LAZY:
+    if name == "run":
+        return import_module("collabslam.run")
+    if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(_LAZY[name]), name)
+    value = getattr(import_module(f"collabslam.{_HOMES[name]}"), name)
     globals()[name] = value
     return value
 

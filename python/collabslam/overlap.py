@@ -124,7 +124,9 @@ class WornLook:
                 f"({camera.height}, {camera.width}) uint8; scale the calibration or the images."
             )
 
-    def match(self, image: Image, worn: WornView | None, found: Found, tracks: Tracks, missing: int) -> Overlap:
+    def match(
+        self, image: Image, worn: WornView | None, found: Found, tracks: Tracks, missing: int
+    ) -> Overlap:
         """Pairs of this frame; known features first, then as many new points as the view is missing."""
         started = self._filter.started
         if worn is None or self._worn_camera is None or (started and self._only_start):
@@ -155,9 +157,7 @@ class WornLook:
             self._options,
         )
         ids = np.concatenate([found.searched[known], np.full(len(unknown), -1)])
-        candidates = np.concatenate(
-            [np.full(len(known), -1), found.candidates, np.full(len(fresh), -1)]
-        )
+        candidates = np.concatenate([np.full(len(known), -1), found.candidates, np.full(len(fresh), -1)])
         chosen = self._choose(ids[matches.index], matches, missing)
         rows = matches.index[chosen]
         return Overlap(

@@ -1,4 +1,4 @@
-"""What the front end remembers between frames: patches of features and candidates, and where they were last."""
+"""What the front end remembers between frames: patches of features and candidates, and their last pixels."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Tracks:
         self._previous: Image | None = None
 
     def search(self, image: Image, pose: Array, expected: dict[str, Any]) -> Found:
-        """Active search of the expected features, and candidates followed from the last frame (METHOD 7.3)."""
+        """Active search of the expected features; candidates are followed from the last frame (METHOD 7.3)."""
         ids: Ids = expected["ids"]
         waiting = np.array(sorted(self._candidate_last), dtype=np.int64)
         guess, followed = self._flow(image, ids, waiting)
@@ -97,7 +97,9 @@ class Tracks:
         alive = (result.code[n:] == FOUND) & usable[n:]
         found = Found(
             searched=ids[seen],
-            result=SearchResult(*(column[:n][seen] for column in result)),
+            result=SearchResult(
+                result.uv[:n][seen], result.score[:n][seen], result.second[:n][seen], result.code[:n][seen]
+            ),
             rho=expected["rho"][seen],
             rho_sd=expected["rho_sd"][seen],
             candidates=waiting[alive],
@@ -115,10 +117,10 @@ class Tracks:
         if self._previous is None:
             return guess, np.full((len(waiting), 2), np.nan)
         known = np.array([k for k, i in enumerate(ids.tolist()) if i in self._last], dtype=np.int64)
-        before = [self._last[int(i)] for i in ids[known]] + [self._candidate_last[i] for i in waiting.tolist()]
-        uv, ok = flow_guess(
-            self._previous, image, np.reshape(before, (-1, 2)), None, self._settings.flow
-        )
+        before = [self._last[int(i)] for i in ids[known]] + [
+            self._candidate_last[i] for i in waiting.tolist()
+        ]
+        uv, ok = flow_guess(self._previous, image, np.reshape(before, (-1, 2)), None, self._settings.flow)
         uv = np.where(ok[:, None], uv, np.nan)
         guess[known] = uv[: len(known)]
         return guess, uv[len(known) :]

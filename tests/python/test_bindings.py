@@ -69,7 +69,7 @@ CALLS: dict[str, tuple[Callable[[Filter], object], str]] = {
     "id unknown": (lambda f: f.update(NO_IDS, UNKNOWN, ONE_UV), "id 1000000"),
     "id searched unknown": (lambda f: f.update(UNKNOWN, NO_IDS, NO_UV), "id 1000000"),
     "id negative": (lambda f: f.update(NO_IDS, np.array([-1]), ONE_UV), "no feature"),
-    "id twice": (lambda f: f.update(NO_IDS, np.repeat(_one(f), 2), np.zeros((2, 2))), "measured twice"),
+    "id twice": (lambda f: f.update(NO_IDS, np.repeat(_one(f), 2), np.zeros((2, 2))), "twice"),
     "worn pose shape": (lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(np.eye(3))), "t_cf has shape"),
     "worn pose nan": (lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(NAN_POSE)), "T_CF"),
     "worn pose stretched": (

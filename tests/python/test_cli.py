@@ -335,7 +335,8 @@ def test_table_takes_medians_and_names_what_is_missing(
     def answer(tasks: list[table.Task], jobs: int, out: Path | None) -> list[list[dict]]:
         asked.extend(tasks)
         numbers = {"ate_pct": 1.0, "avg_error_pct": 2.0, "ok_share": 0.98, "nees_mean": 7.0, "frames": 150,
-                   "ms_per_frame": {"step": 20.0}, "features_per_frame": 50.0, "target_residual_max_px": None}  # fmt: skip
+                   "ms_per_frame": {"step": 20.0}, "features_per_frame": 50.0,
+                   "target_residual_max_px": None}  # fmt: skip
         return [
             [
                 {**numbers, "entry": t.entry.name, "mode": m, "seed": t.seed, "ate_pct": 1.0 + t.seed}

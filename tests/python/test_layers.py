@@ -83,9 +83,9 @@ def test_every_public_name_is_there() -> None:
     assert set(collabslam.__all__) <= set(dir(collabslam))
 
 
-def test_run_is_the_function_whatever_is_imported_first() -> None:
-    code = "import collabslam.run, collabslam.cli; from collabslam import run; print(callable(run))"
-    assert _python("-c", code).strip() == "True"
+@pytest.mark.parametrize("first", ["collabslam", "collabslam.run", "collabslam.cli"])
+def test_run_is_its_module_whatever_is_imported_first(first: str) -> None:
+    assert _python("-c", f"import collabslam, {first}; print(callable(collabslam.run.run))").strip() == "True"
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:

@@ -193,7 +193,6 @@ fn triangulated_points() {
         let view = at(&pair.uv, &pair.uv_f, &worn.t_cf);
         let j = view.point_by_tangent();
         let stated = view.point_noise(sigma, sigma_f) + j * worn.covariance * j.transpose();
-        let range = 1.0 / view.rho;
         let mut draw = |linear: bool| -> Vec<DVector<f64>> {
             (0..SAMPLES)
                 .map(|_| {
@@ -205,7 +204,7 @@ fn triangulated_points() {
                         &worn.t_cf.retract(&(chol * normals::<6>(&mut rng))),
                     );
                     let sample = if linear {
-                        sample.at_range(range)
+                        sample.at_point(&view.point())
                     } else {
                         sample
                     };

@@ -4,6 +4,7 @@ use crate::birth::new_feature::{FirstPoseCovariance, NewFeature};
 use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
 use crate::filter::Filter;
+use crate::frame::check_once;
 use crate::math::pose::Pose;
 use crate::math::quat;
 use crate::observe::point::CameraPose;
@@ -98,11 +99,13 @@ impl Filter {
     /// Observes candidates in the present view; those with enough baseline and parallax are born (DI-D).
     ///
     /// # Errors
-    /// `UnknownFeature` for an id that is not a candidate, `NonFinite` for a bad pixel; nothing changes then.
+    /// `UnknownFeature` for an id that is not a candidate, `NonFinite` for a bad pixel, `InvalidInput` for an id given
+    /// twice; nothing changes then.
     pub fn observe_candidates(
         &mut self,
         seen: &[(u64, Vector2<f64>)],
     ) -> Result<Vec<CandidateOutcome>, EkfError> {
+        check_once("candidates", seen.iter().map(|(id, _)| *id).collect())?;
         for (id, uv) in seen {
             self.check_pixels(std::slice::from_ref(uv))?;
             if !self.candidates.contains_key(id) {

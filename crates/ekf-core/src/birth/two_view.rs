@@ -34,7 +34,9 @@ pub struct TwoView {
     pub other_ray: Vector3<f64>,
     /// Rotation of the other view in C.
     pub rotation: Matrix3<f64>,
-    linearised_at: Option<f64>,
+    /// Position of the other view in C, metres.
+    pub translation: Vector3<f64>,
+    linearised_at: Option<Vector3<f64>>,
 }
 
 impl TwoView {
@@ -91,6 +93,7 @@ impl TwoView {
             rho_by_ray,
             other_ray: b,
             rotation,
+            translation: t,
             linearised_at: None,
         })
     }
@@ -114,10 +117,16 @@ impl TwoView {
         j
     }
 
-    /// The same measurement of rho, its point taken by linearisation at another range: the point's error is then
-    /// linear in that of rho, and neither its mean nor its covariance depends on the noise.
-    pub fn at_range(mut self, range: f64) -> Self {
-        self.linearised_at = Some(range);
+    /// The same measurement, its point taken by linearisation at a predicted one (metres in C): the range at which
+    /// the pixel counts, and the direction in which an error of rho moves it. At the measured ones, near errors would
+    /// weigh more than far ones, and a range error times the angle to the predicted ray would pass for a lateral one.
+    ///
+    /// Along the baseline the derivative is the secant to the predicted rho, which is exact: rho goes as 1 / |t|. The
+    /// tangent at the measured rho is steeper for short baselines, and gives them too little weight.
+    pub fn at_point(mut self, predicted: &Vector3<f64>) -> Self {
+        let excess = self.rho - 1.0 / predicted.norm();
+        self.rho_by_t += self.translation.transpose() * (excess / self.translation.norm_squared());
+        self.linearised_at = Some(*predicted);
         self
     }
 
@@ -129,18 +138,21 @@ impl TwoView {
 
     /// The point on Cs's ray, metres in C.
     pub fn point(&self) -> Vector3<f64> {
-        let range = self.range();
-        self.ray * (range - range * range * (self.rho - 1.0 / range))
+        let (range, by_rho) = self.linear_point();
+        self.ray * range + by_rho * (self.rho - 1.0 / range)
     }
 
-    fn range(&self) -> f64 {
-        self.linearised_at.unwrap_or(1.0 / self.rho)
+    /// Range at which the point is taken, and its derivative by rho there.
+    fn linear_point(&self) -> (f64, Vector3<f64>) {
+        match &self.linearised_at {
+            Some(point) => (point.norm(), -point * point.norm()),
+            None => (1.0 / self.rho, -self.ray / (self.rho * self.rho)),
+        }
     }
 
     /// Its covariance from the pixels alone (METHOD 6: T_CF's part is kept apart).
     pub fn point_noise(&self, sigma_px: f64, other_sigma_px: f64) -> Matrix3<f64> {
-        let range = self.range();
-        let by_rho = -self.ray * (range * range);
+        let (range, by_rho) = self.linear_point();
         let by_pixel = self.ray_by_pixel * range + by_rho * self.rho_by_pixel;
         let by_other = by_rho * self.rho_by_other_pixel;
         by_pixel * by_pixel.transpose() * (sigma_px * sigma_px)
@@ -149,6 +161,6 @@ impl TwoView {
 
     /// Its derivative by the right tangent of the other view's pose (METHOD 6: `J_T`), 3x6.
     pub fn point_by_tangent(&self) -> SMatrix<f64, 3, 6> {
-        -self.ray * self.range().powi(2) * self.rho_by_tangent()
+        self.linear_point().1 * self.rho_by_tangent()
     }
 }

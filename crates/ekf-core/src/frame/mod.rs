@@ -187,13 +187,19 @@ impl Filter {
         for id in ids {
             self.feature_block(id)?;
         }
-        let mut seen: Vec<u64> = z.bearings.iter().map(|b| b.id).collect();
-        seen.sort_unstable();
-        if seen.windows(2).any(|w| w[0] == w[1]) {
-            return Err(EkfError::InvalidInput {
-                what: "bearings",
-                why: "a feature is measured twice; give each feature one pixel".into(),
-            });
+        let lists: [(&'static str, Vec<u64>); 2] = [
+            ("bearings", z.bearings.iter().map(|b| b.id).collect()),
+            (
+                "worn pairs and depths",
+                pairs
+                    .iter()
+                    .filter_map(|p| p.id)
+                    .chain(z.depths.iter().filter_map(|d| d.id))
+                    .collect(),
+            ),
+        ];
+        for (what, ids) in lists {
+            check_once(what, ids)?;
         }
         for depth in &z.depths {
             let good = |x: f64| x.is_finite() && x > 0.0;
@@ -390,6 +396,18 @@ impl Filter {
             self.records.clear();
         }
     }
+}
+
+/// Each feature once.
+pub(crate) fn check_once(what: &'static str, mut ids: Vec<u64>) -> Result<(), EkfError> {
+    ids.sort_unstable();
+    if ids.windows(2).all(|w| w[0] != w[1]) {
+        return Ok(());
+    }
+    Err(EkfError::InvalidInput {
+        what,
+        why: "an id stands twice; give each feature or candidate one measurement".into(),
+    })
 }
 
 fn check_pose(pose: &Pose, covariance: &Matrix6<f64>) -> Result<(), EkfError> {

@@ -118,8 +118,7 @@ impl Filter {
             .ok_or(Outcome::NotVisible)?;
         let (pose, feature) = (self.state.camera_pose(), self.state.feature(&block));
         let predicted = PointInCamera::metric(&pose, &feature).ok_or(Outcome::NotVisible)?;
-        // Taken at the predicted range: at the measured one, near errors would weigh more than far ones.
-        let view = view.at_range(predicted.value.norm());
+        let view = view.at_point(&predicted.value);
         let (sigma, sigma_f) = (self.settings.pixel.sigma_cs, self.settings.pixel.sigma_cf);
         if self.rho_variance(worn, &view).sqrt() > self.settings.worn.max_range_ratio * view.rho {
             return Err(Outcome::TooUncertain);

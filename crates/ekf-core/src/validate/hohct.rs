@@ -73,7 +73,7 @@ impl Default for HohctSettings {
     fn default() -> Self {
         Self {
             level: 0.95,
-            max_nodes: 20_000,
+            max_nodes: 2_000,
             max_share: 0.5,
         }
     }
@@ -604,22 +604,35 @@ impl Level {
             let (si, ni) = (units.start(i), units.count(i));
             for &j in &self.universe[..index] {
                 let (sj, nj) = (units.start(j), units.count(j));
-                let mut squares = [0.0; THETAS.len()];
+                // |A_ij|^2, <A_ij, P_ij>, |P_ij|^2 make the norm for every share.
+                let (mut own2, mut mixed, mut shared2) = (0.0, 0.0, 0.0);
                 for r in si..si + ni {
                     for c in sj..sj + nj {
                         let shared = dot(self.v_row(r), self.v_row(c));
                         let own = a[c * m + r];
-                        for (square, theta) in squares.iter_mut().zip(THETAS) {
-                            *square += (own - shared / theta).powi(2);
-                        }
+                        own2 += own * own;
+                        mixed += own * shared;
+                        shared2 += shared * shared;
                     }
                 }
-                for k in 0..THETAS.len() {
-                    let scale = self.floor[k][i].max(0.0) * self.floor[k][j].max(0.0);
-                    let value = (squares[k] / scale).sqrt();
-                    let value = if value.is_nan() { f64::INFINITY } else { value };
-                    couplings[k][i * n + j] = value;
-                    couplings[k][j * n + i] = value;
+                for (table, theta) in couplings.iter_mut().zip(THETAS) {
+                    let square = own2 - (2.0 * mixed - shared2 / theta) / theta;
+                    table[i * n + j] = square.max(0.0);
+                }
+            }
+        }
+        for (table, floor) in couplings.iter_mut().zip(&self.floor) {
+            for (index, &i) in self.universe.iter().enumerate() {
+                table[i * n + i] = 0.0;
+                for &j in &self.universe[..index] {
+                    let scale = floor[i].max(0.0) * floor[j].max(0.0);
+                    let value = if scale > 0.0 {
+                        (table[i * n + j] / scale).sqrt()
+                    } else {
+                        f64::INFINITY
+                    };
+                    table[i * n + j] = value;
+                    table[j * n + i] = value;
                 }
             }
         }
@@ -997,7 +1010,15 @@ impl<'a> Search<'a> {
 
     /// Sets without some of the units of `G` at positions from `position` on, by the first of them.
     fn bring_back(&mut self, depth: usize, position: usize, left: usize) {
-        let (gains, _) = self.bounded_gains(depth, left);
+        let mut gains = [0.0; THETAS.len()];
+        if left > 0 {
+            if left > 1 {
+                self.levels[depth].work_out_couplings(self.a, self.units);
+            }
+            for (k, gain) in gains.iter_mut().enumerate().skip(1) {
+                *gain = self.bounded_gain(depth, left, k).0;
+            }
+        }
         let first = self.first_index(depth, position);
         for at in position..self.greedy.units.len() {
             let unit = self.greedy.units[at];
@@ -1056,9 +1077,20 @@ impl<'a> Search<'a> {
                 Outlook::Decide(best.1)
             };
         }
-        let (gains, worst) = self.bounded_gains(depth, left);
-        if !self.can_win(depth, position, left, 0, gains, 0.0) {
-            return Outlook::Refuted;
+        if left > 1 {
+            self.levels[depth].work_out_couplings(self.a, self.units);
+        }
+        // Each share bounds by itself; as a rule the first one is enough.
+        let mut gains = [f64::INFINITY; THETAS.len()];
+        let mut worst = 0;
+        for k in if must { 1 } else { 0 }..THETAS.len() {
+            (gains[k], worst) = self.bounded_gain(depth, left, k);
+            if !self.can_win(depth, position, left, 0, gains, 0.0) {
+                return Outlook::Refuted;
+            }
+        }
+        if must {
+            gains[0] = self.bounded_gain(depth, left, 0).0;
         }
         // Is it Young's inequality that is too loose, or the couplings?
         let exact = [gains[0]; THETAS.len()];
@@ -1069,45 +1101,36 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Bounds on what `left` candidates add if nothing (first) or something (second) is brought back, and the
-    /// candidate whose couplings loosen them most.
-    fn bounded_gains(&mut self, depth: usize, left: usize) -> (PerTheta<f64>, usize) {
-        if left == 0 {
-            return ([0.0; THETAS.len()], usize::MAX);
-        }
+    /// Bound on what `left` candidates add for the share `k` (the first if nothing is brought back), and the candidate
+    /// whose couplings loosen it most.
+    fn bounded_gain(&mut self, depth: usize, left: usize, k: usize) -> (f64, usize) {
         let n = self.units.len();
-        let level = &mut self.levels[depth];
-        if left > 1 {
-            level.work_out_couplings(self.a, self.units);
-        }
         let level = &self.levels[depth];
         let mut worst = (f64::NEG_INFINITY, f64::NEG_INFINITY, usize::MAX);
-        let mut gains = [0.0; THETAS.len()];
-        for (k, gain) in gains.iter_mut().enumerate() {
-            self.sums.terms.clear();
-            for &unit in &level.candidates {
-                let mut coupling = 0.0;
-                if left > 1 {
-                    let row = &level.gain_coupling[k][unit * n..(unit + 1) * n];
-                    let others = level.candidates.iter().filter(|&&other| other != unit);
-                    self.sums.picked.clear();
-                    self.sums.picked.extend(others.map(|&other| row[other]));
-                    coupling = sum_of_largest(&mut self.sums.picked, left - 1);
-                }
-                let bounded = if coupling < 1.0 {
-                    level.gains[k][unit] / (1.0 - coupling)
-                } else {
-                    f64::INFINITY
-                };
-                let excess = bounded - level.gains[0][unit];
-                if excess > worst.0 || (excess == worst.0 && coupling > worst.1) {
-                    worst = (excess, coupling, unit);
-                }
-                self.sums.terms.push(bounded - self.penalty(unit));
+        self.sums.terms.clear();
+        for &unit in &level.candidates {
+            let mut coupling = 0.0;
+            if left > 1 {
+                let row = &level.gain_coupling[k][unit * n..(unit + 1) * n];
+                // A unit is not coupled to itself: its own entry is zero.
+                self.sums.picked.clear();
+                self.sums
+                    .picked
+                    .extend(level.candidates.iter().map(|&other| row[other]));
+                coupling = sum_of_largest(&mut self.sums.picked, left - 1);
             }
-            *gain = sum_of_largest(&mut self.sums.terms, left);
+            let bounded = if coupling < 1.0 {
+                level.gains[k][unit] / (1.0 - coupling)
+            } else {
+                f64::INFINITY
+            };
+            let excess = bounded - level.gains[0][unit];
+            if excess > worst.0 || (excess == worst.0 && coupling > worst.1) {
+                worst = (excess, coupling, unit);
+            }
+            self.sums.terms.push(bounded - self.penalty(unit));
         }
-        (gains, worst.2)
+        (sum_of_largest(&mut self.sums.terms, left), worst.2)
     }
 
     /// Whether a set below a node may win that brings back at least `fewest` units and gains at most `gains` (if
