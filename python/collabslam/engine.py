@@ -146,7 +146,9 @@ class Slam:
         self.filter = _core.Filter(camera, worn_camera, settings=dict(settings.section("filter")))
         self._tracks = Tracks(camera, self._options)
         self._look = WornLook(self.filter, camera, worn_camera, settings, self._options)
-        self._target_start = TargetStart(self.filter, camera, target, self._options) if target else None
+        self._target_start: TargetStart | None = None
+        if start == "target" and target is not None:
+            self._target_start = TargetStart(self.filter, camera, target, self._options)
         self._monitor = StatusMonitor()
 
     def step(self, t: float, image: Image, worn: WornView | None = None) -> StepResult:
@@ -170,6 +172,7 @@ class Slam:
         _check_image(image, self._camera, "image")
         self._look.check(worn)
         stages = _Stages()
+        was_started = self.filter.started
         self.filter.predict(t)  # 1
         expected = self.filter.predict_pixels()  # 2
         stages.done("predict")
@@ -184,14 +187,16 @@ class Slam:
         self._tracks.forget_features(deleted)
         self._tracks.keep_candidates(self.filter.candidates)
         births["births_undelayed"] = self._new_points(image, found)
-        stages.done("map")
         accepted = sum(o in ("pixel", "replaced") for o in report.bearings) + births["births_instant"]
         target_residual = float("nan")
         if self._target_start is not None:
             if not self.filter.started:
                 births["births_instant"] = accepted = self._start_from_target(image)
             target_residual = self._target_start.residual(image, self.filter.pose)
-        status = self._monitor.update(t, accepted if self.filter.started else 0)
+        if not was_started:
+            accepted += births["births_undelayed"]
+        stages.done("map")
+        status = self._monitor.update(t, accepted) if self.filter.started else Status.COASTING
         diagnostics = {
             **_search_counts(expected["ids"], found, report),
             **overlap.counts(report),
@@ -248,9 +253,10 @@ class Slam:
         scale_free = not self.filter.started and self._start == "scale-free"
         if not (self.filter.started or scale_free):
             return 0
+        # Half as many again as wanted, because candidates get lost; none while the view is full.
         pixels = self._tracks.pixels
-        lacking = self._in_view - len(pixels)
-        if lacking < self._in_view // 8:
+        lacking = self._in_view * 3 // 2 - len(pixels)
+        if lacking < self._in_view // 8 or len(found.ids) >= self._in_view:
             return 0
         options = self._options
         uv = detect_corners(image, pixels, lacking, options.detect, options.patch.size)

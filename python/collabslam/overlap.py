@@ -123,6 +123,7 @@ class WornLook:
                 f"the worn image is {worn.image.shape} {worn.image.dtype}, its calibration is for "
                 f"({camera.height}, {camera.width}) uint8; scale the calibration or the images."
             )
+        self._filter.predict_overlap(worn.t_cf, worn.covariance)  # raises for an impossible pose
 
     def match(
         self, image: Image, worn: WornView | None, found: Found, tracks: Tracks, missing: int

@@ -197,7 +197,7 @@ def test_run_command(
     monkeypatch.chdir(tmp_path)
     assert cli.main(["run", "anything", "--worn-available", "40%"]) == 0
     shown = capsys.readouterr()
-    assert "walk, collab, start worn" in shown.out
+    assert "walk, collab-tight, start worn" in shown.out
     assert "30/30 frames" in shown.err  # no terminal: plain lines
     stored = json.loads(Path("results/walk-collab/summary.json").read_text())
     assert stored["options"]["worn_available"] == 0.4

@@ -9,6 +9,7 @@ use crate::batch::Workspace;
 use crate::camera::Camera;
 use crate::drift::FrameDrift;
 use crate::error::EkfError;
+use crate::frame::check_pose;
 use crate::map::{Candidate, FeatureRecord};
 use crate::math::pose::Pose;
 use crate::math::quat;
@@ -223,7 +224,7 @@ impl Filter {
     /// Whether Cs and Cf look at the same place, and where in both images (METHOD 9).
     ///
     /// # Errors
-    /// `InvalidInput` without a camera model of Cf.
+    /// `InvalidInput` without a camera model of Cf or for an impossible pose or covariance, `NonFinite`.
     pub fn overlap(
         &self,
         t_cf: &Pose,
@@ -233,6 +234,7 @@ impl Filter {
             what: "worn camera",
             why: "the filter was made without a camera model of Cf; give one".into(),
         })?;
+        check_pose(t_cf, covariance)?;
         let options = &self.settings.overlap;
         let settings = overlap::OverlapSettings {
             near_m: options.near,

@@ -180,6 +180,8 @@ impl Camera {
     pub fn distortion_parameters(&self) -> &[f64] {
         match &self.distortion {
             Distortion::None => &[],
+            // Given back as most calibrations write it: k3 only where there is one.
+            Distortion::RadTan(k) if k[4] == 0.0 => &k[..4],
             Distortion::RadTan(k) => k,
             Distortion::Fisheye(k) => k,
             Distortion::WideAngle(k) => std::slice::from_ref(k),

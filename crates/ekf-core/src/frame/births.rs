@@ -1,6 +1,9 @@
 //! Births that the worn camera or another source of depth makes possible (METHOD 5, 6, 10).
 
-use super::{DepthObservation, Measurements, Outcome, UpdateReport, WornObservation, check_pose};
+use super::{
+    DepthObservation, Measurements, Outcome, UpdateReport, WornObservation, check_pose,
+    is_covariance,
+};
 use crate::birth::new_feature::NewFeature;
 use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
@@ -209,8 +212,25 @@ impl Filter {
                 why: "the filter has started already; make a new one".into(),
             });
         }
-        if !points.iter().all(|p| p.iter().all(|x| x.is_finite())) {
-            return Err(EkfError::NonFinite { what: "points" });
+        let all = points.iter().flat_map(|p| p.iter());
+        let all = all.chain(noise.iter().flat_map(|m| m.iter()));
+        let mut all = all.chain(shared.iter().flat_map(|m| m.iter()));
+        if !all.all(|x| x.is_finite()) {
+            return Err(EkfError::NonFinite {
+                what: "points, noise or shared",
+            });
+        }
+        if points.is_empty() || points.iter().any(|p| p.norm() < 1e-6) {
+            return Err(EkfError::InvalidInput {
+                what: "points",
+                why: "there must be at least one, none of them at the camera's centre".into(),
+            });
+        }
+        if !noise.iter().all(is_covariance) {
+            return Err(EkfError::InvalidInput {
+                what: "noise",
+                why: "each must be symmetric positive semi-definite".into(),
+            });
         }
         check_pose(&Pose::identity(), covariance)?;
         let error =

@@ -12,7 +12,7 @@ use crate::settings::{BatchTestKind, Mode, WornErrors};
 use crate::state::{BlockKind, POSE_DIM};
 use crate::validate::{self, BatchTest, HohctSettings, JcbbSettings, OnePointSettings};
 
-use nalgebra::{Matrix3, Matrix6, Vector2, Vector6};
+use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, Vector2, Vector6};
 use units::{Source, leave_out, note};
 
 /// A feature found in Cs.
@@ -410,7 +410,8 @@ pub(crate) fn check_once(what: &'static str, mut ids: Vec<u64>) -> Result<(), Ek
     })
 }
 
-fn check_pose(pose: &Pose, covariance: &Matrix6<f64>) -> Result<(), EkfError> {
+/// A rotation matrix, a position and a symmetric positive semi-definite covariance, all finite.
+pub(crate) fn check_pose(pose: &Pose, covariance: &Matrix6<f64>) -> Result<(), EkfError> {
     let finite = pose
         .rotation
         .iter()
@@ -429,14 +430,18 @@ fn check_pose(pose: &Pose, covariance: &Matrix6<f64>) -> Result<(), EkfError> {
             why: "its upper left 3x3 is not a rotation matrix".into(),
         });
     }
-    let asymmetry = (covariance - covariance.transpose()).abs().max();
-    let scale = covariance.abs().max();
-    let least = covariance.symmetric_eigenvalues().min();
-    if asymmetry > 1e-9 * scale || least < -1e-9 * scale {
+    if !is_covariance(covariance) {
         return Err(EkfError::InvalidInput {
             what: "covariance of T_CF",
             why: "it is not symmetric positive semi-definite".into(),
         });
     }
     Ok(())
+}
+
+/// Whether a finite matrix is symmetric and positive semi-definite, up to rounding.
+pub(crate) fn is_covariance<const N: usize>(m: &SMatrix<f64, N, N>) -> bool {
+    let scale = m.abs().max();
+    let eigenvalues = DMatrix::from_column_slice(N, N, m.as_slice()).symmetric_eigenvalues();
+    (m - m.transpose()).abs().max() <= 1e-9 * scale && eigenvalues.min() >= -1e-9 * scale
 }

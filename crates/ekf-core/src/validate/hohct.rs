@@ -691,6 +691,8 @@ impl Thresholds {
 
 /// Most groups that are looked at together.
 const MOST_INTACT: usize = 4;
+/// Most choices of groups that are looked at for one size.
+const MOST_CHOICES: usize = 40;
 
 /// `S`, `g` and the units.
 #[derive(Clone, Copy)]
@@ -716,6 +718,8 @@ struct Pigeonhole {
     allowed: Vec<f64>,
     /// Groups taken, then units of `G` chosen.
     groups: Vec<usize>,
+    /// Rows before each group taken.
+    marks: Vec<usize>,
     chosen: Joint,
     positions: Vec<usize>,
 }
@@ -749,10 +753,15 @@ impl Pigeonhole {
         let number = most + intact;
         self.groups.clear();
         self.groups.extend(0..intact);
+        self.marks.clear();
+        self.marks.resize(intact, 0);
+        self.joint.clear();
+        let mut changed = 0;
         loop {
-            self.joint.clear();
-            for &group in &self.groups {
-                for &unit in self.outside.iter().skip(group).step_by(number) {
+            self.joint.truncate(self.marks[changed]);
+            for k in changed..intact {
+                self.marks[k] = self.joint.len();
+                for &unit in self.outside.iter().skip(self.groups[k]).step_by(number) {
                     self.joint.push(rows.s, rows.ld, rows.g, rows.units, unit);
                 }
             }
@@ -774,6 +783,7 @@ impl Pigeonhole {
             for k in last + 1..intact {
                 self.groups[k] = self.groups[k - 1] + 1;
             }
+            changed = last;
         }
     }
 
@@ -826,7 +836,7 @@ impl Pigeonhole {
 }
 
 /// Most choices from `G` that are looked at for one group.
-const MAX_STEPS: usize = 5_000;
+const MAX_STEPS: usize = 500;
 
 /// Depth-first search over all sets.
 struct Search<'a> {
@@ -938,7 +948,10 @@ impl<'a> Search<'a> {
                 if self.refute_by_groups(left, most, 1) {
                     break;
                 }
-                if (1..=MOST_INTACT).any(|intact| self.refute_by_groups(left, left, intact)) {
+                let refuted = (1..=MOST_INTACT)
+                    .filter(|&intact| choices(left + intact, intact) <= MOST_CHOICES)
+                    .any(|intact| self.refute_by_groups(left, left, intact));
+                if refuted {
                     continue;
                 }
             }
@@ -1281,6 +1294,11 @@ impl<'a> Search<'a> {
         table.values[start + extra] = reduction;
         table.update_target(order);
     }
+}
+
+/// `n` choose `k`.
+fn choices(n: usize, k: usize) -> usize {
+    (0..k).fold(1, |product, i| product * (n - i) / (i + 1))
 }
 
 /// Order of the sets below a level if nothing is brought back.
