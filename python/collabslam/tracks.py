@@ -76,7 +76,7 @@ class Tracks:
         self._previous: Image | None = None
 
     def search(self, image: Image, pose: Array, expected: dict[str, Any]) -> Found:
-        """Active search of the expected features; candidates are followed from the last frame (METHOD 7.3)."""
+        """Active search of the expected features; candidates are followed into this frame (METHOD 7.3)."""
         ids: Ids = expected["ids"]
         waiting = np.array(sorted(self._candidate_last), dtype=np.int64)
         guess, followed = self._flow(image, ids, waiting)

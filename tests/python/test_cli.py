@@ -99,7 +99,7 @@ def _walk_instead(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_run_writes_results_and_scores_them(tmp_path: Path) -> None:
-    summary = go(Walk(), tmp_path, mode="collab", seed=3)
+    summary = go(Walk(), tmp_path, mode="collab-tight", seed=3)
     stored = json.loads((tmp_path / "summary.json").read_text())
     assert stored["frames"] == stored["frames_ok"] == 30
     assert stored["scale_error"] == pytest.approx(1 / 1.05 - 1, abs=1e-6)
@@ -199,7 +199,7 @@ def test_run_command(
     shown = capsys.readouterr()
     assert "walk, collab-tight, start worn" in shown.out
     assert "30/30 frames" in shown.err  # no terminal: plain lines
-    stored = json.loads(Path("results/walk-collab/summary.json").read_text())
+    stored = json.loads(Path("results/walk-collab-tight/summary.json").read_text())
     assert stored["options"]["worn_available"] == 0.4
     assert stored["frames_worn"] == 15
     assert cli.main(["run", "anything", "--worn", "none", "--out", "mono"]) == 0

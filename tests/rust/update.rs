@@ -216,14 +216,11 @@ fn units(
                 Rows::worn_pixel(&view, &pose, &y, &pair.uv_f, pixel.sigma_cf)
             }
             Outcome::Depth => {
-                let range = PointInCamera::metric(&pose, &y)
-                    .expect("rho > 0")
-                    .value
-                    .norm();
+                let predicted = PointInCamera::metric(&pose, &y).expect("rho > 0").value;
                 let t_cf = worn.t_cf.retract(&error);
                 let view = TwoView::new(camera, &pair.uv, camera, &pair.uv_f, &t_cf)
                     .expect("rays meet")
-                    .at_range(range);
+                    .at_point(&predicted);
                 let j = view.point_by_tangent();
                 let mut noise = view.point_noise(pixel.sigma_cs, pixel.sigma_cf);
                 let shared = dense.worn.map(|_| (&error, &j));

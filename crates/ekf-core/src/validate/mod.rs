@@ -110,7 +110,7 @@ pub struct Verdict {
     pub exact: bool,
     /// Whether the accepted units may be used. False if no hypothesis could be accepted: then all are rejected.
     pub passed: bool,
-    /// Number of hypotheses looked at.
+    /// Number of hypotheses looked at, as the budget counts them.
     pub nodes: usize,
 }
 

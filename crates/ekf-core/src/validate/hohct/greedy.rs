@@ -1,0 +1,99 @@
+//! The greedy set `G` of HOHCT: the best single unit given those already out, again and again.
+
+use crate::chi2;
+use crate::validate::{MAX_ROWS, Units, block_distance};
+
+/// The greedy set, by pivoted Cholesky of the whitened `A`: `O(m)` per row taken and row taken before.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Greedy {
+    pub(super) units: Vec<usize>,
+    pub(super) reduction: f64,
+    pub(super) taken: Vec<bool>,
+    /// `z` given that the units so far are out.
+    pub(super) z: Vec<f64>,
+    /// Diagonal blocks of `A` likewise, `3 x 3` each.
+    pub(super) blocks: Vec<[[f64; MAX_ROWS]; MAX_ROWS]>,
+    /// Columns of the factor, `m` each.
+    pub(super) columns: Vec<f64>,
+}
+
+impl Greedy {
+    pub(super) fn start(&mut self, z: &[f64], units: Units) {
+        let mut identity = [[0.0; MAX_ROWS]; MAX_ROWS];
+        for (k, row) in identity.iter_mut().enumerate() {
+            row[k] = 1.0;
+        }
+        self.units.clear();
+        self.reduction = 0.0;
+        self.taken.clear();
+        self.taken.resize(units.len(), false);
+        self.z.clear();
+        self.z.extend_from_slice(z);
+        self.blocks.clear();
+        self.blocks.resize(units.len(), identity);
+        self.columns.clear();
+    }
+
+    /// The unit whose removal leaves the largest tail probability.
+    pub(super) fn choose(&self, units: Units, d2: f64, dof: usize) -> usize {
+        let mut best = [(f64::NEG_INFINITY, usize::MAX); MAX_ROWS];
+        for unit in 0..units.len() {
+            if !self.taken[unit] {
+                let rows = units.count(unit);
+                let z = &self.z[units.start(unit)..][..rows];
+                let gain = block_distance(&self.blocks[unit], z);
+                if gain > best[rows - 1].0 {
+                    best[rows - 1] = (gain, unit);
+                }
+            }
+        }
+        let mut kinds = best.iter().filter(|kind| kind.1 != usize::MAX);
+        if let (Some(only), None) = (kinds.next(), kinds.next()) {
+            return only.1;
+        }
+        let mut choice = (f64::NEG_INFINITY, usize::MAX);
+        for (rows, &(gain, unit)) in (1..=MAX_ROWS).zip(&best) {
+            if unit != usize::MAX {
+                let left = chi2::ln_survival((d2 - gain).max(0.0), (dof - rows) as f64);
+                if choice.1 == usize::MAX || left > choice.0 {
+                    choice = (left, unit);
+                }
+            }
+        }
+        choice.1
+    }
+
+    pub(super) fn remove(&mut self, a: &[f64], units: Units, unit: usize) {
+        let m = self.z.len();
+        self.taken[unit] = true;
+        self.units.push(unit);
+        for row in units.start(unit)..units.start(unit) + units.count(unit) {
+            let base = self.columns.len();
+            self.columns.extend_from_slice(&a[row * m..(row + 1) * m]);
+            let (before, column) = self.columns.split_at_mut(base);
+            for earlier in before.chunks_exact(m) {
+                let factor = earlier[row];
+                for (value, e) in column.iter_mut().zip(earlier) {
+                    *value -= factor * e;
+                }
+            }
+            let scale = 1.0 / column[row].max(f64::MIN_POSITIVE).sqrt();
+            for value in column.iter_mut() {
+                *value *= scale;
+            }
+            let weight = self.z[row] * scale;
+            self.reduction += weight * weight;
+            for (z, v) in self.z.iter_mut().zip(column.iter()) {
+                *z -= weight * v;
+            }
+            for (other, block) in self.blocks.iter_mut().enumerate() {
+                let part = &column[units.start(other)..units.start(other) + units.count(other)];
+                for (r, p) in part.iter().enumerate() {
+                    for (c, q) in part.iter().enumerate() {
+                        block[r][c] -= p * q;
+                    }
+                }
+            }
+        }
+    }
+}
