@@ -253,10 +253,9 @@ class Slam:
         scale_free = not self.filter.started and self._start == "scale-free"
         if not (self.filter.started or scale_free):
             return 0
-        # Half as many again as wanted, because candidates get lost; none while the view is full.
         pixels = self._tracks.pixels
-        lacking = self._in_view * 3 // 2 - len(pixels)
-        if lacking < self._in_view // 8 or len(found.ids) >= self._in_view:
+        lacking = self._in_view - len(pixels)
+        if lacking < self._in_view // 8:
             return 0
         options = self._options
         uv = detect_corners(image, pixels, lacking, options.detect, options.patch.size)
