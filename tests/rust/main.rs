@@ -1,6 +1,8 @@
 //! Tests of `ekf_core` from outside: one binary, one module per subject.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
+#![allow(clippy::print_stdout, reason = "a test may show its figures")]
+#![allow(clippy::needless_range_loop, reason = "indices stand for units")]
 
 mod births;
 mod cameras;
