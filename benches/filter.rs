@@ -1,8 +1,4 @@
 //! Parts of a filter step at N features and m rows: `cargo bench -p collabslam-benches`.
-#![expect(
-    missing_docs,
-    reason = "criterion's macros generate undocumented items"
-)]
 
 use criterion::{BatchSize, BenchmarkId, Criterion, criterion_group, criterion_main};
 use ekf_core::settings::Value;
