@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from collabslam._core import Camera
 
+from collabslam._core import Camera
 from collabslam.errors import SettingsError
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.flow import flow_guess, global_motion, track_candidates

@@ -7,8 +7,8 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
-from collabslam._core import Camera
 
+from collabslam._core import Camera
 from collabslam.errors import DataError, InputError
 from collabslam.frontend.describe import DESCRIPTORS, describe
 from collabslam.frontend.detect import detect_corners
