@@ -10,9 +10,9 @@ SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Ca
 demo: $(VENV)/.built
 	$(BIN)/collabslam demo --out results/demo
 
-# Every test, Rust and Python, and the lints.
+# Every test, Rust and Python, and the lints. (All Rust tests are in the default member, ekf-core.)
 test: $(VENV)/.built check
-	cargo test --release --workspace --locked
+	cargo test --release --locked
 	$(BIN)/python -m pytest
 
 check: $(VENV)/.built
