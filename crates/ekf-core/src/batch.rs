@@ -4,6 +4,7 @@
 //! formed: with `S = L L^T` and `V = P H^T L^-T`, the update is `x += V L^-1 g`, `P -= V V^T` (B1-B5).
 
 use crate::error::EkfError;
+use crate::kernel::{self, Panels};
 use crate::observe::Rows;
 use crate::state::{POSE_DIM, State};
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -12,7 +13,7 @@ use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
 };
 use faer::{MatMut, MatRef, Par, Spec};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, SVector};
 
 /// A measurement that is accepted or rejected as a whole.
 #[derive(Clone, Debug)]
@@ -31,12 +32,12 @@ pub struct Unit {
 #[derive(Default)]
 pub struct Workspace {
     units: Vec<Unit>,
+    fresh: Vec<Unit>,
     offsets: Vec<usize>,
     kept_rows: Vec<usize>,
-    pose_columns: Vec<f64>,
-    feature_columns: Vec<f64>,
-    worn_columns: Vec<f64>,
-    pht: Vec<f64>,
+    /// `P H^T`, and `V` in the end.
+    pht: Panels,
+    packed: Vec<f64>,
     s: Vec<f64>,
     l: Vec<f64>,
     g: Vec<f64>,
@@ -45,26 +46,6 @@ pub struct Workspace {
     weights: Vec<f64>,
     scratch: Option<MemBuffer>,
     scratch_dim: usize,
-}
-
-impl Unit {
-    /// `H (to - from)` of its rows.
-    fn step(&self, from: &[f64], to: &[f64]) -> Vector3<f64> {
-        let part = |offset: usize, c: usize| to[offset + c] - from[offset + c];
-        let mut sum = Vector3::zeros();
-        for c in 0..POSE_DIM {
-            sum += self.rows.by_pose.column(c) * part(0, c);
-        }
-        for c in 0..6 {
-            sum += self.rows.by_feature.column(c) * part(self.feature, c);
-        }
-        if let (Some(by_worn), Some(worn)) = (&self.rows.by_worn, self.worn) {
-            for c in 0..6 {
-                sum += by_worn.column(c) * part(worn, c);
-            }
-        }
-        sum
-    }
 }
 
 impl std::fmt::Debug for Workspace {
@@ -108,7 +89,7 @@ impl Workspace {
         self.offsets.last().copied().unwrap_or(0)
     }
 
-    /// Innovation covariance S, `m x m`, column-major, both triangles.
+    /// Innovation covariance S, `m x m`, lower triangle, column-major.
     pub fn s(&self) -> &[f64] {
         &self.s
     }
@@ -135,7 +116,6 @@ impl Workspace {
 
     /// Builds `P H^T`, S and g for the units (B4, B5).
     pub(crate) fn build(&mut self, state: &State) {
-        let n = state.p.dim();
         self.offsets.clear();
         self.offsets.push(0);
         for unit in &self.units {
@@ -143,42 +123,9 @@ impl Workspace {
             self.offsets.push(last + unit.rows.count);
         }
         let m = self.rows();
-        resize(&mut self.pht, n * m);
-        resize(&mut self.pose_columns, n * POSE_DIM);
-        resize(&mut self.feature_columns, n * 6);
-        resize(&mut self.worn_columns, n * 6);
-        state.p.columns(0, POSE_DIM, &mut self.pose_columns);
-        let mut worn_at = None;
-        for (u, unit) in self.units.iter().enumerate() {
-            state.p.columns(unit.feature, 6, &mut self.feature_columns);
-            if let Some(w) = unit.worn
-                && worn_at != Some(w)
-            {
-                state.p.columns(w, 6, &mut self.worn_columns);
-                worn_at = Some(w);
-            }
-            for r in 0..unit.rows.count {
-                let row = self.offsets[u] + r;
-                let out = &mut self.pht[row * n..(row + 1) * n];
-                out.fill(0.0);
-                for c in 0..POSE_DIM {
-                    axpy(unit.rows.by_pose[(r, c)], &self.pose_columns[c * n..], out);
-                }
-                for c in 0..6 {
-                    axpy(
-                        unit.rows.by_feature[(r, c)],
-                        &self.feature_columns[c * n..],
-                        out,
-                    );
-                }
-                if let (Some(by_worn), Some(_)) = (&unit.rows.by_worn, unit.worn) {
-                    for c in 0..6 {
-                        axpy(by_worn[(r, c)], &self.worn_columns[c * n..], out);
-                    }
-                }
-            }
-        }
-        self.gather_s(n, m);
+        self.pht.reshape(state.p.dim(), m);
+        kernel::fill(state.p.stored(), &self.units, &mut self.pht);
+        self.gather_s(m);
         self.collect_noise();
     }
 
@@ -187,32 +134,27 @@ impl Workspace {
         self.noise.extend(self.units.iter().map(|u| u.rows.noise));
     }
 
-    fn gather_s(&mut self, n: usize, m: usize) {
+    /// `S = H P H^T + R`, column by column: column `j`, whose row of H is that of `j`, from the rows of `P H^T` that it
+    /// touches.
+    fn gather_s(&mut self, m: usize) {
         resize(&mut self.s, m * m);
         resize(&mut self.g, m);
         for (u, unit) in self.units.iter().enumerate() {
             let (from, rows) = (self.offsets[u], &unit.rows);
-            for column in 0..m {
-                let pht = &self.pht[column * n..(column + 1) * n];
+            for k in from..m {
+                let mut sums = [0.0; 3];
+                self.pht.add(&mut sums, 0, k, &rows.by_pose);
+                self.pht.add(&mut sums, unit.feature, k, &rows.by_feature);
+                if let (Some(by_worn), Some(w)) = (&rows.by_worn, unit.worn) {
+                    self.pht.add(&mut sums, w, k, by_worn);
+                }
                 for r in 0..rows.count {
-                    let mut sum = 0.0;
-                    for (c, p) in pht[..POSE_DIM].iter().enumerate() {
-                        sum += rows.by_pose[(r, c)] * p;
-                    }
-                    for c in 0..6 {
-                        sum += rows.by_feature[(r, c)] * pht[unit.feature + c];
-                    }
-                    if let (Some(by_worn), Some(w)) = (&rows.by_worn, unit.worn) {
-                        for c in 0..6 {
-                            sum += by_worn[(r, c)] * pht[w + c];
-                        }
-                    }
-                    self.s[from + r + column * m] = sum;
+                    self.s[k + (from + r) * m] = sums[r];
                 }
             }
             for r in 0..rows.count {
                 self.g[from + r] = rows.innovation[r];
-                for c in 0..rows.count {
+                for c in 0..=r {
                     self.s[from + r + (from + c) * m] += rows.noise[(r, c)];
                 }
             }
@@ -264,7 +206,7 @@ impl Workspace {
 
     /// Leaves out units (increasing indices): their rows go from `P H^T`, S and g. S of the rest is factored anew
     /// by the caller, which at these sizes costs less than deleting rows from the factor one by one.
-    pub(crate) fn leave_out(&mut self, state_dim: usize, gone: &[usize]) {
+    pub(crate) fn leave_out(&mut self, gone: &[usize]) {
         if gone.is_empty() {
             return;
         }
@@ -277,12 +219,11 @@ impl Workspace {
         }
         let k = self.kept_rows.len();
         for (new, &old) in self.kept_rows.iter().enumerate() {
-            self.pht
-                .copy_within(old * state_dim..(old + 1) * state_dim, new * state_dim);
             self.g[new] = self.g[old];
         }
+        self.pht.keep_columns(&self.kept_rows);
         for (new_j, &j) in self.kept_rows.iter().enumerate() {
-            for (new_i, &i) in self.kept_rows.iter().enumerate() {
+            for (new_i, &i) in self.kept_rows.iter().enumerate().skip(new_j) {
                 self.s[new_i + new_j * k] = self.s[i + j * m];
             }
         }
@@ -301,11 +242,12 @@ impl Workspace {
         }
     }
 
-    /// Adds the gain times the innovation to a mean: `x += V y` before V is formed, `P H^T L^-T y`.
-    pub(crate) fn add_gain_times_innovation(&mut self, x: &mut [f64]) {
-        let (n, m) = (x.len(), self.rows());
+    /// What the update would add to the pose: the gain times the innovation, `P H^T L^-T y`, before V is formed.
+    pub(crate) fn pose_step(&mut self) -> SVector<f64, POSE_DIM> {
+        let m = self.rows();
+        let mut step = SVector::zeros();
         if m == 0 {
-            return;
+            return step;
         }
         resize(&mut self.weights, m);
         self.weights.copy_from_slice(&self.y);
@@ -315,70 +257,60 @@ impl Workspace {
             Par::Seq,
         );
         for (row, &w) in self.weights.iter().enumerate() {
-            axpy(w, &self.pht[row * n..(row + 1) * n], x);
+            for (i, value) in step.iter_mut().enumerate() {
+                *value += w * self.pht.get(i, row);
+            }
         }
+        step
     }
 
-    /// Takes units linearised at `moved` in place of those at the last point, if they say something new: if a
-    /// measurement is off its linear model by more than `tolerance` sigmas. Their innovation is brought back to
-    /// the prior mean: `g = z - h(moved) + H (moved - prior)`. Returns false, and changes nothing, where the linear
-    /// model holds or a feature no longer predicts anything.
+    /// An empty list for [`Self::relinearise`], with room.
+    pub(crate) fn take_fresh(&mut self) -> Vec<Unit> {
+        let mut fresh = std::mem::take(&mut self.fresh);
+        fresh.clear();
+        fresh
+    }
+
+    /// Takes units linearised where the pose is off the prior by `step` in place of those at the last point, if they
+    /// say something new: if a measurement is off its linear model by more than `tolerance` sigmas. Their innovation
+    /// is brought back to the prior mean: `g = z - h(moved) + H step`. Returns false, and changes nothing, where the
+    /// linear model holds or a feature no longer predicts anything (`fresh` is short then).
     pub(crate) fn relinearise(
         &mut self,
-        fresh: Vec<Option<Unit>>,
-        prior: &[f64],
-        moved: &[f64],
+        mut fresh: Vec<Unit>,
+        step: &SVector<f64, POSE_DIM>,
         tolerance: f64,
     ) -> bool {
         let mut worst: f64 = 0.0;
-        let mut units = Vec::with_capacity(fresh.len());
-        for (unit, old) in fresh.into_iter().zip(&self.units) {
-            let Some(mut unit) = unit else { return false };
+        for (unit, old) in fresh.iter_mut().zip(&self.units) {
             let rows = &mut unit.rows;
-            let linear = old.rows.innovation - old.step(prior, moved);
+            let linear = old.rows.innovation - old.rows.by_pose * step;
             for r in 0..rows.count {
                 let sigma = rows.noise[(r, r)].sqrt();
                 worst = worst.max((rows.innovation[r] - linear[r]).abs() / sigma);
             }
-            let step = unit.step(prior, moved);
-            unit.rows.innovation += step;
-            units.push(unit);
+            rows.innovation += rows.by_pose * step;
         }
-        if worst < tolerance {
-            return false;
+        let news = fresh.len() == self.units.len() && worst >= tolerance;
+        if news {
+            std::mem::swap(&mut self.units, &mut fresh);
         }
-        self.units = units;
-        true
+        self.fresh = fresh;
+        news
     }
 
     /// The update itself: `x += V y`, `P -= V V^T` with `V = P H^T L^-T`, quaternions normalised.
     pub(crate) fn apply(&mut self, state: &mut State) {
-        let (n, m) = (state.p.dim(), self.rows());
-        if m == 0 {
+        if self.rows() == 0 {
             return;
         }
-        let v = MatMut::from_column_major_slice_mut(&mut self.pht[..n * m], n, m);
-        solve_lower_triangular_in_place(
-            MatRef::from_column_major_slice(&self.l[..m * m], m, m),
-            v.transpose_mut(),
-            Par::Seq,
-        );
-        for (row, &y) in self.y[..m].iter().enumerate() {
-            axpy(y, &self.pht[row * n..(row + 1) * n], &mut state.x);
-        }
-        state.p.downdate(&self.pht, m);
+        let (x, packed) = (&mut state.x, &mut self.packed);
+        kernel::solve(&mut self.pht, &self.l, &self.y, x, packed);
+        state.p.downdate(&self.pht);
         state.normalise_quaternions();
     }
 }
 
 fn resize(buffer: &mut Vec<f64>, len: usize) {
     buffer.resize(len, 0.0);
-}
-
-fn axpy(a: f64, x: &[f64], y: &mut [f64]) {
-    if a != 0.0 {
-        for (y, x) in y.iter_mut().zip(x) {
-            *y += a * x;
-        }
-    }
 }

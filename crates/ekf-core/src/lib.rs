@@ -21,6 +21,7 @@ mod drift;
 pub mod error;
 pub mod filter;
 pub mod frame;
+mod kernel;
 pub mod map;
 pub mod math;
 pub mod observe;

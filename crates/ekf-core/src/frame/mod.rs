@@ -4,7 +4,7 @@
 mod births;
 mod units;
 
-use crate::batch::Unit;
+use crate::batch::Workspace;
 use crate::error::EkfError;
 use crate::filter::Filter;
 use crate::math::pose::Pose;
@@ -118,6 +118,20 @@ pub struct UpdateReport {
     pub worn_error: Vector6<f64>,
 }
 
+impl UpdateReport {
+    /// Before anything is done with the measurements.
+    fn of(z: &Measurements) -> Self {
+        Self {
+            bearings: vec![Outcome::NotVisible; z.bearings.len()],
+            pairs: vec![Outcome::Unused; z.worn.as_ref().map_or(0, |w| w.pairs.len())],
+            depths: vec![Outcome::NotVisible; z.depths.len()],
+            exact: true,
+            iterations: 1,
+            ..Self::default()
+        }
+    }
+}
+
 /// How the worn camera's pairs are measured in this frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum WornForm {
@@ -139,14 +153,7 @@ impl Filter {
         {
             self.open_worn_error(&worn.covariance);
         }
-        let mut report = UpdateReport {
-            bearings: vec![Outcome::NotVisible; z.bearings.len()],
-            pairs: vec![Outcome::Unused; z.worn.as_ref().map_or(0, |w| w.pairs.len())],
-            depths: vec![Outcome::NotVisible; z.depths.len()],
-            exact: true,
-            iterations: 1,
-            ..UpdateReport::default()
-        };
+        let mut report = UpdateReport::of(z);
         let newborn = match form {
             WornForm::Tight => self.start_tight_births(z, &mut report),
             _ => Vec::new(),
@@ -169,6 +176,20 @@ impl Filter {
         self.state.remove(|b| b.kind == BlockKind::WornError);
         self.finish(z, &mut report);
         Ok(report)
+    }
+
+    /// Innovation, S and its factor for the bearings and known depths of a frame, without an update.
+    ///
+    /// # Errors
+    /// As [`Self::update`]; nothing of the state changes in any case.
+    pub fn innovation(&mut self, z: &Measurements) -> Result<&Workspace, EkfError> {
+        self.check(z)?;
+        let mut report = UpdateReport::of(z);
+        let demoted = vec![false; report.pairs.len() + report.depths.len()];
+        self.collect_units(z, WornForm::Unused, &[], &demoted, &mut report);
+        self.batch.build(&self.state);
+        self.batch.factor()?;
+        Ok(&self.batch)
     }
 
     fn check(&self, z: &Measurements) -> Result<(), EkfError> {
@@ -245,7 +266,6 @@ impl Filter {
         newborn: &[(usize, u64)],
         report: &mut UpdateReport,
     ) -> Result<(), EkfError> {
-        let n = self.state.p.dim();
         // A match whose 3D block is rejected falls back to its bearing (METHOD 6), in another round.
         let mut demoted = vec![false; report.pairs.len() + report.depths.len()];
         let mut sources = Vec::new();
@@ -261,7 +281,7 @@ impl Filter {
                 &mut demoted,
             );
             leave_out(&mut sources, &gated);
-            self.batch.leave_out(n, &gated);
+            self.batch.leave_out(&gated);
             self.batch.factor()?;
             let rejected = self.batch_test(report);
             again |= note(
@@ -276,7 +296,7 @@ impl Filter {
             }
             if !rejected.is_empty() {
                 leave_out(&mut sources, &rejected);
-                self.batch.leave_out(n, &rejected);
+                self.batch.leave_out(&rejected);
                 self.batch.factor()?;
             }
             break;
@@ -294,17 +314,15 @@ impl Filter {
         sources: &[Source],
         report: &mut UpdateReport,
     ) -> Result<(), EkfError> {
-        let prior = self.state.x.clone();
+        let prior = self.state.part::<POSE_DIM>(0);
         for iteration in 1..self.settings.estimator.iterations {
-            let mut moved = prior.clone();
-            self.batch.add_gain_times_innovation(&mut moved);
-            self.state.x[..POSE_DIM].copy_from_slice(&moved[..POSE_DIM]);
-            let units: Vec<Option<Unit>> = sources.iter().map(|s| self.unit(z, *s).ok()).collect();
-            let point = std::mem::replace(&mut self.state.x, prior.clone());
-            if !self
-                .batch
-                .relinearise(units, &prior, &point, self.settings.estimator.nonlinearity)
-            {
+            let step = self.batch.pose_step();
+            let mut fresh = self.batch.take_fresh();
+            self.state.set_part(0, &(prior + step));
+            fresh.extend(sources.iter().map_while(|s| self.unit(z, *s).ok()));
+            self.state.set_part(0, &prior);
+            let tolerance = self.settings.estimator.nonlinearity;
+            if !self.batch.relinearise(fresh, &step, tolerance) {
                 break;
             }
             report.iterations = iteration + 1;

@@ -4,8 +4,7 @@
 //! feature copies nothing). Reading an entry above the diagonal reads its mirror image. Keeping one triangle
 //! saves the mirror copy that a full matrix would need after every symmetric downdate.
 
-use faer::linalg::matmul::triangular::{self, BlockStructure};
-use faer::{Accum, MatMut, MatRef, Par};
+use crate::kernel::{self, Aligned, LINE, Panels, Stored};
 use nalgebra::{DMatrix, SMatrix};
 
 /// A linear map from one stretch of the state, used to append rows that are linear in the state.
@@ -22,7 +21,7 @@ pub struct LinearPart<'a> {
 /// Symmetric covariance matrix of the state.
 #[derive(Clone, Debug)]
 pub struct Covariance {
-    data: Vec<f64>,
+    data: Aligned,
     ld: usize,
     n: usize,
 }
@@ -30,9 +29,9 @@ pub struct Covariance {
 impl Covariance {
     /// `n x n` zeros with room for `capacity` rows.
     pub fn zeros(n: usize, capacity: usize) -> Self {
-        let ld = capacity.max(n);
+        let ld = leading(capacity.max(n));
         Self {
-            data: vec![0.0; ld * ld],
+            data: Aligned::zeros(ld * ld),
             ld,
             n,
         }
@@ -79,22 +78,12 @@ impl Covariance {
         DMatrix::from_fn(self.n, self.n, |i, j| self.get(i, j))
     }
 
-    /// Copies columns `start .. start + width` into `out`, `n x width` column-major.
-    pub(crate) fn columns(&self, start: usize, width: usize, out: &mut [f64]) {
-        let n = self.n;
-        for i in 0..start {
-            let row = &self.data[start + i * self.ld..start + width + i * self.ld];
-            for (c, &v) in row.iter().enumerate() {
-                out[i + c * n] = v;
-            }
-        }
-        for c in 0..width {
-            for r in 0..c {
-                out[start + r + c * n] = self.get(start + r, start + c);
-            }
-            let column = (start + c) * self.ld;
-            let from = start + c;
-            out[from + c * n..n + c * n].copy_from_slice(&self.data[from + column..n + column]);
+    /// The stored triangle.
+    pub(crate) fn stored(&self) -> Stored<'_> {
+        Stored {
+            data: &self.data,
+            ld: self.ld,
+            n: self.n,
         }
     }
 
@@ -103,13 +92,11 @@ impl Covariance {
     pub(crate) fn transform<const K: usize>(&mut self, start: usize, f: &SMatrix<f64, K, K>) {
         let own: SMatrix<f64, K, K> = self.block(start, start);
         let own = f * own * f.transpose();
-        for i in 0..self.n {
-            if (start..start + K).contains(&i) {
-                continue;
-            }
+        for i in 0..start {
             let row: SMatrix<f64, K, 1> = self.block(start, i);
             self.set_block(start, i, &(f * row));
         }
+        kernel::transform(&mut self.data, self.ld, self.n, start, f);
         self.set_block(start, start, &((own + own.transpose()) * 0.5));
     }
 
@@ -168,30 +155,17 @@ impl Covariance {
         self.n = keep.len();
     }
 
-    /// `P <- P - V V^T` on the stored triangle; `v` is `n x m`, column-major (B2).
-    pub(crate) fn downdate(&mut self, v: &[f64], m: usize) {
-        let (n, ld) = (self.n, self.ld);
-        let v = MatRef::from_column_major_slice(&v[..n * m], n, m);
-        let p = MatMut::from_column_major_slice_with_stride_mut(&mut self.data, n, n, ld);
-        triangular::matmul(
-            p,
-            BlockStructure::TriangularLower,
-            Accum::Add,
-            v,
-            BlockStructure::Rectangular,
-            v.transpose(),
-            BlockStructure::Rectangular,
-            -1.0,
-            Par::Seq,
-        );
+    /// `P <- P - V V^T` on the stored triangle (B2).
+    pub(crate) fn downdate(&mut self, v: &Panels) {
+        kernel::downdate(&mut self.data, self.ld, v);
     }
 
     fn reserve(&mut self, n: usize) {
         if n <= self.ld {
             return;
         }
-        let ld = n.max(2 * self.ld);
-        let mut data = vec![0.0; ld * ld];
+        let ld = leading(n.max(2 * self.ld));
+        let mut data = Aligned::zeros(ld * ld);
         for j in 0..self.n {
             data[j + j * ld..self.n + j * ld]
                 .copy_from_slice(&self.data[j + j * self.ld..self.n + j * self.ld]);
@@ -218,4 +192,10 @@ impl Covariance {
         }
         scaled.symmetric_eigenvalues().min()
     }
+}
+
+/// Leading dimension with room for `n` rows: columns begin cache lines, and not all of them the same set of the cache.
+fn leading(n: usize) -> usize {
+    let lines = n.div_ceil(LINE);
+    (lines + usize::from(lines.is_multiple_of(LINE))) * LINE
 }

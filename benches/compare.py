@@ -1,0 +1,246 @@
+"""The filter core beside OpenBLAS, in turns on one thread; prints one table and writes results/bench.json.
+
+Run by ``make bench``. A machine that other jobs share is only fair to what runs in turns, so every round times each
+kernel of the core (by ``rounds``, the Rust program beside this file) and each yardstick (through scipy) a few times,
+and the medians over all rounds are compared. Ratios in the JSON file are medians over medians, except
+``local_n400_ratio``: an amortised cost, so a sum over a sum.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is imported
+
+import numpy as np
+import scipy
+from scipy.linalg import blas, lapack
+from threadpoolctl import threadpool_info
+
+Samples = dict[str, list[float]]
+
+
+class Rounds:
+    """The Rust program: runs a case so many times, answers nanoseconds and counts."""
+
+    def __init__(self, program: Path) -> None:
+        self._process = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def ask(self, line: str) -> str:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(line + "\n")
+        self._process.stdin.flush()
+        answer = self._process.stdout.readline().strip()
+        if not answer:
+            raise SystemExit(f"{line!r} failed")
+        return answer
+
+    def run(self, case: str, times: int) -> list[list[int]]:
+        """One list per run: nanoseconds first."""
+        return [[int(x) for x in run.split(",")] for run in self.ask(f"{case} {times}").split("|")]
+
+
+class Yardstick:
+    """dsyrk (n x m), dtrsm (m x m on n right-hand sides) and dpotrf (m x m) of OpenBLAS."""
+
+    def __init__(self, features: int, m: int) -> None:
+        n = 13 + 6 * features
+        rng = np.random.default_rng(0)
+        self._v = np.asfortranarray(rng.standard_normal((n, m)))
+        self._p = np.asfortranarray(np.eye(n))
+        self._s = np.asfortranarray(np.eye(m) * m + 0.1 * self._v[:m].T @ self._v[:m])
+        self._l, _ = lapack.dpotrf(self._s, lower=1)
+        self._w = self._v.copy(order="F")
+
+    def run(self) -> tuple[float, float, float]:
+        """Milliseconds of each."""
+        start = time.perf_counter()
+        blas.dsyrk(-1e-9, self._v, beta=1.0, c=self._p, lower=1, overwrite_c=1)
+        syrk = time.perf_counter()
+        blas.dtrsm(1.0, self._l, self._w, side=1, lower=1, trans_a=1, overwrite_b=1)
+        trsm = time.perf_counter()
+        lapack.dpotrf(self._s, lower=1)
+        potrf = time.perf_counter()
+        self._w[:] = self._v
+        return (syrk - start) * 1e3, (trsm - syrk) * 1e3, (potrf - trsm) * 1e3
+
+
+class Replay:
+    """The recorded frames through the Python package, one at a time."""
+
+    def __init__(self, lines: str) -> None:
+        from collabslam import _core
+
+        self._core = _core
+        frames = [line.split(";") for line in lines.split("|")]
+        births = np.array([[float(x) for x in part.split(",")] for part in frames[0][1:]])
+        self._births = births
+        self._frames = []
+        for t, *parts in frames[1:]:
+            rows = np.array([[float(x) for x in part.split(",")] for part in parts])
+            ids = rows[:, 0].astype(np.int64)
+            self._frames.append((float(t), ids, np.ascontiguousarray(rows[:, 1:])))
+        self._next = len(self._frames)
+        self._filter: Any = None
+
+    def _start(self) -> None:
+        core, births = self._core, self._births
+        camera = core.Camera("pinhole", 720, 480, (600.0, 600.0, 360.0, 240.0), [])
+        settings = {"map.max_features": max(len(births), 4)}
+        self._filter = core.Filter(camera, camera, settings=settings)
+        self._filter.predict(0.0)
+        none = np.empty(0, np.int64)
+        depths = (np.full(len(births), -1), births[:, :2].copy(), births[:, 2].copy(), births[:, 3].copy())
+        self._filter.update(none, none, np.empty((0, 2)), depths=depths)
+        self._next = 0
+
+    def run(self) -> float:
+        """Milliseconds of the next frame."""
+        if self._next == len(self._frames):
+            self._start()
+        t, ids, uv = self._frames[self._next]
+        self._next += 1
+        start = time.perf_counter()
+        self._filter.predict(t)
+        self._filter.predict_pixels()
+        self._filter.update(ids, ids, uv)
+        return (time.perf_counter() - start) * 1e3
+
+
+def blas_in_use() -> str:
+    """Version and kernel of the OpenBLAS that scipy calls."""
+    for library in threadpool_info():
+        if "scipy.libs" in library["filepath"] or library["internal_api"] == "openblas":
+            found = library
+            if "scipy" in library["filepath"].rsplit("site-packages", 1)[-1].split("numpy.libs")[0]:
+                break
+    return f"OpenBLAS {found['version']}, kernel {found['architecture']}, {found['num_threads']} thread (scipy {scipy.__version__})"
+
+
+SIZES = [(25, 20), (50, 40), (100, 20), (100, 40), (100, 80), (200, 40), (400, 40)]
+TESTS = [(n, wrong) for n in (40, 100) for wrong in (0, 1, 3, 10)]
+
+
+def measure(rounds: Rounds, number: int) -> tuple[Samples, dict[str, Any]]:
+    """Samples in milliseconds by name, and counts."""
+    samples: Samples = {}
+    counts: dict[str, Any] = {"hohct_struck": 0, "iterations": [], "nodes": {}}
+
+    def add(name: str, *values: float) -> None:
+        samples.setdefault(name, []).extend(values)
+
+    yardsticks = {(n, 2 * k): Yardstick(n, 2 * k) for n, k in [*SIZES, (100, 100)]}
+    replay = Replay(rounds.ask("record 100 300"))
+    for index in range(number):
+        for n, k in [*SIZES, (100, 100)]:
+            runs = 8 if (n, k) == (100, 40) else 2
+            update = rounds.run(f"update {n} {k}", runs)
+            add(f"update n={n} m={2 * k}", *(ns / 1e6 for ns, _ in update))
+            counts["iterations"] += [iterations for _, iterations in update]
+            for _ in range(runs):
+                parts = yardsticks[n, 2 * k].run()
+                for name, ms in zip(("dsyrk", "dtrsm", "dpotrf"), parts, strict=True):
+                    add(f"{name} n={n} m={2 * k}", ms)
+                add(f"yardsticks n={n} m={2 * k}", sum(parts))
+            if (n, k) == (100, 40):
+                add("step n=100 m=80", *(run[0] / 1e6 for run in rounds.run("step 100 40 3", runs)))
+                for _ in range(runs):
+                    add("replay rust", rounds.run("replay 100 300", 1)[0][0] / 1e6)
+                    add("replay python", replay.run())
+        for n, wrong in TESTS:
+            runs_ = rounds.run(f"hohct {n} {wrong}", 4)
+            add(f"hohct {wrong} of {n}", *(run[0] / 1e6 for run in runs_))
+            counts["hohct_struck"] += sum(1 - run[2] for run in runs_)
+            key = f"{wrong} of {n}"
+            counts["nodes"][key] = max(counts["nodes"].get(key, 0), *(run[1] for run in runs_))
+        if index % 5 == 0:
+            add("dense n=100 m=80", rounds.run("dense 100 80", 1)[0][0] / 1e6)
+    return samples, counts
+
+
+def walk(rounds: Rounds, frames: int) -> dict[str, float]:
+    """Plain and local filter over a replay of N = 400: sums, medians, features in view."""
+    runs = rounds.run("local 400", frames)
+    plain, local, seen = (np.array(column, float) for column in zip(*runs, strict=True))
+    return {
+        "local_n400_ratio": local.sum() / plain.sum(),
+        "local_n400_ms": local.mean() / 1e6,
+        "plain_n400_ms": plain.mean() / 1e6,
+        "local_n400_median_ms": float(np.median(local)) / 1e6,
+        "plain_n400_median_ms": float(np.median(plain)) / 1e6,
+        "local_n400_in_view": float(seen.mean()),
+        "local_n400_frames": float(frames),
+    }
+
+
+def criterion(folder: Path) -> dict[str, float]:
+    """Medians in milliseconds that criterion has left there."""
+    out = {}
+    for file in sorted(folder.glob("**/new/estimates.json")):
+        name = json.loads(file.with_name("benchmark.json").read_text())["full_id"]
+        out[name] = json.loads(file.read_text())["median"]["point_estimate"] / 1e6
+    return out
+
+
+def main() -> None:
+    """See the module's page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("program", type=Path, help="the program `rounds`")
+    parser.add_argument("--criterion", type=Path, help="criterion's folder, whose medians join the table")
+    parser.add_argument("--allocations", type=int, help="allocations of a warm step, as the test counted them")
+    parser.add_argument("--rounds", type=int, default=40)
+    parser.add_argument("--walk", type=int, default=600, help="frames of the walk through 400 features")
+    parser.add_argument("--out", type=Path, default=Path("results/bench.json"))
+    args = parser.parse_args()
+    rounds = Rounds(args.program)
+    samples, counts = measure(rounds, args.rounds)
+    median = {name: statistics.median(values) for name, values in samples.items()}
+    unit, step = median["yardsticks n=100 m=80"], median["step n=100 m=80"]
+    result: dict[str, Any] = {
+        "update_n100_m80_ratio": median["update n=100 m=80"] / unit,
+        "step_n100_m80_ratio": step / unit,
+        "hohct_3of40_ratio": median["hohct 3 of 40"] / median["update n=100 m=80"],
+        "hohct_10of100_ratio": median["hohct 10 of 100"] / median["update n=100 m=200"],
+        "hohct_struck": counts["hohct_struck"],
+        "hohct_most_nodes": counts["nodes"],
+        "update_iterations_median": statistics.median(counts["iterations"]),
+        "warm_step_allocations": args.allocations,
+        "python_overhead_pct": 100 * (median["replay python"] / median["replay rust"] - 1),
+    }
+    if args.walk:
+        result |= walk(rounds, args.walk)
+    result["blas"] = blas_in_use()
+    result["medians_ms"] = median
+    if args.criterion:
+        result["criterion_medians_ms"] = criterion(args.criterion)
+    print_table(result)
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    args.out.write_text(json.dumps(result, indent=2) + "\n")
+
+
+def print_table(result: dict[str, Any]) -> None:
+    """All figures, one a line."""
+    write = sys.stdout.write
+    write(f"{result['blas']}\n\n{'criterion, median':48} {'ms':>10}\n")
+    for name, ms in result.get("criterion_medians_ms", {}).items():
+        write(f"{name:48} {ms:10.4f}\n")
+    write(f"\n{'in turns, median':48} {'ms':>10}\n")
+    for name, ms in result["medians_ms"].items():
+        write(f"{name:48} {ms:10.4f}\n")
+    write("\n")
+    for name, value in result.items():
+        if isinstance(value, (int, float)):
+            write(f"{name:48} {value:10.4g}\n")
+
+
+if __name__ == "__main__":
+    main()

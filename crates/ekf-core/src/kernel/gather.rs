@@ -1,0 +1,145 @@
+//! `P H^T` from the stored triangle of `P`: each row of `H` touches 13 or 19 columns.
+
+use super::{HEIGHT, Kernel, Panels, Stored, dispatch};
+use crate::batch::Unit;
+use crate::state::POSE_DIM;
+use pulp::Simd;
+
+/// Rows of a unit's derivatives.
+const MAX_ROWS: usize = 3;
+/// Columns that a row can touch: the pose, a feature, the error of T_CF.
+const TOUCHED: usize = POSE_DIM + 12;
+
+/// `out = P H^T`, `out` being of that shape.
+pub(crate) fn fill(p: Stored<'_>, units: &[Unit], out: &mut Panels) {
+    dispatch(Fill { p, units, out });
+}
+
+struct Fill<'a> {
+    p: Stored<'a>,
+    units: &'a [Unit],
+    out: &'a mut Panels,
+}
+
+impl Kernel for Fill<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn run<S: Simd, const V: usize, const W: usize, const C: usize>(self, simd: S) {
+        let Self { p, units, out } = self;
+        let columns = out.columns;
+        let mut touched = [0.0; TOUCHED * HEIGHT];
+        for (index, panel) in out.data.chunks_exact_mut(out.stride).enumerate() {
+            let row = index * HEIGHT;
+            let (pose, others) = touched.split_at_mut(POSE_DIM * HEIGHT);
+            let (feature, worn) = others.split_at_mut(6 * HEIGHT);
+            gather::<POSE_DIM>(p, row, 0, pose);
+            let mut worn_at = None;
+            let mut column = 0;
+            for unit in units {
+                gather::<6>(p, row, unit.feature, feature);
+                if unit.worn.is_some() && unit.worn != worn_at {
+                    gather::<6>(p, row, unit.worn.unwrap_or(0), worn);
+                    worn_at = unit.worn;
+                }
+                let columns = Touched {
+                    pose: S::as_simd_f64s(pose).0.as_chunks::<C>().0,
+                    feature: S::as_simd_f64s(feature).0.as_chunks::<C>().0,
+                    worn: S::as_simd_f64s(worn).0.as_chunks::<C>().0,
+                };
+                let (to, _) = S::as_mut_simd_f64s(&mut panel[column * HEIGHT..]);
+                let (to, _) = to.as_chunks_mut::<C>();
+                combine::<S, C, 2>(simd, &columns, unit, 0, to);
+                if unit.rows.count == 3 {
+                    combine::<S, C, 1>(simd, &columns, unit, 2, &mut to[2..]);
+                }
+                column += unit.rows.count;
+            }
+            panel[columns * HEIGHT..].fill(0.0);
+        }
+    }
+}
+
+/// A panel's columns that a unit touches.
+struct Touched<'a, T, const C: usize> {
+    pose: &'a [[T; C]],
+    feature: &'a [[T; C]],
+    worn: &'a [[T; C]],
+}
+
+/// `R` rows of a unit, from `first` on: as many columns of `P H^T`.
+#[inline(always)]
+fn combine<S: Simd, const C: usize, const R: usize>(
+    simd: S,
+    columns: &Touched<'_, S::f64s, C>,
+    unit: &Unit,
+    first: usize,
+    out: &mut [[S::f64s; C]],
+) {
+    let mut sums = [[simd.splat_f64s(0.0); C]; R];
+    let rows = &unit.rows;
+    add::<S, C, R>(
+        simd,
+        &mut sums,
+        columns.pose,
+        rows.by_pose.as_slice(),
+        first,
+    );
+    let by_feature = rows.by_feature.as_slice();
+    add::<S, C, R>(simd, &mut sums, columns.feature, by_feature, first);
+    if let (Some(by_worn), Some(_)) = (&rows.by_worn, unit.worn) {
+        add::<S, C, R>(simd, &mut sums, columns.worn, by_worn.as_slice(), first);
+    }
+    out[..R].copy_from_slice(&sums);
+}
+
+/// Adds columns times the rows `first ..` of their derivatives. (A closure would not be inlined: it would lose SIMD.)
+#[inline(always)]
+fn add<S: Simd, const C: usize, const R: usize>(
+    simd: S,
+    sums: &mut [[S::f64s; C]; R],
+    columns: &[[S::f64s; C]],
+    by: &[f64],
+    first: usize,
+) {
+    for (column, by) in columns.iter().zip(by.as_chunks::<MAX_ROWS>().0) {
+        for r in 0..R {
+            let factor = simd.splat_f64s(by[first + r]);
+            for v in 0..C {
+                sums[r][v] = simd.mul_add_f64s(column[v], factor, sums[r][v]);
+            }
+        }
+    }
+}
+
+/// A panel of rows from `row` on, of `N` columns from `first` on.
+#[inline(always)]
+fn gather<const N: usize>(p: Stored<'_>, row: usize, first: usize, out: &mut [f64]) {
+    let Some(out) = out.as_chunks_mut::<HEIGHT>().0.first_chunk_mut::<N>() else {
+        return;
+    };
+    let rows = HEIGHT.min(p.n - row);
+    if row >= first + N - 1 && rows == HEIGHT {
+        for (c, column) in out.iter_mut().enumerate() {
+            let from = row + (first + c) * p.ld;
+            column.copy_from_slice(&p.data[from..from + HEIGHT]);
+        }
+        return;
+    }
+    if rows < HEIGHT {
+        out.as_flattened_mut().fill(0.0);
+    }
+    for r in 0..rows {
+        let i = row + r;
+        if i <= first {
+            let mirror = &p.data[first + i * p.ld..][..N];
+            for c in 0..N {
+                out[c][r] = mirror[c];
+            }
+        } else {
+            for (c, column) in out.iter_mut().enumerate() {
+                let (low, high) = (i.min(first + c), i.max(first + c));
+                column[r] = p.data[high + low * p.ld];
+            }
+        }
+    }
+}
