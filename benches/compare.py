@@ -81,26 +81,28 @@ class Replay:
         from collabslam import _core
 
         self._core = _core
-        frames = [line.split(";") for line in lines.split("|")]
-        births = np.array([[float(x) for x in part.split(",")] for part in frames[0][1:]])
-        self._births = births
-        self._frames = []
-        for t, *parts in frames[1:]:
-            rows = np.array([[float(x) for x in part.split(",")] for part in parts])
-            ids = rows[:, 0].astype(np.int64)
-            self._frames.append((float(t), ids, np.ascontiguousarray(rows[:, 1:])))
+        self._births, self._frames = [], []
+        for line in lines.split("|"):
+            t, *parts = line.split(";")
+            rows = [[float(x) for x in part.split(",")] for part in parts]
+            seen = np.array([row for row in rows if len(row) == 3]).reshape(-1, 3)
+            frame = float(t), seen[:, 0].astype(np.int64), np.ascontiguousarray(seen[:, 1:])
+            births = np.array([row for row in rows if len(row) == 4])
+            if len(births):
+                self._births.append((frame, births))
+            else:
+                self._frames.append(frame)
         self._next = len(self._frames)
         self._filter: Any = None
 
     def _start(self) -> None:
-        core, births = self._core, self._births
-        camera = core.Camera("pinhole", 720, 480, (600.0, 600.0, 360.0, 240.0), [])
-        settings = {"map.max_features": max(len(births), 4)}
-        self._filter = core.Filter(camera, camera, settings=settings)
-        self._filter.predict(0.0)
-        none = np.empty(0, np.int64)
-        depths = (np.full(len(births), -1), births[:, :2].copy(), births[:, 2].copy(), births[:, 3].copy())
-        self._filter.update(none, none, np.empty((0, 2)), depths=depths)
+        camera = self._core.Camera("pinhole", 720, 480, (600.0, 600.0, 360.0, 240.0), [])
+        features = sum(len(births) for _, births in self._births)
+        self._filter = self._core.Filter(camera, camera, settings={"map.max_features": features})
+        for (t, ids, uv), births in self._births:
+            self._filter.predict(t)
+            u, depth, sigma = births[:, :2].copy(), births[:, 2].copy(), births[:, 3].copy()
+            self._filter.update(ids, ids, uv, depths=(np.full(len(births), -1), u, depth, sigma))
         self._next = 0
 
     def run(self) -> float:

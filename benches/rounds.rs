@@ -28,13 +28,18 @@ fn mix(features: usize, seen: usize, wrong: usize) -> Mix {
         seen,
         wrong,
         depth: false,
+        at_once: 4,
     }
 }
 
 /// The update alone: nothing is wrong, nothing is tested.
-fn update(features: usize, seen: usize) -> Case {
+fn update(features: usize, seen: usize, at_once: usize) -> Case {
     let changes = [("validate.test", Value::Name("none".into()))];
-    let mut sway = Sway::new(mix(features, seen, 0), &changes);
+    let mix = Mix {
+        at_once,
+        ..mix(features, seen, 0)
+    };
+    let mut sway = Sway::new(mix, &changes);
     Box::new(move || {
         sway.predict();
         let z = sway.measure();
@@ -127,20 +132,20 @@ fn frame(corridor: &mut Loop, filters: &mut [Filter; 2], dt: f64) -> Vec<u64> {
     vec![times[0], times[1], z.bearings.len() as u64]
 }
 
-/// A replay: births at time 0, then frames.
-fn frames(features: usize, number: usize) -> Vec<(f64, Measurements)> {
+/// A replay: frames with births, then `number` frames without.
+fn frames(features: usize, number: usize) -> (Vec<(f64, Measurements)>, Vec<(f64, Measurements)>) {
     let (mut sway, births) = Sway::begin(mix(features, 40.min(features), 0), &[]);
-    let mut frames = vec![(0.0, births)];
-    for _ in 1..number {
+    let frames = (0..number).map(|_| {
         sway.predict();
         let z = sway.measure();
         sway.filter.update(&z).expect("valid measurements");
-        frames.push((sway.time(), z));
-    }
-    frames
+        (sway.time(), z)
+    });
+    let frames = frames.collect();
+    (births, frames)
 }
 
-/// The frames as text: `t; u,v,depth,sigma; ...` for the births, `t; id,u,v; ...` for the others.
+/// The frames as text: `t;u,v,depth,sigma;...;id,u,v;...`, births before matches.
 fn record(features: usize, number: usize) -> Vec<String> {
     let line = |(t, z): &(f64, Measurements)| {
         let births = z.depths.iter();
@@ -150,17 +155,18 @@ fn record(features: usize, number: usize) -> Vec<String> {
         let parts: Vec<String> = births.chain(seen).collect();
         format!("{t};{}", parts.join(";"))
     };
-    frames(features, number).iter().map(line).collect()
+    let (births, frames) = frames(features, number);
+    births.iter().chain(&frames).map(line).collect()
 }
 
 /// One frame of that replay after the other, from the start again when it ends.
 fn replay(features: usize, number: usize) -> Case {
-    let frames = frames(features, number);
-    let new = move || Sway::begin(mix(features, 1, 0), &[]).0.filter;
-    let (mut filter, mut next) = (new(), 1);
+    let (_, frames) = frames(features, number);
+    let start = Sway::begin(mix(features, 1, 0), &[]).0.filter;
+    let (mut filter, mut next) = (start.clone(), 0);
     Box::new(move || {
         if next == frames.len() {
-            (filter, next) = (new(), 1);
+            (filter, next) = (start.clone(), 0);
         }
         let (t, z) = &frames[next];
         next += 1;
@@ -175,7 +181,8 @@ fn replay(features: usize, number: usize) -> Case {
 fn make(words: &[&str]) -> Case {
     let number = |i: usize| words[i].parse::<usize>().expect("a whole number");
     match words[0] {
-        "update" => update(number(1), number(2)),
+        "update" => update(number(1), number(2), 4),
+        "update-single" => update(number(1), number(2), 1),
         "step" => step(number(1), number(2), number(3)),
         "hohct" => hohct(number(1), number(2)),
         "dense" => dense(number(1), number(2)),

@@ -23,6 +23,8 @@ pub struct Mix {
     pub wrong: usize,
     /// Whether every third one is measured with its depth (3 rows).
     pub depth: bool,
+    /// Features born in a frame, and so from one position. (The demo's map holds 120 features with 28 to 33 anchors.)
+    pub at_once: usize,
 }
 
 /// A warm filter and its world.
@@ -50,8 +52,8 @@ impl Sway {
         sway
     }
 
-    /// A filter after its start at time 0, and the measurements that started it.
-    pub fn begin(mix: Mix, changes: &[(&str, Value)]) -> (Self, Measurements) {
+    /// A filter that has its map, and the frames it was born in.
+    pub fn begin(mix: Mix, changes: &[(&str, Value)]) -> (Self, Vec<(f64, Measurements)>) {
         let mut all = vec![("map.max_features", Value::Int(mix.features.max(4) as i64))];
         all.extend_from_slice(changes);
         let camera = camera();
@@ -74,13 +76,19 @@ impl Sway {
             frame: 0,
             rng,
         };
-        sway.filter.predict(0.0).expect("first stamp");
-        let births = Measurements {
-            depths: (0..mix.features).map(|i| sway.depth(i, None)).collect(),
-            ..Measurements::default()
-        };
-        let report = sway.filter.update(&births).expect("valid depths");
-        sway.ids = report.depths.iter().map(born).collect();
+        let mut births = Vec::new();
+        while sway.ids.len() < mix.features {
+            let known = sway.ids.len();
+            let number = mix.at_once.max(if known == 0 { 8 } else { 1 });
+            let t = if known == 0 { 0.0 } else { sway.next_frame() };
+            sway.filter.predict(t).expect("later stamp");
+            let mut z = sway.measure_some(known.min(40), 0);
+            let new = known..mix.features.min(known + number);
+            z.depths.extend(new.map(|i| sway.depth(i, None)));
+            let report = sway.filter.update(&z).expect("valid measurements");
+            sway.ids.extend(report.depths.iter().filter_map(born));
+            births.push((t, z));
+        }
         (sway, births)
     }
 
@@ -117,7 +125,7 @@ impl Sway {
     }
 
     fn measure_some(&mut self, seen: usize, wrong: usize) -> Measurements {
-        let mut chosen = index::sample(&mut self.rng, self.points.len(), seen).into_vec();
+        let mut chosen = index::sample(&mut self.rng, self.ids.len(), seen).into_vec();
         chosen.sort_unstable();
         let mut z = Measurements::default();
         for (k, &point) in chosen.iter().enumerate() {
@@ -125,7 +133,7 @@ impl Sway {
             let (id, uv) = (self.ids[point], depth.uv);
             z.searched.push(id);
             z.bearings.push(Bearing { id, uv });
-            if self.mix.depth && k % 3 == 0 {
+            if self.mix.depth && self.ids.len() == self.points.len() && k % 3 == 0 {
                 z.depths.push(depth);
             }
         }
@@ -172,9 +180,9 @@ impl Sway {
     }
 }
 
-fn born(outcome: &Outcome) -> u64 {
+fn born(outcome: &Outcome) -> Option<u64> {
     match outcome {
-        Outcome::Born(id) => *id,
-        other => unreachable!("a depth is born, not {other:?}"),
+        Outcome::Born(id) => Some(*id),
+        _ => None,
     }
 }

@@ -38,6 +38,8 @@ pub struct Workspace {
     /// `P H^T`, and `V` in the end.
     pht: Panels,
     packed: Vec<f64>,
+    /// `V y`.
+    moved: Vec<f64>,
     s: Vec<f64>,
     l: Vec<f64>,
     g: Vec<f64>,
@@ -123,9 +125,10 @@ impl Workspace {
             self.offsets.push(last + unit.rows.count);
         }
         let m = self.rows();
-        self.pht.reshape(state.p.dim(), m);
-        kernel::fill(state.p.stored(), &self.units, &mut self.pht);
-        self.gather_s(m);
+        let stored = state.p.stored();
+        self.pht.reshape(stored.n, m);
+        kernel::fill(stored, &self.units, &mut self.pht);
+        self.gather_s(m, stored.slots);
         self.collect_noise();
     }
 
@@ -136,17 +139,21 @@ impl Workspace {
 
     /// `S = H P H^T + R`, column by column: column `j`, whose row of H is that of `j`, from the rows of `P H^T` that it
     /// touches.
-    fn gather_s(&mut self, m: usize) {
+    fn gather_s(&mut self, m: usize, slots: &[usize]) {
         resize(&mut self.s, m * m);
         resize(&mut self.g, m);
         for (u, unit) in self.units.iter().enumerate() {
             let (from, rows) = (self.offsets[u], &unit.rows);
+            let (by_anchor, by_own) = rows.by_feature.as_slice().split_at(9);
+            let (anchor, own) = (slots[unit.feature], slots[unit.feature + 3]);
             for k in from..m {
                 let mut sums = [0.0; 3];
-                self.pht.add(&mut sums, 0, k, &rows.by_pose);
-                self.pht.add(&mut sums, unit.feature, k, &rows.by_feature);
+                let pht = &self.pht;
+                pht.add::<POSE_DIM>(&mut sums, 0, k, rows.by_pose.as_slice());
+                pht.add::<3>(&mut sums, anchor, k, by_anchor);
+                pht.add::<3>(&mut sums, own, k, by_own);
                 if let (Some(by_worn), Some(w)) = (&rows.by_worn, unit.worn) {
-                    self.pht.add(&mut sums, w, k, by_worn);
+                    pht.add::<6>(&mut sums, slots[w], k, by_worn.as_slice());
                 }
                 for r in 0..rows.count {
                     self.s[k + (from + r) * m] = sums[r];
@@ -304,8 +311,13 @@ impl Workspace {
         if self.rows() == 0 {
             return;
         }
-        let (x, packed) = (&mut state.x, &mut self.packed);
-        kernel::solve(&mut self.pht, &self.l, &self.y, x, packed);
+        state.camera_moved();
+        resize(&mut self.moved, state.p.stored().n);
+        let (moved, packed) = (&mut self.moved, &mut self.packed);
+        kernel::solve(&mut self.pht, &self.l, &self.y, moved, packed);
+        for (x, &slot) in state.x.iter_mut().zip(state.p.stored().slots) {
+            *x += moved[slot];
+        }
         state.p.downdate(&self.pht);
         state.normalise_quaternions();
     }

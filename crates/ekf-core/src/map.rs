@@ -211,9 +211,7 @@ impl Filter {
                 matrix: &by.as_slice()[..6 * width],
             });
         }
-        let block = self
-            .state
-            .append::<6>(BlockKind::Feature, &new.mean, &parts, &new.noise);
+        let block = self.state.append_feature(&new.mean, &parts, &new.noise);
         let record = FeatureRecord {
             last_found: self.time.unwrap_or(0.0),
             ..FeatureRecord::default()

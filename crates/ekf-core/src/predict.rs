@@ -60,6 +60,7 @@ pub fn process_noise(q: &quat::Quat, dt: f64, settings: &ProcessSettings) -> Cam
 /// worn camera's bias decays (Gauss-Markov, METHOD 6).
 pub(crate) fn predict(state: &mut State, dt: f64, process: &ProcessSettings, worn: &WornSettings) {
     let f = transition(&mut state.x, dt);
+    state.camera_moved();
     state.p.transform(0, &f);
     let q = state.part::<4>(3);
     state.p.add_block(0, &process_noise(&q, dt, process));

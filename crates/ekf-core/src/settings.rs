@@ -302,7 +302,7 @@ settings! {
         /// Radius of a low-innovation inlier of the one-point test, in standard deviations of its noise.
         low_sigmas: f64 = 3.0, "", Some(0.1), Some(100.0);
         /// Largest number of hypotheses that are looked at before leaving out greedily.
-        max_nodes: usize = 60, "", Some(1.0), Some(1e9);
+        max_nodes: usize = 2000, "", Some(1.0), Some(1e9);
     }
     /// Upkeep of the map (METHOD 7, step 8).
     map: MapSettings {

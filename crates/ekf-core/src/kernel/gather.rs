@@ -36,9 +36,11 @@ impl Kernel for Fill<'_> {
             let mut worn_at = None;
             let mut column = 0;
             for unit in units {
-                gather::<6>(p, row, unit.feature, feature);
+                let (anchor, own) = feature.split_at_mut(3 * HEIGHT);
+                gather::<3>(p, row, p.slots[unit.feature], anchor);
+                gather::<3>(p, row, p.slots[unit.feature + 3], own);
                 if unit.worn.is_some() && unit.worn != worn_at {
-                    gather::<6>(p, row, unit.worn.unwrap_or(0), worn);
+                    gather::<6>(p, row, p.slots[unit.worn.unwrap_or(0)], worn);
                     worn_at = unit.worn;
                 }
                 let columns = Touched {

@@ -1,7 +1,6 @@
 //! A tall matrix in panels.
 
 use super::{Aligned, HEIGHT};
-use nalgebra::SMatrix;
 
 /// Where the lower triangle of a symmetric matrix is stored: entry `(i, j)`, `i >= j`, at `i + j * ld`.
 #[derive(Clone, Copy, Debug)]
@@ -9,6 +8,8 @@ pub(crate) struct Stored<'a> {
     pub(crate) data: &'a [f64],
     pub(crate) ld: usize,
     pub(crate) n: usize,
+    /// Row of P to row stored.
+    pub(crate) slots: &'a [usize],
 }
 
 /// `rows x columns` in panels; entry `(i, k)` at `(i / HEIGHT) * stride + k * HEIGHT + i % HEIGHT`.
@@ -30,22 +31,16 @@ impl Panels {
         self.data.reshape(rows.div_ceil(HEIGHT) * self.stride);
     }
 
-    /// Adds `by` times the `N` entries of column `k` from row `i` on.
+    /// Adds `by` (3 x N, column-major) times the `N` entries of column `k` from row `i` on.
     #[inline(always)]
-    pub(crate) fn add<const N: usize>(
-        &self,
-        sums: &mut [f64; 3],
-        i: usize,
-        k: usize,
-        by: &SMatrix<f64, 3, N>,
-    ) {
+    pub(crate) fn add<const N: usize>(&self, sums: &mut [f64; 3], i: usize, k: usize, by: &[f64]) {
         let entries: [f64; N] = match self.data[self.at(i, k)..].first_chunk::<N>() {
             Some(whole) if i % HEIGHT + N <= HEIGHT => *whole,
             _ => std::array::from_fn(|c| self.get(i + c, k)),
         };
-        for (c, entry) in entries.iter().enumerate() {
+        for (by, entry) in by.as_chunks::<3>().0.iter().zip(&entries) {
             for r in 0..3 {
-                sums[r] += by[(r, c)] * entry;
+                sums[r] += by[r] * entry;
             }
         }
     }

@@ -1,9 +1,9 @@
-//! `V = A L^-T` where `A` lies, and what it adds to the mean.
+//! `V = A L^-T` where `A` lies, and what it does to the mean.
 
 use super::{HEIGHT, Kernel, Panels, dispatch, tile};
 use pulp::Simd;
 
-/// `a <- a L^-T`, `x += a y` with the new `a`. `l` is `m x m`, lower triangle, column-major; `packed` is scratch.
+/// `a <- a L^-T`, `x = a y` with the new `a`. `l` is `m x m`, lower triangle, column-major; `packed` is scratch.
 pub(crate) fn solve(a: &mut Panels, l: &[f64], y: &[f64], x: &mut [f64], packed: &mut Vec<f64>) {
     dispatch(Solve { a, l, y, x, packed });
 }
@@ -56,7 +56,7 @@ impl Kernel for Solve<'_> {
                 }
             }
             for (x, moved) in x.iter_mut().zip(&moved) {
-                *x += moved;
+                *x = *moved;
             }
         }
     }

@@ -3,9 +3,15 @@
 //! Only the LOWER triangle is stored meaningfully (column-major, with spare capacity, so that growing by a
 //! feature copies nothing). Reading an entry above the diagonal reads its mirror image. Keeping one triangle
 //! saves the mirror copy that a full matrix would need after every symmetric downdate.
+//!
+//! Features born from one camera position have the same anchor: three rows of P that are equal for ever, since
+//! nothing tells them apart. Such rows are stored once: row `i` of P is row `slots[i]` of what is stored.
 
 use crate::kernel::{self, Aligned, LINE, Panels, Stored};
-use nalgebra::{DMatrix, SMatrix};
+use nalgebra::{DMatrix, SMatrix, SVector};
+
+/// Rows of a feature's anchor, which come first.
+const ANCHOR: usize = 3;
 
 /// A linear map from one stretch of the state, used to append rows that are linear in the state.
 #[derive(Clone, Copy, Debug)]
@@ -23,7 +29,10 @@ pub struct LinearPart<'a> {
 pub struct Covariance {
     data: Aligned,
     ld: usize,
+    /// Rows stored.
     n: usize,
+    /// Where each row of P is stored.
+    slots: Vec<usize>,
 }
 
 impl Covariance {
@@ -34,22 +43,28 @@ impl Covariance {
             data: Aligned::zeros(ld * ld),
             ld,
             n,
+            slots: (0..n).collect(),
         }
     }
 
     /// Number of rows.
     pub fn dim(&self) -> usize {
-        self.n
+        self.slots.len()
     }
 
     /// One entry.
     pub fn get(&self, i: usize, j: usize) -> f64 {
+        self.stored_entry(self.slots[i], self.slots[j])
+    }
+
+    fn stored_entry(&self, i: usize, j: usize) -> f64 {
         let (i, j) = if i >= j { (i, j) } else { (j, i) };
         self.data[i + j * self.ld]
     }
 
     /// Sets one entry (and so its mirror image).
     pub(crate) fn set(&mut self, i: usize, j: usize, value: f64) {
+        let (i, j) = (self.slots[i], self.slots[j]);
         let (i, j) = if i >= j { (i, j) } else { (j, i) };
         self.data[i + j * self.ld] = value;
     }
@@ -75,7 +90,7 @@ impl Covariance {
 
     /// The whole matrix, both triangles.
     pub fn to_dense(&self) -> DMatrix<f64> {
-        DMatrix::from_fn(self.n, self.n, |i, j| self.get(i, j))
+        DMatrix::from_fn(self.dim(), self.dim(), |i, j| self.get(i, j))
     }
 
     /// The stored triangle.
@@ -84,75 +99,103 @@ impl Covariance {
             data: &self.data,
             ld: self.ld,
             n: self.n,
+            slots: &self.slots,
         }
     }
 
     /// Applies the square map `f` to rows and columns `start .. start + K`: `P <- F P F^T`, `F` the identity
-    /// elsewhere. O(K^2 n).
+    /// elsewhere. O(K^2 n). Not for rows that are stored once for several features.
     pub(crate) fn transform<const K: usize>(&mut self, start: usize, f: &SMatrix<f64, K, K>) {
         let own: SMatrix<f64, K, K> = self.block(start, start);
         let own = f * own * f.transpose();
-        for i in 0..start {
-            let row: SMatrix<f64, K, 1> = self.block(start, i);
-            self.set_block(start, i, &(f * row));
+        let first = self.slots[start];
+        for i in 0..first {
+            let row = &mut self.data[first + i * self.ld..][..K];
+            let mapped = f * SVector::<f64, K>::from_column_slice(row);
+            row.copy_from_slice(mapped.as_slice());
         }
-        kernel::transform(&mut self.data, self.ld, self.n, start, f);
+        kernel::transform(&mut self.data, self.ld, self.n, first, f);
         self.set_block(start, start, &((own + own.transpose()) * 0.5));
     }
 
     /// Adds a symmetric block on the diagonal.
     pub(crate) fn add_block<const K: usize>(&mut self, start: usize, value: &SMatrix<f64, K, K>) {
+        let first = self.slots[start];
         for c in 0..K {
             for r in c..K {
-                self.data[start + r + (start + c) * self.ld] += value[(r, c)];
+                self.data[first + r + (first + c) * self.ld] += value[(r, c)];
             }
         }
     }
 
     /// Appends `K` rows `y = sum_b G_b x_b + noise`: cross-covariances `G P` and the new block
     /// `G P G^T + noise` (Eq. 8). O(n), amortised: capacity doubles.
+    ///
+    /// With `anchor`, the first three rows of `y` are those of P from there on, and are not stored again.
     pub(crate) fn augment<const K: usize>(
         &mut self,
         parts: &[LinearPart<'_>],
         noise: &SMatrix<f64, K, K>,
+        anchor: Option<usize>,
     ) {
         let n = self.n;
-        self.reserve(n + K);
-        self.n = n + K;
+        let known = if anchor.is_some() { ANCHOR } else { 0 };
+        self.reserve(n + K - known);
+        self.n = n + K - known;
         for j in 0..n {
             let mut column = [0.0; K];
             for part in parts {
                 for w in 0..part.width {
-                    let p = self.get(part.offset + w, j);
+                    let p = self.stored_entry(self.slots[part.offset + w], j);
                     for (k, entry) in column.iter_mut().enumerate() {
                         *entry += part.matrix[k + w * K] * p;
                     }
                 }
             }
-            self.data[n + j * self.ld..n + K + j * self.ld].copy_from_slice(&column);
+            let to = n + j * self.ld;
+            self.data[to..to + K - known].copy_from_slice(&column[known..]);
         }
         let mut own = *noise;
         for part in parts {
             for w in 0..part.width {
-                for c in 0..K {
-                    for r in 0..K {
-                        own[(r, c)] +=
-                            part.matrix[c + w * K] * self.data[n + r + (part.offset + w) * self.ld];
+                let from = n + self.slots[part.offset + w] * self.ld;
+                for c in known..K {
+                    for r in known..K {
+                        own[(r, c)] += part.matrix[c + w * K] * self.data[from + r - known];
                     }
                 }
             }
         }
-        self.set_block(n, n, &((own + own.transpose()) * 0.5));
+        if let Some(anchor) = anchor {
+            self.slots.extend_from_within(anchor..anchor + known);
+        }
+        self.slots.extend(n..self.n);
+        let at = self.dim() - K;
+        for c in known..K {
+            for r in known..K {
+                self.set(at + r, at + c, (own[(r, c)] + own[(c, r)]) * 0.5);
+            }
+        }
     }
 
     /// Keeps the rows and columns listed in `keep` (increasing), in one compaction.
     pub(crate) fn keep(&mut self, keep: &[usize]) {
-        for (new_j, &j) in keep.iter().enumerate() {
-            for (new_i, &i) in keep.iter().enumerate().skip(new_j) {
+        let mut used = vec![false; self.n];
+        for &i in keep {
+            used[self.slots[i]] = true;
+        }
+        let kept: Vec<usize> = (0..self.n).filter(|&slot| used[slot]).collect();
+        for (new_j, &j) in kept.iter().enumerate() {
+            for (new_i, &i) in kept.iter().enumerate().skip(new_j) {
                 self.data[new_i + new_j * self.ld] = self.data[i + j * self.ld];
             }
         }
-        self.n = keep.len();
+        self.n = kept.len();
+        for (new, &old) in keep.iter().enumerate() {
+            // Slots keep their order, so that a search finds the new one.
+            self.slots[new] = kept.partition_point(|&slot| slot < self.slots[old]);
+        }
+        self.slots.truncate(keep.len());
     }
 
     /// `P <- P - V V^T` on the stored triangle (B2).
@@ -176,8 +219,9 @@ impl Covariance {
     /// Least eigenvalue of the diagonal-scaled matrix `D^-1/2 P D^-1/2` (rows of zero variance left out):
     /// P is sound when it is above -1e-10 (METHOD 3). Costs O(n^3): a monitor, not part of a step.
     pub fn least_scaled_eigenvalue(&self) -> f64 {
-        let kept: Vec<usize> = (0..self.n).filter(|&i| self.get(i, i) > 0.0).collect();
-        if (0..self.n).any(|i| {
+        let n = self.dim();
+        let kept: Vec<usize> = (0..n).filter(|&i| self.get(i, i) > 0.0).collect();
+        if (0..n).any(|i| {
             let d = self.get(i, i);
             d < 0.0 || !d.is_finite()
         }) {

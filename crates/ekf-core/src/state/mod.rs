@@ -26,6 +26,8 @@ pub struct State {
     pub(crate) layout: Layout,
     /// Stationary covariance of the worn camera's bias, if there is one.
     pub(crate) bias_stationary: SMatrix<f64, 6, 6>,
+    /// A feature whose anchor is the camera's position now.
+    newborn: Option<u64>,
 }
 
 impl State {
@@ -38,6 +40,7 @@ impl State {
             p: Covariance::zeros(CAMERA_DIM, capacity),
             layout: Layout::default(),
             bias_stationary: SMatrix::zeros(),
+            newborn: None,
         }
     }
 
@@ -109,21 +112,43 @@ impl State {
         noise: &SMatrix<f64, K, K>,
     ) -> Block {
         debug_assert_eq!(kind.dim(), K);
-        self.p.augment(parts, noise);
+        self.p.augment(parts, noise, None);
         self.x.extend_from_slice(mean.as_slice());
         self.layout.push(kind)
     }
 
+    /// Appends a feature whose anchor is the camera's position now, which all features born now share. O(n).
+    pub(crate) fn append_feature(
+        &mut self,
+        mean: &Vector6<f64>,
+        parts: &[LinearPart<'_>],
+        noise: &SMatrix<f64, 6, 6>,
+    ) -> Block {
+        let twin = self.newborn.and_then(|id| self.layout.find(id));
+        let anchor = twin.map(|block| block.offset);
+        debug_assert!(anchor.is_none_or(|a| self.x[a..a + 3] == mean.as_slice()[..3]));
+        self.p.augment(parts, noise, anchor);
+        self.x.extend_from_slice(mean.as_slice());
+        let block = self.layout.push(BlockKind::Feature);
+        self.newborn = Some(block.id);
+        block
+    }
+
+    /// To be called when the camera has moved or the state was corrected: what is born next has another anchor.
+    pub(crate) fn camera_moved(&mut self) {
+        self.newborn = None;
+    }
+
     /// Removes blocks in one compaction.
     pub(crate) fn remove(&mut self, gone: impl Fn(&Block) -> bool) {
+        if !self.layout.blocks().iter().any(&gone) {
+            return;
+        }
         let mut keep: Vec<usize> = (0..CAMERA_DIM).collect();
         for block in self.layout.blocks() {
             if !gone(block) {
                 keep.extend(block.range());
             }
-        }
-        if keep.len() == self.x.len() {
-            return;
         }
         self.p.keep(&keep);
         for (new, &old) in keep.iter().enumerate() {
