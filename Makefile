@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock pyproject.toml
 
-.PHONY: demo test check wheel clean
+.PHONY: demo test check wheel bench clean
 
 # The main job on its embedded default: renders the corridor, runs it with and without Cf.
 demo: $(VENV)/.built
@@ -15,11 +15,18 @@ test: $(VENV)/.built check
 	cargo test --release --locked
 	$(BIN)/python -m pytest
 
+# One table of times, and results/bench.json. Takes under 5 minutes once built.
+bench: $(VENV)/.built
+	cargo bench --locked -p collabslam-benches --bench filter -- --quiet --noplot
+	cargo build --release --locked -p collabslam-benches
+	cargo test --release --locked -p ekf-core --test allocations -- --nocapture
+	$(BIN)/python benches/compare.py target/release/rounds --criterion target/criterion
+
 check: $(VENV)/.built
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets --locked -- -D warnings
-	$(BIN)/ruff check python tests
-	$(BIN)/ruff format --check python tests
+	$(BIN)/ruff check python tests benches
+	$(BIN)/ruff format --check python tests benches
 	$(BIN)/mypy
 
 wheel: $(VENV)/.installed

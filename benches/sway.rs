@@ -3,8 +3,10 @@
 use crate::{camera, normal, settings};
 use ekf_core::math::{pose::Pose, quat};
 use ekf_core::settings::Value;
-use ekf_core::{Bearing, Camera, DepthObservation, Filter, Measurements, Outcome};
-use nalgebra::{Vector2, Vector3};
+use ekf_core::{
+    Bearing, Camera, DepthObservation, Filter, Measurements, Outcome, WornObservation, WornPair,
+};
+use nalgebra::{Matrix3, Matrix6, Vector2, Vector3};
 use rand::{Rng, SeedableRng, seq::index};
 use rand_pcg::Pcg64;
 use std::collections::BTreeMap;
@@ -122,6 +124,29 @@ impl Sway {
     /// Measurements of the present frame, to which the filter has been predicted.
     pub fn measure(&mut self) -> Measurements {
         self.measure_some(self.mix.seen, self.mix.wrong)
+    }
+
+    /// Pixels in Cs of the first `number` points, as of new ones.
+    pub fn pixels(&mut self, number: usize) -> Vec<Vector2<f64>> {
+        (0..number).map(|i| self.depth(i, None).uv).collect()
+    }
+
+    /// What a worn camera half a metre to the right sees of the first `number` points, as of new ones.
+    pub fn worn(&mut self, number: usize) -> WornObservation {
+        let t_cf = Pose {
+            rotation: Matrix3::identity(),
+            translation: Vector3::new(0.5, 0.0, 0.0),
+        };
+        let pairs = self.pixels(number).into_iter().enumerate().map(|(i, uv)| {
+            let seen = self.pose().inverse().apply(&self.points[i]) - t_cf.translation;
+            let uv_f = self.camera.project(&seen).expect("in front");
+            WornPair { id: None, uv, uv_f }
+        });
+        WornObservation {
+            pairs: pairs.collect(),
+            covariance: Matrix6::identity() * 1e-4,
+            t_cf,
+        }
     }
 
     fn measure_some(&mut self, seen: usize, wrong: usize) -> Measurements {

@@ -9,7 +9,7 @@ use crate::batch::Workspace;
 use crate::camera::Camera;
 use crate::drift::FrameDrift;
 use crate::error::EkfError;
-use crate::frame::check_pose;
+use crate::frame::{self, check_pose};
 use crate::map::{Candidate, FeatureRecord};
 use crate::math::pose::Pose;
 use crate::math::quat;
@@ -37,6 +37,7 @@ pub struct Filter {
     pub(crate) batch: Workspace,
     pub(crate) test: validate::Workspace,
     pub(crate) drift: FrameDrift,
+    pub(crate) scratch: frame::Scratch,
 }
 
 /// What a feature is expected to look like (METHOD 7, step 2).
@@ -88,6 +89,7 @@ impl Filter {
             batch: Workspace::default(),
             test: validate::Workspace::default(),
             drift: FrameDrift::default(),
+            scratch: frame::Scratch::default(),
         }
     }
 
@@ -166,10 +168,17 @@ impl Filter {
 
     /// Pixel, S and point of every feature that should be visible in Cs (METHOD 4: in front, in the image, rho > 0).
     pub fn predict_pixels(&self) -> Vec<PredictedFeature> {
+        let mut seen = Vec::with_capacity(self.map_size());
+        self.predict_pixels_into(&mut seen);
+        seen
+    }
+
+    /// As [`Self::predict_pixels`], in place of what a list of before holds: a warm filter allocates nothing then.
+    pub fn predict_pixels_into(&self, seen: &mut Vec<PredictedFeature>) {
+        seen.clear();
         let pose = self.state.camera_pose();
         let sigma2 = self.settings.pixel.sigma_cs.powi(2);
         let p_pose = self.state.p.block::<7, 7>(0, 0);
-        let mut seen = Vec::with_capacity(self.map_size());
         for block in self.state.layout.of_kind(BlockKind::Feature) {
             let feature = self.state.feature(block);
             let Some(metric) = PointInCamera::metric(&pose, &feature) else {
@@ -198,7 +207,6 @@ impl Filter {
                 rho_sd: range_var.sqrt() / (range * range),
             });
         }
-        seen
     }
 
     /// All landmarks with their covariance in W. Features with rho <= 0 have no point and are left out.

@@ -60,7 +60,7 @@ impl Filter {
     /// # Errors
     /// `NonFinite` for a bad pixel, `InvalidInput` before the start.
     pub fn add_candidates(&mut self, pixels: &[Vector2<f64>]) -> Result<Vec<u64>, EkfError> {
-        self.check_pixels(pixels)?;
+        check_pixels(pixels.iter())?;
         self.check_started()?;
         if pixels.is_empty() {
             return Ok(Vec::new());
@@ -105,9 +105,13 @@ impl Filter {
         &mut self,
         seen: &[(u64, Vector2<f64>)],
     ) -> Result<Vec<CandidateOutcome>, EkfError> {
-        check_once("candidates", seen.iter().map(|(id, _)| *id).collect())?;
+        check_once(
+            "candidates",
+            seen.iter().map(|(id, _)| *id),
+            &mut Vec::new(),
+        )?;
         for (id, uv) in seen {
-            self.check_pixels(std::slice::from_ref(uv))?;
+            check_pixels(std::iter::once(uv))?;
             if !self.candidates.contains_key(id) {
                 return Err(EkfError::UnknownFeature { id: *id });
             }
@@ -180,7 +184,7 @@ impl Filter {
     /// # Errors
     /// `NonFinite` for a bad pixel.
     pub fn add_undelayed(&mut self, pixels: &[Vector2<f64>]) -> Result<Vec<Option<u64>>, EkfError> {
-        self.check_pixels(pixels)?;
+        check_pixels(pixels.iter())?;
         if !self.started && !pixels.is_empty() {
             self.start();
         }
@@ -304,13 +308,6 @@ impl Filter {
         }
     }
 
-    pub(crate) fn check_pixels(&self, pixels: &[Vector2<f64>]) -> Result<(), EkfError> {
-        if pixels.iter().any(|uv| !uv.iter().all(|x| x.is_finite())) {
-            return Err(EkfError::NonFinite { what: "pixel" });
-        }
-        Ok(())
-    }
-
     pub(crate) fn check_started(&self) -> Result<(), EkfError> {
         if self.started {
             return Ok(());
@@ -322,4 +319,13 @@ impl Filter {
                 .into(),
         })
     }
+}
+
+pub(crate) fn check_pixels<'a>(
+    mut pixels: impl Iterator<Item = &'a Vector2<f64>>,
+) -> Result<(), EkfError> {
+    if pixels.all(|uv| uv.iter().all(|x| x.is_finite())) {
+        return Ok(());
+    }
+    Err(EkfError::NonFinite { what: "pixel" })
 }

@@ -7,13 +7,14 @@ mod units;
 use crate::batch::Workspace;
 use crate::error::EkfError;
 use crate::filter::Filter;
+use crate::map::check_pixels;
 use crate::math::pose::Pose;
 use crate::settings::{BatchTestKind, Mode, WornErrors};
 use crate::state::{BlockKind, POSE_DIM};
 use crate::validate::{self, BatchTest, HohctSettings, JcbbSettings, OnePointSettings};
 
 use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, Vector2, Vector6};
-use units::{Source, leave_out, note};
+use units::Source;
 
 /// A feature found in Cs.
 #[derive(Clone, Copy, Debug)]
@@ -119,16 +120,54 @@ pub struct UpdateReport {
 }
 
 impl UpdateReport {
-    /// Before anything is done with the measurements.
-    fn of(z: &Measurements) -> Self {
-        Self {
-            bearings: vec![Outcome::NotVisible; z.bearings.len()],
-            pairs: vec![Outcome::Unused; z.worn.as_ref().map_or(0, |w| w.pairs.len())],
-            depths: vec![Outcome::NotVisible; z.depths.len()],
+    /// As before anything is done with the measurements; the lists keep their room.
+    fn start(&mut self, z: &Measurements) {
+        let lists = [&mut self.bearings, &mut self.pairs, &mut self.depths].map(std::mem::take);
+        let [mut bearings, mut pairs, mut depths] = lists;
+        refill(&mut bearings, Outcome::NotVisible, z.bearings.len());
+        refill(&mut pairs, Outcome::Unused, z.pairs().len());
+        refill(&mut depths, Outcome::NotVisible, z.depths.len());
+        *self = Self {
+            bearings,
+            pairs,
+            depths,
             exact: true,
             iterations: 1,
             ..Self::default()
-        }
+        };
+    }
+}
+
+impl Measurements {
+    /// The worn camera's pairs, if it contributes.
+    fn pairs(&self) -> &[WornPair] {
+        self.worn.as_ref().map_or(&[], |worn| &worn.pairs)
+    }
+}
+
+fn refill<T: Clone>(list: &mut Vec<T>, value: T, len: usize) {
+    list.clear();
+    list.resize(len, value);
+}
+
+/// Lists of an update; they only grow, so that a warm step allocates nothing.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {
+    /// Where each unit of the batch comes from.
+    sources: Vec<Source>,
+    wanted: Vec<Source>,
+    with_depth: Vec<u64>,
+    /// 3D blocks that were rejected and fall back to their bearing.
+    demoted: Vec<bool>,
+    /// Units that a test rejected.
+    gone: Vec<usize>,
+    ids: Vec<u64>,
+}
+
+impl Clone for Scratch {
+    /// Nothing is carried over: a copy starts empty.
+    fn clone(&self) -> Self {
+        Self::default()
     }
 }
 
@@ -144,7 +183,34 @@ enum WornForm {
 impl Filter {
     /// Bad input (`NonFinite`, `UnknownFeature`, `InvalidInput`, `NotPositiveDefinite`): the filter stays as it was.
     pub fn update(&mut self, z: &Measurements) -> Result<UpdateReport, EkfError> {
-        self.check(z)?;
+        let mut report = UpdateReport::default();
+        self.update_into(z, &mut report)?;
+        Ok(report)
+    }
+
+    /// As [`Self::update`], into a report of before: a warm filter allocates nothing then.
+    ///
+    /// # Errors
+    /// As there; what the report says is left open.
+    pub fn update_into(
+        &mut self,
+        z: &Measurements,
+        report: &mut UpdateReport,
+    ) -> Result<(), EkfError> {
+        // The lists go back whatever happens.
+        let mut scratch = std::mem::take(&mut self.scratch);
+        let done = self.update_with(z, report, &mut scratch);
+        self.scratch = scratch;
+        done
+    }
+
+    fn update_with(
+        &mut self,
+        z: &Measurements,
+        report: &mut UpdateReport,
+        scratch: &mut Scratch,
+    ) -> Result<(), EkfError> {
+        self.check(z, scratch)?;
         let before = self.state.layout.dim();
         let form = self.worn_form(z);
         let worn = z.worn.as_ref().filter(|_| form != WornForm::Unused);
@@ -153,12 +219,12 @@ impl Filter {
         {
             self.open_worn_error(&worn.covariance);
         }
-        let mut report = UpdateReport::of(z);
+        report.start(z);
         let newborn = match form {
-            WornForm::Tight => self.start_tight_births(z, &mut report),
+            WornForm::Tight => self.start_tight_births(z, report),
             _ => Vec::new(),
         };
-        if let Err(error) = self.measure(z, form, &newborn, &mut report) {
+        if let Err(error) = self.measure(z, form, &newborn, report, scratch) {
             // Only blocks at the end were added: taking them away restores the state.
             self.state.remove(|b| b.offset >= before);
             let state = &self.state;
@@ -167,15 +233,15 @@ impl Filter {
             return Err(error);
         }
         match form {
-            WornForm::Tight => self.settle_tight_births(&newborn, &mut report),
-            WornForm::Points | WornForm::BirthsOnly => self.instant_births(z, &mut report),
+            WornForm::Tight => self.settle_tight_births(&newborn, report),
+            WornForm::Points | WornForm::BirthsOnly => self.instant_births(z, report),
             WornForm::Unused => {}
         }
-        self.depth_births(z, &mut report);
+        self.depth_births(z, report);
         report.worn_error = self.state.worn_error();
         self.state.remove(|b| b.kind == BlockKind::WornError);
-        self.finish(z, &mut report);
-        Ok(report)
+        self.finish(z, report);
+        Ok(())
     }
 
     /// Innovation, S and its factor for the bearings and known depths of a frame, without an update.
@@ -183,45 +249,34 @@ impl Filter {
     /// # Errors
     /// As [`Self::update`]; nothing of the state changes in any case.
     pub fn innovation(&mut self, z: &Measurements) -> Result<&Workspace, EkfError> {
-        self.check(z)?;
-        let mut report = UpdateReport::of(z);
-        let demoted = vec![false; report.pairs.len() + report.depths.len()];
-        self.collect_units(z, WornForm::Unused, &[], &demoted, &mut report);
+        let mut scratch = Scratch::default();
+        self.check(z, &mut scratch)?;
+        let mut report = UpdateReport::default();
+        report.start(z);
+        refill(
+            &mut scratch.demoted,
+            false,
+            z.pairs().len() + z.depths.len(),
+        );
+        self.collect_units(z, WornForm::Unused, &[], &mut report, &mut scratch);
         self.batch.build(&self.state);
         self.batch.factor()?;
         Ok(&self.batch)
     }
 
-    fn check(&self, z: &Measurements) -> Result<(), EkfError> {
-        let pairs = z.worn.as_ref().map_or(&[][..], |w| &w.pairs);
-        let mut pixels: Vec<Vector2<f64>> = z.bearings.iter().map(|b| b.uv).collect();
-        pixels.extend(pairs.iter().flat_map(|p| [p.uv, p.uv_f]));
-        pixels.extend(z.depths.iter().map(|d| d.uv));
-        self.check_pixels(&pixels)?;
-        let ids = z.bearings.iter().map(|b| b.id).chain(
-            pairs
-                .iter()
-                .filter_map(|p| p.id)
-                .chain(z.depths.iter().filter_map(|d| d.id))
-                .chain(z.searched.iter().copied()),
-        );
-        for id in ids {
+    fn check(&self, z: &Measurements, scratch: &mut Scratch) -> Result<(), EkfError> {
+        let pairs = z.pairs();
+        let pixels = z.bearings.iter().map(|b| &b.uv);
+        let pixels = pixels.chain(pairs.iter().flat_map(|p| [&p.uv, &p.uv_f]));
+        check_pixels(pixels.chain(z.depths.iter().map(|d| &d.uv)))?;
+        let bearings = || z.bearings.iter().map(|b| b.id);
+        let depths = z.depths.iter().filter_map(|d| d.id);
+        let others = || pairs.iter().filter_map(|p| p.id).chain(depths.clone());
+        for id in bearings().chain(others()).chain(z.searched.iter().copied()) {
             self.feature_block(id)?;
         }
-        let lists: [(&'static str, Vec<u64>); 2] = [
-            ("bearings", z.bearings.iter().map(|b| b.id).collect()),
-            (
-                "worn pairs and depths",
-                pairs
-                    .iter()
-                    .filter_map(|p| p.id)
-                    .chain(z.depths.iter().filter_map(|d| d.id))
-                    .collect(),
-            ),
-        ];
-        for (what, ids) in lists {
-            check_once(what, ids)?;
-        }
+        check_once("bearings", bearings(), &mut scratch.ids)?;
+        check_once("worn pairs and depths", others(), &mut scratch.ids)?;
         for depth in &z.depths {
             let good = |x: f64| x.is_finite() && x > 0.0;
             if !good(depth.depth) || !good(depth.sigma) {
@@ -265,45 +320,34 @@ impl Filter {
         form: WornForm,
         newborn: &[(usize, u64)],
         report: &mut UpdateReport,
+        scratch: &mut Scratch,
     ) -> Result<(), EkfError> {
         // A match whose 3D block is rejected falls back to its bearing (METHOD 6), in another round.
-        let mut demoted = vec![false; report.pairs.len() + report.depths.len()];
-        let mut sources = Vec::new();
+        let blocks = report.pairs.len() + report.depths.len();
+        refill(&mut scratch.demoted, false, blocks);
         for last in [false, false, true] {
-            sources = self.collect_units(z, form, newborn, &demoted, report);
+            self.collect_units(z, form, newborn, report, scratch);
             self.batch.build(&self.state);
-            let gated = self.gated();
-            let mut again = note(
-                &sources,
-                &gated,
-                Outcome::RejectedGate,
-                report,
-                &mut demoted,
-            );
-            leave_out(&mut sources, &gated);
-            self.batch.leave_out(&gated);
+            self.gate(&mut scratch.gone);
+            let mut again = scratch.note(Outcome::RejectedGate, report);
+            scratch.leave_out();
+            self.batch.leave_out(&scratch.gone);
             self.batch.factor()?;
-            let rejected = self.batch_test(report);
-            again |= note(
-                &sources,
-                &rejected,
-                Outcome::RejectedBatch,
-                report,
-                &mut demoted,
-            );
+            self.batch_test(report, &mut scratch.gone);
+            again |= scratch.note(Outcome::RejectedBatch, report);
             if again && !last {
                 continue;
             }
-            if !rejected.is_empty() {
-                leave_out(&mut sources, &rejected);
-                self.batch.leave_out(&rejected);
+            if !scratch.gone.is_empty() {
+                scratch.leave_out();
+                self.batch.leave_out(&scratch.gone);
                 self.batch.factor()?;
             }
             break;
         }
         report.nis = self.batch.nis();
         report.dof = self.batch.rows();
-        self.iterate(z, &sources, report)?;
+        self.iterate(z, &scratch.sources, report)?;
         self.batch.apply(&mut self.state);
         Ok(())
     }
@@ -332,9 +376,11 @@ impl Filter {
         Ok(())
     }
 
-    fn gated(&mut self) -> Vec<usize> {
+    /// Units that fail by themselves.
+    fn gate(&mut self, gone: &mut Vec<usize>) {
+        gone.clear();
         if self.settings.validate.test == BatchTestKind::None {
-            return Vec::new();
+            return;
         }
         let level = self.settings.validate.gate_level;
         validate::individual_gate(
@@ -345,10 +391,12 @@ impl Filter {
             level,
             &mut self.test,
         );
-        self.test.rejected().to_vec()
+        gone.extend_from_slice(self.test.rejected());
     }
 
-    fn batch_test(&mut self, report: &mut UpdateReport) -> Vec<usize> {
+    /// Units that fail together.
+    fn batch_test(&mut self, report: &mut UpdateReport, gone: &mut Vec<usize>) {
+        gone.clear();
         let options = &self.settings.validate;
         let test = match options.test {
             BatchTestKind::Hohct => BatchTest::Hohct(HohctSettings {
@@ -376,12 +424,12 @@ impl Filter {
             units: validate::Units::new(self.batch.offsets()),
         };
         if batch.units.is_empty() {
-            return Vec::new();
+            return;
         }
         let verdict = test.run(&batch, &mut self.test);
         report.order = verdict.order;
         report.exact = verdict.exact;
-        self.test.rejected().to_vec()
+        gone.extend_from_slice(self.test.rejected());
     }
 
     fn finish(&mut self, z: &Measurements, report: &mut UpdateReport) {
@@ -417,9 +465,15 @@ impl Filter {
 }
 
 /// Each feature once.
-pub(crate) fn check_once(what: &'static str, mut ids: Vec<u64>) -> Result<(), EkfError> {
-    ids.sort_unstable();
-    if ids.windows(2).all(|w| w[0] != w[1]) {
+pub(crate) fn check_once(
+    what: &'static str,
+    ids: impl Iterator<Item = u64>,
+    sorted: &mut Vec<u64>,
+) -> Result<(), EkfError> {
+    sorted.clear();
+    sorted.extend(ids);
+    sorted.sort_unstable();
+    if sorted.windows(2).all(|w| w[0] != w[1]) {
         return Ok(());
     }
     Err(EkfError::InvalidInput {

@@ -1,6 +1,6 @@
 //! Which rows each match gives in which mode (METHOD 7, step 5), linearised at the present mean.
 
-use super::{Bearing, DepthObservation, Measurements, Outcome, UpdateReport, WornForm};
+use super::{Bearing, DepthObservation, Measurements, Outcome, Scratch, UpdateReport, WornForm};
 use super::{WornObservation, WornPair};
 use crate::batch::Unit;
 use crate::filter::Filter;
@@ -36,10 +36,17 @@ impl Filter {
         z: &Measurements,
         form: WornForm,
         newborn: &[(usize, u64)],
-        demoted: &[bool],
         report: &mut UpdateReport,
-    ) -> Vec<Source> {
-        let mut wanted = Vec::new();
+        scratch: &mut Scratch,
+    ) {
+        let Scratch {
+            sources,
+            wanted,
+            with_depth,
+            demoted,
+            ..
+        } = scratch;
+        wanted.clear();
         for (i, pair) in z.worn.iter().flat_map(|w| &w.pairs).enumerate() {
             let born = newborn.iter().find(|(j, _)| *j == i).map(|(_, id)| *id);
             match (form, pair.id.or(born)) {
@@ -52,9 +59,9 @@ impl Filter {
         wanted.extend(known_depths.map(Source::Depth));
         wanted.extend((0..z.bearings.len()).map(Source::Bearing));
         self.batch.clear();
-        let mut with_depth: Vec<u64> = Vec::new();
-        let mut sources = Vec::new();
-        for source in wanted {
+        with_depth.clear();
+        sources.clear();
+        for &source in wanted.iter() {
             let slot = source.slot(report.pairs.len());
             if slot.is_some_and(|k| demoted[k]) {
                 continue; // keeps the outcome of its rejection
@@ -89,7 +96,6 @@ impl Filter {
                 sources.push(source);
             }
         }
-        sources
     }
 
     pub(super) fn bearing(&self, bearing: &Bearing) -> Result<Unit, Outcome> {
@@ -209,28 +215,26 @@ impl Unit {
     }
 }
 
-pub(super) fn note(
-    sources: &[Source],
-    rejected: &[usize],
-    outcome: Outcome,
-    report: &mut UpdateReport,
-    demoted: &mut [bool],
-) -> bool {
-    let mut any = false;
-    for &u in rejected {
-        *sources[u].outcome(report) = outcome;
-        if let Some(slot) = sources[u].slot(report.pairs.len()) {
-            demoted[slot] = true;
-            any = true;
+impl Scratch {
+    /// Notes what became of the units that are gone; true if a 3D block may fall back to its bearing.
+    pub(super) fn note(&mut self, outcome: Outcome, report: &mut UpdateReport) -> bool {
+        let mut any = false;
+        for &u in &self.gone {
+            *self.sources[u].outcome(report) = outcome;
+            if let Some(slot) = self.sources[u].slot(report.pairs.len()) {
+                self.demoted[slot] = true;
+                any = true;
+            }
         }
+        any
     }
-    any
-}
 
-pub(super) fn leave_out(sources: &mut Vec<Source>, gone: &[usize]) {
-    let mut u = 0;
-    sources.retain(|_| {
-        u += 1;
-        gone.binary_search(&(u - 1)).is_err()
-    });
+    /// Leaves out the sources of the units that are gone.
+    pub(super) fn leave_out(&mut self) {
+        let mut u = 0;
+        self.sources.retain(|_| {
+            u += 1;
+            self.gone.binary_search(&(u - 1)).is_err()
+        });
+    }
 }
