@@ -115,7 +115,7 @@ fn local(features: usize) -> Case {
     Box::new(move || frame(&mut corridor, &mut filters, dt))
 }
 
-const LOCAL: [(&str, Value); 0] = [];
+const LOCAL: [(&str, Value); 1] = [("map.local", Value::Bool(true))];
 
 fn frame(corridor: &mut Loop, filters: &mut [Filter; 2], dt: f64) -> Vec<u64> {
     let t = corridor.walk(dt);

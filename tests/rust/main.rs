@@ -7,6 +7,7 @@
 mod births;
 mod cameras;
 mod jacobians;
+mod local;
 mod long_run;
 mod overlap;
 mod scene;

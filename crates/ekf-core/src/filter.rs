@@ -10,10 +10,11 @@ use crate::camera::Camera;
 use crate::drift::FrameDrift;
 use crate::error::EkfError;
 use crate::frame::{self, check_pose};
+use crate::local::Far;
 use crate::map::{Candidate, FeatureRecord};
 use crate::math::pose::Pose;
 use crate::math::quat;
-use crate::observe::point::PointInCamera;
+use crate::observe::point::{CameraPose, FeatureState, PointInCamera};
 use crate::overlap::{self, Overlap};
 use crate::predict;
 use crate::settings::Settings;
@@ -21,6 +22,7 @@ use crate::state::{BlockKind, State};
 use crate::validate;
 use nalgebra::{Matrix2, Matrix3, Matrix6, SMatrix, Vector2, Vector3};
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
 
 /// An Extended Kalman Filter over one camera and its map. One filter serves one thread at a time.
 #[derive(Clone, Debug)]
@@ -38,6 +40,10 @@ pub struct Filter {
     pub(crate) test: validate::Workspace,
     pub(crate) drift: FrameDrift,
     pub(crate) scratch: frame::Scratch,
+    /// What is outside of the working state `state`, with `map.local`.
+    pub(crate) far: Option<Far>,
+    /// The whole state, if it was asked for since the last change.
+    shown: OnceLock<Box<State>>,
 }
 
 /// What a feature is expected to look like (METHOD 7, step 2).
@@ -90,6 +96,8 @@ impl Filter {
             test: validate::Workspace::default(),
             drift: FrameDrift::default(),
             scratch: frame::Scratch::default(),
+            far: None,
+            shown: OnceLock::new(),
         }
     }
 
@@ -98,9 +106,27 @@ impl Filter {
         &self.settings
     }
 
-    /// The state: mean, covariance, layout.
+    /// The state: mean, covariance, layout. With `map.local` it is put together when asked for, in O(n^2).
     pub fn state(&self) -> &State {
-        &self.state
+        match &self.far {
+            Some(far) => self.shown.get_or_init(|| Box::new(far.settle(&self.state))),
+            None => &self.state,
+        }
+    }
+
+    /// To be called before anything changes.
+    pub(crate) fn changes(&mut self) {
+        self.shown.take();
+    }
+
+    /// `v_W`, m/s.
+    pub fn velocity(&self) -> Vector3<f64> {
+        self.state.velocity()
+    }
+
+    /// `w_C`, rad/s.
+    pub fn angular_velocity(&self) -> Vector3<f64> {
+        self.state.angular_velocity()
     }
 
     /// Time of the last prediction, seconds.
@@ -115,7 +141,8 @@ impl Filter {
 
     /// Number of features in the map.
     pub fn map_size(&self) -> usize {
-        self.state.layout.of_kind(BlockKind::Feature).count()
+        let outside = self.far.as_ref().map_or(0, |far| far.features().len());
+        self.state.layout.of_kind(BlockKind::Feature).count() + outside
     }
 
     /// Number of candidates that wait for parallax.
@@ -144,12 +171,20 @@ impl Filter {
     }
 
     fn predict_by(&mut self, dt: f64) {
+        self.changes();
         let process = &self.settings.process;
         let before = self.state.camera_pose().r;
         predict::predict(&mut self.state, dt, process, &self.settings.worn);
         let pose = self.state.camera_pose();
         let distance = (pose.r - before).norm();
         self.drift.grow(&pose, dt, distance, process);
+        if let Some(far) = &mut self.far {
+            // What comes into view joins the working set.
+            let seen = far.means(&self.state);
+            let seen = seen.filter(|(_, y)| appearance(&self.camera, &pose, y).is_some());
+            let seen: Vec<u64> = seen.map(|(block, _)| block.id).collect();
+            far.enter(&mut self.state, |id| seen.binary_search(&id).is_ok());
+        }
     }
 
     /// Gives the camera its uncertain velocity at the start.
@@ -177,47 +212,95 @@ impl Filter {
     pub fn predict_pixels_into(&self, seen: &mut Vec<PredictedFeature>) {
         seen.clear();
         let pose = self.state.camera_pose();
-        let sigma2 = self.settings.pixel.sigma_cs.powi(2);
-        let p_pose = self.state.p.block::<7, 7>(0, 0);
+        let p = &self.state.p;
+        let p_pose = p.block::<7, 7>(0, 0);
         for block in self.state.layout.of_kind(BlockKind::Feature) {
             let feature = self.state.feature(block);
-            let Some(metric) = PointInCamera::metric(&pose, &feature) else {
-                continue;
-            };
-            let Some((uv, j)) = self.camera.project_jac(&metric.value) else {
-                continue;
-            };
-            if !self.camera.in_image(&uv, 0.0) {
-                continue;
+            if let Some(view) = appearance(&self.camera, &pose, &feature) {
+                let p_cross = p.block::<7, 6>(0, block.offset);
+                let p_own = p.block::<6, 6>(block.offset, block.offset);
+                seen.push(self.expect(block.id, &feature, &view, (&p_pose, &p_cross, &p_own)));
             }
-            let p_cross = self.state.p.block::<7, 6>(0, block.offset);
-            let p_own = self.state.p.block::<6, 6>(block.offset, block.offset);
-            let point_cov = metric.by_pose * p_pose * metric.by_pose.transpose()
-                + metric.by_feature * p_own * metric.by_feature.transpose()
-                + sym(metric.by_pose * p_cross * metric.by_feature.transpose());
-            let range = metric.value.norm();
-            let along = metric.value / range;
-            let range_var = (along.transpose() * point_cov * along)[(0, 0)].max(0.0);
-            seen.push(PredictedFeature {
-                id: block.id,
-                uv,
-                s: j * point_cov * j.transpose() + Matrix2::identity() * sigma2,
-                point: feature.point().unwrap_or_default(),
-                rho: 1.0 / range,
-                rho_sd: range_var.sqrt() / (range * range),
-            });
         }
+        if let Some(far) = &self.far {
+            for (block, feature) in far.means(&self.state) {
+                if let Some(view) = appearance(&self.camera, &pose, &feature) {
+                    let (p_cross, p_own) = far.covariance(&self.state, &block);
+                    seen.push(self.expect(block.id, &feature, &view, (&p_pose, &p_cross, &p_own)));
+                }
+            }
+            seen.sort_unstable_by_key(|f| f.id);
+        }
+    }
+
+    /// Pixel and uncertainty of a feature that is in view, from its covariance with the pose and its own.
+    fn expect(
+        &self,
+        id: u64,
+        feature: &FeatureState,
+        view: &Appearance,
+        (p_pose, p_cross, p_own): Covariances<'_>,
+    ) -> PredictedFeature {
+        let Appearance {
+            point,
+            uv,
+            by_point,
+        } = view;
+        let point_cov = point.by_pose * p_pose * point.by_pose.transpose()
+            + point.by_feature * p_own * point.by_feature.transpose()
+            + sym(point.by_pose * p_cross * point.by_feature.transpose());
+        let range = point.value.norm();
+        let along = point.value / range;
+        let range_var = (along.transpose() * point_cov * along)[(0, 0)].max(0.0);
+        let sigma2 = self.settings.pixel.sigma_cs.powi(2);
+        PredictedFeature {
+            id,
+            uv: *uv,
+            s: by_point * point_cov * by_point.transpose() + Matrix2::identity() * sigma2,
+            point: feature.point().unwrap_or_default(),
+            rho: 1.0 / range,
+            rho_sd: range_var.sqrt() / (range * range),
+        }
+    }
+
+    /// Keeps the working set of `map.local` small: chooses it anew when dual rows have gathered.
+    pub(crate) fn choose_working_set(&mut self, searched: &[u64]) {
+        let choose = match &self.far {
+            Some(far) => far.is_full(&self.state),
+            None => self.started && (4..self.map_size() / 3).contains(&searched.len()),
+        };
+        if !self.settings.map.local || !choose {
+            return;
+        }
+        let mut near: Vec<u64> = self.predict_pixels().iter().map(|f| f.id).collect();
+        near.extend_from_slice(searched);
+        near.sort_unstable();
+        let whole = match self.far.take() {
+            Some(far) => far.settle(&self.state),
+            None => std::mem::replace(&mut self.state, State::at_origin(0)),
+        };
+        let (state, far) = Far::split(whole, |block| near.binary_search(&block.id).is_ok());
+        (self.state, self.far) = (state, Some(far));
+    }
+
+    /// Whether there is a feature with this id.
+    pub(crate) fn known(&self, id: u64) -> Result<(), EkfError> {
+        if self.far.as_ref().is_some_and(|far| far.has(id)) {
+            return Ok(());
+        }
+        self.feature_block(id).map(|_| ())
     }
 
     /// All landmarks with their covariance in W. Features with rho <= 0 have no point and are left out.
     pub fn landmarks(&self) -> Vec<Landmark> {
-        let blocks = self.state.layout.of_kind(BlockKind::Feature);
+        let state = self.state();
+        let blocks = state.layout.of_kind(BlockKind::Feature);
         blocks
             .filter_map(|block| {
-                let feature = self.state.feature(block);
+                let feature = state.feature(block);
                 let point = feature.point()?;
                 let j = feature.point_jacobian();
-                let p = self.state.p.block::<6, 6>(block.offset, block.offset);
+                let p = state.p.block::<6, 6>(block.offset, block.offset);
                 let covariance = j * p * j.transpose();
                 Some(Landmark {
                     id: block.id,
@@ -275,4 +358,29 @@ impl Filter {
 
 fn sym(a: Matrix3<f64>) -> Matrix3<f64> {
     a + a.transpose()
+}
+
+/// Covariance of the camera's pose, of the pose with a feature, and of the feature.
+type Covariances<'a> = (
+    &'a SMatrix<f64, 7, 7>,
+    &'a SMatrix<f64, 7, 6>,
+    &'a SMatrix<f64, 6, 6>,
+);
+
+/// A feature in view: its point in C, its pixel, and the pixel's derivative by that point.
+struct Appearance {
+    point: PointInCamera,
+    uv: Vector2<f64>,
+    by_point: SMatrix<f64, 2, 3>,
+}
+
+/// How a feature looks, if it should be visible: in front, in the image, rho > 0.
+fn appearance(camera: &Camera, pose: &CameraPose, feature: &FeatureState) -> Option<Appearance> {
+    let point = PointInCamera::metric(pose, feature)?;
+    let (uv, by_point) = camera.project_jac(&point.value)?;
+    camera.in_image(&uv, 0.0).then_some(Appearance {
+        point,
+        uv,
+        by_point,
+    })
 }

@@ -22,6 +22,7 @@ pub mod error;
 pub mod filter;
 pub mod frame;
 mod kernel;
+mod local;
 pub mod map;
 pub mod math;
 pub mod observe;

@@ -65,6 +65,7 @@ impl Filter {
         if pixels.is_empty() {
             return Ok(Vec::new());
         }
+        self.changes();
         let pose = self.state.camera_pose();
         let first = match self.settings.birth.first_pose {
             FirstPose::Clone => {
@@ -116,6 +117,7 @@ impl Filter {
                 return Err(EkfError::UnknownFeature { id: *id });
             }
         }
+        self.changes();
         let outcomes = seen
             .iter()
             .map(|(id, uv)| {
@@ -185,6 +187,7 @@ impl Filter {
     /// `NonFinite` for a bad pixel.
     pub fn add_undelayed(&mut self, pixels: &[Vector2<f64>]) -> Result<Vec<Option<u64>>, EkfError> {
         check_pixels(pixels.iter())?;
+        self.changes();
         if !self.started && !pixels.is_empty() {
             self.start();
         }
@@ -242,14 +245,18 @@ impl Filter {
     /// `UnknownFeature`; nothing is removed then.
     pub fn remove_features(&mut self, ids: &[u64]) -> Result<(), EkfError> {
         for &id in ids {
-            self.feature_block(id)?;
+            self.known(id)?;
         }
         self.remove_blocks(ids);
         Ok(())
     }
 
     pub(crate) fn remove_blocks(&mut self, ids: &[u64]) {
+        self.changes();
         self.state.remove(|b| ids.contains(&b.id));
+        if let Some(far) = &mut self.far {
+            far.remove(|id| ids.contains(&id));
+        }
         for id in ids {
             self.records.remove(id);
         }
@@ -263,8 +270,14 @@ impl Filter {
         let now = self.time.unwrap_or(0.0);
         let mut gone: Vec<u64> = Vec::new();
         let mut kept: Vec<(f64, u64)> = Vec::new();
-        for block in self.state.layout.of_kind(BlockKind::Feature) {
-            let feature = self.state.feature(block);
+        let near = self.state.layout.of_kind(BlockKind::Feature);
+        let near = near.map(|block| (*block, self.state.feature(block)));
+        let mut features: Vec<_> = near.collect();
+        if let Some(far) = &self.far {
+            features.extend(far.means(&self.state));
+            features.sort_unstable_by_key(|(block, _)| block.id);
+        }
+        for (block, feature) in features {
             let record = &self.records[&block.id];
             let failing = record.searched >= map.min_searches
                 && (record.found as f64) < map.min_found_share * record.searched as f64;
@@ -290,11 +303,15 @@ impl Filter {
             })
             .collect();
         needed.dedup();
+        self.changes();
         self.state.remove(|b| match b.kind {
             BlockKind::Feature => gone.contains(&b.id),
             BlockKind::Clone => !needed.contains(&b.id),
-            BlockKind::WornBias | BlockKind::WornError => false,
+            BlockKind::WornBias | BlockKind::WornError | BlockKind::Dual(_) => false,
         });
+        if let Some(far) = &mut self.far {
+            far.remove(|id| gone.contains(&id));
+        }
         for id in &gone {
             self.records.remove(id);
         }

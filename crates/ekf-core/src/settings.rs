@@ -87,6 +87,19 @@ impl Setting for usize {
     }
 }
 
+impl Setting for bool {
+    const KIND: &'static str = "bool";
+    fn to_value(&self) -> Value {
+        Value::Bool(*self)
+    }
+    fn from_value(value: &Value, _: Option<f64>, _: Option<f64>) -> Result<Self, String> {
+        match value {
+            Value::Bool(on) => Ok(*on),
+            _ => Err("true or false is needed".into()),
+        }
+    }
+}
+
 macro_rules! choice {
     ($(#[$doc:meta])* $name:ident { $first:ident = $first_text:literal $(, $(#[$vdoc:meta])* $variant:ident = $text:literal)* $(,)? } $first_doc:literal) => {
         $(#[$doc])*
@@ -314,6 +327,9 @@ settings! {
         min_found_share: f64 = 0.4, "", Some(0.0), Some(1.0);
         /// ...after at least so many searches.
         min_searches: usize = 8, "", Some(1.0), Some(10000.0);
+        /// Touch features out of view only when they come back into view or the state is asked for: the same result, faster
+        /// for maps of several hundred features.
+        local: bool = false, "", None, None;
         /// A candidate that has not been born after so many seconds is dropped.
         candidate_age: f64 = 4.0, "s", Some(0.01), Some(1e4);
     }

@@ -207,13 +207,13 @@ impl PyFilter {
     /// Velocity in W, (3,) m/s.
     #[getter]
     fn velocity<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, self.0.state().velocity().as_slice())
+        PyArray1::from_slice(py, self.0.velocity().as_slice())
     }
 
     /// Angular velocity in C, (3,) rad/s.
     #[getter]
     fn angular_velocity<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, self.0.state().angular_velocity().as_slice())
+        PyArray1::from_slice(py, self.0.angular_velocity().as_slice())
     }
 
     /// The whole state vector, (n,) float64: camera (13), then the blocks of :attr:`blocks`.

@@ -233,6 +233,7 @@ impl Filter {
             });
         }
         check_pose(&Pose::identity(), covariance)?;
+        self.changes();
         let error =
             self.state
                 .append::<6>(BlockKind::WornError, &Vector6::zeros(), &[], covariance);

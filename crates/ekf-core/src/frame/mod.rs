@@ -211,6 +211,8 @@ impl Filter {
         scratch: &mut Scratch,
     ) -> Result<(), EkfError> {
         self.check(z, scratch)?;
+        self.changes();
+        self.fetch(z, &mut scratch.ids);
         let before = self.state.layout.dim();
         let form = self.worn_form(z);
         let worn = z.worn.as_ref().filter(|_| form != WornForm::Unused);
@@ -227,9 +229,10 @@ impl Filter {
         if let Err(error) = self.measure(z, form, &newborn, report, scratch) {
             // Only blocks at the end were added: taking them away restores the state.
             self.state.remove(|b| b.offset >= before);
-            let state = &self.state;
-            self.records
-                .retain(|id, _| state.layout.find(*id).is_some());
+            let (state, far) = (&self.state, &self.far);
+            self.records.retain(|&id, _| {
+                state.layout.find(id).is_some() || far.as_ref().is_some_and(|far| far.has(id))
+            });
             return Err(error);
         }
         match form {
@@ -241,16 +244,19 @@ impl Filter {
         report.worn_error = self.state.worn_error();
         self.state.remove(|b| b.kind == BlockKind::WornError);
         self.finish(z, report);
+        self.choose_working_set(&z.searched);
         Ok(())
     }
 
     /// Innovation, S and its factor for the bearings and known depths of a frame, without an update.
     ///
     /// # Errors
-    /// As [`Self::update`]; nothing of the state changes in any case.
+    /// As [`Self::update`]; the state stays as it is in any case.
     pub fn innovation(&mut self, z: &Measurements) -> Result<&Workspace, EkfError> {
         let mut scratch = Scratch::default();
         self.check(z, &mut scratch)?;
+        self.changes();
+        self.fetch(z, &mut scratch.ids);
         let mut report = UpdateReport::default();
         report.start(z);
         refill(
@@ -264,6 +270,17 @@ impl Filter {
         Ok(&self.batch)
     }
 
+    /// Brings what is measured or was looked for into the working set of the local update.
+    fn fetch(&mut self, z: &Measurements, ids: &mut Vec<u64>) {
+        let Some(far) = &mut self.far else { return };
+        ids.clear();
+        ids.extend(z.bearings.iter().map(|b| b.id));
+        ids.extend(z.pairs().iter().filter_map(|p| p.id));
+        ids.extend(z.depths.iter().filter_map(|d| d.id));
+        ids.sort_unstable();
+        far.enter(&mut self.state, |id| ids.binary_search(&id).is_ok());
+    }
+
     fn check(&self, z: &Measurements, scratch: &mut Scratch) -> Result<(), EkfError> {
         let pairs = z.pairs();
         let pixels = z.bearings.iter().map(|b| &b.uv);
@@ -273,7 +290,7 @@ impl Filter {
         let depths = z.depths.iter().filter_map(|d| d.id);
         let others = || pairs.iter().filter_map(|p| p.id).chain(depths.clone());
         for id in bearings().chain(others()).chain(z.searched.iter().copied()) {
-            self.feature_block(id)?;
+            self.known(id)?;
         }
         check_once("bearings", bearings(), &mut scratch.ids)?;
         check_once("worn pairs and depths", others(), &mut scratch.ids)?;

@@ -5,6 +5,7 @@
 //! sides: nothing is packed or copied on the way. See [`performance`](crate::performance) for the figures.
 
 mod aligned;
+mod dot;
 mod gather;
 mod panels;
 mod solve;
@@ -12,6 +13,7 @@ mod symmetric;
 mod transform;
 
 pub(crate) use aligned::{Aligned, LINE};
+pub(crate) use dot::dot;
 pub(crate) use gather::fill;
 pub(crate) use panels::{Panels, Stored};
 pub(crate) use solve::solve;

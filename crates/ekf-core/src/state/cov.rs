@@ -7,6 +7,7 @@
 //! Features born from one camera position have the same anchor: three rows of P that are equal for ever, since
 //! nothing tells them apart. Such rows are stored once: row `i` of P is row `slots[i]` of what is stored.
 
+use super::CAMERA_DIM;
 use crate::kernel::{self, Aligned, LINE, Panels, Stored};
 use nalgebra::{DMatrix, SMatrix, SVector};
 
@@ -57,7 +58,8 @@ impl Covariance {
         self.stored_entry(self.slots[i], self.slots[j])
     }
 
-    fn stored_entry(&self, i: usize, j: usize) -> f64 {
+    /// One entry by stored rows.
+    pub(crate) fn stored_entry(&self, i: usize, j: usize) -> f64 {
         let (i, j) = if i >= j { (i, j) } else { (j, i) };
         self.data[i + j * self.ld]
     }
@@ -100,6 +102,66 @@ impl Covariance {
             ld: self.ld,
             n: self.n,
             slots: &self.slots,
+        }
+    }
+
+    /// Zeros in `n` stored rows, of which only the camera's are placed.
+    pub(crate) fn of_stored(n: usize, capacity: usize) -> Self {
+        let mut p = Self::zeros(n, capacity);
+        p.slots.truncate(CAMERA_DIM);
+        p
+    }
+
+    /// Says where the rows that follow in P are stored.
+    pub(crate) fn place(&mut self, slots: &[usize]) {
+        self.slots.extend_from_slice(slots);
+    }
+
+    /// Sets one entry by stored rows, `i >= j`.
+    pub(crate) fn set_stored(&mut self, i: usize, j: usize, value: f64) {
+        self.data[i + j * self.ld] = value;
+    }
+
+    /// The stored triangle, to write to, and its leading dimension.
+    pub(crate) fn entries(&mut self) -> (&mut [f64], usize) {
+        (&mut self.data, self.ld)
+    }
+
+    /// Copies a whole column by stored rows.
+    pub(crate) fn stored_column(&self, j: usize, to: &mut [f64]) {
+        for (i, value) in to[..j].iter_mut().enumerate() {
+            *value = self.data[j + i * self.ld];
+        }
+        to[j..].copy_from_slice(&self.data[j + j * self.ld..self.n + j * self.ld]);
+    }
+
+    /// Appends `width` stored rows with these covariances (one column each, of the rows before; `own` among
+    /// themselves), and as many dual rows: 1 where a dual row meets its own, else 0.
+    pub(crate) fn append_stored(
+        &mut self,
+        before: &[f64],
+        own: impl Fn(usize, usize) -> f64,
+        width: usize,
+    ) {
+        let n = self.n;
+        self.reserve(n + 2 * width);
+        self.n = n + 2 * width;
+        for j in 0..n {
+            let to = &mut self.data[n + j * self.ld..][..2 * width];
+            to.fill(0.0);
+            for (value, column) in to.iter_mut().zip(before.chunks_exact(n)) {
+                *value = column[j];
+            }
+        }
+        for j in 0..2 * width {
+            for i in j..2 * width {
+                let value = match (i < width, j < width) {
+                    (true, true) => (own(i, j) + own(j, i)) * 0.5,
+                    (false, true) if i == j + width => 1.0,
+                    _ => 0.0,
+                };
+                self.set_stored(n + i, n + j, value);
+            }
         }
     }
 

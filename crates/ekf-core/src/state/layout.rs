@@ -16,6 +16,8 @@ pub enum BlockKind {
     WornBias,
     /// The error of one frame's T_CF, tangent, 6 numbers; lives for that frame only.
     WornError,
+    /// Auxiliary rows of the local update; only a working state has them, never the state that is shown.
+    Dual(usize),
 }
 
 impl BlockKind {
@@ -23,6 +25,7 @@ impl BlockKind {
     pub const fn dim(self) -> usize {
         match self {
             Self::Clone => POSE_DIM,
+            Self::Dual(rows) => rows,
             Self::Feature | Self::WornBias | Self::WornError => 6,
         }
     }
@@ -46,10 +49,12 @@ impl Block {
     }
 }
 
-/// The order of blocks. Ids grow with birth and blocks keep their order, so a look-up is a binary search.
+/// The order of blocks. Ids grow with birth and blocks keep their order, so a look-up is a binary search; only in the
+/// working state of the local update they come and go as the camera looks about.
 #[derive(Clone, Debug, Default)]
 pub struct Layout {
     blocks: Vec<Block>,
+    shuffled: bool,
     next_id: u64,
 }
 
@@ -71,10 +76,28 @@ impl Layout {
 
     /// The block with this id.
     pub fn find(&self, id: u64) -> Option<&Block> {
+        if self.shuffled {
+            return self.blocks.iter().find(|b| b.id == id);
+        }
         self.blocks
             .binary_search_by_key(&id, |b| b.id)
             .ok()
             .map(|i| &self.blocks[i])
+    }
+
+    /// Without blocks; ids go on.
+    pub(crate) fn emptied(&self) -> Self {
+        Self {
+            next_id: self.next_id,
+            ..Self::default()
+        }
+    }
+
+    /// Appends a block that has an id.
+    pub(crate) fn insert(&mut self, kind: BlockKind, id: u64) {
+        let offset = self.dim();
+        self.shuffled |= self.blocks.last().is_some_and(|b| b.id >= id);
+        self.blocks.push(Block { id, kind, offset });
     }
 
     /// Appends a block at the end of the state.
@@ -85,6 +108,7 @@ impl Layout {
             offset: self.dim(),
         };
         self.next_id += 1;
+        self.shuffled |= self.blocks.last().is_some_and(|b| b.id >= block.id);
         self.blocks.push(block);
         block
     }

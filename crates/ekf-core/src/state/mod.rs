@@ -134,6 +134,25 @@ impl State {
         block
     }
 
+    /// Camera and ids of this state, no blocks, and a covariance of zeros whose first rows are the camera's.
+    pub(crate) fn camera_alone(&self, p: Covariance) -> Self {
+        Self {
+            x: self.x[..CAMERA_DIM].to_vec(),
+            p,
+            layout: self.layout.emptied(),
+            bias_stationary: self.bias_stationary,
+            newborn: self.newborn,
+        }
+    }
+
+    /// Appends a block that has an id, whose rows are stored already.
+    pub(crate) fn insert(&mut self, kind: BlockKind, id: u64, slots: &[usize], mean: &[f64]) {
+        debug_assert!(kind.dim() == slots.len() && kind.dim() == mean.len());
+        self.layout.insert(kind, id);
+        self.p.place(slots);
+        self.x.extend_from_slice(mean);
+    }
+
     /// To be called when the camera has moved or the state was corrected: what is born next has another anchor.
     pub(crate) fn camera_moved(&mut self) {
         self.newborn = None;

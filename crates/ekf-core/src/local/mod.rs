@@ -1,0 +1,308 @@
+//! The exact local update (compressed filter): features outside of a working set are touched lazily.
+//!
+//! A step measures what is in view. Split the state at some time into the working set `A` (camera, features in view)
+//! and the rest `B`. As long as only `A` moves and is measured, `B` follows `A` as it did then:
+//!
+//! ```text
+//! P_AB = Phi R        P_BB = P_BB(then) - R^T Psi R        x_B = x_B(then) + R^T theta        R = P_AB(then)
+//! ```
+//!
+//! `Phi <- F Phi` in a prediction, and in an update `Phi <- (I - K H) Phi`, `Psi += Phi^T H^T S^-1 H Phi`,
+//! `theta += Phi^T H^T S^-1 g` (Guivant and Nebot, IEEE T-RA 2001). These are the very operations that the filter does
+//! to a covariance: give the working state *dual* rows with
+//!
+//! ```text
+//!     [ P_AA   Phi  ]                     [ x_A   ]
+//! M = [ Phi^T  -Psi ],   at first I, 0,   [ theta ],   at first 0
+//! ```
+//!
+//! and the plain filter run on `M` keeps all three, with no code of its own: `A` gains and loses blocks as ever.
+//!
+//! *A feature of `B` that comes into view* joins `A` alone: its rows of `P` now become rows of `R`, and it brings dual
+//! rows of its own (`Phi = I`, `Psi = 0`). That is O(n) a feature, where writing all of `P_BB` is O(n^2). When dual rows
+//! have become too many, [`Far::settle`] writes the whole state once and a new working set is chosen.
+
+mod settle;
+
+use crate::kernel::dot;
+use crate::observe::point::FeatureState;
+use crate::state::{Block, BlockKind, Covariance, State};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
+use nalgebra::{SMatrix, Vector6};
+
+/// What is outside of the working set.
+#[derive(Clone, Debug)]
+pub(crate) struct Far {
+    /// The whole state as it was when the working set was chosen.
+    then: State,
+    /// Blocks of `then` that are outside, all features, by id.
+    outside: Vec<Block>,
+    /// Column of `R` of each stored row of `then`, if it has one.
+    column: Vec<Option<usize>>,
+    /// Stored row of `then` of each column of `R`.
+    columns: Vec<usize>,
+    /// `R`, a row for each dual row, column-major with leading dimension `ld`.
+    r: Vec<f64>,
+    ld: usize,
+    /// Dual rows at first.
+    first: usize,
+}
+
+/// Where the dual rows of a working state are.
+struct Duals {
+    /// Index in its mean.
+    mean: Vec<usize>,
+    /// Row stored in its covariance.
+    rows: Vec<usize>,
+}
+
+impl Duals {
+    fn of(near: &State) -> Self {
+        let blocks = near.layout.blocks().iter();
+        let blocks = blocks.filter(|b| matches!(b.kind, BlockKind::Dual(_)));
+        let mean: Vec<usize> = blocks.flat_map(Block::range).collect();
+        let rows = mean.iter().map(|&i| near.p.slot(i)).collect();
+        Self { mean, rows }
+    }
+
+    fn theta(&self, near: &State) -> Vec<f64> {
+        self.mean.iter().map(|&i| near.x[i]).collect()
+    }
+}
+
+impl Far {
+    /// Takes the features for which `is_near` holds, and all that is no feature, out of a whole state as working state.
+    pub(crate) fn split(whole: State, is_near: impl Fn(&Block) -> bool) -> (State, Self) {
+        let stays = |b: &Block| b.kind != BlockKind::Feature || is_near(b);
+        let n = whole.p.stored().n;
+        let near = settle::working_state(&whole, stays);
+        let outside: Vec<Block> = whole
+            .layout
+            .blocks()
+            .iter()
+            .copied()
+            .filter(|b| !stays(b))
+            .collect();
+        let mut needed = vec![false; n];
+        for i in outside.iter().flat_map(Block::range) {
+            needed[whole.p.slot(i)] = true;
+        }
+        let columns: Vec<usize> = (0..n).filter(|&row| needed[row]).collect();
+        let mut column = vec![None; n];
+        for (k, &row) in columns.iter().enumerate() {
+            column[row] = Some(k);
+        }
+        let reference = settle::stored_rows(&whole, stays);
+        let first = reference.len();
+        let ld = 2 * first;
+        let mut r = vec![0.0; ld * columns.len()];
+        for (column, &b) in r.chunks_exact_mut(ld).zip(&columns) {
+            for (value, &a) in column.iter_mut().zip(&reference) {
+                *value = whole.p.stored_entry(a, b);
+            }
+        }
+        let far = Self {
+            then: whole,
+            outside,
+            column,
+            columns,
+            r,
+            ld,
+            first,
+        };
+        (near, far)
+    }
+
+    /// Blocks outside, all features, by id; their offsets mean nothing to the working state.
+    pub(crate) fn features(&self) -> &[Block] {
+        &self.outside
+    }
+
+    /// Whether a feature is outside.
+    pub(crate) fn has(&self, id: u64) -> bool {
+        self.outside.binary_search_by_key(&id, |b| b.id).is_ok()
+    }
+
+    /// Deletes features outside.
+    pub(crate) fn remove(&mut self, gone: impl Fn(u64) -> bool) {
+        self.outside.retain(|b| !gone(b.id));
+    }
+
+    /// Whether the working state has grown so much that writing the whole state pays.
+    pub(crate) fn is_full(&self, near: &State) -> bool {
+        near.p.stored().n > 3 * self.first + 64
+    }
+
+    fn column(&self, row: usize, duals: usize) -> &[f64] {
+        let k = self.column[row].expect("a row outside has a column");
+        &self.r[k * self.ld..k * self.ld + duals]
+    }
+
+    /// Present means of all features outside, in their order.
+    pub(crate) fn means(&self, near: &State) -> impl Iterator<Item = (Block, FeatureState)> {
+        let theta = Duals::of(near).theta(near);
+        self.outside.iter().map(move |&block| {
+            let mean = Vector6::from_fn(|k, _| {
+                let i = block.offset + k;
+                self.then.x[i] + dot(&theta, self.column(self.then.p.slot(i), theta.len()))
+            });
+            (block, FeatureState(mean))
+        })
+    }
+
+    /// Present covariance of a feature outside with the camera's pose, and of itself.
+    pub(crate) fn covariance(
+        &self,
+        near: &State,
+        block: &Block,
+    ) -> (SMatrix<f64, 7, 6>, SMatrix<f64, 6, 6>) {
+        let duals = Duals::of(near).rows;
+        let rows: [usize; 6] = std::array::from_fn(|k| self.then.p.slot(block.offset + k));
+        let columns = rows.map(|row| self.column(row, duals.len()));
+        let times = |i: usize, c: usize| -> f64 {
+            let along = duals.iter().zip(columns[c]);
+            along.map(|(&d, r)| near.p.stored_entry(i, d) * r).sum()
+        };
+        let cross = SMatrix::from_fn(|i, c| times(i, c));
+        let mut own =
+            SMatrix::<f64, 6, 6>::from_fn(|i, j| self.then.p.stored_entry(rows[i], rows[j]));
+        for c in 0..6 {
+            let column: Vec<f64> = duals.iter().map(|&d| times(d, c)).collect();
+            for i in 0..6 {
+                own[(i, c)] += dot(columns[i], &column);
+            }
+        }
+        (cross, (own + own.transpose()) * 0.5)
+    }
+
+    /// Brings features into the working set: their rows of P as they are now, and dual rows of their own.
+    pub(crate) fn enter(&mut self, near: &mut State, wanted: impl Fn(u64) -> bool) {
+        let entering: Vec<Block> = self
+            .outside
+            .iter()
+            .copied()
+            .filter(|b| wanted(b.id))
+            .collect();
+        if entering.is_empty() {
+            return;
+        }
+        self.outside.retain(|b| !wanted(b.id));
+        let duals = Duals::of(near);
+        let (depth, n, theta) = (duals.rows.len(), near.p.stored().n, duals.theta(near));
+        // Rows of `then` that enter, and where each feature's six rows will be stored.
+        let mut rows: Vec<usize> = Vec::new();
+        let mut means: Vec<f64> = Vec::new();
+        let mut slots: Vec<[usize; 6]> = Vec::new();
+        for block in &entering {
+            let mate = self.mate(near, block);
+            let mut own = [0; 6];
+            for (k, slot) in own.iter_mut().enumerate() {
+                let row = self.then.p.slot(block.offset + k);
+                *slot = match (mate, rows.iter().position(|&r| r == row)) {
+                    (Some(mate), _) if k < 3 => near.p.slot(mate + k),
+                    (_, Some(at)) => n + at,
+                    _ => {
+                        rows.push(row);
+                        let moved = dot(&theta, self.column(row, depth));
+                        means.push(self.then.x[block.offset + k] + moved);
+                        n + rows.len() - 1
+                    }
+                };
+            }
+            slots.push(own);
+        }
+        let width = rows.len();
+        let mut of_rows = Vec::with_capacity(depth * width);
+        for &row in &rows {
+            of_rows.extend_from_slice(self.column(row, depth));
+        }
+        let of_rows = MatRef::from_column_major_slice(&of_rows, depth, width);
+        let mut by_dual = vec![0.0; n * depth];
+        for (column, &d) in by_dual.chunks_exact_mut(n).zip(&duals.rows) {
+            near.p.stored_column(d, column);
+        }
+        // `M R_J`: the rows of A are P_AJ, those of the duals -Psi R_J.
+        let mut with_near = vec![0.0; n * width];
+        product(
+            MatMut::from_column_major_slice_mut(&mut with_near, n, width),
+            MatRef::from_column_major_slice(&by_dual, n, depth),
+            of_rows,
+        );
+        let mut shared = Vec::with_capacity(depth * width);
+        for column in with_near.chunks_exact_mut(n) {
+            for &d in &duals.rows {
+                shared.push(std::mem::take(&mut column[d]));
+            }
+        }
+        let shared = MatRef::from_column_major_slice(&shared, depth, width);
+        // R's new rows.
+        let total = self.columns.len();
+        let mut with_far = vec![0.0; width * total];
+        product(
+            MatMut::from_column_major_slice_mut(&mut with_far, width, total),
+            shared.transpose(),
+            MatRef::from_column_major_slice_with_stride(&self.r, depth, total, self.ld),
+        );
+        self.make_room(depth + width, depth);
+        for (k, new) in with_far.chunks_exact(width).enumerate() {
+            let column = &mut self.r[k * self.ld + depth..];
+            for ((value, new), &row) in column.iter_mut().zip(new).zip(&rows) {
+                *value = new + self.then.p.stored_entry(row, self.columns[k]);
+            }
+        }
+        let own = |i: usize, j: usize| {
+            let k = self.column[rows[j]].expect("a row outside has a column");
+            self.r[k * self.ld + depth + i]
+        };
+        near.p.append_stored(&with_near, own, width);
+        for (block, slots) in entering.iter().zip(&slots) {
+            let mean = Vector6::from_fn(|k, _| match slots[k].checked_sub(n) {
+                Some(at) => means[at],
+                None => {
+                    let mate = self.mate(near, block).expect("found above");
+                    near.x[mate + k]
+                }
+            });
+            near.insert(BlockKind::Feature, block.id, slots, mean.as_slice());
+        }
+        let slots: Vec<usize> = (n + width..n + 2 * width).collect();
+        near.insert(BlockKind::Dual(width), u64::MAX, &slots, &vec![0.0; width]);
+    }
+
+    /// Offset, in the working state, of a feature with the same anchor.
+    fn mate(&self, near: &State, block: &Block) -> Option<usize> {
+        let anchor = self.then.p.slot(block.offset);
+        let features = near.layout.of_kind(BlockKind::Feature);
+        features
+            .filter(|b| {
+                let before = self.then.layout.find(b.id);
+                before.is_some_and(|b| self.then.p.slot(b.offset) == anchor)
+            })
+            .map(|b| b.offset)
+            .next()
+    }
+
+    fn make_room(&mut self, rows: usize, used: usize) {
+        if rows <= self.ld {
+            return;
+        }
+        let ld = 2 * rows;
+        let mut r = vec![0.0; ld * self.columns.len()];
+        for (to, from) in r.chunks_exact_mut(ld).zip(self.r.chunks_exact(self.ld)) {
+            to[..used].copy_from_slice(&from[..used]);
+        }
+        (self.r, self.ld) = (r, ld);
+    }
+}
+
+fn product(to: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
+    matmul(to, Accum::Replace, a, b, 1.0, Par::Seq);
+}
+
+impl Covariance {
+    /// Row of P to row stored.
+    fn slot(&self, i: usize) -> usize {
+        self.stored().slots[i]
+    }
+}

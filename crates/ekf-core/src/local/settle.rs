@@ -1,0 +1,155 @@
+//! From a working state and what is outside of it to the whole state, and back.
+
+use super::{Duals, Far, product};
+use crate::state::{Block, BlockKind, CAMERA_DIM, Covariance, State};
+use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::{Accum, MatMut, MatRef, Par};
+
+/// Stored rows of the camera and of the blocks for which `chosen` holds, increasing.
+pub(super) fn stored_rows(state: &State, chosen: impl Fn(&Block) -> bool) -> Vec<usize> {
+    let stored = state.p.stored();
+    let mut used = vec![false; stored.n];
+    used[..CAMERA_DIM].fill(true);
+    for block in state.layout.blocks().iter().filter(|b| chosen(b)) {
+        for i in block.range() {
+            used[stored.slots[i]] = true;
+        }
+    }
+    (0..stored.n).filter(|&row| used[row]).collect()
+}
+
+/// The working state of the blocks for which `stays` holds, with dual rows for all of its own.
+pub(super) fn working_state(whole: &State, stays: impl Fn(&Block) -> bool) -> State {
+    let rows = stored_rows(whole, &stays);
+    let a = rows.len();
+    let mut near = whole.camera_alone(Covariance::of_stored(2 * a, 4 * a));
+    for (j, &column) in rows.iter().enumerate() {
+        for (i, &row) in rows.iter().enumerate().skip(j) {
+            let value = whole.p.stored_entry(row, column);
+            near.p.set_stored(i, j, value);
+        }
+        near.p.set_stored(a + j, j, 1.0);
+    }
+    let place = |row: usize| rows.partition_point(|&r| r < row);
+    for block in whole.layout.blocks().iter().filter(|b| stays(b)) {
+        let slots: Vec<usize> = block
+            .range()
+            .map(|i| place(whole.p.stored().slots[i]))
+            .collect();
+        near.insert(block.kind, block.id, &slots, &whole.x[block.range()]);
+    }
+    let slots: Vec<usize> = (a..2 * a).collect();
+    near.insert(BlockKind::Dual(a), u64::MAX, &slots, &vec![0.0; a]);
+    near
+}
+
+impl Far {
+    /// The whole state as it is now.
+    pub(crate) fn settle(&self, near: &State) -> State {
+        let is_dual = |b: &Block| matches!(b.kind, BlockKind::Dual(_));
+        let duals = Duals::of(near);
+        let depth = duals.rows.len();
+        let near_rows = stored_rows(near, |b| !is_dual(b));
+        let place_near = |row: usize| near_rows.partition_point(|&r| r < row);
+        // Rows outside, but for anchors that a feature inside has as well.
+        let a = near_rows.len();
+        let mut place_far: Vec<Option<usize>> = vec![None; self.then.p.stored().n];
+        let mut far_rows = Vec::new();
+        for block in &self.outside {
+            let mate = self.mate(near, block);
+            for k in 0..6 {
+                let row = self.then.p.slot(block.offset + k);
+                if place_far[row].is_none() {
+                    place_far[row] = Some(match mate {
+                        Some(mate) if k < 3 => place_near(near.p.slot(mate + k)),
+                        _ => {
+                            far_rows.push(row);
+                            a + far_rows.len() - 1
+                        }
+                    });
+                }
+            }
+        }
+        let b = far_rows.len();
+        let mut whole = near.camera_alone(Covariance::of_stored(a + b, self.then.p.stored().ld));
+        let p = &mut whole.p;
+        for (j, &column) in near_rows.iter().enumerate() {
+            for (i, &row) in near_rows.iter().enumerate().skip(j) {
+                p.set_stored(i, j, near.p.stored_entry(row, column));
+            }
+        }
+        for (j, &column) in far_rows.iter().enumerate() {
+            for (i, &row) in far_rows.iter().enumerate().skip(j) {
+                p.set_stored(a + i, a + j, self.then.p.stored_entry(row, column));
+            }
+        }
+        // R of the rows outside, and M's columns of the duals.
+        let mut r = Vec::with_capacity(depth * b);
+        for &row in &far_rows {
+            r.extend_from_slice(self.column(row, depth));
+        }
+        let r = MatRef::from_column_major_slice(&r, depth, b);
+        let mut phi = vec![0.0; depth * a];
+        for (k, &row) in near_rows.iter().enumerate() {
+            for (value, &d) in phi[k * depth..].iter_mut().zip(&duals.rows) {
+                *value = near.p.stored_entry(row, d);
+            }
+        }
+        let mut psi = vec![0.0; depth * depth];
+        for (k, &row) in duals.rows.iter().enumerate() {
+            for (value, &d) in psi[k * depth..].iter_mut().zip(&duals.rows) {
+                *value = near.p.stored_entry(row, d);
+            }
+        }
+        let mut psi_r = vec![0.0; depth * b];
+        product(
+            MatMut::from_column_major_slice_mut(&mut psi_r, depth, b),
+            MatRef::from_column_major_slice(&psi, depth, depth),
+            r,
+        );
+        let (entries, ld) = p.entries();
+        let all = MatMut::from_column_major_slice_with_stride_mut(entries, a + b, a + b, ld);
+        let (_, _, cross, outside) = all.split_at_mut(a, a);
+        let phi = MatRef::from_column_major_slice(&phi, depth, a);
+        product(cross, r.transpose(), phi);
+        triangular::matmul(
+            outside,
+            BlockStructure::TriangularLower,
+            Accum::Add,
+            r.transpose(),
+            BlockStructure::Rectangular,
+            MatRef::from_column_major_slice(&psi_r, depth, b),
+            BlockStructure::Rectangular,
+            1.0,
+            Par::Seq,
+        );
+        self.join(&mut whole, near, place_near, &place_far);
+        whole
+    }
+
+    /// Puts the blocks of both into the whole state, by id.
+    fn join(
+        &self,
+        whole: &mut State,
+        near: &State,
+        place_near: impl Fn(usize) -> usize,
+        place_far: &[Option<usize>],
+    ) {
+        let mut blocks = Vec::new();
+        for block in near.layout.blocks() {
+            if !matches!(block.kind, BlockKind::Dual(_)) {
+                let slots: Vec<usize> = block.range().map(|i| place_near(near.p.slot(i))).collect();
+                blocks.push((block.id, block.kind, slots, near.x[block.range()].to_vec()));
+            }
+        }
+        for (block, mean) in self.means(near) {
+            let place = |i: usize| place_far[self.then.p.slot(i)].expect("placed above");
+            let slots = block.range().map(place).collect();
+            blocks.push((block.id, block.kind, slots, mean.0.as_slice().to_vec()));
+        }
+        blocks.sort_by_key(|(id, ..)| *id);
+        for (id, kind, slots, mean) in blocks {
+            whole.insert(kind, id, &slots, &mean);
+        }
+    }
+}
