@@ -14,6 +14,8 @@ use std::f64::consts::TAU;
 const RADIUS: f64 = 9.5;
 /// Metres per second.
 const SPEED: f64 = 1.2;
+/// Frames between those in which features are born: some four at once, as in the demo.
+const BIRTHS: usize = 5;
 /// How far the camera looks outwards from where it goes, radians.
 const OUTWARDS: f64 = 0.38;
 
@@ -25,6 +27,7 @@ pub struct Loop {
     known: BTreeMap<u64, usize>,
     /// Time now, seconds.
     pub time: f64,
+    frame: usize,
     rng: Pcg64,
 }
 
@@ -35,8 +38,7 @@ impl Loop {
         let points = (0..points)
             .map(|i| {
                 let angle = TAU * (i as f64 + rng.random_range(0.0..1.0)) / points as f64;
-                let side = if rng.random_bool(0.75) { 1.0 } else { -1.0 };
-                let radius = RADIUS + side * rng.random_range(1.5..3.0);
+                let radius = RADIUS + rng.random_range(1.5..3.5);
                 Vector3::new(
                     RADIUS - radius * angle.cos(),
                     rng.random_range(-1.2..1.2),
@@ -49,6 +51,7 @@ impl Loop {
             points,
             known: BTreeMap::new(),
             time: 0.0,
+            frame: 0,
             rng,
         }
     }
@@ -68,12 +71,13 @@ impl Loop {
     /// Walks on for `dt` seconds; returns the time.
     pub fn walk(&mut self, dt: f64) -> f64 {
         self.time += dt;
+        self.frame += 1;
         self.time
     }
 
     /// Whether the whole map has been seen, and the camera is back where it began.
     pub fn closed(&self) -> bool {
-        self.time * SPEED > TAU * RADIUS
+        self.time * SPEED > 1.05 * TAU * RADIUS
     }
 
     fn pose(&self) -> Pose {
@@ -111,7 +115,7 @@ impl Loop {
             if let Some(&id) = ids.get(&point) {
                 z.searched.push(id);
                 z.bearings.push(Bearing { id, uv });
-            } else {
+            } else if self.frame.is_multiple_of(BIRTHS) {
                 let sigma = 0.02 * seen.z;
                 z.depths.push(DepthObservation {
                     id: None,

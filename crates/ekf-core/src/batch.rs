@@ -106,6 +106,12 @@ impl Workspace {
         &self.g
     }
 
+    /// By how much the last update moved the camera, in its largest number.
+    pub(crate) fn moved_by(&self) -> f64 {
+        let pose = self.moved.iter().take(POSE_DIM);
+        pose.fold(0.0, |largest, x| largest.max(x.abs()))
+    }
+
     /// Measurement noise of each unit.
     pub fn noise(&self) -> &[Matrix3<f64>] {
         &self.noise

@@ -18,7 +18,7 @@ use crate::observe::point::{CameraPose, FeatureState, PointInCamera};
 use crate::overlap::{self, Overlap};
 use crate::predict;
 use crate::settings::Settings;
-use crate::state::{BlockKind, State};
+use crate::state::{BlockKind, Covariance, State};
 use crate::validate;
 use nalgebra::{Matrix2, Matrix3, Matrix6, SMatrix, Vector2, Vector3};
 use std::collections::BTreeMap;
@@ -42,9 +42,18 @@ pub struct Filter {
     pub(crate) scratch: frame::Scratch,
     /// What is outside of the working state `state`, with `map.local`.
     pub(crate) far: Option<Far>,
+    /// Room for the next whole covariance of `map.local`.
+    spare: Option<Covariance>,
     /// The whole state, if it was asked for since the last change.
     shown: OnceLock<Box<State>>,
 }
+
+/// With `map.local`: pixels out of the image within which a feature's mean of some frames ago may be while it is in view...
+const MAYBE: f64 = 200.0;
+/// ...unless an update has moved the camera by as much (metres or quaternion entries): the map may have moved as well.
+const JUMP: f64 = 0.02;
+/// Pixels out of the image within which features join the working set when one in view does.
+const SOON: f64 = 60.0;
 
 /// What a feature is expected to look like (METHOD 7, step 2).
 #[derive(Clone, Debug)]
@@ -97,6 +106,7 @@ impl Filter {
             drift: FrameDrift::default(),
             scratch: frame::Scratch::default(),
             far: None,
+            spare: None,
             shown: OnceLock::new(),
         }
     }
@@ -109,7 +119,9 @@ impl Filter {
     /// The state: mean, covariance, layout. With `map.local` it is put together when asked for, in O(n^2).
     pub fn state(&self) -> &State {
         match &self.far {
-            Some(far) => self.shown.get_or_init(|| Box::new(far.settle(&self.state))),
+            Some(far) => self
+                .shown
+                .get_or_init(|| Box::new(far.settle(&self.state, None))),
             None => &self.state,
         }
     }
@@ -141,7 +153,7 @@ impl Filter {
 
     /// Number of features in the map.
     pub fn map_size(&self) -> usize {
-        let outside = self.far.as_ref().map_or(0, |far| far.features().len());
+        let outside = self.far.as_ref().map_or(0, Far::len);
         self.state.layout.of_kind(BlockKind::Feature).count() + outside
     }
 
@@ -179,11 +191,19 @@ impl Filter {
         let distance = (pose.r - before).norm();
         self.drift.grow(&pose, dt, distance, process);
         if let Some(far) = &mut self.far {
-            // What comes into view joins the working set.
-            let seen = far.means(&self.state);
-            let seen = seen.filter(|(_, y)| appearance(&self.camera, &pose, y).is_some());
-            let seen: Vec<u64> = seen.map(|(block, _)| block.id).collect();
-            far.enter(&mut self.state, |id| seen.binary_search(&id).is_ok());
+            // What comes into view joins the working set, and what is about to come with it: to join costs a pass over R.
+            far.look_about(&self.state, self.batch.moved_by() > JUMP);
+            let look = |y: &FeatureState, margin| appearance(&self.camera, &pose, y, margin);
+            let close = far.maybe_in_view(&self.state, may_be_seen(&self.camera, &pose));
+            let mut any = false;
+            let close = close.filter(|(_, y)| {
+                any |= look(y, 0.0).is_some();
+                look(y, -SOON).is_some()
+            });
+            let close: Vec<u64> = close.map(|(block, _)| block.id).collect();
+            if any {
+                far.enter(&mut self.state, |id| close.binary_search(&id).is_ok());
+            }
         }
     }
 
@@ -216,15 +236,16 @@ impl Filter {
         let p_pose = p.block::<7, 7>(0, 0);
         for block in self.state.layout.of_kind(BlockKind::Feature) {
             let feature = self.state.feature(block);
-            if let Some(view) = appearance(&self.camera, &pose, &feature) {
+            if let Some(view) = appearance(&self.camera, &pose, &feature, 0.0) {
                 let p_cross = p.block::<7, 6>(0, block.offset);
                 let p_own = p.block::<6, 6>(block.offset, block.offset);
                 seen.push(self.expect(block.id, &feature, &view, (&p_pose, &p_cross, &p_own)));
             }
         }
         if let Some(far) = &self.far {
-            for (block, feature) in far.means(&self.state) {
-                if let Some(view) = appearance(&self.camera, &pose, &feature) {
+            let may_be = may_be_seen(&self.camera, &pose);
+            for (block, feature) in far.maybe_in_view(&self.state, may_be) {
+                if let Some(view) = appearance(&self.camera, &pose, &feature, 0.0) {
                     let (p_cross, p_own) = far.covariance(&self.state, &block);
                     seen.push(self.expect(block.id, &feature, &view, (&p_pose, &p_cross, &p_own)));
                 }
@@ -276,7 +297,11 @@ impl Filter {
         near.extend_from_slice(searched);
         near.sort_unstable();
         let whole = match self.far.take() {
-            Some(far) => far.settle(&self.state),
+            Some(far) => {
+                let whole = far.settle(&self.state, self.spare.take());
+                self.spare = Some(far.into_spare());
+                whole
+            }
             None => std::mem::replace(&mut self.state, State::at_origin(0)),
         };
         let (state, far) = Far::split(whole, |block| near.binary_search(&block.id).is_ok());
@@ -374,13 +399,28 @@ struct Appearance {
     by_point: SMatrix<f64, 2, 3>,
 }
 
-/// How a feature looks, if it should be visible: in front, in the image, rho > 0.
-fn appearance(camera: &Camera, pose: &CameraPose, feature: &FeatureState) -> Option<Appearance> {
+/// How a feature looks, if it should be visible: in front, `margin` pixels inside of the image, rho > 0.
+fn appearance(
+    camera: &Camera,
+    pose: &CameraPose,
+    feature: &FeatureState,
+    margin: f64,
+) -> Option<Appearance> {
     let point = PointInCamera::metric(pose, feature)?;
     let (uv, by_point) = camera.project_jac(&point.value)?;
-    camera.in_image(&uv, 0.0).then_some(Appearance {
+    camera.in_image(&uv, margin).then_some(Appearance {
         point,
         uv,
         by_point,
     })
+}
+
+/// Whether a point may be in view, as far as one tells from where it was some frames ago.
+fn may_be_seen(camera: &Camera, pose: &CameraPose) -> impl Fn(&Vector3<f64>) -> bool {
+    let (r, r_cw) = (pose.r, quat::rotation(&pose.q).transpose());
+    move |point| {
+        let seen = r_cw * (point - r);
+        let uv = camera.project(&seen);
+        uv.is_some_and(|uv| camera.in_image(&uv, -MAYBE))
+    }
 }

@@ -24,20 +24,22 @@
 
 mod settle;
 
-use crate::kernel::dot;
+use crate::kernel::{LINE, dot};
 use crate::observe::point::FeatureState;
 use crate::state::{Block, BlockKind, Covariance, State};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
-use nalgebra::{SMatrix, Vector6};
+use nalgebra::{SMatrix, Vector3, Vector6};
 
 /// What is outside of the working set.
 #[derive(Clone, Debug)]
 pub(crate) struct Far {
     /// The whole state as it was when the working set was chosen.
     then: State,
-    /// Blocks of `then` that are outside, all features, by id.
-    outside: Vec<Block>,
+    /// Features of `then` that are outside, by id.
+    outside: Vec<Outside>,
+    /// Frames since all their means were worked out.
+    age: usize,
     /// Column of `R` of each stored row of `then`, if it has one.
     column: Vec<Option<usize>>,
     /// Stored row of `then` of each column of `R`.
@@ -48,6 +50,23 @@ pub(crate) struct Far {
     /// Dual rows at first.
     first: usize,
 }
+
+/// A feature outside of the working set.
+#[derive(Clone, Copy, Debug)]
+struct Outside {
+    /// Its block of `then`.
+    block: Block,
+    /// Its point when all means were worked out last: good enough to tell whether it may be in view.
+    lately: Vector3<f64>,
+}
+
+/// Point of a feature; one with `rho <= 0` is in view of nobody.
+fn place(feature: &FeatureState) -> Vector3<f64> {
+    feature.point().unwrap_or(Vector3::repeat(f64::INFINITY))
+}
+
+/// Frames after which all means are worked out again.
+const OLDEST: usize = 16;
 
 /// Where the dual rows of a working state are.
 struct Duals {
@@ -77,15 +96,14 @@ impl Far {
         let stays = |b: &Block| b.kind != BlockKind::Feature || is_near(b);
         let n = whole.p.stored().n;
         let near = settle::working_state(&whole, stays);
-        let outside: Vec<Block> = whole
-            .layout
-            .blocks()
-            .iter()
-            .copied()
-            .filter(|b| !stays(b))
-            .collect();
+        let outside = whole.layout.blocks().iter().filter(|b| !stays(b));
+        let outside = outside.map(|block| Outside {
+            block: *block,
+            lately: place(&whole.feature(block)),
+        });
+        let outside: Vec<Outside> = outside.collect();
         let mut needed = vec![false; n];
-        for i in outside.iter().flat_map(Block::range) {
+        for i in outside.iter().flat_map(|o| o.block.range()) {
             needed[whole.p.slot(i)] = true;
         }
         let columns: Vec<usize> = (0..n).filter(|&row| needed[row]).collect();
@@ -97,14 +115,18 @@ impl Far {
         let first = reference.len();
         let ld = 2 * first;
         let mut r = vec![0.0; ld * columns.len()];
-        for (column, &b) in r.chunks_exact_mut(ld).zip(&columns) {
-            for (value, &a) in column.iter_mut().zip(&reference) {
-                *value = whole.p.stored_entry(a, b);
+        // Some columns at a time: they lie side by side in P's cache lines.
+        for (k, some) in columns.chunks(LINE).enumerate() {
+            for (i, &a) in reference.iter().enumerate() {
+                for (c, &b) in some.iter().enumerate() {
+                    r[(k * LINE + c) * ld + i] = whole.p.stored_entry(a, b);
+                }
             }
         }
         let far = Self {
             then: whole,
             outside,
+            age: 0,
             column,
             columns,
             r,
@@ -114,19 +136,45 @@ impl Far {
         (near, far)
     }
 
-    /// Blocks outside, all features, by id; their offsets mean nothing to the working state.
-    pub(crate) fn features(&self) -> &[Block] {
-        &self.outside
+    /// Number of features outside.
+    pub(crate) fn len(&self) -> usize {
+        self.outside.len()
     }
 
     /// Whether a feature is outside.
     pub(crate) fn has(&self, id: u64) -> bool {
-        self.outside.binary_search_by_key(&id, |b| b.id).is_ok()
+        self.outside
+            .binary_search_by_key(&id, |o| o.block.id)
+            .is_ok()
     }
 
     /// Deletes features outside.
     pub(crate) fn remove(&mut self, gone: impl Fn(u64) -> bool) {
-        self.outside.retain(|b| !gone(b.id));
+        self.outside.retain(|o| !gone(o.block.id));
+    }
+
+    /// To be called in each frame; `jumped` if the last update moved the camera by much, and the map maybe as well.
+    pub(crate) fn look_about(&mut self, near: &State, jumped: bool) {
+        self.age += 1;
+        if self.age < OLDEST && !jumped {
+            return;
+        }
+        self.age = 0;
+        let means: Vec<_> = self.means(near).map(|(_, mean)| place(&mean)).collect();
+        for (outside, mean) in self.outside.iter_mut().zip(means) {
+            outside.lately = mean;
+        }
+    }
+
+    /// Present means of the features outside that may be in view, as far as a mean of late tells.
+    pub(crate) fn maybe_in_view(
+        &self,
+        near: &State,
+        may_be: impl Fn(&Vector3<f64>) -> bool,
+    ) -> impl Iterator<Item = (Block, FeatureState)> {
+        let theta = Duals::of(near).theta(near);
+        let some = self.outside.iter().filter(move |o| may_be(&o.lately));
+        some.map(move |o| (o.block, self.mean(&o.block, &theta)))
     }
 
     /// Whether the working state has grown so much that writing the whole state pays.
@@ -141,14 +189,14 @@ impl Far {
 
     /// Present means of all features outside, in their order.
     pub(crate) fn means(&self, near: &State) -> impl Iterator<Item = (Block, FeatureState)> {
-        let theta = Duals::of(near).theta(near);
-        self.outside.iter().map(move |&block| {
-            let mean = Vector6::from_fn(|k, _| {
-                let i = block.offset + k;
-                self.then.x[i] + dot(&theta, self.column(self.then.p.slot(i), theta.len()))
-            });
-            (block, FeatureState(mean))
-        })
+        self.maybe_in_view(near, |_| true)
+    }
+
+    fn mean(&self, block: &Block, theta: &[f64]) -> FeatureState {
+        FeatureState(Vector6::from_fn(|k, _| {
+            let i = block.offset + k;
+            self.then.x[i] + dot(theta, self.column(self.then.p.slot(i), theta.len()))
+        }))
     }
 
     /// Present covariance of a feature outside with the camera's pose, and of itself.
@@ -178,16 +226,12 @@ impl Far {
 
     /// Brings features into the working set: their rows of P as they are now, and dual rows of their own.
     pub(crate) fn enter(&mut self, near: &mut State, wanted: impl Fn(u64) -> bool) {
-        let entering: Vec<Block> = self
-            .outside
-            .iter()
-            .copied()
-            .filter(|b| wanted(b.id))
-            .collect();
+        let entering = self.outside.iter().map(|o| o.block);
+        let entering: Vec<Block> = entering.filter(|b| wanted(b.id)).collect();
         if entering.is_empty() {
             return;
         }
-        self.outside.retain(|b| !wanted(b.id));
+        self.outside.retain(|o| !wanted(o.block.id));
         let duals = Duals::of(near);
         let (depth, n, theta) = (duals.rows.len(), near.p.stored().n, duals.theta(near));
         // Rows of `then` that enter, and where each feature's six rows will be stored.
@@ -293,6 +337,13 @@ impl Far {
             to[..used].copy_from_slice(&from[..used]);
         }
         (self.r, self.ld) = (r, ld);
+    }
+}
+
+impl Far {
+    /// The covariance of before, to be written over.
+    pub(crate) fn into_spare(self) -> Covariance {
+        self.then.p
     }
 }
 

@@ -22,7 +22,7 @@ pub(super) fn stored_rows(state: &State, chosen: impl Fn(&Block) -> bool) -> Vec
 pub(super) fn working_state(whole: &State, stays: impl Fn(&Block) -> bool) -> State {
     let rows = stored_rows(whole, &stays);
     let a = rows.len();
-    let mut near = whole.camera_alone(Covariance::of_stored(2 * a, 4 * a));
+    let mut near = whole.camera_alone(Covariance::of_stored(2 * a, 4 * a, None));
     for (j, &column) in rows.iter().enumerate() {
         for (i, &row) in rows.iter().enumerate().skip(j) {
             let value = whole.p.stored_entry(row, column);
@@ -44,8 +44,8 @@ pub(super) fn working_state(whole: &State, stays: impl Fn(&Block) -> bool) -> St
 }
 
 impl Far {
-    /// The whole state as it is now.
-    pub(crate) fn settle(&self, near: &State) -> State {
+    /// The whole state as it is now, its covariance written over a spare one if there is one.
+    pub(crate) fn settle(&self, near: &State, spare: Option<Covariance>) -> State {
         let is_dual = |b: &Block| matches!(b.kind, BlockKind::Dual(_));
         let duals = Duals::of(near);
         let depth = duals.rows.len();
@@ -55,7 +55,7 @@ impl Far {
         let a = near_rows.len();
         let mut place_far: Vec<Option<usize>> = vec![None; self.then.p.stored().n];
         let mut far_rows = Vec::new();
-        for block in &self.outside {
+        for block in self.outside.iter().map(|o| &o.block) {
             let mate = self.mate(near, block);
             for k in 0..6 {
                 let row = self.then.p.slot(block.offset + k);
@@ -71,7 +71,8 @@ impl Far {
             }
         }
         let b = far_rows.len();
-        let mut whole = near.camera_alone(Covariance::of_stored(a + b, self.then.p.stored().ld));
+        let capacity = self.then.p.stored().ld;
+        let mut whole = near.camera_alone(Covariance::of_stored(a + b, capacity, spare));
         let p = &mut whole.p;
         for (j, &column) in near_rows.iter().enumerate() {
             for (i, &row) in near_rows.iter().enumerate().skip(j) {

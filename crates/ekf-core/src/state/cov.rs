@@ -105,10 +105,13 @@ impl Covariance {
         }
     }
 
-    /// Zeros in `n` stored rows, of which only the camera's are placed.
-    pub(crate) fn of_stored(n: usize, capacity: usize) -> Self {
-        let mut p = Self::zeros(n, capacity);
-        p.slots.truncate(CAMERA_DIM);
+    /// `n` stored rows, of which only the camera's are placed: zeros, or what a spare matrix with room for them holds.
+    pub(crate) fn of_stored(n: usize, capacity: usize, spare: Option<Self>) -> Self {
+        let spare = spare.filter(|p| p.ld >= capacity.max(n));
+        let mut p = spare.unwrap_or_else(|| Self::zeros(n, capacity));
+        p.n = n;
+        p.slots.clear();
+        p.slots.extend(0..CAMERA_DIM);
         p
     }
 
