@@ -142,6 +142,7 @@ class Slam:
         self._start = start
         self._options = FrontendSettings.from_flat(settings.section("frontend"))
         self._in_view = int(settings["filter.map.in_view"])
+        self._reserve = round(self._in_view * float(settings["filter.map.reserve"]))
         self._undelayed = settings["filter.estimator.mode"] == "mono-undelayed"
         self.filter = _core.Filter(camera, worn_camera, settings=dict(settings.section("filter")))
         self._tracks = Tracks(camera, self._options)
@@ -254,12 +255,14 @@ class Slam:
         if not (self.filter.started or scale_free):
             return 0
         pixels = self._tracks.pixels
-        lacking = self._in_view - len(pixels)
+        options = self._options
+        wait = not (self._undelayed or scale_free)
+        wanted = self._in_view + (self._reserve if wait else 0)
+        lacking = wanted - len(pixels)
         if lacking < self._in_view // 8:
             return 0
-        options = self._options
         uv = detect_corners(image, pixels, lacking, options.detect, options.patch.size)
-        if not (self._undelayed or scale_free):
+        if wait:
             ids = self.filter.add_candidates(uv)
             self._tracks.add_candidates(image, self.filter.pose, ids, uv)
             return 0
@@ -281,6 +284,7 @@ def _search_counts(predicted: Ids, found: Found, report: UpdateReport) -> dict[s
         "rejected_outside": int(np.sum(codes == SearchCode.OUTSIDE)),
         "rejected_chi2": outcomes.count("rejected-gate"),
         "rejected_hohct": outcomes.count("rejected-batch"),
+        "rejected_conditional": outcomes.count("rejected-conditional"),
         "nis": report.nis,
         "nis_dof": report.dof,
         "hohct_order": report.order,

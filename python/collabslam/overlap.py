@@ -86,6 +86,7 @@ class Overlap:
             "cf_rejected_low_score": rejected.get("score", 0),
             "cf_rejected_chi2": pairs.count("rejected-gate"),
             "cf_rejected_hohct": pairs.count("rejected-batch"),
+            "cf_rejected_conditional": pairs.count("rejected-conditional"),
             "cf_too_uncertain": pairs.count("too-uncertain"),
             "depth_rows": pairs.count("depth"),
             "cf_pixel_rows": pairs.count("pixel"),

@@ -41,6 +41,7 @@ DIAGNOSTICS = (
     "rejected_low_score",
     "rejected_ambiguous",
     "rejected_hohct",
+    "rejected_conditional",
     "cf_points",
     "cf_matches",
     "cf_rejected_region",

@@ -45,6 +45,7 @@ fn outcome_name(outcome: &Outcome) -> &'static str {
         Outcome::NotVisible => "not-visible",
         Outcome::RejectedGate => "rejected-gate",
         Outcome::RejectedBatch => "rejected-batch",
+        Outcome::RejectedConditional => "rejected-conditional",
         Outcome::Born(_) => "born",
         Outcome::Unused => "unused",
     }

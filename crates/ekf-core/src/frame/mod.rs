@@ -89,6 +89,8 @@ pub enum Outcome {
     RejectedGate,
     /// Rejected by the batch test.
     RejectedBatch,
+    /// Contradicted by the other accepted matches.
+    RejectedConditional,
     /// A new feature with this id.
     Born(u64),
     /// Not used in this mode.
@@ -252,34 +254,19 @@ impl Filter {
         for last in [false, false, true] {
             sources = self.collect_units(z, form, newborn, &demoted, report);
             self.batch.build(&self.state);
-            let gated = self.gated();
-            let mut again = note(
-                &sources,
-                &gated,
-                Outcome::RejectedGate,
-                report,
-                &mut demoted,
-            );
-            leave_out(&mut sources, &gated);
-            self.batch.leave_out(n, &gated);
-            self.batch.factor()?;
-            let rejected = self.batch_test(report);
-            again |= note(
-                &sources,
-                &rejected,
-                Outcome::RejectedBatch,
-                report,
-                &mut demoted,
-            );
-            if again && !last {
-                continue;
-            }
-            if !rejected.is_empty() {
+            let mut again = false;
+            for test in [Self::gated, Self::batch_test, Self::contradicted] {
+                let (rejected, outcome) = test(self, report);
+                again |= note(&sources, &rejected, outcome, report, &mut demoted);
                 leave_out(&mut sources, &rejected);
                 self.batch.leave_out(n, &rejected);
-                self.batch.factor()?;
+                if outcome == Outcome::RejectedGate || !rejected.is_empty() {
+                    self.batch.factor()?;
+                }
             }
-            break;
+            if last || !again {
+                break;
+            }
         }
         report.nis = self.batch.nis();
         report.dof = self.batch.rows();
@@ -314,9 +301,10 @@ impl Filter {
         Ok(())
     }
 
-    fn gated(&mut self) -> Vec<usize> {
+    /// Matches that fail their own gate.
+    fn gated(&mut self, _: &mut UpdateReport) -> (Vec<usize>, Outcome) {
         if self.settings.validate.test == BatchTestKind::None {
-            return Vec::new();
+            return (Vec::new(), Outcome::RejectedGate);
         }
         let level = self.settings.validate.gate_level;
         validate::individual_gate(
@@ -327,10 +315,11 @@ impl Filter {
             level,
             &mut self.test,
         );
-        self.test.rejected().to_vec()
+        (self.test.rejected().to_vec(), Outcome::RejectedGate)
     }
 
-    fn batch_test(&mut self, report: &mut UpdateReport) -> Vec<usize> {
+    /// Matches that the batch test leaves out.
+    fn batch_test(&mut self, report: &mut UpdateReport) -> (Vec<usize>, Outcome) {
         let options = &self.settings.validate;
         let test = match options.test {
             BatchTestKind::Hohct => BatchTest::Hohct(HohctSettings {
@@ -358,12 +347,30 @@ impl Filter {
             units: validate::Units::new(self.batch.offsets()),
         };
         if batch.units.is_empty() {
-            return Vec::new();
+            return (Vec::new(), Outcome::RejectedBatch);
         }
         let verdict = test.run(&batch, &mut self.test);
         report.order = verdict.order;
         report.exact = verdict.exact;
-        self.test.rejected().to_vec()
+        (self.test.rejected().to_vec(), Outcome::RejectedBatch)
+    }
+
+    /// Matches that the other accepted ones contradict.
+    fn contradicted(&mut self, _: &mut UpdateReport) -> (Vec<usize>, Outcome) {
+        let options = &self.settings.validate;
+        if options.test == BatchTestKind::None || options.conditional_level >= 1.0 {
+            return (Vec::new(), Outcome::RejectedConditional);
+        }
+        validate::conditional_gate(
+            self.batch.l(),
+            self.batch.rows(),
+            self.batch.g(),
+            validate::Units::new(self.batch.offsets()),
+            options.conditional_level,
+            options.max_share,
+            &mut self.test,
+        );
+        (self.test.rejected().to_vec(), Outcome::RejectedConditional)
     }
 
     fn finish(&mut self, z: &Measurements, report: &mut UpdateReport) {
