@@ -10,11 +10,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from collabslam.errors import InputError
-
-Array = NDArray[np.float64]
+from collabslam.types import Array
 
 _SMALL_ANGLE = 1e-8
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from collabslam._core import Camera, Filter, UpdateReport
 from collabslam.errors import InputError
@@ -15,11 +14,7 @@ from collabslam.frontend.settings import FrontendSettings
 from collabslam.frontend.worn_match import WornMatches, match_worn
 from collabslam.settings import Settings
 from collabslam.tracks import Found, Tracks
-from collabslam.types import WornView
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
-Ids = NDArray[np.int64]
+from collabslam.types import Array, Ids, Image, WornView
 
 NEW_POINTS = 120
 

@@ -18,13 +18,12 @@ from types import TracebackType
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from collabslam.errors import DataError
 from collabslam.evaluation.record import Landmarks, RunRecord, Step, status_name
 from collabslam.geometry import quaternion_wxyz
-
-Array = NDArray[np.float64]
+from collabslam.types import Array
 
 CONFIG, FRAMES, TRAJECTORY, COVARIANCE = "config.yaml", "frames.csv", "trajectory.tum", "trajectory.cov"
 GROUND_TRUTH, MAP, PICTURE, SUMMARY = "groundtruth.tum", "map.ply", "trajectory.png", "summary.json"

@@ -27,7 +27,7 @@ FORBIDDEN = {
     "overlap.py": TOP | {"datasets", "evaluation", "results", "demo"},
     "run.py": {"cli", "demo_run", "table", "datasets", "frontend", "demo"},
     "types.py": TOP | {"datasets", "frontend", "evaluation", "results", "demo", "settings"},
-    "geometry.py": TOP | {"datasets", "frontend", "evaluation", "results", "demo", "settings", "types"},
+    "geometry.py": TOP | {"datasets", "frontend", "evaluation", "results", "demo", "settings"},
 }
 """Part of the package, and the parts that it must not import."""
 

@@ -14,12 +14,11 @@ from typing import Any
 import cv2
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from collabslam._core import Camera
 from collabslam.datasets.poses import rigid
 from collabslam.errors import DataError
-from collabslam.types import Image
+from collabslam.types import Array, Image
 
 MODEL_OF_DISTORTION = {
     "none": "pinhole",
@@ -190,7 +189,7 @@ def load_camera(path: Path | str, name: str | None = None) -> Camera:
     return camera_from_mapping(read_yaml(Path(path)), Path(path), name)
 
 
-def load_extrinsics(path: Path) -> NDArray[np.float64]:
+def load_extrinsics(path: Path) -> Array:
     """``T_BS`` of an EuRoC ``sensor.yaml``: (4, 4), maps points of the sensor into the body.
 
     Raises

@@ -32,11 +32,8 @@ from collabslam.frontend.patch import affine_maps, inverse_maps, sample_template
 from collabslam.frontend.search import FOUND, active_search
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.geometry import pose_inverse
+from collabslam.types import Array, Image, Indices, Mask
 
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 Region = tuple[float, float, float, float]
 
 _DEPTHS = (0.1, 0.25)  # inverse depths, as shares of the largest, at which windows are warped besides 0
