@@ -10,7 +10,7 @@ from collabslam.demo.recording import corridor_recording
 from collabslam.progress import Progress
 from collabslam.report import median_summary, number, side_by_side
 from collabslam.results import write_summary
-from collabslam.run import RunResult, execute
+from collabslam.runner import RunResult, run
 from collabslam.settings import Settings
 from collabslam.types import Array, Frame, Image, Recording, Target
 
@@ -124,7 +124,7 @@ def run_pair(
     """Every mode of the demo on one recording, whose frames are rendered once."""
     held = HeldRecording(recording, progress=progress)
     return {
-        mode: execute(
+        mode: run(
             held,
             mode=mode,
             start="worn",
