@@ -147,7 +147,7 @@ def test_posed_images(tmp_path: Path) -> None:
     assert recording.truth is not None
     np.testing.assert_allclose(recording.truth[4], some_pose(4), atol=1e-12)
     (tmp_path / "images" / "00005.png").unlink()
-    with pytest.raises(DataError, match="5 poses for 4 images"):
+    with pytest.raises(DataError, match="4 images but 5 poses"):
         open_recording(tmp_path)
 
 

@@ -189,6 +189,22 @@ def load_camera(path: Path | str, name: str | None = None) -> Camera:
     return camera_from_mapping(read_yaml(Path(path)), Path(path), name)
 
 
+def pinhole_camera(k: Array, size: tuple[int, int], path: Path) -> Camera:
+    """Camera without distortion of a 3x3 matrix K and its images' (width, height).
+
+    Raises
+    ------
+    DataError
+        Naming the file ``path`` that K was read from, if its numbers are not allowed.
+    """
+    if not np.array_equal(k[2], (0.0, 0.0, 1.0)):
+        raise DataError(f"The last row of the 3x3 matrix in {path} is not 0 0 1; give K row by row.")
+    try:
+        return Camera("pinhole", *size, (k[0, 0], k[1, 1], k[0, 2], k[1, 2]), [])
+    except ValueError as error:
+        raise DataError(f"The calibration {path} is not usable: {error}") from error
+
+
 def load_extrinsics(path: Path) -> Array:
     """``T_BS`` of an EuRoC ``sensor.yaml``: (4, 4), maps points of the sensor into the body.
 

@@ -63,6 +63,12 @@ def read_grey(path: Path, camera: Camera) -> Image:
     return image
 
 
+def image_size(path: Path) -> tuple[int, int]:
+    """(width, height) of an image file; raises DataError as `decode_grey` does."""
+    height, width = decode_grey(path).shape
+    return width, height
+
+
 def list_images(folder: Path) -> list[Path]:
     """Image files of a folder, sorted by name.
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.datasets.base import ImageRecording, Rig, times_at_rate
-from collabslam.datasets.images import decode_grey, list_images
+from collabslam.datasets.calibration import pinhole_camera
+from collabslam.datasets.images import image_size, list_images
 from collabslam.datasets.poses import data_lines, number_fields, parse_stamp, read_pose_rows
 from collabslam.errors import DataError
 from collabslam.geometry import pose, pose_inverse
@@ -59,11 +60,8 @@ def _projections(path: Path) -> list[Array]:
 def _split(projection: Array, size: tuple[int, int], path: Path) -> tuple[Camera, Array]:
     """Camera of a projection K [I | t], and t: the reference camera's origin in this camera, metres."""
     k = projection[:, :3]
-    try:
-        camera = Camera("pinhole", size[0], size[1], (k[0, 0], k[1, 1], k[0, 2], k[1, 2]), [])
-        return camera, np.asarray(np.linalg.solve(k, projection[:, 3]), dtype=np.float64)
-    except (ValueError, np.linalg.LinAlgError) as error:
-        raise DataError(f"The calibration {path} is not usable: {error}") from error
+    camera = pinhole_camera(k, size, path)
+    return camera, np.asarray(np.linalg.solve(k, projection[:, 3]), dtype=np.float64)
 
 
 def _times(path: Path, images: list[Path]) -> Array:
@@ -79,11 +77,11 @@ def open(path: Path) -> ImageRecording:
     if folders is None:
         raise DataError(f"{path} has no folder image_l; give the folder of one KITTI sequence.")
     left, right = (list_images(folders[0]), list_images(folders[1]) if folders[1].is_dir() else [])
-    height, width = decode_grey(left[0]).shape
+    size = image_size(left[0])
     calib = path / "calib.txt"
     p_left, p_right = _projections(calib)
-    camera, t_left = _split(p_left, (width, height), calib)
-    second, t_right = _split(p_right, (width, height), calib)
+    camera, t_left = _split(p_left, size, calib)
+    second, t_right = _split(p_right, size, calib)
     truth = None
     if (path / "poses.txt").is_file():
         # Poses are the reference camera's: x_left = x_reference + t_left.
