@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from collabslam.errors import CollabslamError, DataError, SettingsError
+from collabslam.formats.files import write_text
 from collabslam.report import markdown_table, median_of, number, step_ms
-from collabslam.results import write_summary, write_text
+from collabslam.results import write_summary
 
 Row = dict[str, Any]
 

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from collabslam.evaluation.record import RunRecord
-from collabslam.results import write_bytes
+from collabslam.formats.files import write_bytes
 from collabslam.types import Array, Mask
 
 if TYPE_CHECKING:
