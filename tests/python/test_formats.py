@@ -117,7 +117,7 @@ def test_rosbags_reads_the_odometry(run: Path, tmp_path: Path, kind: str) -> Non
         assert stamp.sec + 1e-9 * stamp.nanosec == pytest.approx(TIMES[k], abs=1e-6)
         np.testing.assert_allclose([position.x, position.y, position.z], poses[k, :3, 3])
         p = np.asarray(messages[k].pose.covariance).reshape(6, 6)
-        np.testing.assert_allclose(p, rosbag.fixed_axis_covariance(poses[k], covariances[k]))
+        np.testing.assert_allclose(p, g.tangent_to_fixed(poses[k], covariances[k]))
     assert messages[0].twist.covariance[0] == -1.0
 
 
@@ -132,7 +132,7 @@ def test_fixed_axis_covariance_is_that_of_fixed_axis_errors() -> None:
         moved = pose @ g.se3_exp(xi)
         turn = g.rotation_log(moved[:3, :3] @ pose[:3, :3].T)
         seen.append(np.concatenate([moved[:3, 3] - pose[:3, 3], turn]))
-    expected = rosbag.fixed_axis_covariance(pose, covariance)
+    expected = g.tangent_to_fixed(pose, covariance)
     np.testing.assert_allclose(np.cov(np.array(seen).T), expected, atol=0.08 * np.abs(expected).max())
 
 

@@ -13,6 +13,7 @@ OK, LOST, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 COMMANDS = {
     "run": "run a recording through the filter",
     "demo": "render a corridor walk and run it with and without Cf",
+    "info": "say what a recording holds",
     "export": "write a run's trajectory or map in another format",
     "settings": "list, write or check settings",
     "record": "write a recording in the two-camera layout",

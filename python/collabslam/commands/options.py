@@ -19,7 +19,7 @@ NOISE_HELP = (
 
 def add_source(parser: argparse.ArgumentParser) -> None:
     """SOURCE, and the files that may lie beside it."""
-    parser.add_argument("source", metavar="SOURCE", type=Path, help="folder of the recording")
+    parser.add_argument("source", metavar="SOURCE", type=Path, help="folder or file of the recording")
     group = parser.add_argument_group("files beside the recording")
     group.add_argument(
         "--camera", metavar="FILE", type=Path, help="calibration of Cs (Kalibr or OpenCV YAML)"
@@ -27,6 +27,12 @@ def add_source(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--times", metavar="FILE", type=Path, help="time stamps, one a line")
     group.add_argument(
         "--poses", metavar="FILE", type=Path, help="true poses (TUM), to score and to emulate Cf"
+    )
+    group.add_argument(
+        "--topics",
+        metavar="ROLE=TOPIC,..",
+        type=topics,
+        help="of a bag: cs, cf, t_cf, cs_info, cf_info, truth, as cs=/cam0/image_raw,cf=/cam1/image_raw",
     )
 
 
@@ -81,7 +87,11 @@ def open_source(arguments: argparse.Namespace) -> Recording:
     from collabslam.datasets import open_recording
 
     return open_recording(
-        arguments.source, camera=arguments.camera, times=arguments.times, poses=arguments.poses
+        arguments.source,
+        camera=arguments.camera,
+        times=arguments.times,
+        poses=arguments.poses,
+        topics=arguments.topics,
     )
 
 
@@ -137,6 +147,14 @@ def noise(text: str) -> tuple[float, ...]:
     if len(values) != 4:
         raise argparse.ArgumentTypeError(f"'{text}' is no noise; give four numbers as 0.03,0.5,0.5,1")
     return values
+
+
+def topics(text: str) -> dict[str, str]:
+    """``cs=/a,cf=/b`` as a dictionary."""
+    pairs = [part.partition("=")[::2] for part in text.split(",")]
+    if not all(role and topic for role, topic in pairs):
+        raise argparse.ArgumentTypeError(f"'{text}' are no topics; give ROLE=TOPIC, as cs=/cam0/image_raw")
+    return dict(pairs)
 
 
 def seed_list(text: str) -> list[int]:

@@ -85,14 +85,14 @@ def _read_file_storage(path: Path, text: str) -> dict[str, Any]:
     return out
 
 
-def _required(block: Mapping[str, Any], keys: tuple[str, ...], path: Path) -> Any:
+def _required(block: Mapping[str, Any], keys: tuple[str, ...], path: Path | str) -> Any:
     for key in keys:
         if block.get(key) is not None:
             return block[key]
     raise DataError(f"The calibration {path} lacks the key '{keys[0]}'; add it.")
 
 
-def _numbers(value: Any, count: tuple[int, ...] | None, key: str, path: Path) -> list[float]:
+def _numbers(value: Any, count: tuple[int, ...] | None, key: str, path: Path | str) -> list[float]:
     if isinstance(value, Mapping):
         value = value.get("data")
     try:
@@ -108,7 +108,7 @@ def _numbers(value: Any, count: tuple[int, ...] | None, key: str, path: Path) ->
     return numbers
 
 
-def _pick(content: Mapping[str, Any], name: str | None, path: Path) -> Mapping[str, Any]:
+def _pick(content: Mapping[str, Any], name: str | None, path: Path | str) -> Mapping[str, Any]:
     """The block of one camera: the named one of a Kalibr camchain, or the whole file."""
     chain = {k: v for k, v in content.items() if isinstance(v, Mapping) and "intrinsics" in v}
     if not chain:
@@ -122,7 +122,7 @@ def _pick(content: Mapping[str, Any], name: str | None, path: Path) -> Mapping[s
     return block
 
 
-def _distortion(block: Mapping[str, Any], path: Path) -> tuple[str, list[float]]:
+def _distortion(block: Mapping[str, Any], path: Path | str) -> tuple[str, list[float]]:
     keys = ("distortion_coefficients", "distortion_coeffs")
     value: Any = next((block[k] for k in keys if block.get(k) is not None), [])
     coefficients = _numbers(value, None, keys[0], path)
@@ -140,7 +140,7 @@ def _distortion(block: Mapping[str, Any], path: Path) -> tuple[str, list[float]]
     return model, _numbers(coefficients, _COEFFICIENTS[model], keys[0], path)
 
 
-def camera_from_mapping(content: Mapping[str, Any], path: Path, name: str | None = None) -> Camera:
+def camera_from_mapping(content: Mapping[str, Any], path: Path | str, name: str | None = None) -> Camera:
     """Camera of the content of a calibration file; ``path`` serves the messages.
 
     Raises
@@ -189,7 +189,7 @@ def load_camera(path: Path | str, name: str | None = None) -> Camera:
     return camera_from_mapping(read_yaml(Path(path)), Path(path), name)
 
 
-def pinhole_camera(k: Array, size: tuple[int, int], path: Path) -> Camera:
+def pinhole_camera(k: Array, size: tuple[int, int], path: Path | str) -> Camera:
     """Camera without distortion of a 3x3 matrix K and its images' (width, height).
 
     Raises
@@ -217,7 +217,7 @@ def load_extrinsics(path: Path) -> Array:
     return rigid(np.asarray(numbers).reshape(4, 4), f"T_BS of {path}")
 
 
-def check_resolution(camera: Camera, image: Image, path: Path) -> None:
+def check_resolution(camera: Camera, image: Image, path: Path | str) -> None:
     """Check that an image has the size that its camera was calibrated for.
 
     Raises

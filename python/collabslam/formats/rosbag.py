@@ -10,6 +10,7 @@ import numpy as np
 from collabslam.errors import DataError
 from collabslam.extras import needs
 from collabslam.formats.trajectory import position_quaternion
+from collabslam.geometry import tangent_to_fixed
 from collabslam.types import Array
 
 TOPIC = "/collabslam/odometry"
@@ -59,12 +60,6 @@ def write_odometry(
             bag.write(connection, round(float(t) * _NANOSECONDS), store.serialize_cdr(message, kind))
 
 
-def fixed_axis_covariance(t_wc: Array, covariance: Array) -> Array:
-    """A pose's covariance turned from C's axes into W's: diag(R, R) P diag(R, R)^T, (6, 6)."""
-    turn = np.kron(np.eye(2), t_wc[:3, :3])
-    return np.asarray(turn @ covariance @ turn.T)
-
-
 def _message(types: Any, stamp: int, t_wc: Array, covariance: Array) -> Any:
     def make(name: str, *values: Any) -> Any:
         return types[name](*values)
@@ -85,7 +80,7 @@ def _message(types: Any, stamp: int, t_wc: Array, covariance: Array) -> Any:
                 make("geometry_msgs/msg/Point", x, y, z),
                 make("geometry_msgs/msg/Quaternion", qx, qy, qz, qw),
             ),
-            fixed_axis_covariance(t_wc, covariance).ravel(),
+            tangent_to_fixed(t_wc, covariance).ravel(),
         ),
         make("geometry_msgs/msg/TwistWithCovariance", twist, unknown),
     )
