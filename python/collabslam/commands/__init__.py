@@ -14,6 +14,7 @@ COMMANDS = {
     "run": "run a recording through the filter",
     "demo": "render a corridor walk and run it with and without Cf",
     "info": "say what a recording holds",
+    "check-calib": "say whether calibration, poses and time stamps agree with the images",
     "export": "write a run's trajectory or map in another format",
     "settings": "list, write or check settings",
     "record": "write a recording in the two-camera layout",
