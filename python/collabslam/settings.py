@@ -154,6 +154,21 @@ class Settings:
         return "\n".join(lines) + "\n"
 
 
+def markdown() -> str:
+    """Every setting as a page of Markdown: a table for each group, made from the settings' own lists."""
+    lines = ["# Settings", "", "Every setting with its default, unit, range and effect."]
+    group = ""
+    for key, entry in schema().items():
+        head, _, name = key.rpartition(".")
+        if head != group:
+            group = head
+            lines += ["", f"## `{head}`", "", "| setting | default | unit | allowed | effect |"]
+            lines += ["| --- | --- | --- | --- | --- |"]
+        allowed = entry.allowed().replace("|", "or")
+        lines.append(f"| `{name}` | {_yaml(entry.default)} | {entry.unit or '-'} | {allowed} | {entry.doc} |")
+    return "\n".join(lines) + "\n"
+
+
 def parse_assignments(texts: list[str]) -> dict[str, Any]:
     """Changes given as ``key=value``, values read as YAML.
 

@@ -147,8 +147,8 @@ def _check_poses(
     elif now > FINE_PX:
         findings.append(
             f"The poses do not fit the images: the median residual is {now:.2f} px, and neither another "
-            "focal length nor another time offset explains it; check what the poses are of (T_WC: camera to world) "
-            "and the distortion."
+            "focal length nor another time offset explains it; check what the poses are of (T_WC: camera to "
+            "world) and the distortion."
         )
     return by_gap, focal, offset
 
@@ -196,8 +196,8 @@ def _check_worn(
     if error.sigmas > WORN_SIGMAS:
         findings.append(
             f"The measured pose of Cf contradicts the images: they move it by {100 * error.metres:.1f} cm "
-            f"and {error.degrees:.1f} degrees, {error.sigmas:.1f} times what its covariance allows; check that "
-            "T_CF maps from Cf to Cs, its clock, and its covariance."
+            f"and {error.degrees:.1f} degrees, {error.sigmas:.1f} times what its covariance allows; check "
+            "that T_CF maps from Cf to Cs, its clock, and its covariance."
         )
     return float(np.median(residuals)), error
 

@@ -12,9 +12,11 @@ OK, LOST, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 COMMANDS = {
     "run": "run a recording through the filter",
+    "init": "write a settings file and a calibration for a recording",
     "demo": "render a corridor walk and run it with and without Cf",
     "info": "say what a recording holds",
     "check-calib": "say whether calibration, poses and time stamps agree with the images",
+    "doctor": "explain in sentences why a run went well or badly",
     "export": "write a run's trajectory or map in another format",
     "settings": "list, write or check settings",
     "record": "write a recording in the two-camera layout",

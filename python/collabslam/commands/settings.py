@@ -1,4 +1,4 @@
-"""``collabslam settings show | dump | check``."""
+"""``collabslam settings show | dump | check | docs``."""
 
 from __future__ import annotations
 
@@ -15,9 +15,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         ("show", _show, "list settings with value and range"),
         ("dump", _dump, "print a commented settings file"),
         ("check", _check, "check a settings file"),
+        ("docs", _docs, "print every setting as a page of Markdown"),
     ):
         sub = actions.add_parser(name, help=text, description=text)
         sub.set_defaults(action=action)
+        if action is _docs:
+            continue
         if action is _check:
             sub.add_argument("config", metavar="FILE", type=Path)
             continue
@@ -48,6 +51,13 @@ def _show(arguments: argparse.Namespace) -> int:
 
 def _dump(arguments: argparse.Namespace) -> int:
     print(options.read_settings(arguments).dump(), end="")
+    return OK
+
+
+def _docs(arguments: argparse.Namespace) -> int:
+    from collabslam.settings import markdown
+
+    print(markdown(), end="")
     return OK
 
 

@@ -30,6 +30,12 @@ MODEL_OF_DISTORTION = {
     "fisheye": "fisheye",
     "wideangle": "wideangle",
 }
+_DISTORTION_NAMES = {
+    "pinhole": "none",
+    "radtan": "radial-tangential",
+    "fisheye": "equidistant",
+    "wideangle": "wideangle",
+}
 _COEFFICIENTS = {"pinhole": (0,), "radtan": (4, 5), "fisheye": (4,), "wideangle": (1,)}
 _OPENCV_MATRICES = ("camera_matrix", "distortion_coefficients")
 _OPENCV_SCALARS = ("image_width", "image_height", "fisheye")
@@ -203,6 +209,18 @@ def pinhole_camera(k: Array, size: tuple[int, int], path: Path | str) -> Camera:
         return Camera("pinhole", *size, (k[0, 0], k[1, 1], k[0, 2], k[1, 2]), [])
     except ValueError as error:
         raise DataError(f"The calibration {path} is not usable: {error}") from error
+
+
+def sensor_mapping(camera: Camera) -> dict[str, object]:
+    """Content of a ``sensor.yaml`` that reads back as this camera."""
+    return {
+        "sensor_type": "camera",
+        "camera_model": "pinhole",
+        "resolution": [int(camera.width), int(camera.height)],
+        "intrinsics": [float(x) for x in camera.intrinsics],
+        "distortion_model": _DISTORTION_NAMES[camera.model],
+        "distortion_coefficients": [float(x) for x in camera.distortion],
+    }
 
 
 def load_extrinsics(path: Path) -> Array:

@@ -45,6 +45,12 @@ def open(path: Path, given: Given) -> StreamRecording:
     return StreamRecording(path.stem, str(path), load_camera(given.camera), times, video.read)
 
 
+def frame_size(path: Path) -> tuple[int, int]:
+    """(width, height) of a video's frames."""
+    height, width = _Video(path).read(0).shape
+    return width, height
+
+
 class _Video:
     """Frames of a video by number; quick in order."""
 
