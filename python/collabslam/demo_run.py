@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from collabslam._core import Camera
+from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.demo.recording import corridor_recording
 from collabslam.progress import Progress
 from collabslam.report import median_summary, number, side_by_side
 from collabslam.results import write_summary
-from collabslam.run import RunResult, execute
+from collabslam.runner import RunResult, run
 from collabslam.settings import Settings
-from collabslam.types import Array, Frame, Image, Recording, Target
+from collabslam.types import Frame, Image, Recording
 
 MODES = ("mono", "collab")
 PICTURE = "comparison.png"
@@ -20,7 +20,7 @@ PICTURE = "comparison.png"
 Summary = dict[str, Any]
 
 
-class HeldRecording:
+class HeldRecording(WrappedRecording):
     """A recording with every frame in memory, so that several runs share one rendering.
 
     Parameters
@@ -31,43 +31,12 @@ class HeldRecording:
     """
 
     def __init__(self, base: Recording, *, progress: bool) -> None:
-        self._base = base
+        super().__init__(base)
         self._frames: list[Frame] = []
         with Progress(len(base), f"{base.name} rendering", enabled=progress) as bar:
             for i in range(len(base)):
                 self._frames.append(base.frame(i))
                 bar.update()
-
-    @property
-    def name(self) -> str:
-        return self._base.name
-
-    @property
-    def source(self) -> str:
-        return self._base.source
-
-    @property
-    def camera(self) -> Camera:
-        return self._base.camera
-
-    @property
-    def worn_camera(self) -> Camera | None:
-        return self._base.worn_camera
-
-    @property
-    def times(self) -> Array:
-        return self._base.times
-
-    @property
-    def truth(self) -> Array | None:
-        return self._base.truth
-
-    @property
-    def target(self) -> Target | None:
-        return self._base.target
-
-    def __len__(self) -> int:
-        return len(self._frames)
 
     def frame(self, i: int) -> Frame:
         """Frame ``i``, from memory."""
@@ -124,7 +93,7 @@ def run_pair(
     """Every mode of the demo on one recording, whose frames are rendered once."""
     held = HeldRecording(recording, progress=progress)
     return {
-        mode: execute(
+        mode: run(
             held,
             mode=mode,
             start="worn",

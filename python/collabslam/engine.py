@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from collabslam import _core
 from collabslam._core import Camera, UpdateReport
@@ -25,11 +24,7 @@ from collabslam.settings import Settings
 from collabslam.status import StatusMonitor
 from collabslam.target_start import TargetStart
 from collabslam.tracks import Found, Tracks
-from collabslam.types import Status, Target, WornView
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
-Ids = NDArray[np.int64]
+from collabslam.types import Array, Ids, Image, Status, Target, WornView
 
 
 @dataclass(frozen=True)

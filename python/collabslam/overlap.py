@@ -6,20 +6,16 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from collabslam._core import Camera, Filter, UpdateReport
 from collabslam.errors import InputError
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.frontend.worn_match import WornMatches, match_worn
+from collabslam.geometry import pose_inverse, se3_log
 from collabslam.settings import Settings
 from collabslam.tracks import Found, Tracks
-from collabslam.types import WornView
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
-Ids = NDArray[np.int64]
+from collabslam.types import Array, Ids, Image, WornView
 
 NEW_POINTS = 120
 
@@ -78,6 +74,7 @@ class Overlap:
         return {
             "overlap": int(self.worn is not None),
             "baseline_m": self.baseline,
+            **self._correction(),
             "cf_points": self.points,
             "cf_matches": len(self.ids),
             "cf_rejected_region": rejected.get("region", 0),
@@ -90,6 +87,18 @@ class Overlap:
             "cf_too_uncertain": pairs.count("too-uncertain"),
             "depth_rows": pairs.count("depth"),
             "cf_pixel_rows": pairs.count("pixel"),
+        }
+
+    def _correction(self) -> dict[str, float]:
+        """By how much the matches correct T_CF, also in standard deviations (RMS over its six numbers)."""
+        xi, sigmas = np.full(6, np.nan), np.nan
+        if self.worn is not None and self.matches is not None and len(self.matches.index):
+            xi = se3_log(pose_inverse(self.worn.t_cf) @ self.matches.t_cf)
+            sigmas = float(np.sqrt(xi @ np.linalg.solve(self.worn.covariance, xi) / 6.0))
+        return {
+            "t_cf_correction_m": float(np.linalg.norm(xi[:3])),
+            "t_cf_correction_deg": float(np.degrees(np.linalg.norm(xi[3:]))),
+            "t_cf_correction_sigmas": sigmas,
         }
 
 

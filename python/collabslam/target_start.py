@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from collabslam._core import Camera, Filter
 from collabslam.errors import DataError
@@ -14,11 +13,7 @@ from collabslam.frontend.search import FOUND, active_search
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.frontend.target import find_target
 from collabslam.geometry import pose_inverse, skew
-from collabslam.types import Target
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
-Ids = NDArray[np.int64]
+from collabslam.types import Array, Ids, Image, Mask, Target
 
 NEAR_TARGET = 2.2
 """Corners within the target's outline, grown by this factor, are taken to lie on its plane..."""
@@ -85,7 +80,7 @@ class TargetStart:
             ids, uv = ids[len(known) :], uv[len(known) :]
         return np.concatenate([ids, report.depth_births[born]]), uv
 
-    def _on_target_plane(self, uv: Array, t_tc: Array) -> tuple[NDArray[np.bool_], Array]:
+    def _on_target_plane(self, uv: Array, t_tc: Array) -> tuple[Mask, Array]:
         """Which corners look at the plane near the target, and where they meet it, in C."""
         directions = self._camera.unproject(uv) @ t_tc[:3, :3].T
         with np.errstate(divide="ignore", invalid="ignore"):
