@@ -174,7 +174,7 @@ class Slam:
         stages.done("predict")
         found = self._tracks.search(image, self.filter.pose, expected)  # 3
         stages.done("search")
-        overlap = self._look.match(image, worn, found, self._tracks, self._missing(found))  # 4
+        overlap = self._look.match(image, worn, found, self._missing(found))  # 4
         stages.done("cf")
         report = self.filter.update(found.searched, found.ids, found.uv, worn=overlap.observation)  # 5, 6, 7
         stages.done("update")
@@ -183,12 +183,9 @@ class Slam:
         self._tracks.forget_features(deleted)
         self._tracks.keep_candidates(self.filter.candidates)
         births["births_undelayed"] = self._new_points(image, found)
+        births["births_instant"] += self._start_from_target(image)
+        target_residual = self._target_residual(image)
         accepted = sum(o in ("pixel", "replaced") for o in report.bearings) + births["births_instant"]
-        target_residual = float("nan")
-        if self._target_start is not None:
-            if not self.filter.started:
-                births["births_instant"] = accepted = self._start_from_target(image)
-            target_residual = self._target_start.residual(image, self.filter.pose)
         if not was_started:
             accepted += births["births_undelayed"]
         stages.done("map")
@@ -220,11 +217,18 @@ class Slam:
         return Landmarks(found["ids"], found["points"], found["covariance"])
 
     def _start_from_target(self, image: Image) -> int:
-        """First features from the known target (METHOD 10)."""
-        assert self._target_start is not None
+        """First features from the known target (METHOD 10); returns their number."""
+        if self._target_start is None or self.filter.started:
+            return 0
         ids, uv = self._target_start.start(image, self._in_view)
         self._tracks.add_features(image, self.filter.pose, ids, uv)
         return len(ids)
+
+    def _target_residual(self, image: Image) -> float:
+        """Pixels by which the pose misplaces the target; NaN where none is known or seen."""
+        if self._target_start is None:
+            return float("nan")
+        return self._target_start.residual(image, self.filter.pose)
 
     def _missing(self, found: Found) -> int:
         """How many features the view lacks."""

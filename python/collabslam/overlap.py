@@ -14,10 +14,8 @@ from collabslam.frontend.settings import FrontendSettings
 from collabslam.frontend.worn_match import WornMatches, match_worn
 from collabslam.geometry import pose_inverse, se3_log
 from collabslam.settings import Settings
-from collabslam.tracks import Found, Tracks
+from collabslam.tracks import Found
 from collabslam.types import Array, Ids, Image, WornView
-
-NEW_POINTS = 120
 
 
 @dataclass(frozen=True)
@@ -135,9 +133,7 @@ class WornLook:
             )
         self._filter.predict_overlap(worn.t_cf, worn.covariance)  # raises for an impossible pose
 
-    def match(
-        self, image: Image, worn: WornView | None, found: Found, tracks: Tracks, missing: int
-    ) -> Overlap:
+    def match(self, image: Image, worn: WornView | None, found: Found, missing: int) -> Overlap:
         """Pairs of this frame; known features first, then as many new points as the view is missing."""
         started = self._filter.started
         if worn is None or self._worn_camera is None or (started and self._only_start):
@@ -148,9 +144,9 @@ class WornLook:
         known = np.empty(0, np.int64) if self._only_births and started else np.flatnonzero(found.hit)
         known_uv = found.result.uv[known]
         taken = np.concatenate([found.uv, found.candidate_uv])
-        fresh = detect_corners(
-            image, taken, NEW_POINTS if missing else 0, self._options.detect, self._options.patch.size
-        )
+        options = self._options
+        tries = min(options.worn.new_points, options.worn.tries * missing)
+        fresh = detect_corners(image, taken, tries, options.detect, options.patch.size)
         uv = np.concatenate([known_uv, found.candidate_uv, fresh])
         unknown = np.full(len(found.candidate_uv) + len(fresh), np.nan)
         matches = match_worn(
@@ -165,7 +161,7 @@ class WornLook:
             uv,
             np.concatenate([found.rho[known], unknown]),
             np.concatenate([found.rho_sd[known], unknown]),
-            self._options,
+            options,
         )
         ids = np.concatenate([found.searched[known], np.full(len(unknown), -1)])
         candidates = np.concatenate([np.full(len(known), -1), found.candidates, np.full(len(fresh), -1)])

@@ -134,6 +134,8 @@ class WornSettings:
     corner_distance: float = _number(
         0.008, 0.002, 0.1, "image width", "Least distance between them, as a share of the image's width."
     )
+    new_points: int = _number(120, 0, 2000, "", "Most new corners of Cs that are tried in Cf.")
+    tries: int = _number(6, 1, 100, "", "New corners tried for each feature that the view lacks.")
     descriptor: str = _name(
         "warped-sift",
         ("warped-sift", "sift", "orb"),
@@ -191,6 +193,19 @@ class TargetSettings:
         False, "Use the target's points in the first frame only, so that they check the pose afterwards."
     )
     sigma: float = _number(0.5, 0.01, 10, "pixel", "Standard deviation of a located point.")
+    plane_reach: float = _number(
+        2.2,
+        0,
+        100,
+        "target size",
+        "Corners inside the target's outline, grown by this factor, are taken to lie on its plane...",
+    )
+    plane_sd: float = _number(
+        0.03, 0.001, 1, "", "...with this standard deviation of their range, as a share of it."
+    )
+    elsewhere_sd: float = _number(
+        0.5, 0.01, 5, "", "Standard deviation with which all others start at the target's depth, as a share."
+    )
     max_residual: float = _number(
         3.0, 0.1, 50, "pixel", "Largest distance of a point from its place under the pose found."
     )
