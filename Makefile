@@ -18,8 +18,8 @@ test: $(VENV)/.built check
 check: $(VENV)/.built
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets --locked -- -D warnings
-	$(BIN)/ruff check python tests
-	$(BIN)/ruff format --check python tests
+	$(BIN)/ruff check python tests examples
+	$(BIN)/ruff format --check python tests examples
 	$(BIN)/mypy
 
 wheel: $(VENV)/.installed
