@@ -38,12 +38,11 @@ def main() -> None:
     p, blocks = slam.covariance, slam.blocks
     x, sigma = slam.pose[0, 3], np.sqrt(slam.pose_covariance[0, 0])
     print(f"x = {x:.3f} m after {SPEED * (FRAMES - 1):.3f} m, standard deviation {sigma:.3f} m")
-    print(
-        f"P is {p.shape[0]}x{p.shape[1]}: camera 13, then {len(blocks)} blocks; soundness {slam.soundness():.1e}"
-    )
-    (first, _, a, size), (second, _, b, _) = blocks[:2]
-    cross = p[a : a + size, b : b + size]
-    scale = np.sqrt(np.outer(p.diagonal()[a : a + size], p.diagonal()[b : b + size]))
+    size = f"{len(p)}x{len(p)}"
+    print(f"P is {size}: camera 13, then {len(blocks)} blocks; soundness {slam.soundness():.1e}")
+    (first, _, a, n), (second, _, b, _) = blocks[:2]
+    cross = p[a : a + n, b : b + n]
+    scale = np.sqrt(np.outer(p.diagonal()[a : a + n], p.diagonal()[b : b + n]))
     print(f"landmarks {first} and {second}: largest correlation {np.abs(cross / scale).max():.2f}")
 
 

@@ -48,7 +48,12 @@ class HeldRecording(WrappedRecording):
 
 
 def run_demo(
-    out: Path, *, seeds: list[int], settings: Settings | None = None, progress: bool = True
+    out: Path,
+    *,
+    seeds: list[int],
+    settings: Settings | None = None,
+    animation: Path | None = None,
+    progress: bool = True,
 ) -> dict[str, Summary]:
     """Render the corridor for each seed, run every mode on it, print the table, write the results.
 
@@ -61,6 +66,8 @@ def run_demo(
         Of the noise of pictures and of the measured ``T_CF``.
     settings : Settings, optional
         The same for both modes.
+    animation : Path, optional
+        Where to write an animated picture (GIF) of the first seed.
     progress : bool
 
     Returns
@@ -71,7 +78,8 @@ def run_demo(
     runs: dict[str, list[Summary]] = {mode: [] for mode in MODES}
     for seed in seeds:
         folder = out / f"seed-{seed}" if len(seeds) > 1 else out
-        results = run_pair(corridor_recording(seed), folder, seed=seed, settings=settings, progress=progress)
+        held = HeldRecording(corridor_recording(seed), progress=progress)
+        results = run_pair(held, folder, seed=seed, settings=settings, progress=progress)
         for mode, result in results.items():
             runs[mode].append(result.summary)
         if seed == seeds[0]:
@@ -79,6 +87,10 @@ def run_demo(
 
             labels = {f"{mode} ({_CAPTIONS[mode]})": result for mode, result in results.items()}
             plot_comparison(labels, out / PICTURE, title=_TITLE)
+            if animation is not None:
+                from collabslam.viz.animation import animate
+
+                animate(held, labels, animation)
     medians = {mode: median_summary(summaries) for mode, summaries in runs.items()}
     if len(seeds) > 1:
         write_summary(out / "medians.json", medians)
@@ -90,11 +102,10 @@ def run_demo(
 def run_pair(
     recording: Recording, out: Path | None, *, seed: int, settings: Settings | None, progress: bool
 ) -> dict[str, RunResult]:
-    """Every mode of the demo on one recording, whose frames are rendered once."""
-    held = HeldRecording(recording, progress=progress)
+    """Every mode of the demo on one recording."""
     return {
         mode: run(
-            held,
+            recording,
             mode=mode,
             start="worn",
             settings=settings,

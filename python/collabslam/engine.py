@@ -17,6 +17,7 @@ from collabslam import _core
 from collabslam._core import Camera, UpdateReport
 from collabslam.depth_input import DepthInput, Depths
 from collabslam.errors import InputError, SettingsError
+from collabslam.features import FrameFeatures, frame_features
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.search import SearchCode
 from collabslam.frontend.settings import FrontendSettings
@@ -49,6 +50,8 @@ class StepResult:
         Whether there is a map to localise in.
     diagnostics : dict
         Counts, reasons of rejection, milliseconds per stage.
+    features : FrameFeatures
+        What became of each feature that should be visible.
     """
 
     t: float
@@ -58,6 +61,7 @@ class StepResult:
     valid: bool
     started: bool
     diagnostics: dict[str, Any]
+    features: FrameFeatures
 
 
 @dataclass(frozen=True)
@@ -239,6 +243,7 @@ class Slam:
             valid=self.filter.started and status is not Status.LOST,
             started=self.filter.started,
             diagnostics=diagnostics,
+            features=frame_features(expected, found, report),
         )
 
     def landmarks(self) -> Landmarks:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -18,7 +18,7 @@ from collabslam.modes import STARTS
 from collabslam.progress import Progress
 from collabslam.results import PICTURE, ResultWriter
 from collabslam.settings import Settings
-from collabslam.types import Image, Recording, WornView
+from collabslam.types import Frame, Image, Recording, WornView
 from collabslam.version import version
 
 MODE_KEY = "filter.estimator.mode"
@@ -33,6 +33,9 @@ class SlamLike(Protocol):
 
     def step(self, t: float, image: Image, worn: WornView | None = None) -> Step: ...
     def landmarks(self) -> Landmarks: ...
+
+
+Watch = Callable[[Frame, Any, Any], None]
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,7 @@ def run(
     progress: bool = False,
     options: Mapping[str, Any] | None = None,
     slam: SlamLike | None = None,
+    watch: Watch | None = None,
 ) -> RunResult:
     """Run a recording through the filter and score it.
 
@@ -101,6 +105,8 @@ def run(
         Further facts for the summary, such as how the worn camera was emulated.
     slam : SlamLike, optional
         An engine of one's own in place of `collabslam.engine.Slam`.
+    watch : callable, optional
+        Is given each frame, the engine's answer and the engine, as `viz.rerun_log.RerunLog.frame` is.
 
     Raises
     ------
@@ -129,6 +135,8 @@ def run(
                 record.append(step, worn=frame.worn is not None, seconds=time.perf_counter() - began)
                 if writer:
                     writer.frame(record)
+                if watch is not None:
+                    watch(frame, step, engine)
                 bar.update(_note(step))
         except KeyboardInterrupt:
             interrupted = True

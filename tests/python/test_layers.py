@@ -24,6 +24,7 @@ FORBIDDEN = {
     "viz": {"engine", "cli", "commands", "datasets", "frontend"},
     "engine.py": {"runner", "commands", "cli", "datasets", "evaluation", "results", "viz", "demo"},
     "depth_input.py": TOP | {"datasets", "evaluation", "results", "demo"},
+    "features.py": TOP | {"datasets", "evaluation", "results", "demo"},
     "tracks.py": TOP | {"datasets", "evaluation", "results", "demo"},
     "overlap.py": TOP | {"datasets", "evaluation", "results", "demo"},
     "runner.py": {"cli", "commands", "demo_run", "table", "frontend", "demo"},

@@ -16,6 +16,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--seed", metavar="N", type=int, default=0, help="of the noise (default 0)")
     which.add_argument("--seeds", metavar="A-B", type=options.seed_list, help="several: medians are printed")
+    parser.add_argument("--animation", metavar="FILE.gif", type=Path, help="write an animated picture")
     options.add_settings(parser)
 
 
@@ -25,5 +26,6 @@ def main(arguments: argparse.Namespace) -> int:
     from collabslam.runner import exit_status
 
     seeds = arguments.seeds or [arguments.seed]
-    summaries = run_demo(arguments.out, seeds=seeds, settings=options.read_settings(arguments))
+    settings = options.read_settings(arguments)
+    summaries = run_demo(arguments.out, seeds=seeds, settings=settings, animation=arguments.animation)
     return exit_status(summaries["collab"])

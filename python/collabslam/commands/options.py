@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collabslam.runner import Watch
     from collabslam.settings import Settings
     from collabslam.types import Recording
 
@@ -72,6 +75,25 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--set", metavar="KEY=VALUE", action="append", default=[], help="change one setting; may be repeated"
     )
+
+
+def add_view(parser: argparse.ArgumentParser) -> None:
+    """Whether to look at the run."""
+    group = parser.add_argument_group("looking (needs the extra viz)")
+    group.add_argument("--view", action="store_true", help="open the Rerun viewer while it runs")
+    group.add_argument("--save", metavar="FILE.rrd", type=Path, help="write a Rerun recording")
+
+
+@contextlib.contextmanager
+def watching(recording: Recording, arguments: argparse.Namespace) -> Iterator[Watch | None]:
+    """What `add_view` asks for, as a function that is given every frame."""
+    if not arguments.view and arguments.save is None:
+        yield None
+        return
+    from collabslam.viz.rerun_log import RerunLog
+
+    with RerunLog(recording, view=arguments.view, save=arguments.save) as log:
+        yield log.frame
 
 
 def read_settings(arguments: argparse.Namespace) -> Settings:

@@ -25,6 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="DIR", type=Path, help="result folder (default: results/NAME-MODE)")
     parser.add_argument("--max-frames", metavar="N", type=int, help="stop after so many frames")
     options.add_settings(parser)
+    options.add_view(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -38,17 +39,19 @@ def main(arguments: argparse.Namespace) -> int:
     if arguments.mode is None and mode != settings[runner.MODE_KEY]:
         print(f"There is no worn camera in this run (see --worn): the mode is {mode}.", file=sys.stderr)
     out = arguments.out or Path("results") / f"{recording.name}-{mode}"
-    summary = runner.run(
-        recording,
-        mode=mode,
-        start=arguments.start,
-        settings=settings,
-        out=out,
-        seed=arguments.seed,
-        max_frames=arguments.max_frames,
-        progress=True,
-        options=options.worn_options(arguments),
-    ).summary
+    with options.watching(recording, arguments) as watch:
+        summary = runner.run(
+            recording,
+            mode=mode,
+            start=arguments.start,
+            settings=settings,
+            out=out,
+            seed=arguments.seed,
+            max_frames=arguments.max_frames,
+            progress=True,
+            options=options.worn_options(arguments),
+            watch=watch,
+        ).summary
     print(summary_text(summary))
     print(f"  results are in {out}")
     if summary["interrupted"]:
