@@ -7,6 +7,7 @@ from typing import Any
 
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.demo.recording import corridor_recording
+from collabslam.extras import drawing
 from collabslam.progress import Progress
 from collabslam.report import median_summary, number, side_by_side
 from collabslam.results import write_summary
@@ -82,7 +83,7 @@ def run_demo(
         results = run_pair(held, folder, seed=seed, settings=settings, progress=progress)
         for mode, result in results.items():
             runs[mode].append(result.summary)
-        if seed == seeds[0]:
+        if seed == seeds[0] and drawing():
             from collabslam.viz.plot import plot_comparison
 
             labels = {f"{mode} ({_CAPTIONS[mode]})": result for mode, result in results.items()}

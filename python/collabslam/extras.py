@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 
 from collabslam.errors import DataError
 
 _LIBRARIES = {"ros": "rosbags", "viz": "rerun-sdk", "plot": "matplotlib"}
+
+
+def drawing() -> bool:
+    """Whether pictures can be drawn; says on standard error how to get them where they cannot."""
+    if find_spec("matplotlib") is not None:
+        return True
+    print("no pictures: matplotlib is missing; pip install 'collabslam[plot]'", file=sys.stderr)
+    return False
 
 
 @contextmanager

@@ -14,6 +14,7 @@ import numpy as np
 from collabslam.errors import SettingsError
 from collabslam.evaluation.record import Landmarks, RunRecord, Step, status_name
 from collabslam.evaluation.scoring import AlignedTruth, align_truth, score
+from collabslam.extras import drawing
 from collabslam.modes import STARTS
 from collabslam.progress import Progress
 from collabslam.results import PICTURE, ResultWriter
@@ -159,7 +160,7 @@ def run(
         if writer:
             writer.finish(record, landmarks, None if truth is None else truth.poses, summary)
     result = RunResult(summary, record, truth, landmarks)
-    if out:
+    if out and drawing():
         from collabslam.viz.plot import plot_run
 
         plot_run(result, out / PICTURE)
