@@ -22,7 +22,7 @@ from collabslam.errors import DataError
 from collabslam.evaluation.record import Landmarks, RunRecord, Step, status_name
 from collabslam.formats.files import write_text
 from collabslam.formats.landmarks import write_ply
-from collabslam.formats.trajectory import position_quaternion, write_covariances, write_tum
+from collabslam.formats.trajectory import METRES, position_quaternion, write_covariances, write_tum
 from collabslam.types import Array
 
 CONFIG, FRAMES, TRAJECTORY, COVARIANCE = "config.yaml", "frames.csv", "trajectory.tum", "trajectory.cov"
@@ -83,6 +83,10 @@ class ResultWriter:
     ----------
     folder : Path
         Made if missing.  Results of an earlier run in it are removed.
+    config : str
+        Content of ``config.yaml``.
+    unit : str
+        Of lengths, for the trajectory's header.
 
     Raises
     ------
@@ -90,8 +94,9 @@ class ResultWriter:
         If the folder holds something that is no result of collabslam, or cannot be written.
     """
 
-    def __init__(self, folder: Path, config: str) -> None:
+    def __init__(self, folder: Path, config: str, unit: str = METRES) -> None:
         self.folder = folder
+        self._unit = unit
         claim_folder(folder)
         write_text(folder / CONFIG, config)
         self._frames: IO[str] = (folder / FRAMES).open("w", encoding="utf-8", newline="")
@@ -106,7 +111,7 @@ class ResultWriter:
     ) -> None:
         self._frames.close()
         if self._record is not None:
-            write_trajectory(self.folder, self._record)
+            write_trajectory(self.folder, self._record, self._unit)
 
     def frame(self, record: RunRecord) -> None:
         """Append the record's last frame to ``frames.csv``, and flush it."""
@@ -133,7 +138,7 @@ class ResultWriter:
             In W, NaN where missing.
         summary : mapping
         """
-        write_trajectory(self.folder, record)
+        write_trajectory(self.folder, record, self._unit)
         if truth is not None:
             write_tum(
                 self.folder / GROUND_TRUTH,
@@ -176,10 +181,10 @@ def claim_folder(folder: Path) -> None:
         raise DataError(text) from error
 
 
-def write_trajectory(folder: Path, record: RunRecord) -> None:
+def write_trajectory(folder: Path, record: RunRecord, unit: str = METRES) -> None:
     """``trajectory.tum`` and ``trajectory.cov``: the valid poses, one line of each per pose."""
     use = record.valid
-    write_tum(folder / TRAJECTORY, record.times[use], record.poses[use])
+    write_tum(folder / TRAJECTORY, record.times[use], record.poses[use], unit=unit)
     write_covariances(folder / COVARIANCE, record.times[use], record.covariances[use])
 
 

@@ -15,6 +15,7 @@ from collabslam.errors import SettingsError
 from collabslam.evaluation.record import Landmarks, RunRecord, Step, status_name
 from collabslam.evaluation.scoring import AlignedTruth, align_truth, score
 from collabslam.extras import drawing
+from collabslam.formats.trajectory import ARBITRARY, METRES
 from collabslam.modes import STARTS
 from collabslam.progress import Progress
 from collabslam.results import PICTURE, ResultWriter
@@ -124,9 +125,11 @@ def run(
     frames = _frame_count(len(recording), max_frames)
     engine = slam or make_engine(recording, mode=mode, start=start, settings=settings)
     record, interrupted = RunRecord(), False
+    unit = ARBITRARY if start == "scale-free" else METRES
     title = f"as used by {recording.name}, mode {mode}"
     with contextlib.ExitStack() as stack:
-        writer = stack.enter_context(ResultWriter(out, settings.dump(title=title))) if out else None
+        config = settings.dump(title=title)
+        writer = stack.enter_context(ResultWriter(out, config, unit)) if out else None
         bar = stack.enter_context(Progress(frames, f"{recording.name} {mode}", enabled=progress))
         try:
             for i in range(frames):
@@ -147,6 +150,7 @@ def run(
             **_timing(record),
             "mode": mode,
             "start": start,
+            "unit": unit,
             "recording": recording.name,
             "source": recording.source,
             "seed": seed,

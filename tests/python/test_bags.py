@@ -292,3 +292,30 @@ def test_camera_info_models() -> None:
     for d, more in (([0.1, 0, 0, 0, 0.2, 0.3, 0, 0], {}), ([0.0] * 5, {"binning_x": 2})):
         with pytest.raises(DataError):
             camera("rational_polynomial", d, **more)
+
+
+def test_bad_sources_give_one_sentence_and_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "unknown").mkdir()
+    (tmp_path / "unknown" / "notes.txt").write_text("no recording")
+    (tmp_path / "images").mkdir()
+    cv2.imwrite(str(tmp_path / "images" / "0.png"), IMAGES[0])
+    camera, broken = tmp_path / "cam.yaml", tmp_path / "broken.yaml"
+    camera.write_text("resolution: [640, 480]\nintrinsics: [500, 500, 320, 240]\nrate: 10\n")
+    broken.write_text("resolution: [32, 24]\nrate: 10\n")
+    maker = Maker(tmp_path / "poses", "mcap")
+    with maker.writer:
+        maker.pose_cov("/relpose", START, np.eye(4), POSE_COV)
+    cases = [
+        (["unknown"], "is not recognised; the known ones are"),
+        (["nowhere"], "does not exist; give"),
+        (["images", "--camera", str(camera)], "is 32x24 but its camera is calibrated for 640x480; give"),
+        (["images", "--camera", str(broken)], "lacks the key 'intrinsics'; add it"),
+        (["poses"], "has no images; its topics are"),
+    ]
+    for command in ("run", "info", "check-calib"):
+        for (source, *rest), words in cases:
+            assert cli.main([command, str(tmp_path / source), *rest]) == 2
+            error = capsys.readouterr().err
+            assert words in error
+            assert error.startswith("collabslam: error: ")
+            assert error.count("\n") == 1

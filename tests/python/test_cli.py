@@ -143,6 +143,14 @@ def test_mode_and_settings_agree(tmp_path: Path) -> None:
         go(Walk(), mode="best")
 
 
+def test_a_scale_free_run_never_speaks_of_metres(tmp_path: Path) -> None:
+    for start, word in (("scale-free", "an arbitrary unit of length"), ("worn", "metres")):
+        summary = go(Walk(), tmp_path / start, start=start)
+        assert summary["unit"] == word
+        assert f"seconds, {word};" in (tmp_path / start / "trajectory.tum").read_text().splitlines()[0]
+        assert ("not metres" in summary_text(summary)) == (start == "scale-free")
+
+
 def test_max_frames_ends_the_run() -> None:
     assert go(Walk(), max_frames=7)["frames"] == 7
     assert go(Walk(), max_frames=700)["frames"] == 30

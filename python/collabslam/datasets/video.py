@@ -47,8 +47,16 @@ def open(path: Path, given: Given) -> StreamRecording:
 
 def frame_size(path: Path) -> tuple[int, int]:
     """(width, height) of a video's frames."""
-    height, width = _Video(path).read(0).shape
-    return width, height
+    capture = _capture(path)
+    width, height = (capture.get(p) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    return int(width), int(height)
+
+
+def _capture(path: Path) -> cv2.VideoCapture:
+    capture = cv2.VideoCapture(str(path))
+    if not capture.isOpened():
+        raise DataError(f"The video {path} cannot be decoded; convert it to another format.")
+    return capture
 
 
 class _Video:
@@ -56,7 +64,7 @@ class _Video:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._capture, self._next = self._restart(), 0
+        self._capture, self._next = _capture(self._path), 0
         stamps = []
         while self._capture.grab():
             stamps.append(self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3)
@@ -72,7 +80,7 @@ class _Video:
 
     def read(self, i: int) -> Image:
         if i < self._next:
-            self._capture, self._next = self._restart(), 0
+            self._capture, self._next = _capture(self._path), 0
         while self._next < i and self._capture.grab():
             self._next += 1
         done, image = self._capture.read()
@@ -80,9 +88,3 @@ class _Video:
             raise DataError(f"The frame {i} of {self._path} cannot be decoded; convert the video again.")
         self._next = i + 1
         return np.asarray(image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
-
-    def _restart(self) -> cv2.VideoCapture:
-        capture = cv2.VideoCapture(str(self._path))
-        if not capture.isOpened():
-            raise DataError(f"The video {self._path} cannot be decoded; convert it to another format.")
-        return capture

@@ -1,7 +1,7 @@
 """Trajectories as text: TUM with a covariance sidecar, EuRoC CSV, KITTI.
 
-``T_WC`` maps points of the camera C into W; metres, seconds.  Every file is sorted by time and leaves out
-poses that are not finite.
+``T_WC`` maps points of the camera C into W; metres (or an arbitrary unit, which TUM files say), seconds.  Every
+file is sorted by time and leaves out poses that are not finite.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from collabslam.formats.files import write_text
 from collabslam.geometry import quaternion_wxyz
 from collabslam.types import Array
 
-_TUM_HEADER = "# t tx ty tz qx qy qz qw: seconds, metres; T_WC maps points of the camera C into W"
+METRES, ARBITRARY = "metres", "an arbitrary unit of length"
+_TUM_HEADER = "# t tx ty tz qx qy qz qw: seconds, {}; T_WC maps points of the camera C into W"
 _COV_HEADER = """\
 # Covariance of each pose of trajectory.tum, row by row: t, then the 21 numbers of the lower triangle
 # c11 c21 c22 c31 ... c66 of the 6x6 matrix over (x y z rx ry rz), in m^2, m rad and rad^2.
@@ -34,9 +35,9 @@ def position_quaternion(t_wc: Array) -> list[float]:
     return [*(float(v) for v in t_wc[:3, 3]), float(x), float(y), float(z), float(w)]
 
 
-def write_tum(path: Path, times: ArrayLike, poses: ArrayLike, note: str = "") -> None:
+def write_tum(path: Path, times: ArrayLike, poses: ArrayLike, note: str = "", unit: str = METRES) -> None:
     """Poses (N, 4, 4) in the TUM format; ``note`` is a comment for the file's first line."""
-    lines = [line for line in (note, _TUM_HEADER) if line]
+    lines = [line for line in (note, _TUM_HEADER.format(unit)) if line]
     lines += [
         f"{t:.9f} " + " ".join(f"{v:.9f}" for v in position_quaternion(t_wc))
         for t, t_wc in _finite(times, poses)
