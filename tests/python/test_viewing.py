@@ -73,6 +73,14 @@ def test_without_rerun_the_extra_is_named(clip: Clip, monkeypatch: pytest.Monkey
         RerunLog(clip.recording, save=Path("x.rrd"))
 
 
+def test_a_viewer_needs_a_display(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    with pytest.raises(DataError, match="--save"):
+        RerunLog(clip.recording, view=True)
+
+
 def test_the_animation_moves(clip: Clip, tmp_path: Path) -> None:
     recording = Short(clip, 7)
     results = {mode: runner.run(recording, mode=mode) for mode in ("mono", "collab")}

@@ -1,7 +1,7 @@
 """Trajectories as text: TUM with a covariance sidecar, EuRoC CSV, KITTI.
 
-``T_WC`` maps points of the camera C into W; metres (or an arbitrary unit, which TUM files say), seconds.  Every
-file is sorted by time and leaves out poses that are not finite.
+``T_WC`` maps points of the camera C into W; metres (or an arbitrary unit, which TUM files say), seconds.
+Every file is sorted by time and leaves out poses that are not finite.
 """
 
 from __future__ import annotations

@@ -6,6 +6,8 @@ the result folder is the archive.
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol
@@ -13,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from collabslam._core import Camera
+from collabslam.errors import DataError
 from collabslam.extras import needs
 from collabslam.features import FrameFeatures
 from collabslam.types import Array, Frame, Recording
@@ -29,6 +32,7 @@ COLOURS = {
 CS, CF, TRUTH = (29, 111, 165), (242, 177, 50), (40, 40, 40)
 STATUS = {"OK": 2.0, "COASTING": 1.0, "LOST": 0.0}
 CURVES = ("accepted", "predicted", "map_size", "cf_matches", "ms_total", "nis")
+FLUSH_SECONDS = 10.0
 _EVERY = 5
 _CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 25)), np.sin(np.linspace(0, 2 * np.pi, 25))])
 
@@ -55,12 +59,14 @@ class RerunLog:
     Raises
     ------
     DataError
-        If the extra ``viz`` is not installed.
+        If the extra ``viz`` is not installed, or there is no display for the viewer.
     """
 
     def __init__(self, recording: Recording, *, view: bool = False, save: Path | None = None) -> None:
         with needs("viz"):
             import rerun as rr
+        if view and sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
+            raise DataError("There is no display for the viewer; write a file with --save FILE.rrd instead.")
         self._rr: Any = rr
         self._camera, self._worn_camera = recording.camera, recording.worn_camera
         self._truth = recording.truth
@@ -70,7 +76,7 @@ class RerunLog:
         self._log: Any = rr.RecordingStream("collabslam", recording_id=recording.name)
         sinks: list[Any] = [rr.FileSink(str(save))] if save is not None else []
         if view:
-            rr.spawn(connect=False)
+            rr.spawn(connect=False, recording=self._log)
             sinks.append(rr.GrpcSink())
         if save is not None:
             save.parent.mkdir(parents=True, exist_ok=True)
@@ -83,7 +89,13 @@ class RerunLog:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._log.flush()
+        try:
+            self._log.flush(timeout_sec=FLUSH_SECONDS)
+        except RuntimeError as unreached:
+            print(
+                f"The Rerun viewer was not reached ({unreached}); --save writes a file instead.",
+                file=sys.stderr,
+            )
         self._log.disconnect()
 
     def frame(self, frame: Frame, step: Any, engine: Viewed) -> None:
