@@ -2,18 +2,23 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+MANYLINUX := $(if $(filter Linux,$(shell uname)),--zig --compatibility manylinux2014)
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock pyproject.toml
 
-.PHONY: demo test check wheel bench clean
+.PHONY: demo test check docs wheel bench clean
 
 # The main job on its embedded default: renders the corridor, runs it with and without Cf.
 demo: $(VENV)/.built
 	$(BIN)/collabslam demo --out results/demo
 
-# Every test, Rust and Python, and the lints. (All Rust tests are in the default member, ekf-core.)
+# Every test, Rust and Python, the lints, and a wheel in an empty environment. (All Rust tests are in the default
+# member, ekf-core; this wheel shares the build above, make wheel makes the one to hand out.)
 test: $(VENV)/.built check
 	cargo test --release --locked
 	$(BIN)/python -m pytest
+	rm -f dist/*.whl
+	$(BIN)/maturin build --release --locked --out dist
+	$(BIN)/python -m pytest -m wheel
 
 # One table of times, and results/bench.json. Takes under 5 minutes once built.
 bench: $(VENV)/.built
@@ -25,17 +30,25 @@ bench: $(VENV)/.built
 check: $(VENV)/.built
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets --locked -- -D warnings
-	$(BIN)/ruff check python tests benches
-	$(BIN)/ruff format --check python tests benches
+	$(BIN)/ruff check python tests benches examples docs
+	$(BIN)/ruff format --check python tests benches examples docs
 	$(BIN)/mypy
 
+# For any Linux since 2014: zig links against the old C library, whatever this machine has.
 wheel: $(VENV)/.installed
-	$(BIN)/maturin build --release --locked --out dist
+	rm -f dist/*.whl
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/maturin build --release --locked --out dist $(MANYLINUX)
+
+# The documentation site, in site/: Python and Rust references included.
+docs: $(VENV)/.built
+	$(BIN)/mkdocs build --strict
+	cargo doc --release --locked --no-deps --package ekf-core
+	rm -rf site/rust && cp -r target/doc site/rust
 
 $(VENV)/.installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet --upgrade pip
-	$(BIN)/pip install --quiet 'maturin>=1.9,<2'
+	$(BIN)/pip install --quiet 'maturin[zig]>=1.9,<2'
 	touch $@
 
 $(VENV)/.built: $(VENV)/.installed $(SOURCES)
@@ -43,4 +56,4 @@ $(VENV)/.built: $(VENV)/.installed $(SOURCES)
 	touch $@
 
 clean:
-	rm -rf $(VENV) target results dist python/collabslam/*.so
+	rm -rf $(VENV) target results dist site python/collabslam/*.so

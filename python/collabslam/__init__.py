@@ -1,7 +1,7 @@
 """Collaborative monocular SLAM: a robot's camera, helped now and then by a camera that a person wears.
 
-:class:`Slam` takes images and gives poses with covariance; :mod:`collabslam.run` takes a whole recording,
-found on disk by :func:`open_recording`.  :class:`Filter` is the bare filter, without images.  Everything but
+:class:`Slam` takes images and gives poses with covariance; :func:`run` takes a whole recording, found on disk
+by :func:`open_recording`.  :class:`Filter` is the bare filter, without images.  Everything but
 the errors is imported when it is first used, so that the command line answers at once.
 """
 
@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 from collabslam.errors import CollabslamError, DataError, FilterError, InputError, SettingsError
 
 if TYPE_CHECKING:
-    from collabslam import run
     from collabslam._core import Camera, Filter
     from collabslam.datasets import attach_worn, open_recording
     from collabslam.engine import Slam, StepResult
+    from collabslam.runner import RunResult, run
     from collabslam.settings import Settings
     from collabslam.types import Frame, Status, Target, WornView
 
@@ -30,6 +30,7 @@ __all__ = [
     "FilterError",
     "Frame",
     "InputError",
+    "RunResult",
     "Settings",
     "SettingsError",
     "Slam",
@@ -47,6 +48,7 @@ _HOMES = {
     "Camera": "_core",
     "Filter": "_core",
     "Frame": "types",
+    "RunResult": "runner",
     "Settings": "settings",
     "Slam": "engine",
     "Status": "types",
@@ -56,13 +58,12 @@ _HOMES = {
     "__version__": "_core",
     "attach_worn": "datasets",
     "open_recording": "datasets",
+    "run": "runner",
 }
 """Module that each public name is imported from on first use."""
 
 
 def __getattr__(name: str) -> Any:
-    if name == "run":
-        return import_module("collabslam.run")
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(f"collabslam.{_HOMES[name]}"), name)

@@ -5,14 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from collabslam._core import Camera
+from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.demo.recording import corridor_recording
+from collabslam.extras import drawing
 from collabslam.progress import Progress
 from collabslam.report import median_summary, number, side_by_side
 from collabslam.results import write_summary
-from collabslam.run import RunResult, execute
+from collabslam.runner import RunResult, run
 from collabslam.settings import Settings
-from collabslam.types import Array, Frame, Image, Recording, Target
+from collabslam.types import Frame, Image, Recording
 
 MODES = ("mono", "collab")
 PICTURE = "comparison.png"
@@ -20,7 +21,7 @@ PICTURE = "comparison.png"
 Summary = dict[str, Any]
 
 
-class HeldRecording:
+class HeldRecording(WrappedRecording):
     """A recording with every frame in memory, so that several runs share one rendering.
 
     Parameters
@@ -31,43 +32,12 @@ class HeldRecording:
     """
 
     def __init__(self, base: Recording, *, progress: bool) -> None:
-        self._base = base
+        super().__init__(base)
         self._frames: list[Frame] = []
         with Progress(len(base), f"{base.name} rendering", enabled=progress) as bar:
             for i in range(len(base)):
                 self._frames.append(base.frame(i))
                 bar.update()
-
-    @property
-    def name(self) -> str:
-        return self._base.name
-
-    @property
-    def source(self) -> str:
-        return self._base.source
-
-    @property
-    def camera(self) -> Camera:
-        return self._base.camera
-
-    @property
-    def worn_camera(self) -> Camera | None:
-        return self._base.worn_camera
-
-    @property
-    def times(self) -> Array:
-        return self._base.times
-
-    @property
-    def truth(self) -> Array | None:
-        return self._base.truth
-
-    @property
-    def target(self) -> Target | None:
-        return self._base.target
-
-    def __len__(self) -> int:
-        return len(self._frames)
 
     def frame(self, i: int) -> Frame:
         """Frame ``i``, from memory."""
@@ -79,7 +49,12 @@ class HeldRecording:
 
 
 def run_demo(
-    out: Path, *, seeds: list[int], settings: Settings | None = None, progress: bool = True
+    out: Path,
+    *,
+    seeds: list[int],
+    settings: Settings | None = None,
+    animation: Path | None = None,
+    progress: bool = True,
 ) -> dict[str, Summary]:
     """Render the corridor for each seed, run every mode on it, print the table, write the results.
 
@@ -92,6 +67,8 @@ def run_demo(
         Of the noise of pictures and of the measured ``T_CF``.
     settings : Settings, optional
         The same for both modes.
+    animation : Path, optional
+        Where to write an animated picture (GIF) of the first seed.
     progress : bool
 
     Returns
@@ -102,14 +79,19 @@ def run_demo(
     runs: dict[str, list[Summary]] = {mode: [] for mode in MODES}
     for seed in seeds:
         folder = out / f"seed-{seed}" if len(seeds) > 1 else out
-        results = run_pair(corridor_recording(seed), folder, seed=seed, settings=settings, progress=progress)
+        held = HeldRecording(corridor_recording(seed), progress=progress)
+        results = run_pair(held, folder, seed=seed, settings=settings, progress=progress)
         for mode, result in results.items():
             runs[mode].append(result.summary)
-        if seed == seeds[0]:
+        if seed == seeds[0] and drawing():
             from collabslam.viz.plot import plot_comparison
 
             labels = {f"{mode} ({_CAPTIONS[mode]})": result for mode, result in results.items()}
             plot_comparison(labels, out / PICTURE, title=_TITLE)
+            if animation is not None:
+                from collabslam.viz.animation import animate
+
+                animate(held, labels, animation)
     medians = {mode: median_summary(summaries) for mode, summaries in runs.items()}
     if len(seeds) > 1:
         write_summary(out / "medians.json", medians)
@@ -121,11 +103,10 @@ def run_demo(
 def run_pair(
     recording: Recording, out: Path | None, *, seed: int, settings: Settings | None, progress: bool
 ) -> dict[str, RunResult]:
-    """Every mode of the demo on one recording, whose frames are rendered once."""
-    held = HeldRecording(recording, progress=progress)
+    """Every mode of the demo on one recording."""
     return {
-        mode: execute(
-            held,
+        mode: run(
+            recording,
             mode=mode,
             start="worn",
             settings=settings,

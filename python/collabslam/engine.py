@@ -11,25 +11,23 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from collabslam import _core
 from collabslam._core import Camera, UpdateReport
+from collabslam.depth_input import DepthInput, Depths
 from collabslam.errors import InputError, SettingsError
+from collabslam.features import FrameFeatures, frame_features
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.search import SearchCode
 from collabslam.frontend.settings import FrontendSettings
-from collabslam.modes import MODES, STARTS
+from collabslam.modes import MODES, SLAM_STARTS
 from collabslam.overlap import Overlap, WornLook
 from collabslam.settings import Settings
 from collabslam.status import StatusMonitor
 from collabslam.target_start import TargetStart
 from collabslam.tracks import Found, Tracks
-from collabslam.types import Status, Target, WornView
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
-Ids = NDArray[np.int64]
+from collabslam.types import Array, Ids, Image, Status, Target, WornView
 
 
 @dataclass(frozen=True)
@@ -52,6 +50,8 @@ class StepResult:
         Whether there is a map to localise in.
     diagnostics : dict
         Counts, reasons of rejection, milliseconds per stage.
+    features : FrameFeatures
+        What became of each feature that should be visible.
     """
 
     t: float
@@ -61,6 +61,7 @@ class StepResult:
     valid: bool
     started: bool
     diagnostics: dict[str, Any]
+    features: FrameFeatures
 
 
 @dataclass(frozen=True)
@@ -105,8 +106,9 @@ class Slam:
         The defaults if left out.
     mode : str, optional
         One of ``modes.MODES``; the settings' ``filter.estimator.mode`` if left out.
-    start : {"worn", "target", "scale-free"}
-        Where the scale comes from: the first overlap, a known target, or nowhere (then it is arbitrary).
+    start : {"worn", "target", "scale-free", "depth"}
+        Where the scale comes from: the first overlap, a known target, nowhere (then it is arbitrary), or the
+        first depths given with `add_depth`.
     target : Target, optional
         Needed with ``start="target"``.
 
@@ -131,8 +133,8 @@ class Slam:
             if mode not in MODES:
                 raise SettingsError(f"There is no mode '{mode}'; use one of {', '.join(MODES)}.")
             settings = settings.replace({"filter.estimator.mode": mode})
-        if start not in STARTS:
-            raise SettingsError(f"There is no start '{start}'; use one of {', '.join(STARTS)}.")
+        if start not in SLAM_STARTS:
+            raise SettingsError(f"There is no start '{start}'; use one of {', '.join(SLAM_STARTS)}.")
         if start == "worn" and worn_camera is None:
             raise SettingsError("start='worn' needs worn_camera, the calibration of Cf.")
         if start == "target" and target is None:
@@ -142,6 +144,7 @@ class Slam:
         self._start = start
         self._options = FrontendSettings.from_flat(settings.section("frontend"))
         self._in_view = int(settings["filter.map.in_view"])
+        self._reserve = round(self._in_view * float(settings["filter.map.reserve"]))
         self._undelayed = settings["filter.estimator.mode"] == "mono-undelayed"
         self.filter = _core.Filter(camera, worn_camera, settings=dict(settings.section("filter")))
         self._tracks = Tracks(camera, self._options)
@@ -149,7 +152,30 @@ class Slam:
         self._target_start: TargetStart | None = None
         if start == "target" and target is not None:
             self._target_start = TargetStart(self.filter, camera, target, self._options)
+        self._depth = DepthInput(camera, self._options)
         self._monitor = StatusMonitor()
+
+    def add_depth(self, uv: ArrayLike, depth: ArrayLike, sigma: ArrayLike) -> None:
+        """Gives depths of another sensor (a range finder, a depth camera) for the frame of the next `step`.
+
+        A depth holds for the tracked features within 4 pixels, and for corners there that could become some:
+        they are measured, or start, as points with depth (METHOD section 6).
+
+        Parameters
+        ----------
+        uv : (N, 2) array
+            Pixels of Cs, where the sensor's beams hit the scene.
+        depth : (N,) array or float
+            Along the optical axis of Cs, metres.
+        sigma : (N,) array or float
+            Their standard deviations, metres.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, or numbers that are not finite or not above zero; nothing is kept then.
+        """
+        self._depth.add(uv, depth, sigma)
 
     def step(self, t: float, image: Image, worn: WornView | None = None) -> StepResult:
         """Takes one frame (METHOD section 7).
@@ -178,21 +204,22 @@ class Slam:
         stages.done("predict")
         found = self._tracks.search(image, self.filter.pose, expected)  # 3
         stages.done("search")
-        overlap = self._look.match(image, worn, found, self._tracks, self._missing(found))  # 4
+        overlap = self._look.match(image, worn, found, self._missing(found))  # 4
         stages.done("cf")
-        report = self.filter.update(found.searched, found.ids, found.uv, worn=overlap.observation)  # 5, 6, 7
+        depths = self._depth.take(image, found, overlap.ids, self._missing(found))
+        report = self.filter.update(  # 5, 6, 7
+            found.searched, found.ids, found.uv, worn=overlap.observation, depths=depths.observation
+        )
         stages.done("update")
-        births = self._births(image, found, overlap, report)  # 8
+        births = self._births(image, found, overlap, depths, report)  # 8
         deleted = self.filter.manage_map()
         self._tracks.forget_features(deleted)
         self._tracks.keep_candidates(self.filter.candidates)
         births["births_undelayed"] = self._new_points(image, found)
-        accepted = sum(o in ("pixel", "replaced") for o in report.bearings) + births["births_instant"]
-        target_residual = float("nan")
-        if self._target_start is not None:
-            if not self.filter.started:
-                births["births_instant"] = accepted = self._start_from_target(image)
-            target_residual = self._target_start.residual(image, self.filter.pose)
+        births["births_instant"] += self._start_from_target(image)
+        target_residual = self._target_residual(image)
+        accepted = sum(o in ("pixel", "replaced") for o in report.bearings)
+        accepted += births["births_instant"] + births["births_depth"]
         if not was_started:
             accepted += births["births_undelayed"]
         stages.done("map")
@@ -216,6 +243,7 @@ class Slam:
             valid=self.filter.started and status is not Status.LOST,
             started=self.filter.started,
             diagnostics=diagnostics,
+            features=frame_features(expected, found, report),
         )
 
     def landmarks(self) -> Landmarks:
@@ -224,21 +252,32 @@ class Slam:
         return Landmarks(found["ids"], found["points"], found["covariance"])
 
     def _start_from_target(self, image: Image) -> int:
-        """First features from the known target (METHOD 10)."""
-        assert self._target_start is not None
+        """First features from the known target (METHOD 10); returns their number."""
+        if self._target_start is None or self.filter.started:
+            return 0
         ids, uv = self._target_start.start(image, self._in_view)
         self._tracks.add_features(image, self.filter.pose, ids, uv)
         return len(ids)
+
+    def _target_residual(self, image: Image) -> float:
+        """Pixels by which the pose misplaces the target; NaN where none is known or seen."""
+        if self._target_start is None:
+            return float("nan")
+        return self._target_start.residual(image, self.filter.pose)
 
     def _missing(self, found: Found) -> int:
         """How many features the view lacks."""
         return max(0, self._in_view - len(found.ids))
 
-    def _births(self, image: Image, found: Found, overlap: Overlap, report: UpdateReport) -> dict[str, int]:
-        """Takes over the features born from the worn camera, and lets candidates with parallax be born."""
+    def _births(
+        self, image: Image, found: Found, overlap: Overlap, depths: Depths, report: UpdateReport
+    ) -> dict[str, int]:
+        """Takes over the features born with depth, and lets candidates with parallax be born."""
         pose = self.filter.pose
         instant, used = overlap.births(report)
         self._tracks.add_features(image, pose, instant, overlap.uv_of(report))
+        measured, uv = depths.births(report)
+        self._tracks.add_features(image, pose, measured, uv)
         self.filter.drop_candidates(np.concatenate([found.lost, used]))
         waiting = ~np.isin(found.candidates, used)
         ids, uv = found.candidates[waiting], found.candidate_uv[waiting]
@@ -246,7 +285,11 @@ class Slam:
         for candidate, feature in zip(ids.tolist(), features.tolist(), strict=True):
             if feature >= 0:
                 self._tracks.promote(candidate, feature)
-        return {"births_instant": len(instant), "births_delayed": outcomes.count("born")}
+        return {
+            "births_instant": len(instant),
+            "births_depth": len(measured),
+            "births_delayed": outcomes.count("born"),
+        }
 
     def _new_points(self, image: Image, found: Found) -> int:
         """Starts candidates (or vague features, undelayed) where the view lacks points."""
@@ -254,12 +297,14 @@ class Slam:
         if not (self.filter.started or scale_free):
             return 0
         pixels = self._tracks.pixels
-        lacking = self._in_view - len(pixels)
+        options = self._options
+        wait = not (self._undelayed or scale_free)
+        wanted = self._in_view + (self._reserve if wait else 0)
+        lacking = wanted - len(pixels)
         if lacking < self._in_view // 8:
             return 0
-        options = self._options
         uv = detect_corners(image, pixels, lacking, options.detect, options.patch.size)
-        if not (self._undelayed or scale_free):
+        if wait:
             ids = self.filter.add_candidates(uv)
             self._tracks.add_candidates(image, self.filter.pose, ids, uv)
             return 0
@@ -281,6 +326,7 @@ def _search_counts(predicted: Ids, found: Found, report: UpdateReport) -> dict[s
         "rejected_outside": int(np.sum(codes == SearchCode.OUTSIDE)),
         "rejected_chi2": outcomes.count("rejected-gate"),
         "rejected_hohct": outcomes.count("rejected-batch"),
+        "rejected_conditional": outcomes.count("rejected-conditional"),
         "nis": report.nis,
         "nis_dof": report.dof,
         "hohct_order": report.order,

@@ -10,11 +10,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from collabslam.errors import InputError
-
-Array = NDArray[np.float64]
+from collabslam.types import Array
 
 _SMALL_ANGLE = 1e-8
 
@@ -210,6 +209,31 @@ def adjoint(t_ab: ArrayLike) -> Array:
     out[3:, 3:] = t[:3, :3]
     out[:3, 3:] = skew(t[:3, 3]) @ t[:3, :3]
     return out
+
+
+def tangent_to_fixed(t_ab: ArrayLike, covariance: ArrayLike) -> Array:
+    """A pose's covariance along the fixed axes of A: diag(R, R) P diag(R, R)^T.
+
+    Parameters
+    ----------
+    t_ab : (4, 4) array
+    covariance : (6, 6) array
+        Over (translation, rotation), tangent on the right.
+
+    Returns
+    -------
+    (6, 6) array
+        Over (x, y, z, rotation about X, Y, Z) of A, as in ROS's PoseWithCovariance.
+    """
+    turn = np.kron(np.eye(2), _shaped(t_ab, (4, 4), "The pose")[:3, :3])
+    return np.asarray(turn @ _shaped(covariance, (6, 6), "The covariance") @ turn.T)
+
+
+def fixed_to_tangent(t_ab: ArrayLike, covariance: ArrayLike) -> Array:
+    """The inverse of `tangent_to_fixed`."""
+    turn = np.asarray(t_ab, dtype=np.float64).copy()
+    turn[:3, :3] = turn[:3, :3].T
+    return tangent_to_fixed(turn, covariance)
 
 
 def interpolate_pose(t0: ArrayLike, t1: ArrayLike, share: float) -> Array:

@@ -6,22 +6,16 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from collabslam._core import Camera, Filter, UpdateReport
 from collabslam.errors import InputError
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.frontend.worn_match import WornMatches, match_worn
+from collabslam.geometry import pose_inverse, se3_log
 from collabslam.settings import Settings
-from collabslam.tracks import Found, Tracks
-from collabslam.types import WornView
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
-Ids = NDArray[np.int64]
-
-NEW_POINTS = 120
+from collabslam.tracks import Found
+from collabslam.types import Array, Ids, Image, WornView
 
 
 @dataclass(frozen=True)
@@ -78,6 +72,7 @@ class Overlap:
         return {
             "overlap": int(self.worn is not None),
             "baseline_m": self.baseline,
+            **self._correction(),
             "cf_points": self.points,
             "cf_matches": len(self.ids),
             "cf_rejected_region": rejected.get("region", 0),
@@ -86,9 +81,22 @@ class Overlap:
             "cf_rejected_low_score": rejected.get("score", 0),
             "cf_rejected_chi2": pairs.count("rejected-gate"),
             "cf_rejected_hohct": pairs.count("rejected-batch"),
+            "cf_rejected_conditional": pairs.count("rejected-conditional"),
             "cf_too_uncertain": pairs.count("too-uncertain"),
             "depth_rows": pairs.count("depth"),
             "cf_pixel_rows": pairs.count("pixel"),
+        }
+
+    def _correction(self) -> dict[str, float]:
+        """By how much the matches correct T_CF, also in standard deviations (RMS over its six numbers)."""
+        xi, sigmas = np.full(6, np.nan), np.nan
+        if self.worn is not None and self.matches is not None and len(self.matches.index):
+            xi = se3_log(pose_inverse(self.worn.t_cf) @ self.matches.t_cf)
+            sigmas = float(np.sqrt(xi @ np.linalg.solve(self.worn.covariance, xi) / 6.0))
+        return {
+            "t_cf_correction_m": float(np.linalg.norm(xi[:3])),
+            "t_cf_correction_deg": float(np.degrees(np.linalg.norm(xi[3:]))),
+            "t_cf_correction_sigmas": sigmas,
         }
 
 
@@ -125,9 +133,7 @@ class WornLook:
             )
         self._filter.predict_overlap(worn.t_cf, worn.covariance)  # raises for an impossible pose
 
-    def match(
-        self, image: Image, worn: WornView | None, found: Found, tracks: Tracks, missing: int
-    ) -> Overlap:
+    def match(self, image: Image, worn: WornView | None, found: Found, missing: int) -> Overlap:
         """Pairs of this frame; known features first, then as many new points as the view is missing."""
         started = self._filter.started
         if worn is None or self._worn_camera is None or (started and self._only_start):
@@ -138,9 +144,9 @@ class WornLook:
         known = np.empty(0, np.int64) if self._only_births and started else np.flatnonzero(found.hit)
         known_uv = found.result.uv[known]
         taken = np.concatenate([found.uv, found.candidate_uv])
-        fresh = detect_corners(
-            image, taken, NEW_POINTS if missing else 0, self._options.detect, self._options.patch.size
-        )
+        options = self._options
+        tries = min(options.worn.new_points, options.worn.tries * missing)
+        fresh = detect_corners(image, taken, tries, options.detect, options.patch.size)
         uv = np.concatenate([known_uv, found.candidate_uv, fresh])
         unknown = np.full(len(found.candidate_uv) + len(fresh), np.nan)
         matches = match_worn(
@@ -155,7 +161,7 @@ class WornLook:
             uv,
             np.concatenate([found.rho[known], unknown]),
             np.concatenate([found.rho_sd[known], unknown]),
-            self._options,
+            options,
         )
         ids = np.concatenate([found.searched[known], np.full(len(unknown), -1)])
         candidates = np.concatenate([np.full(len(known), -1), found.candidates, np.full(len(fresh), -1)])

@@ -47,6 +47,8 @@ def summary_text(summary: Summary) -> str:
         head += " (the filter never started)"
     elif summary["interrupted"]:
         head += f" (interrupted after {summary['frames']} frames)"
+    if summary["start"] == "scale-free":
+        head += f" (lengths are in {summary['unit']}, not metres)"
     return head + "\n" + text_table([[label, text(summary)] for label, text in LINES])
 
 

@@ -11,20 +11,19 @@ from __future__ import annotations
 import csv
 import json
 import math
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from collabslam.errors import DataError
 from collabslam.evaluation.record import Landmarks, RunRecord, Step, status_name
-from collabslam.geometry import quaternion_wxyz
-
-Array = NDArray[np.float64]
+from collabslam.formats.files import write_text
+from collabslam.formats.landmarks import write_ply
+from collabslam.formats.trajectory import METRES, position_quaternion, write_covariances, write_tum
+from collabslam.types import Array
 
 CONFIG, FRAMES, TRAJECTORY, COVARIANCE = "config.yaml", "frames.csv", "trajectory.tum", "trajectory.cov"
 GROUND_TRUTH, MAP, PICTURE, SUMMARY = "groundtruth.tum", "map.ply", "trajectory.png", "summary.json"
@@ -41,6 +40,7 @@ DIAGNOSTICS = (
     "rejected_low_score",
     "rejected_ambiguous",
     "rejected_hohct",
+    "rejected_conditional",
     "cf_points",
     "cf_matches",
     "cf_rejected_region",
@@ -49,6 +49,7 @@ DIAGNOSTICS = (
     "cf_rejected_chi2",
     "depth_rows",
     "births_instant",
+    "births_depth",
     "births_delayed",
     "births_undelayed",
     "deleted",
@@ -60,6 +61,9 @@ DIAGNOSTICS = (
     "hohct_order",
     "hohct_exact",
     "baseline_m",
+    "t_cf_correction_m",
+    "t_cf_correction_deg",
+    "t_cf_correction_sigmas",
     "ms_predict",
     "ms_search",
     "ms_cf",
@@ -68,14 +72,6 @@ DIAGNOSTICS = (
     "ms_total",
 )
 LEADING = ("index", "t", "status", "valid", "started", "worn")
-
-_TUM_HEADER = "# t tx ty tz qx qy qz qw: seconds, metres; T_WC maps points of the camera C into W"
-_COV_HEADER = """\
-# Covariance of each pose of trajectory.tum, row by row: t, then the 21 numbers of the lower triangle
-# c11 c21 c22 c31 ... c66 of the 6x6 matrix over (x y z rx ry rz), in m^2, m rad and rad^2.
-# Tangent on the right, in the camera's frame C: T_WC = T_WC_hat Exp(xi).
-#%TANGENT_CONVENTION right_perturbation
-#%TANGENT_ORDER translation_rotation"""
 
 
 class ResultWriter:
@@ -87,6 +83,10 @@ class ResultWriter:
     ----------
     folder : Path
         Made if missing.  Results of an earlier run in it are removed.
+    config : str
+        Content of ``config.yaml``.
+    unit : str
+        Of lengths, for the trajectory's header.
 
     Raises
     ------
@@ -94,8 +94,9 @@ class ResultWriter:
         If the folder holds something that is no result of collabslam, or cannot be written.
     """
 
-    def __init__(self, folder: Path, config: str) -> None:
+    def __init__(self, folder: Path, config: str, unit: str = METRES) -> None:
         self.folder = folder
+        self._unit = unit
         claim_folder(folder)
         write_text(folder / CONFIG, config)
         self._frames: IO[str] = (folder / FRAMES).open("w", encoding="utf-8", newline="")
@@ -110,7 +111,7 @@ class ResultWriter:
     ) -> None:
         self._frames.close()
         if self._record is not None:
-            write_trajectory(self.folder, self._record)
+            write_trajectory(self.folder, self._record, self._unit)
 
     def frame(self, record: RunRecord) -> None:
         """Append the record's last frame to ``frames.csv``, and flush it."""
@@ -137,7 +138,7 @@ class ResultWriter:
             In W, NaN where missing.
         summary : mapping
         """
-        write_trajectory(self.folder, record)
+        write_trajectory(self.folder, record, self._unit)
         if truth is not None:
             write_tum(
                 self.folder / GROUND_TRUTH,
@@ -146,7 +147,7 @@ class ResultWriter:
                 note="# True poses, moved so that the first one equals the estimate's.",
             )
         if landmarks is not None:
-            write_map(self.folder / MAP, landmarks)
+            write_ply(self.folder / MAP, landmarks)
         write_summary(self.folder / SUMMARY, summary)
 
 
@@ -180,75 +181,11 @@ def claim_folder(folder: Path) -> None:
         raise DataError(text) from error
 
 
-def write_text(path: Path, text: str) -> None:
-    """Write a whole file beside its place, then move it there."""
-    write_bytes(path, text.encode())
-
-
-def write_bytes(path: Path, data: bytes) -> None:
-    """Write a whole file beside its place, then move it there."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        beside.write_bytes(data)
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
-
-
-def write_trajectory(folder: Path, record: RunRecord) -> None:
+def write_trajectory(folder: Path, record: RunRecord, unit: str = METRES) -> None:
     """``trajectory.tum`` and ``trajectory.cov``: the valid poses, one line of each per pose."""
     use = record.valid
-    write_tum(folder / TRAJECTORY, record.times[use], record.poses[use])
+    write_tum(folder / TRAJECTORY, record.times[use], record.poses[use], unit=unit)
     write_covariances(folder / COVARIANCE, record.times[use], record.covariances[use])
-
-
-def write_tum(path: Path, times: ArrayLike, poses: ArrayLike, note: str = "") -> None:
-    """Poses (N, 4, 4) in the TUM format, sorted by time; poses that are not finite are left out."""
-    t, t_wc = np.asarray(times, np.float64), np.asarray(poses, np.float64)
-    lines = [line for line in (note, _TUM_HEADER) if line]
-    lines += [
-        f"{t[i]:.9f} " + " ".join(f"{v:.9f}" for v in _position_quaternion(t_wc[i]))
-        for i in np.argsort(t, kind="stable")
-        if np.isfinite(t_wc[i]).all()
-    ]
-    write_text(path, "\n".join(lines) + "\n")
-
-
-def write_covariances(path: Path, times: ArrayLike, covariances: ArrayLike) -> None:
-    """Covariances (N, 6, 6) as lower triangles, sorted by time; the header states frame and order."""
-    t, p = np.asarray(times, np.float64), np.asarray(covariances, np.float64)
-    rows, columns = np.tril_indices(6)
-    lines = [_COV_HEADER] + [
-        f"{t[i]:.9f} " + " ".join(f"{v:.12e}" for v in p[i][rows, columns])
-        for i in np.argsort(t, kind="stable")
-    ]
-    write_text(path, "\n".join(lines) + "\n")
-
-
-def write_map(path: Path, landmarks: Landmarks) -> None:
-    """The map as a binary PLY: points in W, metres, with sd along x, y, z and the 3x3 covariance."""
-    points = np.asarray(landmarks.points, np.float64).reshape(-1, 3)
-    p = np.asarray(landmarks.covariance, np.float64).reshape(-1, 3, 3)
-    upper = [("xx", 0, 0), ("xy", 0, 1), ("xz", 0, 2), ("yy", 1, 1), ("yz", 1, 2), ("zz", 2, 2)]
-    columns: list[tuple[str, str, str, Array]] = [
-        (axis, "double", "<f8", points[:, k]) for k, axis in enumerate("xyz")
-    ]
-    for k, axis in enumerate("xyz"):
-        columns.append((f"sigma_{axis}", "float", "<f4", np.sqrt(np.maximum(p[:, k, k], 0.0))))
-    columns += [(f"cov_{name}", "float", "<f4", p[:, i, j]) for name, i, j in upper]
-    columns.append(("id", "int", "<i4", np.asarray(landmarks.ids, np.float64)))
-    table = np.empty(len(points), dtype=[(name, code) for name, _, code, _ in columns])
-    for name, _, _, values in columns:
-        table[name] = values
-    header = [
-        "ply",
-        "format binary_little_endian 1.0",
-        "comment collabslam map: points in W, metres; sigma in metres; cov in m^2",
-        f"element vertex {len(points)}",
-        *(f"property {kind} {name}" for name, kind, _, _ in columns),
-        "end_header",
-    ]
-    write_bytes(path, ("\n".join(header) + "\n").encode() + table.tobytes())
 
 
 def write_summary(path: Path, summary: Mapping[str, Any]) -> None:
@@ -284,7 +221,7 @@ def _frame_row(index: int, step: Step, worn: bool, columns: Iterable[str]) -> li
     row.update(index=index, t=f"{step.t:.9f}", status=status_name(step.status), worn=worn)
     row.update(valid=bool(step.valid), started=bool(step.started))
     finite = bool(np.isfinite(step.pose).all())
-    numbers = [f"{v:.9f}" for v in _position_quaternion(step.pose)] if finite else [""] * len(POSE_COLUMNS)
+    numbers = [f"{v:.9f}" for v in position_quaternion(step.pose)] if finite else [""] * len(POSE_COLUMNS)
     row.update(zip(POSE_COLUMNS, numbers, strict=True))
     return [row.get(column) for column in columns]
 
@@ -296,9 +233,3 @@ def _cell(value: Any) -> str:
     if isinstance(value, float | np.floating):
         return f"{value:.6g}" if math.isfinite(value) else ""
     return "" if value is None else str(value)
-
-
-def _position_quaternion(t_wc: Array) -> list[float]:
-    """``x y z qx qy qz qw`` of a pose."""
-    w, x, y, z = quaternion_wxyz(t_wc[:3, :3])
-    return [*(float(v) for v in t_wc[:3, 3]), float(x), float(y), float(z), float(w)]

@@ -7,92 +7,24 @@ The parts own their settings: the filter lists its own through the extension, th
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
-import math
 import textwrap
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from collabslam.entry import Entry, Value, find, shown
 from collabslam.errors import SettingsError
 
-Value = bool | int | float | str
 Flat = dict[str, Value]
 
 SECTIONS = ("filter", "frontend")
 _WIDTH = 108
-
-
-@dataclass(frozen=True)
-class Entry:
-    """What there is to know of one setting.
-
-    Attributes
-    ----------
-    key : str
-        Full dotted key, section first.
-    kind : str
-        ``float``, ``int``, ``bool`` or ``enum``.
-    default : bool, int, float or str
-    low, high : float or None
-        Range, both ends allowed.
-    unit, doc : str
-    choices : tuple of str
-        Of an ``enum``.
-    """
-
-    key: str
-    kind: str
-    default: Value
-    low: float | None
-    high: float | None
-    unit: str
-    choices: tuple[str, ...]
-    doc: str
-
-    def allowed(self) -> str:
-        """The range or the choices, in words."""
-        if self.kind == "bool":
-            return "true or false"
-        if self.choices:
-            return " | ".join(self.choices)
-        if self.low is not None and self.high is not None:
-            return f"{self.low:g} to {self.high:g}"
-        if self.low is not None:
-            return f"{self.low:g} or more"
-        return f"{self.high:g} or less" if self.high is not None else "any number"
-
-    def checked(self, value: Any) -> Value:
-        """``value`` as this setting's type.
-
-        Raises
-        ------
-        SettingsError
-            If the type is wrong or the value is not allowed.
-        """
-        if self.kind == "bool" and isinstance(value, bool):
-            return value
-        if self.kind == "enum" and isinstance(value, str) and value in self.choices:
-            return value
-        number = _number(value)
-        if self.kind in ("int", "float") and number is not None and self._in_range(number):
-            if self.kind == "float":
-                return number
-            if number.is_integer():
-                return int(number)
-        unit = f" {self.unit}" if self.unit and self.kind in ("int", "float") else ""
-        wanted = {"int": "a whole number, ", "float": "a number, ", "enum": "one of "}.get(self.kind, "")
-        raise SettingsError(f"'{self.key}' is {_shown(value)}; it must be {wanted}{self.allowed()}{unit}.")
-
-    def _in_range(self, x: float) -> bool:
-        low, high = self.low, self.high
-        return math.isfinite(x) and (low is None or x >= low) and (high is None or x <= high)
 
 
 @cache
@@ -101,18 +33,21 @@ def schema() -> dict[str, Entry]:
     from collabslam import _core
     from collabslam.frontend.settings import FRONTEND
 
-    lists = {"filter": _core.settings_schema(), "frontend": FRONTEND}
-    return {entry.key: entry for section in SECTIONS for entry in map(_entry(section), lists[section])}
+    lists = {"filter": [_entry(item) for item in _core.settings_schema()], "frontend": FRONTEND}
+    return {
+        f"{section}.{entry.key}": replace(entry, key=f"{section}.{entry.key}")
+        for section in SECTIONS
+        for entry in lists[section]
+    }
 
 
-def _entry(section: str) -> Any:
-    def build(item: Mapping[str, Any]) -> Entry:
-        choices = tuple(item["choices"] or ())
-        kind = "enum" if choices else item["type"]
-        key = f"{section}.{item['key']}"
-        return Entry(key, kind, item["default"], item["min"], item["max"], item["unit"], choices, item["doc"])
-
-    return build
+def _entry(item: Mapping[str, Any]) -> Entry:
+    """An entry of the filter's own list."""
+    choices = tuple(item["choices"] or ())
+    kind = "enum" if choices else item["type"]
+    return Entry(
+        item["key"], kind, item["default"], item["min"], item["max"], item["unit"], choices, item["doc"]
+    )
 
 
 @dataclass(frozen=True)
@@ -165,7 +100,7 @@ class Settings:
         """
         if not isinstance(tree, Mapping):
             raise SettingsError(
-                f"Settings are {_shown(tree)}; give a mapping with the sections {', '.join(SECTIONS)}."
+                f"Settings are {shown(tree)}; give a mapping with the sections {', '.join(SECTIONS)}."
             )
         return cls.from_flat(dict(_flatten(tree)))
 
@@ -191,7 +126,7 @@ class Settings:
 
     def __getitem__(self, key: str) -> Value:
         """A value by its full key; SettingsError with the nearest name if there is none."""
-        return self.values[_find(key).key]
+        return self.values[find(schema(), key).key]
 
     def section(self, name: str) -> Flat:
         """The values of one section, by keys without the section's name."""
@@ -217,6 +152,21 @@ class Settings:
             lines += _comment(entry, "  " * len(path))
             lines.append("  " * len(path) + f"{name}: {_yaml(self.values[key])}")
         return "\n".join(lines) + "\n"
+
+
+def markdown() -> str:
+    """Every setting as a page of Markdown: a table for each group, made from the settings' own lists."""
+    lines = ["# Settings", "", "Every setting with its default, unit, range and effect."]
+    group = ""
+    for key, entry in schema().items():
+        head, _, name = key.rpartition(".")
+        if head != group:
+            group = head
+            lines += ["", f"## `{head}`", "", "| setting | default | unit | allowed | effect |"]
+            lines += ["| --- | --- | --- | --- | --- |"]
+        allowed = entry.allowed().replace("|", "or")
+        lines.append(f"| `{name}` | {_yaml(entry.default)} | {entry.unit or '-'} | {allowed} | {entry.doc} |")
+    return "\n".join(lines) + "\n"
 
 
 def parse_assignments(texts: list[str]) -> dict[str, Any]:
@@ -246,22 +196,10 @@ def parse_assignments(texts: list[str]) -> dict[str, Any]:
 def _fault(key: str, value: Any) -> str:
     """What is wrong with a value, in a sentence; empty if nothing is."""
     try:
-        _find(key).checked(value)
+        find(schema(), key).checked(value)
     except SettingsError as error:
         return str(error)
     return ""
-
-
-def _find(key: str) -> Entry:
-    known = schema()
-    if key in known:
-        return known[key]
-    near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.5)
-    if not near:  # the section, or the groups, may have been left out
-        last = str(key).rsplit(".", 1)[-1]
-        near = [k for k in known if k.rsplit(".", 1)[-1] == last][:1]
-    hint = f"did you mean '{near[0]}'?" if near else "'collabslam settings show' lists them all."
-    raise SettingsError(f"There is no setting '{key}'; {hint}")
 
 
 def _flatten(tree: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -284,22 +222,6 @@ def _comment(entry: Entry, indent: str) -> list[str]:
     unit = f" {entry.unit}" if entry.unit else ""
     text = f"{entry.doc} [{entry.allowed()}{unit}; default {_yaml(entry.default)}]"
     return textwrap.wrap(text, _WIDTH, initial_indent=indent + "# ", subsequent_indent=indent + "# ")
-
-
-def _number(value: Any) -> float | None:
-    """A number, also one like 1e-5, which YAML 1.1 takes for a text; None if it is none."""
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        return None
-    try:
-        return float(value)
-    except ValueError:
-        return None
-
-
-def _shown(value: Any) -> str:
-    return (
-        f"'{value}'" if isinstance(value, str) else _yaml(value) if isinstance(value, bool) else repr(value)
-    )
 
 
 def _yaml(value: Any) -> str:

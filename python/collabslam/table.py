@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from collabslam.errors import CollabslamError, DataError, SettingsError
+from collabslam.formats.files import write_text
 from collabslam.report import markdown_table, median_of, number, step_ms
-from collabslam.results import write_summary, write_text
+from collabslam.results import write_summary
 
 Row = dict[str, Any]
 
@@ -155,7 +156,7 @@ def run_task(task: Task) -> list[Row]:
 def _run_mode(task: Task, mode: str) -> Row:
     from collabslam.datasets import attach_worn, open_recording
     from collabslam.demo.recording import corridor_recording
-    from collabslam.run import run
+    from collabslam.runner import run
     from collabslam.settings import Settings
     from collabslam.types import Recording
 
@@ -178,7 +179,7 @@ def _run_mode(task: Task, mode: str) -> Row:
         seed=task.seed,
         progress=False,
         options=options,
-    )
+    ).summary
 
 
 def _run_tasks(tasks: list[Task], jobs: int, out: Path | None) -> list[list[Row]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from collabslam._core import Camera, Filter
 from collabslam.errors import DataError
@@ -14,18 +13,7 @@ from collabslam.frontend.search import FOUND, active_search
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.frontend.target import find_target
 from collabslam.geometry import pose_inverse, skew
-from collabslam.types import Target
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
-Ids = NDArray[np.int64]
-
-NEAR_TARGET = 2.2
-"""Corners within the target's outline, grown by this factor, are taken to lie on its plane..."""
-PLANE_SD = 0.03
-"""...with this relative standard deviation of their range."""
-ELSEWHERE_SD = 0.5
-"""Relative standard deviation with which all other corners are put at the target's distance."""
+from collabslam.types import Array, Ids, Image, Mask, Target
 
 
 class TargetStart:
@@ -62,7 +50,9 @@ class TargetStart:
         rays = all_points / np.linalg.norm(all_points, axis=1, keepdims=True)
         pixel = (options.target.sigma / self._camera.intrinsics[0]) ** 2
         ranges2 = (all_points**2).sum(axis=1)
-        relative = np.concatenate([np.full(len(known), 1e-4), np.full(on_plane.sum(), PLANE_SD)])
+        relative = np.concatenate(
+            [np.full(len(known), 1e-4), np.full(on_plane.sum(), options.target.plane_sd)]
+        )
         outer = rays[:, :, None] * rays[:, None, :]
         noise = ranges2[:, None, None] * (pixel * np.eye(3) + (relative**2)[:, None, None] * outer)
         # p_C = Exp(xi)^-1 p_hat, so d p_C / d(v, w) = [-I, [p_C]x]
@@ -75,7 +65,7 @@ class TargetStart:
             none,
             none,
             np.empty((0, 2)),
-            depths=(np.full(len(elsewhere), -1), elsewhere, depth, ELSEWHERE_SD * depth),
+            depths=(np.full(len(elsewhere), -1), elsewhere, depth, options.target.elsewhere_sd * depth),
         )
         born = report.depth_births >= 0
         self._points_w, self._patches = known, capture(image, fix.uv, np.eye(4), options.patch)
@@ -85,7 +75,7 @@ class TargetStart:
             ids, uv = ids[len(known) :], uv[len(known) :]
         return np.concatenate([ids, report.depth_births[born]]), uv
 
-    def _on_target_plane(self, uv: Array, t_tc: Array) -> tuple[NDArray[np.bool_], Array]:
+    def _on_target_plane(self, uv: Array, t_tc: Array) -> tuple[Mask, Array]:
         """Which corners look at the plane near the target, and where they meet it, in C."""
         directions = self._camera.unproject(uv) @ t_tc[:3, :3].T
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -93,7 +83,9 @@ class TargetStart:
         on_plane = t_tc[:3, 3] + directions * scale[:, None]
         outline = self._target.points[:, :2]
         middle = outline.mean(axis=0)
-        hull = cv2.convexHull((middle + NEAR_TARGET * (outline - middle)).astype(np.float32))
+        hull = cv2.convexHull(
+            (middle + self._options.target.plane_reach * (outline - middle)).astype(np.float32)
+        )
         flat = np.ptp(self._target.points[:, 2]) < 1e-6
         inside = np.array(
             [

@@ -6,17 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from collabslam._core import Camera
 from collabslam.frontend.flow import flow_guess
 from collabslam.frontend.patch import Patch, capture, warp_templates
 from collabslam.frontend.search import FOUND, SearchResult, active_search
 from collabslam.frontend.settings import FrontendSettings
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
-Ids = NDArray[np.int64]
+from collabslam.types import Array, Ids, Image, Mask
 
 
 @dataclass(frozen=True)
@@ -48,7 +44,7 @@ class Found:
     lost: Ids
 
     @property
-    def hit(self) -> NDArray[np.bool_]:
+    def hit(self) -> Mask:
         """(S,) bool: the feature was found."""
         return np.asarray(self.result.code == FOUND)
 

@@ -17,6 +17,9 @@ from collabslam._core import Camera
 
 Image = NDArray[np.uint8]
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Ids = NDArray[np.int64]
+Indices = NDArray[np.int64]
 
 
 class Status(str, enum.Enum):

@@ -23,6 +23,7 @@ NO_IDS, NO_UV = np.empty(0, np.int64), np.empty((0, 2))
 ONE_UV, NAN_UV = np.full((1, 2), 100.0), np.full((1, 2), np.nan)
 UNKNOWN = np.array([10**6])
 NAN_POSE, STRETCHED = np.where(np.eye(4) > 0, np.nan, 0.0), np.diag([2.0, 1.0, 1.0, 1.0])
+TILTED = np.array([*np.eye(4)[:3], [0.0, 0.0, 1.0, 0.0]])
 POINTS = np.random.Generator(np.random.PCG64(1)).uniform((-1.0, -0.8, 2.5), (1.2, 0.8, 5.0), (COUNT, 3))
 
 
@@ -63,12 +64,32 @@ CALLS: dict[str, tuple[Callable[[Filter], object], str]] = {
     "time back": (lambda f: f.predict(0.05), "time 0.05 s does not follow"),
     "time again": (lambda f: f.predict(0.1), "time 0.1 s does not follow"),
     "time nan": (lambda f: f.predict(np.nan), "time"),
+    "time in nanoseconds": (lambda f: f.predict(1.6e18), "nanoseconds"),
+    "time far": (lambda f: f.predict(1e300), "seconds"),
+    "time after a day": (lambda f: f.predict(86400.0), "start a new filter"),
     "uv columns": (lambda f: f.update(NO_IDS, _one(f), np.zeros((1, 3))), r"uv has shape \[1, 3\]"),
     "uv rows": (lambda f: f.update(NO_IDS, _one(f), np.zeros((2, 2))), "uv has shape"),
     "uv nan": (lambda f: f.update(NO_IDS, _one(f), NAN_UV), "pixel"),
     "id unknown": (lambda f: f.update(NO_IDS, UNKNOWN, ONE_UV), "id 1000000"),
     "id searched unknown": (lambda f: f.update(UNKNOWN, NO_IDS, NO_UV), "id 1000000"),
-    "id negative": (lambda f: f.update(NO_IDS, np.array([-1]), ONE_UV), "no feature"),
+    "id negative": (lambda f: f.update(NO_IDS, np.array([-1]), ONE_UV), "ids: -1 is no id"),
+    "id searched negative": (lambda f: f.update(np.array([-7]), NO_IDS, NO_UV), "searched: -7 is no id"),
+    "id dropped negative": (lambda f: f.drop_candidates(np.array([-2])), "ids: -2 is no id"),
+    "id too large": (lambda f: f.update(NO_IDS, np.array([2**63], np.uint64), ONE_UV), "is no id"),
+    "id with a fraction": (lambda f: f.update(NO_IDS, np.zeros(1), ONE_UV), "ids: an array of whole numbers"),
+    "uv flat": (lambda f: f.update(NO_IDS, NO_IDS, np.zeros(2)), r"uv has shape \[2\]"),
+    "uv words": (lambda f: f.add_undelayed([["a", "b"]]), "uv: an array of numbers"),
+    "uv ragged": (lambda f: f.add_undelayed([[1.0], [2.0, 3.0]]), "uv: an array of numbers"),
+    "uv complex": (lambda f: f.add_undelayed(ONE_UV * 1j), "uv: an array of numbers"),
+    "worn id negative": (
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(ids=np.array([-3]), uv=ONE_UV, uv_f=ONE_UV)),
+        "give -1 for a new point",
+    ),
+    "worn pose last row": (
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(TILTED)),
+        "last row",
+    ),
+    "overlap pose last row": (lambda f: f.predict_overlap(TILTED, SIGMA), "last row"),
     "id twice": (lambda f: f.update(NO_IDS, np.repeat(_one(f), 2), np.zeros((2, 2))), "twice"),
     "worn pose shape": (lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(np.eye(3))), "t_cf has shape"),
     "worn pose nan": (lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(NAN_POSE)), "T_CF"),
@@ -245,23 +266,24 @@ def test_every_default_is_accepted() -> None:
     Filter(CS, settings=dict(settings.Settings.default().section("filter")))
 
 
-@pytest.mark.parametrize(
-    ("call", "argument"),
-    [
-        (lambda f: f.update(NO_IDS, NO_IDS, np.zeros(2)), "uv"),
-        (lambda f: f.update(NO_IDS, np.zeros(1), ONE_UV), "ids"),
-        (lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=(T_CF, SIGMA)), "worn"),
-        (lambda f: f.add_candidates([[1.0, 2.0]]), "uv"),
-        (lambda f: f.add_undelayed(ONE_UV.astype(np.float32)), "uv"),
-        (lambda f: f.predict_overlap(np.zeros(4), SIGMA), "t_cf"),
-    ],
-)
-def test_a_wrong_type_names_its_argument(call: Callable[[Filter], object], argument: str) -> None:
+def test_arrays_of_other_types_are_converted() -> None:
+    a, b = _started(), _started()
+    ids = _one(a)
+    uv = np.round(a.predict_pixels()["uv"][:1])
+    a.update(ids, ids, uv)
+    b.update(ids.astype(np.uint16), ids.tolist(), uv.astype(np.float32))
+    assert _state(a) == _state(b)
+    assert a.add_undelayed([[100, 200]]).tolist() == b.add_undelayed(np.array([[100.0, 200.0]])).tolist()
+    assert a.add_candidates(np.empty((0, 2), bool)).tolist() == []
+    np.testing.assert_array_equal(CS.project([[0, 0, 1]])[0], CS.project(np.array([[0.0, 0.0, 1.0]]))[0])
+
+
+def test_a_worn_tuple_of_another_length_names_its_argument() -> None:
     core = _started()
     before = _state(core)
     with pytest.raises((TypeError, ValueError)) as caught:
-        call(core)
-    assert f"'{argument}'" in " ".join([str(caught.value), *getattr(caught.value, "__notes__", [argument])])
+        core.update(NO_IDS, NO_IDS, NO_UV, worn=(T_CF, SIGMA))  # type: ignore[arg-type]
+    assert "'worn'" in " ".join([str(caught.value), *getattr(caught.value, "__notes__", ["'worn'"])])
     assert _state(core) == before
 
 

@@ -13,9 +13,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from collabslam import cli, demo_run, run, table
+from collabslam import cli, demo_run, runner, table
 from collabslam import geometry as g
 from collabslam._core import Camera
+from collabslam.commands import COMMANDS, options
 from collabslam.errors import DataError, FilterError, SettingsError
 from collabslam.report import median_summary, summary_text
 from collabslam.settings import Settings
@@ -82,7 +83,7 @@ class FakeSlam:
 
 def go(recording: Walk, out: Path | None = None, **options):
     slam = options.pop("slam", None) or FakeSlam(recording)
-    return run.run(recording, slam=slam, out=out, progress=False, **options)
+    return runner.run(recording, slam=slam, out=out, **options).summary
 
 
 @pytest.fixture
@@ -95,7 +96,7 @@ def _no_picture(monkeypatch: pytest.MonkeyPatch) -> None:
 def _walk_instead(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command line meets the walk and the stand-in, whatever it is asked to open."""
     monkeypatch.setattr("collabslam.datasets.open_recording", lambda source, **_: Walk())
-    monkeypatch.setattr(run, "make_engine", lambda recording, **_: FakeSlam(Walk()))
+    monkeypatch.setattr(runner, "make_engine", lambda recording, **_: FakeSlam(Walk()))
 
 
 def test_run_writes_results_and_scores_them(tmp_path: Path) -> None:
@@ -115,7 +116,7 @@ def test_run_writes_results_and_scores_them(tmp_path: Path) -> None:
         assert stored[key] is not None
     assert (tmp_path / "trajectory.png").read_bytes().startswith(b"\x89PNG")
     assert Settings.load(tmp_path / "config.yaml") == Settings.default()
-    assert run.exit_status(summary) == 0
+    assert runner.exit_status(summary) == 0
     assert "average position error" in summary_text(summary)
 
 
@@ -134,12 +135,20 @@ def test_two_runs_write_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_mode_and_settings_agree(tmp_path: Path) -> None:
-    mono = Settings.default().replace({run.MODE_KEY: "mono"})
+    mono = Settings.default().replace({runner.MODE_KEY: "mono"})
     assert go(Walk(), settings=mono)["mode"] == "mono"
     assert go(Walk(), tmp_path, mode="mono")["settings_hash"] == mono.hash()
     assert Settings.load(tmp_path / "config.yaml") == mono
     with pytest.raises(SettingsError, match="'best'"):
         go(Walk(), mode="best")
+
+
+def test_a_scale_free_run_never_speaks_of_metres(tmp_path: Path) -> None:
+    for start, word in (("scale-free", "an arbitrary unit of length"), ("worn", "metres")):
+        summary = go(Walk(), tmp_path / start, start=start)
+        assert summary["unit"] == word
+        assert f"seconds, {word};" in (tmp_path / start / "trajectory.tum").read_text().splitlines()[0]
+        assert ("not metres" in summary_text(summary)) == (start == "scale-free")
 
 
 def test_max_frames_ends_the_run() -> None:
@@ -153,11 +162,11 @@ def test_max_frames_ends_the_run() -> None:
 def test_a_lost_camera_is_told(tmp_path: Path) -> None:
     walk = Walk()
     summary = go(walk, tmp_path, slam=FakeSlam(walk, lost_from=20))
-    assert run.exit_status(summary) == 1
+    assert runner.exit_status(summary) == 1
     assert summary["frames_lost"] == 10
     assert len(np.loadtxt(tmp_path / "trajectory.tum", comments="#")) == 20
     walk = Walk()
-    assert run.exit_status(go(walk, slam=FakeSlam(walk, scale=40.0))) == 1  # OK by itself, and far off
+    assert runner.exit_status(go(walk, slam=FakeSlam(walk, scale=40.0))) == 1  # OK by itself, and far off
 
 
 @pytest.mark.usefixtures("_no_picture")
@@ -187,7 +196,7 @@ def test_modes_and_starts_must_fit_the_recording() -> None:
         ("mono", "target", "known target"),
     ):
         with pytest.raises(SettingsError, match=part):
-            run.make_engine(alone, mode=mode, start=start, settings=settings)
+            runner.make_engine(alone, mode=mode, start=start, settings=settings)
 
 
 @pytest.mark.usefixtures("_walk_instead", "_no_picture")
@@ -248,15 +257,23 @@ def test_words_that_are_not_understood_give_2(words: list[str]) -> None:
     assert caught.value.code == 2
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        cli.main([command, "--help"])
+    assert caught.value.code == 0
+    assert COMMANDS[command] in " ".join(capsys.readouterr().out.split())
+
+
 def test_option_texts() -> None:
-    assert cli.share("40%") == pytest.approx(0.4)
-    assert cli.share("0.4") == pytest.approx(0.4)
-    assert cli.intervals("0-2,5-7.5") == [(0.0, 2.0), (5.0, 7.5)]
-    assert cli.noise("0.03,0.5,0.5,1") == (0.03, 0.5, 0.5, 1.0)
-    assert cli.seed_list("0-2") == [0, 1, 2]
-    assert cli.seed_list("4,1") == [4, 1]
+    assert options.share("40%") == pytest.approx(0.4)
+    assert options.share("0.4") == pytest.approx(0.4)
+    assert options.intervals("0-2,5-7.5") == [(0.0, 2.0), (5.0, 7.5)]
+    assert options.noise("0.03,0.5,0.5,1") == (0.03, 0.5, 0.5, 1.0)
+    assert options.seed_list("0-2") == [0, 1, 2]
+    assert options.seed_list("4,1") == [4, 1]
     with pytest.raises(argparse.ArgumentTypeError):
-        cli.seed_list("3-1")
+        options.seed_list("3-1")
 
 
 def test_settings_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -299,7 +316,7 @@ def test_demo_runs_both_modes_on_one_rendering(
     scales = {"mono": 1.4, "collab": 1.1}
     monkeypatch.setattr(demo_run, "corridor_recording", lambda seed: Counted())
     monkeypatch.setattr(
-        run, "make_engine", lambda recording, *, mode, **_: FakeSlam(Walk(), scale=scales[mode])
+        runner, "make_engine", lambda recording, *, mode, **_: FakeSlam(Walk(), scale=scales[mode])
     )
     medians = demo_run.run_demo(tmp_path, seeds=[0], progress=False)
     assert rendered == list(range(30))
@@ -313,7 +330,7 @@ def test_demo_runs_both_modes_on_one_rendering(
 def test_demo_of_several_seeds_gives_medians(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("collabslam.viz.plot.plot_comparison", lambda *_, **__: None)
     monkeypatch.setattr(demo_run, "corridor_recording", lambda seed: Walk())
-    monkeypatch.setattr(run, "make_engine", lambda *_, **__: FakeSlam(Walk()))
+    monkeypatch.setattr(runner, "make_engine", lambda *_, **__: FakeSlam(Walk()))
     demo_run.run_demo(tmp_path, seeds=[0, 1], progress=False)
     assert (tmp_path / "seed-1" / "collab" / "summary.json").exists()
     assert (tmp_path / "medians.json").exists()

@@ -147,7 +147,7 @@ def test_posed_images(tmp_path: Path) -> None:
     assert recording.truth is not None
     np.testing.assert_allclose(recording.truth[4], some_pose(4), atol=1e-12)
     (tmp_path / "images" / "00005.png").unlink()
-    with pytest.raises(DataError, match="5 poses for 4 images"):
+    with pytest.raises(DataError, match="4 images but 5 poses"):
         open_recording(tmp_path)
 
 
@@ -290,9 +290,9 @@ def test_a_known_layout_takes_the_users_calibration_and_stamps(tmp_path: Path) -
 def test_missing_source_and_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="does not exist"):
         open_recording(tmp_path / "nowhere")
-    (tmp_path / "walk.bag").write_text("x")
-    with pytest.raises(DataError, match="is a file"):
-        open_recording(tmp_path / "walk.bag")
+    (tmp_path / "walk.txt").write_text("x")
+    with pytest.raises(DataError, match="is not recognised"):
+        open_recording(tmp_path / "walk.txt")
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".pgm"])
@@ -610,3 +610,78 @@ def test_counts_must_agree() -> None:
         ImageRecording("n", "s", camera, (Path("a"),), np.array([0.0, 1.0]))
     with pytest.raises(DataError, match="no frames"):
         ImageRecording("n", "s", camera, (), np.array([]))
+
+
+# --- more layouts -----------------------------------------------------------------------------
+
+
+def test_tum_rgbd(tmp_path: Path) -> None:
+    root = tmp_path / "rgbd_dataset_freiburg3_desk"
+    write_images(root / "rgb", [f"{k}.png" for k in range(3)], size=(640, 480))
+    (root / "rgb.txt").write_text("# file\n" + "".join(f"{10 + 0.1 * k} rgb/{k}.png\n" for k in range(3)))
+    (root / "groundtruth.txt").write_text(
+        "\n".join(tum_line(f"{10 + 0.1 * k}", some_pose(k)) for k in range(2))
+    )
+    recording = open_recording(root)
+    np.testing.assert_allclose(recording.times, [10.0, 10.1, 10.2])
+    assert recording.camera.intrinsics == (535.4, 539.2, 320.1, 247.6)
+    np.testing.assert_allclose(recording.truth[1], some_pose(1), atol=1e-9)
+    assert np.isnan(recording.truth[2]).all()
+    other = root.rename(tmp_path / "desk")
+    with pytest.raises(DataError, match="--camera"):
+        open_recording(other)
+    (other / "rgb.txt").write_text("10.0\n")
+    with pytest.raises(DataError, match="two columns"):
+        open_recording(other)
+
+
+@pytest.mark.parametrize(("left", "right", "first"), [("image_0", "image_1", 0), ("image_2", "image_3", 2)])
+def test_kitti_odometry(tmp_path: Path, left: str, right: str, first: int) -> None:
+    sequence = tmp_path / "dataset" / "sequences" / "07"
+    for name in (left, right):
+        write_images(sequence / name, [f"{k:06d}.png" for k in range(3)])
+    k = np.array([[30.0, 0, 15.5, 0], [0, 30.0, 11.5, 0], [0, 0, 1.0, 0]])
+    offsets = [0.0, -0.54, 0.06, -0.48]
+    lines = []
+    for n, x in enumerate(offsets):
+        p = k.copy()
+        p[:, 3] = k[:, :3] @ [x, 0, 0]
+        lines.append(f"P{n}: " + " ".join(map(str, p.ravel())))
+    (sequence / "calib.txt").write_text("\n".join([*lines, "Tr: " + " ".join(["0"] * 12)]))
+    (sequence / "times.txt").write_text("0.0\n0.1\n0.25\n")
+    poses = tmp_path / "dataset" / "poses"
+    poses.mkdir()
+    np.savetxt(poses / "07.txt", [some_pose(n)[:3].ravel() for n in range(3)])
+    recording = open_recording(sequence)
+    np.testing.assert_allclose(recording.times, [0.0, 0.1, 0.25])
+    np.testing.assert_allclose(recording.rig.t_cf[:3, 3], [0.54, 0, 0], atol=1e-12)
+    expected = some_pose(2) @ g.pose(np.eye(3), [-offsets[first], 0, 0])
+    np.testing.assert_allclose(recording.truth[2], expected, atol=1e-9)
+
+
+def test_video(tmp_path: Path) -> None:
+    path = tmp_path / "walk.avi"
+    frames = [np.full((24, 32, 3), 20 + 40 * k, np.uint8) for k in range(5)]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 20.0, SIZE)
+    for frame in frames:
+        writer.write(frame)
+    writer.release()
+    camera, times = tmp_path / "cam.yaml", tmp_path / "times.txt"
+    camera.write_text(PLAIN)
+    with pytest.raises(DataError, match="--camera FILE"):
+        open_recording(path)
+    recording = open_recording(path, camera=camera)
+    np.testing.assert_allclose(np.diff(recording.times), 0.05)
+    for k in (0, 1, 4, 2, 0):
+        np.testing.assert_allclose(recording.image(k), frames[k][..., 0], atol=3)
+    times.write_text("1\n2\n3\n4\n9\n")
+    assert open_recording(path, camera=camera, times=times).times[-1] == 9.0
+    times.write_text("1\n2\n")
+    with pytest.raises(DataError, match="2 stamps for 5 frames"):
+        open_recording(path, camera=camera, times=times)
+    camera.write_text(PLAIN.replace("32, 24", "64, 48"))
+    with pytest.raises(DataError, match="64x48"):
+        open_recording(path, camera=camera)
+    path.write_bytes(b"nothing")
+    with pytest.raises(DataError, match="cannot be decoded"):
+        open_recording(path, camera=camera)

@@ -14,20 +14,22 @@ import collabslam
 
 PACKAGE = Path(collabslam.__file__).parent
 ROOT = PACKAGE.parents[1]
-TOP = {"engine", "run", "cli", "demo_run", "table", "report", "viz"}
+TOP = {"engine", "runner", "cli", "commands", "demo_run", "table", "report", "viz"}
 
 FORBIDDEN = {
     "frontend": TOP | {"datasets", "evaluation", "results", "demo"},
     "datasets": TOP | {"frontend", "evaluation", "results", "demo"},
     "evaluation": TOP | {"frontend", "datasets", "results", "demo"},
     "demo": TOP | {"frontend", "evaluation", "results"},
-    "viz": {"engine", "cli", "datasets", "frontend"},
-    "engine.py": {"run", "cli", "datasets", "evaluation", "results", "viz", "demo"},
+    "viz": {"engine", "cli", "commands", "datasets", "frontend"},
+    "engine.py": {"runner", "commands", "cli", "datasets", "evaluation", "results", "viz", "demo"},
+    "depth_input.py": TOP | {"datasets", "evaluation", "results", "demo"},
+    "features.py": TOP | {"datasets", "evaluation", "results", "demo"},
     "tracks.py": TOP | {"datasets", "evaluation", "results", "demo"},
     "overlap.py": TOP | {"datasets", "evaluation", "results", "demo"},
-    "run.py": {"cli", "demo_run", "table", "datasets", "frontend", "demo"},
+    "runner.py": {"cli", "commands", "demo_run", "table", "frontend", "demo"},
     "types.py": TOP | {"datasets", "frontend", "evaluation", "results", "demo", "settings"},
-    "geometry.py": TOP | {"datasets", "frontend", "evaluation", "results", "demo", "settings", "types"},
+    "geometry.py": TOP | {"datasets", "frontend", "evaluation", "results", "demo", "settings"},
 }
 """Part of the package, and the parts that it must not import."""
 
@@ -74,7 +76,7 @@ def test_help_answers_at_once() -> None:
         began = time.perf_counter()
         assert "usage" in _python("-m", "collabslam", "--help")
         seconds.append(time.perf_counter() - began)
-    assert min(seconds) < 1.0
+    assert min(seconds) < 0.3
 
 
 def test_every_public_name_is_there() -> None:
@@ -83,9 +85,9 @@ def test_every_public_name_is_there() -> None:
     assert set(collabslam.__all__) <= set(dir(collabslam))
 
 
-@pytest.mark.parametrize("first", ["collabslam", "collabslam.run", "collabslam.cli"])
-def test_run_is_its_module_whatever_is_imported_first(first: str) -> None:
-    assert _python("-c", f"import collabslam, {first}; print(callable(collabslam.run.run))").strip() == "True"
+@pytest.mark.parametrize("first", ["collabslam.runner", "collabslam.cli", "collabslam.commands.run"])
+def test_run_is_a_function_whatever_is_imported_first(first: str) -> None:
+    assert _python("-c", f"import collabslam, {first}; print(callable(collabslam.run))").strip() == "True"
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:

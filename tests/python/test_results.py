@@ -14,6 +14,7 @@ from collabslam import geometry as g
 from collabslam import results
 from collabslam.errors import DataError
 from collabslam.evaluation.record import RunRecord
+from collabslam.formats.landmarks import write_ply
 
 CONFIG = results.MARK + ": test\n"
 
@@ -159,5 +160,5 @@ def test_runs_without_a_valid_pose_write_empty_trajectories(tmp_path: Path) -> N
     record.append(step(0, valid=False), worn=False, seconds=0.0)
     results.write_trajectory(tmp_path, record)
     assert all(line.startswith("#") for line in (tmp_path / "trajectory.tum").read_text().splitlines())
-    results.write_map(tmp_path / "map.ply", landmarks(0))
+    write_ply(tmp_path / "map.ply", landmarks(0))
     assert b"element vertex 0" in (tmp_path / "map.ply").read_bytes()

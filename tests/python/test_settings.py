@@ -8,8 +8,9 @@ import pytest
 import yaml
 
 from collabslam import settings as module
+from collabslam.entry import Entry
 from collabslam.errors import SettingsError
-from collabslam.settings import Entry, Settings, parse_assignments
+from collabslam.settings import Settings, parse_assignments
 
 ENTRIES = [
     Entry(

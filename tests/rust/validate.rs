@@ -3,6 +3,7 @@
 use ekf_core::chi2;
 use ekf_core::validate::{
     Batch, BatchTest, HohctSettings, JcbbSettings, OnePointSettings, Units, Verdict, Workspace,
+    conditional_gate,
 };
 use nalgebra::{DMatrix, DVector, Matrix3};
 use rand::seq::index;
@@ -457,6 +458,81 @@ fn the_others_find_gross_errors_too() {
             "{test:?}: kept {kept}, lost {lost}"
         );
     }
+}
+
+/// The conditional gate from its definition: the worst unit given the rest goes, again and again.
+fn conditional_by_definition(case: &Case, level: f64) -> Vec<usize> {
+    let counts: Vec<usize> = case.offsets.windows(2).map(|w| w[1] - w[0]).collect();
+    let mut out = Vec::new();
+    loop {
+        let (all, _) = case.rest(&out);
+        let given_others = |unit: usize| {
+            let without: Vec<usize> = out.iter().copied().chain([unit]).collect();
+            (all - case.rest(&without).0) / chi2::quantile(level, counts[unit] as f64)
+        };
+        let worst = (0..counts.len())
+            .filter(|unit| !out.contains(unit))
+            .map(|unit| (given_others(unit), unit))
+            .max_by(|a, b| a.0.total_cmp(&b.0));
+        match worst {
+            Some((ratio, unit)) if ratio > 1.0 => out.push(unit),
+            _ => break,
+        }
+    }
+    out.sort_unstable();
+    out
+}
+
+#[test]
+fn conditional_gate_is_its_definition() {
+    let mut rng = Pcg64::seed_from_u64(23);
+    let mut ws = Workspace::new();
+    let mut rejected_in_all = 0;
+    for trial in 0..60 {
+        let case = frame_case(&mut rng, 20, trial % 4, trial % 2 == 0);
+        let units = Units::new(&case.offsets);
+        let (l, g) = (case.l.as_slice(), case.g.as_slice());
+        let verdict = conditional_gate(l, g.len(), g, units, 0.99, 1.0, &mut ws);
+        let (d2, dof) = case.rest(ws.rejected());
+        assert_eq!(ws.rejected(), conditional_by_definition(&case, 0.99));
+        assert!((verdict.d2 - d2).abs() < 1e-6 * (1.0 + d2) && verdict.dof == dof);
+        assert!(verdict.passed && verdict.order == ws.rejected().len());
+        rejected_in_all += verdict.order;
+    }
+    assert!(rejected_in_all > 60, "{rejected_in_all}");
+}
+
+#[test]
+fn conditional_gate_sees_what_drowns_in_the_joint_test() {
+    // 40 matches that err by a fifth of what they state, and one by six of the sigmas that the others leave it.
+    let mut rng = Pcg64::seed_from_u64(29);
+    let mut ws = Workspace::new();
+    for _ in 0..20 {
+        let mut case = frame_case(&mut rng, 40, 0, false);
+        case.g *= 0.2;
+        let inverse = case.s.clone().cholesky().unwrap().inverse();
+        case.g[14] += 6.0 / inverse[(14, 14)].sqrt();
+        let hohct = BatchTest::Hohct(HohctSettings::default());
+        assert!(case.run(hohct, &mut ws).1.is_empty());
+        let units = Units::new(&case.offsets);
+        let (l, g) = (case.l.as_slice(), case.g.as_slice());
+        conditional_gate(l, g.len(), g, units, 0.9999, 0.5, &mut ws);
+        assert_eq!(ws.rejected(), [7]);
+    }
+}
+
+#[test]
+fn conditional_gate_has_edges() {
+    let mut ws = Workspace::new();
+    let none = conditional_gate(&[], 0, &[], Units::new(&[0]), 0.99, 0.5, &mut ws);
+    assert!(none.passed && none.dof == 0);
+    // More offenders than may go: it says so.
+    let s = DMatrix::identity(4, 4);
+    let case = Case::new(vec![0, 2, 4], s, DVector::from_vec(vec![9.0; 4]));
+    let units = Units::new(&case.offsets);
+    let (l, g) = (case.l.as_slice(), case.g.as_slice());
+    let verdict = conditional_gate(l, 4, g, units, 0.99, 0.5, &mut ws);
+    assert!(!verdict.passed && ws.rejected().len() == 1);
 }
 
 #[test]

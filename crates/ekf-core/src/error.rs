@@ -45,6 +45,17 @@ pub enum EkfError {
         /// The stamp before it, seconds.
         last: f64,
     },
+    /// A time stamp is so far from its predecessor that no motion model bridges the gap.
+    #[error(
+        "time {t} s is {} s after the last one; give stamps in seconds, or start a new filter after such a gap",
+        t - last
+    )]
+    LongGap {
+        /// The offending stamp, seconds.
+        t: f64,
+        /// The stamp before it, seconds.
+        last: f64,
+    },
     /// An id that is not in the map.
     #[error("there is no feature or candidate with id {id}")]
     UnknownFeature {

@@ -24,6 +24,11 @@ use nalgebra::{Matrix2, Matrix3, Matrix6, SMatrix, Vector2, Vector3};
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
+/// Largest time stamp, seconds: some thousand years; nanoseconds since 1970 are far beyond.
+const LAST_TIME: f64 = 1e11;
+/// Longest time that one prediction bridges, seconds.
+const LONGEST_GAP: f64 = 3600.0;
+
 /// An Extended Kalman Filter over one camera and its map. One filter serves one thread at a time.
 #[derive(Clone, Debug)]
 pub struct Filter {
@@ -165,16 +170,24 @@ impl Filter {
     /// Predicts to time `t`, seconds. Before the start only the time is noted.
     ///
     /// # Errors
-    /// `NonFinite`, or `BadTime` if `t` is not after the last frame.
+    /// `NonFinite`; `InvalidInput` if `t` cannot be in seconds; `BadTime` if it is not after the last frame;
+    /// `LongGap` if it is more than an hour after it.
     pub fn predict(&mut self, t: f64) -> Result<(), EkfError> {
         if !t.is_finite() {
             return Err(EkfError::NonFinite { what: "time" });
+        }
+        if t.abs() > LAST_TIME {
+            let why = format!("{t} s is no time stamp in seconds; are these nanoseconds?");
+            return Err(EkfError::InvalidInput { what: "time", why });
         }
         if let Some(last) = self.time {
             if t <= last {
                 return Err(EkfError::BadTime { t, last });
             }
             if self.started {
+                if t - last > LONGEST_GAP {
+                    return Err(EkfError::LongGap { t, last });
+                }
                 self.predict_by(t - last);
             }
         }

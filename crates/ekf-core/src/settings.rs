@@ -310,7 +310,9 @@ settings! {
         level: f64 = 0.95, "", Some(0.5), Some(0.999999);
         /// Level of the gate that each match passes before the batch is tested.
         gate_level: f64 = 0.999, "", Some(0.5), Some(0.999999999);
-        /// Largest share of a frame's matches that HOHCT may leave out.
+        /// Level of the gate that each match passes given all the others, after the batch was tested; 1 for none.
+        conditional_level: f64 = 0.9999, "", Some(0.5), Some(1.0);
+        /// Largest share of a frame's matches that HOHCT and the conditional gate may each leave out.
         max_share: f64 = 0.5, "", Some(0.0), Some(1.0);
         /// Radius of a low-innovation inlier of the one-point test, in standard deviations of its noise.
         low_sigmas: f64 = 3.0, "", Some(0.1), Some(100.0);
@@ -320,7 +322,9 @@ settings! {
     /// Upkeep of the map (METHOD 7, step 8).
     map: MapSettings {
         /// Features that the map should hold in view.
-        in_view: usize = 60, "", Some(4.0), Some(1000.0);
+        in_view: usize = 40, "", Some(4.0), Some(1000.0);
+        /// Candidates followed beside them, as a share of that number: not all will be born, and births take time.
+        reserve: f64 = 0.6, "", Some(0.0), Some(10.0);
         /// Largest number of features in the map.
         max_features: usize = 120, "", Some(4.0), Some(10000.0);
         /// A feature is deleted when the share of its searches that found it falls below this...

@@ -1,10 +1,10 @@
 //! Camera models.
 
-use crate::convert::{pixels, rows, to_matrix, vectors};
+use crate::convert::{Argument, pixels, rows, to_matrix, vectors};
 use crate::errors::to_python;
 use ekf_core::Camera;
 use nalgebra::{Vector2, Vector3};
-use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
 /// A calibrated camera.
@@ -96,7 +96,7 @@ impl PyCamera {
     fn project<'py>(
         &self,
         py: Python<'py>,
-        points: PyReadonlyArray2<'py, f64>,
+        points: Argument<'py>,
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<bool>>)> {
         let points = rows::<3>("points", &points)?;
         let uv: Vec<Option<Vector2<f64>>> = points.iter().map(|p| self.0.project(p)).collect();
@@ -124,7 +124,7 @@ impl PyCamera {
     fn unproject<'py>(
         &self,
         py: Python<'py>,
-        uv: PyReadonlyArray2<'py, f64>,
+        uv: Argument<'py>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let uv = pixels("uv", &uv)?;
         let nan = Vector3::repeat(f64::NAN);

@@ -1,22 +1,83 @@
-//! All shape checks and copies between numpy and the core's types.
+//! All checks of type and shape, and copies between numpy and the core's types.
 
-use crate::errors::bad_shape;
+use crate::errors::{bad_shape, to_python};
+use ekf_core::EkfError;
 use ekf_core::math::pose::Pose;
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3};
-use numpy::{
-    PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
-    PyReadonlyArray3,
-};
+use numpy::ndarray::{Dimension, Ix1, Ix2, Ix3};
+use numpy::{Element, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray};
 use pyo3::prelude::*;
+
+/// An argument before its type and shape are checked.
+pub(crate) type Argument<'py> = Bound<'py, PyAny>;
+
+fn invalid(what: &'static str, why: String) -> PyErr {
+    to_python(EkfError::InvalidInput { what, why })
+}
+
+/// A number type of the core, and numpy's kinds that turn into it without loss of meaning.
+trait Number: Element {
+    const NAME: &'static str;
+    const KINDS: &'static str;
+    const NEEDED: &'static str;
+}
+
+impl Number for f64 {
+    const NAME: &'static str = "float64";
+    const KINDS: &'static str = "fiu";
+    const NEEDED: &'static str = "numbers";
+}
+
+impl Number for i64 {
+    const NAME: &'static str = "int64";
+    const KINDS: &'static str = "iu";
+    const NEEDED: &'static str = "whole numbers";
+}
+
+/// Anything that numpy takes for an array of numbers, converted if it has another type.
+fn array<'py, T: Number, D: Dimension>(
+    what: &'static str,
+    expected: &str,
+    value: &Argument<'py>,
+) -> PyResult<PyReadonlyArray<'py, T, D>> {
+    if let Ok(array) = value.extract() {
+        return Ok(array);
+    }
+    let needed = || invalid(what, format!("an array of {} is needed", T::NEEDED));
+    let numpy = value.py().import("numpy")?;
+    let array = numpy
+        .call_method1("asarray", (value,))
+        .map_err(|_| needed())?;
+    let shape: Vec<usize> = array.getattr("shape")?.extract()?;
+    let kind: String = array.getattr("dtype")?.getattr("kind")?.extract()?;
+    if !T::KINDS.contains(&kind) && shape.iter().all(|&n| n > 0) {
+        return Err(needed());
+    }
+    if D::NDIM.is_some_and(|n| n != shape.len()) {
+        return Err(bad_shape(what, expected, &shape));
+    }
+    let array = array
+        .call_method1("astype", (T::NAME,))
+        .map_err(|_| needed())?;
+    array.extract().map_err(|_| needed())
+}
+
+/// `(N,)` numbers.
+pub(crate) fn numbers(what: &'static str, value: &Argument<'_>) -> PyResult<Vec<f64>> {
+    let array = array::<f64, Ix1>(what, "(N,)", value)?;
+    Ok(array.as_array().to_vec())
+}
 
 /// `(N, K)` rows as fixed-size vectors.
 pub(crate) fn rows<const K: usize>(
     what: &'static str,
-    array: &PyReadonlyArray2<'_, f64>,
+    value: &Argument<'_>,
 ) -> PyResult<Vec<SMatrix<f64, K, 1>>> {
+    let expected = format!("(N, {K})");
+    let array = array::<f64, Ix2>(what, &expected, value)?;
     let view = array.as_array();
     if view.ncols() != K {
-        return Err(bad_shape(what, &format!("(N, {K})"), view.shape()));
+        return Err(bad_shape(what, &expected, view.shape()));
     }
     Ok(view
         .rows()
@@ -26,11 +87,8 @@ pub(crate) fn rows<const K: usize>(
 }
 
 /// `(N, 2)` pixels.
-pub(crate) fn pixels(
-    what: &'static str,
-    array: &PyReadonlyArray2<'_, f64>,
-) -> PyResult<Vec<Vector2<f64>>> {
-    rows::<2>(what, array)
+pub(crate) fn pixels(what: &'static str, value: &Argument<'_>) -> PyResult<Vec<Vector2<f64>>> {
+    rows::<2>(what, value)
 }
 
 /// Checks that a companion array has as many rows as its partner.
@@ -44,11 +102,13 @@ pub(crate) fn same_length(what: &'static str, expected: usize, got: usize) -> Py
 /// `(R, C)` matrix.
 pub(crate) fn matrix<const R: usize, const C: usize>(
     what: &'static str,
-    array: &PyReadonlyArray2<'_, f64>,
+    value: &Argument<'_>,
 ) -> PyResult<SMatrix<f64, R, C>> {
+    let expected = format!("({R}, {C})");
+    let array = array::<f64, Ix2>(what, &expected, value)?;
     let view = array.as_array();
     if view.shape() != [R, C] {
-        return Err(bad_shape(what, &format!("({R}, {C})"), view.shape()));
+        return Err(bad_shape(what, &expected, view.shape()));
     }
     Ok(SMatrix::from_fn(|i, j| view[[i, j]]))
 }
@@ -56,38 +116,57 @@ pub(crate) fn matrix<const R: usize, const C: usize>(
 /// `(N, R, C)` stack of matrices.
 pub(crate) fn stack<const R: usize, const C: usize>(
     what: &'static str,
-    array: &PyReadonlyArray3<'_, f64>,
+    value: &Argument<'_>,
 ) -> PyResult<Vec<SMatrix<f64, R, C>>> {
+    let expected = format!("(N, {R}, {C})");
+    let array = array::<f64, Ix3>(what, &expected, value)?;
     let view = array.as_array();
     if view.shape()[1..] != [R, C] {
-        return Err(bad_shape(what, &format!("(N, {R}, {C})"), view.shape()));
+        return Err(bad_shape(what, &expected, view.shape()));
     }
     Ok((0..view.shape()[0])
         .map(|n| SMatrix::from_fn(|i, j| view[[n, i, j]]))
         .collect())
 }
 
-/// A 4x4 rigid transform.
-pub(crate) fn pose(what: &'static str, array: &PyReadonlyArray2<'_, f64>) -> PyResult<Pose> {
-    let m = matrix::<4, 4>(what, array)?;
+/// A 4x4 rigid transform; that its 3x3 is a rotation is the core's to check.
+pub(crate) fn pose(what: &'static str, value: &Argument<'_>) -> PyResult<Pose> {
+    let m = matrix::<4, 4>(what, value)?;
+    if !m.iter().all(|x| x.is_finite()) {
+        return Err(to_python(EkfError::NonFinite { what: "T_CF" }));
+    }
+    let bottom = [m[(3, 0)], m[(3, 1)], m[(3, 2)], m[(3, 3)]];
+    if bottom != [0.0, 0.0, 0.0, 1.0] {
+        let why = format!("its last row is {bottom:?}, not 0 0 0 1; give a 4x4 rigid transform");
+        return Err(invalid(what, why));
+    }
     Ok(Pose {
         rotation: m.fixed_view::<3, 3>(0, 0).into_owned(),
         translation: m.fixed_view::<3, 1>(0, 3).into_owned(),
     })
 }
 
-/// Ids from Python: negative means none.
-pub(crate) fn optional_ids(array: &PyReadonlyArray1<'_, i64>) -> Vec<Option<u64>> {
-    array
-        .as_array()
-        .iter()
-        .map(|&id| u64::try_from(id).ok())
-        .collect()
+/// `(N,)` ids, -1 for none.
+pub(crate) fn optional_ids(what: &'static str, value: &Argument<'_>) -> PyResult<Vec<Option<u64>>> {
+    let array = array::<i64, Ix1>(what, "(N,)", value)?;
+    let id = |&id: &i64| match id {
+        -1 => Ok(None),
+        id if id < 0 => Err(invalid(
+            what,
+            format!("{id} is no id; give -1 for a new point"),
+        )),
+        id => Ok(Some(id.unsigned_abs())),
+    };
+    array.as_array().iter().map(id).collect()
 }
 
-/// Ids from Python that must all be there; a negative one is unknown to the filter and reported by it.
-pub(crate) fn ids(array: &PyReadonlyArray1<'_, i64>) -> Vec<u64> {
-    array.as_array().iter().map(|&id| id as u64).collect()
+/// `(N,)` ids.
+pub(crate) fn ids(what: &'static str, value: &Argument<'_>) -> PyResult<Vec<u64>> {
+    let array = array::<i64, Ix1>(what, "(N,)", value)?;
+    let id = |&id: &i64| {
+        u64::try_from(id).map_err(|_| invalid(what, format!("{id} is no id; ids are not negative")))
+    };
+    array.as_array().iter().map(id).collect()
 }
 
 /// Ids for Python, -1 for none.
@@ -149,9 +228,6 @@ pub(crate) fn to_pose<'py>(
 }
 
 /// 6x6 covariance.
-pub(crate) fn covariance6(
-    what: &'static str,
-    array: &PyReadonlyArray2<'_, f64>,
-) -> PyResult<Matrix6<f64>> {
-    matrix::<6, 6>(what, array)
+pub(crate) fn covariance6(what: &'static str, value: &Argument<'_>) -> PyResult<Matrix6<f64>> {
+    matrix::<6, 6>(what, value)
 }

@@ -23,6 +23,7 @@ pub(crate) fn to_python(error: EkfError) -> PyErr {
         | EkfError::NonFinite { .. }
         | EkfError::InvalidInput { .. }
         | EkfError::BadTime { .. }
+        | EkfError::LongGap { .. }
         | EkfError::UnknownFeature { .. } => "InputError",
     };
     Python::attach(|py| match class(py, name) {

@@ -2,35 +2,28 @@
 
 use crate::camera::PyCamera;
 use crate::convert::{
-    covariance6, ids, optional_ids, pixels, pose, rows, same_length, stack, stacked, to_ids,
-    to_matrix, to_pose, vectors,
+    Argument, covariance6, ids, numbers, optional_ids, pixels, pose, rows, same_length, stack,
+    stacked, to_ids, to_matrix, to_pose, vectors,
 };
 use crate::errors::to_python;
 use crate::settings;
 use ekf_core::frame::{Bearing, DepthObservation, Measurements, WornObservation, WornPair};
 use ekf_core::{CandidateOutcome, Filter, Outcome, UpdateReport};
-use numpy::{
-    PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
-};
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 /// ``(t_cf (4, 4), covariance (6, 6), ids (M,), uv (M, 2), uv_f (M, 2))``
 type WornArgument<'py> = (
-    PyReadonlyArray2<'py, f64>,
-    PyReadonlyArray2<'py, f64>,
-    PyReadonlyArray1<'py, i64>,
-    PyReadonlyArray2<'py, f64>,
-    PyReadonlyArray2<'py, f64>,
+    Argument<'py>,
+    Argument<'py>,
+    Argument<'py>,
+    Argument<'py>,
+    Argument<'py>,
 );
 
 /// ``(ids (K,), uv (K, 2), depth (K,), sigma (K,))``
-type DepthArgument<'py> = (
-    PyReadonlyArray1<'py, i64>,
-    PyReadonlyArray2<'py, f64>,
-    PyReadonlyArray1<'py, f64>,
-    PyReadonlyArray1<'py, f64>,
-);
+type DepthArgument<'py> = (Argument<'py>, Argument<'py>, Argument<'py>, Argument<'py>);
 
 /// What one update did.
 #[pyclass(name = "UpdateReport", module = "collabslam._core", frozen)]
@@ -45,6 +38,7 @@ fn outcome_name(outcome: &Outcome) -> &'static str {
         Outcome::NotVisible => "not-visible",
         Outcome::RejectedGate => "rejected-gate",
         Outcome::RejectedBatch => "rejected-batch",
+        Outcome::RejectedConditional => "rejected-conditional",
         Outcome::Born(_) => "born",
         Outcome::Unused => "unused",
     }
@@ -303,14 +297,14 @@ impl PyFilter {
     fn update(
         &mut self,
         py: Python<'_>,
-        searched: PyReadonlyArray1<'_, i64>,
-        ids: PyReadonlyArray1<'_, i64>,
-        uv: PyReadonlyArray2<'_, f64>,
+        searched: Argument<'_>,
+        ids: Argument<'_>,
+        uv: Argument<'_>,
         worn: Option<WornArgument<'_>>,
         depths: Option<DepthArgument<'_>>,
     ) -> PyResult<PyUpdateReport> {
         let measurements = Measurements {
-            searched: self::ids(&searched),
+            searched: self::ids("searched", &searched)?,
             bearings: bearings(&ids, &uv)?,
             worn: worn.map(|w| worn_observation(&w)).transpose()?,
             depths: depths.map_or(Ok(Vec::new()), |d| depth_observations(&d))?,
@@ -325,7 +319,7 @@ impl PyFilter {
     fn add_candidates<'py>(
         &mut self,
         py: Python<'py>,
-        uv: PyReadonlyArray2<'py, f64>,
+        uv: Argument<'py>,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
         let ids = self
             .0
@@ -345,11 +339,11 @@ impl PyFilter {
     fn observe_candidates<'py>(
         &mut self,
         py: Python<'py>,
-        ids: PyReadonlyArray1<'py, i64>,
-        uv: PyReadonlyArray2<'py, f64>,
+        ids: Argument<'py>,
+        uv: Argument<'py>,
     ) -> PyResult<(Vec<&'static str>, Bound<'py, PyArray1<i64>>)> {
         let uv = pixels("uv", &uv)?;
-        let ids = self::ids(&ids);
+        let ids = self::ids("ids", &ids)?;
         same_length("uv", ids.len(), uv.len())?;
         let seen: Vec<_> = ids.into_iter().zip(uv).collect();
         let filter = &mut self.0;
@@ -369,8 +363,9 @@ impl PyFilter {
     }
 
     /// Forgets candidates that were lost.
-    fn drop_candidates(&mut self, ids: PyReadonlyArray1<'_, i64>) {
-        self.0.drop_candidates(&self::ids(&ids));
+    fn drop_candidates(&mut self, ids: Argument<'_>) -> PyResult<()> {
+        self.0.drop_candidates(&self::ids("ids", &ids)?);
+        Ok(())
     }
 
     /// Ids of the candidates that are alive, (N,) int64.
@@ -384,7 +379,7 @@ impl PyFilter {
     fn add_undelayed<'py>(
         &mut self,
         py: Python<'py>,
-        uv: PyReadonlyArray2<'py, f64>,
+        uv: Argument<'py>,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
         let ids = self
             .0
@@ -413,10 +408,10 @@ impl PyFilter {
     fn start_from_points<'py>(
         &mut self,
         py: Python<'py>,
-        points: PyReadonlyArray2<'py, f64>,
-        noise: PyReadonlyArray3<'py, f64>,
-        shared: PyReadonlyArray3<'py, f64>,
-        covariance: PyReadonlyArray2<'py, f64>,
+        points: Argument<'py>,
+        noise: Argument<'py>,
+        shared: Argument<'py>,
+        covariance: Argument<'py>,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
         let ids = self.0.start_from_points(
             &rows::<3>("points", &points)?,
@@ -436,8 +431,10 @@ impl PyFilter {
     }
 
     /// Removes features.
-    fn remove_features(&mut self, ids: PyReadonlyArray1<'_, i64>) -> PyResult<()> {
-        self.0.remove_features(&self::ids(&ids)).map_err(to_python)
+    fn remove_features(&mut self, ids: Argument<'_>) -> PyResult<()> {
+        self.0
+            .remove_features(&self::ids("ids", &ids)?)
+            .map_err(to_python)
     }
 
     /// The map: ``ids`` (N,) int64, ``points`` (N, 3) metres in W, ``covariance`` (N, 3, 3) m^2,
@@ -468,8 +465,8 @@ impl PyFilter {
     fn predict_overlap<'py>(
         &self,
         py: Python<'py>,
-        t_cf: PyReadonlyArray2<'py, f64>,
-        covariance: PyReadonlyArray2<'py, f64>,
+        t_cf: Argument<'py>,
+        covariance: Argument<'py>,
     ) -> PyResult<Option<Bound<'py, PyDict>>> {
         let t_cf = pose("t_cf", &t_cf)?;
         let covariance = covariance6("covariance", &covariance)?;
@@ -485,12 +482,9 @@ impl PyFilter {
     }
 }
 
-fn bearings(
-    ids: &PyReadonlyArray1<'_, i64>,
-    uv: &PyReadonlyArray2<'_, f64>,
-) -> PyResult<Vec<Bearing>> {
+fn bearings(ids: &Argument<'_>, uv: &Argument<'_>) -> PyResult<Vec<Bearing>> {
     let uv = pixels("uv", uv)?;
-    let ids = self::ids(ids);
+    let ids = self::ids("ids", ids)?;
     same_length("uv", ids.len(), uv.len())?;
     Ok(ids
         .into_iter()
@@ -502,7 +496,7 @@ fn bearings(
 fn worn_observation(
     (t_cf, covariance, ids, uv, uv_f): &WornArgument<'_>,
 ) -> PyResult<WornObservation> {
-    let ids = optional_ids(ids);
+    let ids = optional_ids("worn ids", ids)?;
     let uv = pixels("worn uv", uv)?;
     let uv_f = pixels("worn uv_f", uv_f)?;
     same_length("worn uv", ids.len(), uv.len())?;
@@ -520,9 +514,9 @@ fn worn_observation(
 fn depth_observations(
     (ids, uv, depth, sigma): &DepthArgument<'_>,
 ) -> PyResult<Vec<DepthObservation>> {
-    let ids = optional_ids(ids);
+    let ids = optional_ids("depth ids", ids)?;
     let uv = pixels("depth uv", uv)?;
-    let (depth, sigma) = (depth.as_array(), sigma.as_array());
+    let (depth, sigma) = (numbers("depth", depth)?, numbers("sigma", sigma)?);
     same_length("depth uv", ids.len(), uv.len())?;
     same_length("depth", ids.len(), depth.len())?;
     same_length("sigma", ids.len(), sigma.len())?;

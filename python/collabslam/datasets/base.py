@@ -12,7 +12,7 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.datasets.images import read_grey
 from collabslam.errors import DataError, InputError
-from collabslam.types import Array, Frame, Image, Target, WornView
+from collabslam.types import Array, Frame, Image, Recording, Target, WornView
 
 
 @dataclass(frozen=True)
@@ -70,25 +70,12 @@ class ImageRecording:
     worn: RecordedWorn | None = None
 
     def __post_init__(self) -> None:
-        n = len(self.paths)
-        if n == 0:
-            raise DataError(f"The recording {self.source} holds no frames; give a folder with images.")
-        if len(self.times) != n:
+        if len(self.times) != len(self.paths):
             raise DataError(
-                f"The recording {self.source} has {n} images but {len(self.times)} time stamps; match them."
+                f"The recording {self.source} has {len(self.paths)} images but {len(self.times)} time "
+                "stamps; match them."
             )
-        if self.truth is not None and len(self.truth) != n:
-            raise DataError(
-                f"The recording {self.source} has {n} images but {len(self.truth)} poses; match them."
-            )
-        late = np.flatnonzero(~(np.diff(self.times) > 0.0))
-        if late.size:
-            k = int(late[0]) + 1
-            raise DataError(
-                f"The time stamp of frame {k} ({self.paths[k].name}) in {self.source} is not later than "
-                "that of the "
-                "frame before; give stamps that increase."
-            )
+        check_frames(self.source, self.times, self.truth, [p.name for p in self.paths])
 
     @property
     def worn_camera(self) -> Camera | None:
@@ -100,23 +87,47 @@ class ImageRecording:
 
     def image(self, i: int) -> Image:
         """The (H, W) uint8 image of Cs in frame ``i``."""
-        return read_grey(self.paths[self._index(i)], self.camera)
+        return read_grey(self.paths[frame_index(self, i)], self.camera)
 
     def frame(self, i: int) -> Frame:
         """Frame ``i``, with the recorded view of the worn camera where there is one."""
-        i = self._index(i)
+        i = frame_index(self, i)
         worn = None
         if self.worn is not None and i in self.worn.views:
             view = self.worn.views[i]
             worn = WornView(read_grey(view.path, self.worn.camera), view.t_cf, view.covariance)
         return Frame(i, float(self.times[i]), self.image(i), worn)
 
-    def _index(self, i: int) -> int:
-        if not 0 <= i < len(self.paths):
-            raise InputError(
-                f"The frame {i} does not exist; {self.name} has the frames 0 to {len(self.paths) - 1}."
-            )
-        return int(i)
+
+def check_frames(source: str, times: Array, truth: Array | None, names: Sequence[str] = ()) -> None:
+    """Check that there are frames, that their stamps increase, and that each has its pose.
+
+    Raises
+    ------
+    DataError
+        Naming the recording and the first frame that is wrong.
+    """
+    if len(times) == 0:
+        raise DataError(f"The recording {source} holds no frames; give a folder with images.")
+    if truth is not None and len(truth) != len(times):
+        raise DataError(f"The recording {source} has {len(times)} images but {len(truth)} poses; match them.")
+    late = np.flatnonzero(~(np.diff(times) > 0.0))
+    if late.size:
+        k = int(late[0]) + 1
+        name = f" ({names[k]})" if names else ""
+        raise DataError(
+            f"The time stamp of frame {k}{name} in {source} is not later than that of the frame before; give "
+            "stamps that increase."
+        )
+
+
+def frame_index(recording: Recording, i: int) -> int:
+    """``i``, or an InputError if there is no such frame."""
+    if not 0 <= i < len(recording):
+        raise InputError(
+            f"The frame {i} does not exist; {recording.name} has the frames 0 to {len(recording) - 1}."
+        )
+    return int(i)
 
 
 def times_at_rate(paths: Sequence[Path], rate: float) -> Array:

@@ -14,12 +14,11 @@ from typing import Any
 import cv2
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from collabslam._core import Camera
 from collabslam.datasets.poses import rigid
 from collabslam.errors import DataError
-from collabslam.types import Image
+from collabslam.types import Array, Image
 
 MODEL_OF_DISTORTION = {
     "none": "pinhole",
@@ -29,6 +28,12 @@ MODEL_OF_DISTORTION = {
     "equidistant": "fisheye",
     "equi": "fisheye",
     "fisheye": "fisheye",
+    "wideangle": "wideangle",
+}
+_DISTORTION_NAMES = {
+    "pinhole": "none",
+    "radtan": "radial-tangential",
+    "fisheye": "equidistant",
     "wideangle": "wideangle",
 }
 _COEFFICIENTS = {"pinhole": (0,), "radtan": (4, 5), "fisheye": (4,), "wideangle": (1,)}
@@ -86,14 +91,14 @@ def _read_file_storage(path: Path, text: str) -> dict[str, Any]:
     return out
 
 
-def _required(block: Mapping[str, Any], keys: tuple[str, ...], path: Path) -> Any:
+def _required(block: Mapping[str, Any], keys: tuple[str, ...], path: Path | str) -> Any:
     for key in keys:
         if block.get(key) is not None:
             return block[key]
     raise DataError(f"The calibration {path} lacks the key '{keys[0]}'; add it.")
 
 
-def _numbers(value: Any, count: tuple[int, ...] | None, key: str, path: Path) -> list[float]:
+def _numbers(value: Any, count: tuple[int, ...] | None, key: str, path: Path | str) -> list[float]:
     if isinstance(value, Mapping):
         value = value.get("data")
     try:
@@ -109,7 +114,7 @@ def _numbers(value: Any, count: tuple[int, ...] | None, key: str, path: Path) ->
     return numbers
 
 
-def _pick(content: Mapping[str, Any], name: str | None, path: Path) -> Mapping[str, Any]:
+def _pick(content: Mapping[str, Any], name: str | None, path: Path | str) -> Mapping[str, Any]:
     """The block of one camera: the named one of a Kalibr camchain, or the whole file."""
     chain = {k: v for k, v in content.items() if isinstance(v, Mapping) and "intrinsics" in v}
     if not chain:
@@ -123,7 +128,7 @@ def _pick(content: Mapping[str, Any], name: str | None, path: Path) -> Mapping[s
     return block
 
 
-def _distortion(block: Mapping[str, Any], path: Path) -> tuple[str, list[float]]:
+def _distortion(block: Mapping[str, Any], path: Path | str) -> tuple[str, list[float]]:
     keys = ("distortion_coefficients", "distortion_coeffs")
     value: Any = next((block[k] for k in keys if block.get(k) is not None), [])
     coefficients = _numbers(value, None, keys[0], path)
@@ -141,7 +146,7 @@ def _distortion(block: Mapping[str, Any], path: Path) -> tuple[str, list[float]]
     return model, _numbers(coefficients, _COEFFICIENTS[model], keys[0], path)
 
 
-def camera_from_mapping(content: Mapping[str, Any], path: Path, name: str | None = None) -> Camera:
+def camera_from_mapping(content: Mapping[str, Any], path: Path | str, name: str | None = None) -> Camera:
     """Camera of the content of a calibration file; ``path`` serves the messages.
 
     Raises
@@ -190,7 +195,35 @@ def load_camera(path: Path | str, name: str | None = None) -> Camera:
     return camera_from_mapping(read_yaml(Path(path)), Path(path), name)
 
 
-def load_extrinsics(path: Path) -> NDArray[np.float64]:
+def pinhole_camera(k: Array, size: tuple[int, int], path: Path | str) -> Camera:
+    """Camera without distortion of a 3x3 matrix K and its images' (width, height).
+
+    Raises
+    ------
+    DataError
+        Naming the file ``path`` that K was read from, if its numbers are not allowed.
+    """
+    if not np.array_equal(k[2], (0.0, 0.0, 1.0)):
+        raise DataError(f"The last row of the 3x3 matrix in {path} is not 0 0 1; give K row by row.")
+    try:
+        return Camera("pinhole", *size, (k[0, 0], k[1, 1], k[0, 2], k[1, 2]), [])
+    except ValueError as error:
+        raise DataError(f"The calibration {path} is not usable: {error}") from error
+
+
+def sensor_mapping(camera: Camera) -> dict[str, object]:
+    """Content of a ``sensor.yaml`` that reads back as this camera."""
+    return {
+        "sensor_type": "camera",
+        "camera_model": "pinhole",
+        "resolution": [int(camera.width), int(camera.height)],
+        "intrinsics": [float(x) for x in camera.intrinsics],
+        "distortion_model": _DISTORTION_NAMES[camera.model],
+        "distortion_coefficients": [float(x) for x in camera.distortion],
+    }
+
+
+def load_extrinsics(path: Path) -> Array:
     """``T_BS`` of an EuRoC ``sensor.yaml``: (4, 4), maps points of the sensor into the body.
 
     Raises
@@ -202,7 +235,7 @@ def load_extrinsics(path: Path) -> NDArray[np.float64]:
     return rigid(np.asarray(numbers).reshape(4, 4), f"T_BS of {path}")
 
 
-def check_resolution(camera: Camera, image: Image, path: Path) -> None:
+def check_resolution(camera: Camera, image: Image, path: Path | str) -> None:
     """Check that an image has the size that its camera was calibrated for.
 
     Raises

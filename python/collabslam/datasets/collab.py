@@ -26,9 +26,8 @@ import cv2
 import numpy as np
 import yaml
 
-from collabslam._core import Camera
 from collabslam.datasets.base import ImageRecording, RecordedView, RecordedWorn
-from collabslam.datasets.calibration import load_camera, read_yaml
+from collabslam.datasets.calibration import load_camera, read_yaml, sensor_mapping
 from collabslam.datasets.poses import (
     NANOSECONDS,
     data_lines,
@@ -48,12 +47,6 @@ FORMAT = "collabslam-recording"
 VERSION = 1
 _TOLERANCE = 5_000_000
 _TRIANGLE = np.tril_indices(6)
-_DISTORTION_NAMES = {
-    "pinhole": "none",
-    "radtan": "radial-tangential",
-    "fisheye": "equidistant",
-    "wideangle": "wideangle",
-}
 _POSE_COLUMNS = "#timestamp [ns],p_x [m],p_y [m],p_z [m],q_w,q_x,q_y,q_z"
 _QUATERNION_DECIMALS = 14
 
@@ -186,17 +179,6 @@ def _write_yaml(path: Path, content: dict[str, object]) -> None:
     path.write_text(text, encoding="utf-8", newline="\n")
 
 
-def _sensor(camera: Camera) -> dict[str, object]:
-    return {
-        "sensor_type": "camera",
-        "camera_model": "pinhole",
-        "resolution": [int(camera.width), int(camera.height)],
-        "intrinsics": [float(x) for x in camera.intrinsics],
-        "distortion_model": _DISTORTION_NAMES[camera.model],
-        "distortion_coefficients": [float(x) for x in camera.distortion],
-    }
-
-
 def _write_image(folder: Path, stamp: int, image: Image) -> str:
     name = f"{stamp}.png"
     (folder / "data").mkdir(parents=True, exist_ok=True)
@@ -224,7 +206,7 @@ def _relative_pose_line(stamp: int, worn: WornView) -> str:
 def _write_all(recording: Recording, folder: Path, progress: Callable[[int, int], None] | None) -> None:
     stamps = _integer_stamps(recording.times)
     _write_yaml(folder / "recording.yaml", {"format": FORMAT, "version": VERSION, "name": recording.name})
-    _write_yaml(folder / "cam0" / "sensor.yaml", _sensor(recording.camera))
+    _write_yaml(folder / "cam0" / "sensor.yaml", sensor_mapping(recording.camera))
     images, views, relative, truth = [], [], [], []
     for i, stamp in enumerate(stamps):
         frame = recording.frame(i)
@@ -238,7 +220,7 @@ def _write_all(recording: Recording, folder: Path, progress: Callable[[int, int]
             progress(i + 1, len(stamps))
     _write_lines(folder / "cam0" / "data.csv", "#timestamp [ns],filename", images)
     if views and recording.worn_camera is not None:
-        _write_yaml(folder / "cam1" / "sensor.yaml", _sensor(recording.worn_camera))
+        _write_yaml(folder / "cam1" / "sensor.yaml", sensor_mapping(recording.worn_camera))
         _write_lines(folder / "cam1" / "data.csv", "#timestamp [ns],filename", views)
         names = ",".join(f"c{r + 1}{c + 1}" for r, c in zip(*_TRIANGLE, strict=True))
         _write_lines(folder / "relpose" / "data.csv", f"{_POSE_COLUMNS},{names}", relative)

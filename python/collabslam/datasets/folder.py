@@ -14,6 +14,7 @@ import numpy as np
 
 from collabslam.datasets.base import ImageRecording, times_at_rate
 from collabslam.datasets.calibration import camera_from_mapping, read_yaml
+from collabslam.datasets.given import Given
 from collabslam.datasets.images import IMAGE_SUFFIXES, list_images, require_files
 from collabslam.datasets.poses import data_lines, interpolate_track, parse_stamp, read_track, seconds
 from collabslam.errors import DataError
@@ -70,29 +71,25 @@ def _stamps(paths: list[Path], rate: object, camera: Path) -> Array:
     )
 
 
-def open(path: Path, camera: Path, times: Path | None, poses: Path | None) -> ImageRecording:
-    """Open a folder of images.
+def matches(path: Path) -> bool:
+    """Whether ``path`` is a folder of images."""
+    return images_of(path) is not None
 
-    Parameters
-    ----------
-    path
-        The folder.
-    camera
-        Calibration file; see :func:`collabslam.datasets.calibration.load_camera`.
-    times
-        Times file, or None.
-    poses
-        True trajectory of the camera in TUM format (``t tx ty tz qx qy qz qw``), or None.
+
+def open(path: Path, given: Given) -> ImageRecording:
+    """Open a folder of images; ``given.camera`` is needed.
 
     Raises
     ------
     DataError
         If an image, a stamp or the calibration is missing or broken.
     """
+    camera = given.camera
+    assert camera is not None
     paths = list_images(images_of(path) or path)
     content = read_yaml(camera)
-    if times is not None:
-        stamps, paths = read_times(times, paths)
+    if given.times is not None:
+        stamps, paths = read_times(given.times, paths)
     else:
         stamps = _stamps(paths, content.get("rate"), camera)
     return ImageRecording(
@@ -101,7 +98,6 @@ def open(path: Path, camera: Path, times: Path | None, poses: Path | None) -> Im
         camera=camera_from_mapping(content, camera),
         paths=tuple(paths),
         times=stamps,
-        truth=None if poses is None else track_truth(poses, stamps),
     )
 
 

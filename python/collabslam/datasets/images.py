@@ -36,6 +36,17 @@ def decode_grey(path: Path) -> Image:
             f"The image {path} cannot be read ({error.strerror}); restore the file or take it out of the "
             "recording."
         ) from error
+    return decode(data, str(path))
+
+
+def decode(data: bytes, where: str) -> Image:
+    """Decode the content of an image file (PNG, JPEG, ...) as (H, W) uint8 grey.
+
+    Raises
+    ------
+    DataError
+        Naming ``where``, if it is empty, cut short or no image.
+    """
     image = None
     if data and not _is_cut_short(data):
         flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
@@ -45,7 +56,7 @@ def decode_grey(path: Path) -> Image:
             image = None
     if image is None:
         raise DataError(
-            f"The image {path} is empty, cut short or not an image; copy it again from the source."
+            f"The image {where} is empty, cut short or not an image; copy it again from the source."
         )
     return np.asarray(image, dtype=np.uint8)
 
@@ -61,6 +72,12 @@ def read_grey(path: Path, camera: Camera) -> Image:
     image = decode_grey(path)
     check_resolution(camera, image, path)
     return image
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """(width, height) of an image file; raises DataError as `decode_grey` does."""
+    height, width = decode_grey(path).shape
+    return width, height
 
 
 def list_images(folder: Path) -> list[Path]:

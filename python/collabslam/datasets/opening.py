@@ -2,89 +2,128 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from collabslam.datasets import collab, davison, euroc, folder, kitti, posed_images, seven_scenes
+from collabslam.datasets import (
+    bag_recording,
+    collab,
+    davison,
+    euroc,
+    folder,
+    kitti,
+    posed_images,
+    seven_scenes,
+    tum_rgbd,
+    video,
+)
 from collabslam.datasets.base import ImageRecording
 from collabslam.datasets.calibration import load_camera
+from collabslam.datasets.given import Given
+from collabslam.datasets.stream import StreamRecording
 from collabslam.errors import DataError
 
+DiskRecording = ImageRecording | StreamRecording
 
-class _Reader(NamedTuple):
+
+class Reader(NamedTuple):
+    """A layout: its description, how it is recognised, how it is opened."""
+
     layout: str
     matches: Callable[[Path], bool]
-    open: Callable[[Path], ImageRecording]
+    open: Callable[[Path, Given], DiskRecording]
 
 
-_READERS = tuple(
-    _Reader(module.LAYOUT, module.matches, module.open)
-    for module in (euroc, collab, seven_scenes, kitti, posed_images, davison)
+def _complete(open_it: Callable[[Path], ImageRecording]) -> Callable[[Path, Given], DiskRecording]:
+    """Opens a layout that is complete by itself, then puts in what the user gives."""
+
+    def open_with(path: Path, given: Given) -> DiskRecording:
+        recording = open_it(path)
+        if given.camera is not None:
+            recording = replace(recording, camera=load_camera(given.camera))
+        if given.times is not None:
+            stamps, paths = folder.read_times(given.times, list(recording.paths))
+            if tuple(paths) != recording.paths:
+                raise DataError(
+                    f"{given.times} names other images than {recording.source} holds; give one stamp for "
+                    "each image."
+                )
+            recording = replace(recording, times=stamps)
+        return recording
+
+    return open_with
+
+
+_READERS = (
+    *(
+        Reader(module.LAYOUT, module.matches, _complete(module.open))
+        for module in (euroc, collab, seven_scenes, kitti, posed_images, davison)
+    ),
+    *(
+        Reader(module.LAYOUT, module.matches, module.open)
+        for module in (tum_rgbd, bag_recording, video, folder)
+    ),
 )
 
 
 def recognised_layouts() -> list[str]:
     """One line for each layout that is recognised, the generic folder last."""
-    return [reader.layout for reader in _READERS] + [folder.LAYOUT]
+    return [reader.layout for reader in _READERS]
 
 
-def _with_overrides(
-    recording: ImageRecording, camera: Path | None, times: Path | None, poses: Path | None
-) -> ImageRecording:
-    """A recording of a known layout with the user's own calibration, stamps or poses in place of its own."""
-    if camera is not None:
-        recording = replace(recording, camera=load_camera(camera))
-    if times is not None:
-        stamps, paths = folder.read_times(times, list(recording.paths))
-        if tuple(paths) != recording.paths:
-            raise DataError(
-                f"{times} names other images than {recording.source} holds; give one stamp for each image."
-            )
-        recording = replace(recording, times=stamps)
-    if poses is not None:
-        recording = replace(recording, truth=folder.track_truth(poses, recording.times))
-    return recording
+def recognise(path: Path, given: Given) -> Reader:
+    """The reader of a recording.
+
+    Raises
+    ------
+    DataError
+        If there is nothing, or no layout fits.
+    """
+    if not path.exists():
+        raise DataError(f"The recording {path} does not exist; give the folder or the file of a recording.")
+    for reader in _READERS:
+        if reader.matches(path) and (reader.layout != folder.LAYOUT or given.camera is not None):
+            return reader
+    raise DataError(
+        f"The layout of {path} is not recognised; the known ones are: {'; '.join(recognised_layouts())}."
+    )
 
 
 def open_recording(
-    source: str | Path, *, camera: Path | None = None, times: Path | None = None, poses: Path | None = None
-) -> ImageRecording:
+    source: str | Path,
+    *,
+    camera: str | Path | None = None,
+    times: str | Path | None = None,
+    poses: str | Path | None = None,
+    topics: Mapping[str, str] | None = None,
+) -> DiskRecording:
     """Open a recording; its layout is recognised from the files.
 
     Parameters
     ----------
     source
-        Folder of the recording.
+        Folder or file of the recording.
     camera
-        Calibration file: needed for a plain folder of images, in place of the recording's own otherwise.
+        Calibration file: needed where the recording has none, in place of its own otherwise.
     times
         Time stamps, one a line, seconds or integer nanoseconds.
     poses
         True trajectory of Cs in TUM format, used to emulate a worn camera and to score, never by the filter.
+    topics
+        Of a bag: the topic for each role, see `collabslam.datasets.bag_recording.ROLES`.
 
     Raises
     ------
     DataError
-        If the folder is missing, no layout fits, or a file is missing, broken or of the wrong size.
+        If the recording is missing, no layout fits, or a file is missing, broken or of the wrong size.
     """
-    path = Path(source)
-    if not path.is_dir():
-        kind = "is a file" if path.exists() else "does not exist"
-        raise DataError(f"The recording {path} {kind}; give the folder of a recording.")
-    path = path.resolve()
     camera, times, poses = (None if p is None else Path(p) for p in (camera, times, poses))
-    for reader in _READERS:
-        if reader.matches(path):
-            recording = _with_overrides(reader.open(path), camera, times, poses)
-            break
-    else:
-        if camera is None or folder.images_of(path) is None:
-            raise DataError(
-                f"The layout of {path} is not recognised; the known ones are: "
-                f"{'; '.join(recognised_layouts())}."
-            )
-        recording = folder.open(path, camera, times, poses)
+    given = Given(camera, times, poses, dict(topics or {}))
+    path = Path(source).resolve()
+    recording = recognise(path, given).open(path, given)
+    if given.poses is not None:
+        recording = replace(recording, truth=folder.track_truth(given.poses, recording.times))
     recording.image(0)  # Says at once if the calibration is for another resolution.
     return recording

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from collabslam._core import Camera
+import numpy as np
+
 from collabslam.datasets.base import ImageRecording, times_at_rate
-from collabslam.datasets.images import decode_grey, list_images
+from collabslam.datasets.calibration import pinhole_camera
+from collabslam.datasets.images import image_size, list_images
 from collabslam.datasets.poses import data_lines, number_fields, read_pose_rows
 from collabslam.errors import DataError
 
@@ -30,22 +32,11 @@ def open(path: Path) -> ImageRecording:
     k = number_fields((f for _, fields in data_lines(k_file) for f in fields), f"The calibration {k_file}")
     if len(k) != 9:
         raise DataError(f"The calibration {k_file} has {len(k)} numbers; K is 3x3 = 9 numbers, row by row.")
-    height, width = decode_grey(paths[0]).shape
-    try:
-        camera = Camera("pinhole", width, height, (k[0], k[4], k[2], k[5]), [])
-    except ValueError as error:
-        raise DataError(f"The calibration {k_file} is not usable: {error}") from error
-    truth = read_pose_rows(path / "poses.txt")
-    if len(truth) != len(paths):
-        raise DataError(
-            f"{path / 'poses.txt'} has {len(truth)} poses for {len(paths)} images; give one line for each "
-            "image in order."
-        )
     return ImageRecording(
         name=path.name,
         source=str(path),
-        camera=camera,
+        camera=pinhole_camera(np.asarray(k).reshape(3, 3), image_size(paths[0]), k_file),
         paths=tuple(paths),
         times=times_at_rate(paths, RATE),
-        truth=truth,
+        truth=read_pose_rows(path / "poses.txt"),
     )

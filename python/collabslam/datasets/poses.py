@@ -7,12 +7,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from collabslam.errors import DataError
 from collabslam.geometry import interpolate_pose, pose, pose_from_quaternion
-
-Array = NDArray[np.float64]
+from collabslam.types import Array
 
 NANOSECONDS = 10**9
 # Integers from here on are nanoseconds since 1970; up to the other limit they are seconds.

@@ -76,8 +76,8 @@ def load_views(recording: Recording, folder: str) -> PosedViews:
         path = Path(folder)
     views = _keyframe_views(recording, path)
     if views is None:
-        other: ImageRecording = open_recording(path)
-        if other.truth is None:
+        other = open_recording(path)
+        if not isinstance(other, ImageRecording) or other.truth is None:
             raise DataError(
                 f"The views in {path} have no poses; give a folder whose images are posed in the same world."
             )

@@ -17,9 +17,10 @@ from collabslam._core import Camera
 from collabslam.datasets.base import Rig
 from collabslam.datasets.images import read_grey
 from collabslam.datasets.views import choose_views, load_views
+from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.errors import DataError, SettingsError
 from collabslam.geometry import pose_inverse, se3_exp
-from collabslam.types import Array, Frame, Image, Recording, Target, WornView
+from collabslam.types import Array, Frame, Image, Recording, WornView
 
 SPECS = "recorded, none, lag:SECONDS, rig, views:FOLDER"
 _EDGE = 1e-9
@@ -108,7 +109,7 @@ class _Availability:
         return number if t - number * self.period < self.share * self.period - _EDGE else None
 
 
-class WornRecording:
+class WornRecording(WrappedRecording):
     """A recording whose frames carry the views of an emulated, or a masked, worn camera."""
 
     def __init__(
@@ -119,53 +120,11 @@ class WornRecording:
         blocks: Sequence[int | None],
         noise: _Noise | None,
     ) -> None:
-        self._base = base
-        self._worn_camera = worn_camera
+        super().__init__(base)
+        self.worn_camera = worn_camera
         self._samples = samples
         self._blocks = blocks
         self._noise = noise
-
-    @property
-    def name(self) -> str:
-        """Name of the underlying recording."""
-        return self._base.name
-
-    @property
-    def source(self) -> str:
-        """Source of the underlying recording."""
-        return self._base.source
-
-    @property
-    def camera(self) -> Camera:
-        """Calibration of Cs."""
-        return self._base.camera
-
-    @property
-    def worn_camera(self) -> Camera | None:
-        """Calibration of Cf."""
-        return self._worn_camera
-
-    @property
-    def times(self) -> Array:
-        """(N,) seconds."""
-        return self._base.times
-
-    @property
-    def truth(self) -> Array | None:
-        """(N, 4, 4) true ``T_WC`` of Cs, or None."""
-        return self._base.truth
-
-    @property
-    def target(self) -> Target | None:
-        """Known target of the underlying recording."""
-        return self._base.target
-
-    def __len__(self) -> int:
-        return len(self._base)
-
-    def image(self, i: int) -> Image:
-        """The (H, W) uint8 image of Cs in frame ``i``."""
-        return self._base.image(i)
 
     def frame(self, i: int) -> Frame:
         """Frame ``i`` with the worn view; the same for each call, in any order."""

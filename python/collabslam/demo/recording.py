@@ -17,10 +17,7 @@ from collabslam.demo.walk import CorridorWalk
 from collabslam.demo.world import corridor
 from collabslam.errors import InputError
 from collabslam.geometry import pose_inverse, se3_exp
-from collabslam.types import Frame, WornView
-
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.uint8]
+from collabslam.types import Array, Frame, Image, WornView
 
 ROBOT_CAMERA = (720, 480, (620.0, 620.0, 359.5, 239.5), (-0.06, 0.02, 0.0005, -0.0004))
 WORN_CAMERA = (720, 480, (614.0, 615.0, 364.0, 236.5), (-0.05, 0.015, -0.0003, 0.0006))

@@ -16,13 +16,11 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from collabslam._core import Camera
 from collabslam.demo.textures import Grey, Shade
 from collabslam.demo.world import Panel
-
-Array = npt.NDArray[np.float64]
+from collabslam.types import Array, Indices
 
 SCALE = 2
 """Samples per pixel along each axis."""
@@ -229,7 +227,7 @@ def _clip(corners: Array) -> Array:
     return np.array(kept).reshape(-1, 3)
 
 
-def _spans(polygon: Array, rows: npt.NDArray[np.int64]) -> tuple[Shade, Shade]:
+def _spans(polygon: Array, rows: Indices) -> tuple[Shade, Shade]:
     """First and last column (real) of a convex polygon (N, 2) in each row; first > last off the polygon."""
     a, b = polygon, np.roll(polygon, -1, axis=0)
     dy = b[:, 1] - a[:, 1]

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from collabslam.demo import textures
 from collabslam.demo.textures import Grey, Rng
 from collabslam.demo.walls import wall
+from collabslam.types import Array
 
-Vector = npt.NDArray[np.float64]
+Vector = Array
 
 WIDTH, HEIGHT = 2.6, 2.6
 """Cross-section of the corridor, metres; y runs from -WIDTH / 2 to WIDTH / 2."""

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from collabslam.errors import InputError
-
-Array = NDArray[np.float64]
+from collabslam.types import Array
 
 
 @dataclass(frozen=True)

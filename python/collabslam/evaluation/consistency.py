@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from collabslam.errors import InputError
 from collabslam.evaluation.metrics import inverse
 from collabslam.geometry import rotation_log
-
-Array = NDArray[np.float64]
+from collabslam.types import Array
 
 RESOLUTION = 1e-6
 """Metres and radians below which no truth is taken to be known: its square is added to every variance."""

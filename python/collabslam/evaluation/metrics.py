@@ -6,12 +6,11 @@ Poses are ``T_WC``, (N, 4, 4), metres; estimate and truth hold the same instants
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from collabslam.errors import InputError
 from collabslam.evaluation.alignment import point_pair, umeyama
-
-Array = NDArray[np.float64]
+from collabslam.types import Array
 
 
 def inverse(poses: ArrayLike) -> Array:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from collabslam.errors import InputError
-
-Array = NDArray[np.float64]
+from collabslam.types import Array
 
 
 def overlap_intervals(times: ArrayLike, overlap: ArrayLike) -> tuple[Array, Array]:

@@ -7,10 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from collabslam.types import Array, Ids, Mask
 
 
 class Step(Protocol):
@@ -52,7 +50,7 @@ class Landmarks(Protocol):
     """The map's points: ``ids`` (M,), ``points`` (M, 3) metres in W, ``covariance`` (M, 3, 3) m^2."""
 
     @property
-    def ids(self) -> NDArray[np.int64]: ...
+    def ids(self) -> Ids: ...
     @property
     def points(self) -> Array: ...
     @property

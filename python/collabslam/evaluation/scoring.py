@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from collabslam.evaluation import metrics, overlap
 from collabslam.evaluation.consistency import nees, nees_band, pose_tangent_error, sigma_gate
-from collabslam.evaluation.record import Mask, RunRecord
+from collabslam.evaluation.record import RunRecord
+from collabslam.types import Array, Mask
 
-Array = NDArray[np.float64]
 Scores = dict[str, Any]
 
 OK_SIGMAS = 5.0
@@ -163,7 +162,7 @@ def _activity(record: RunRecord, aligned: AlignedTruth | None) -> Scores:
     }
 
 
-def _largest(values: NDArray[np.float64]) -> float | None:
+def _largest(values: Array) -> float | None:
     finite = values[np.isfinite(values)]
     return float(finite.max()) if len(finite) else None
 

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collabslam.errors import InputError
+from collabslam.types import Array, Image
 
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
 Descriptors = NDArray[np.float32]
 
 _CELLS, _DIRECTIONS = 4, 8  # the layout of SIFT

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collabslam.frontend.settings import DetectSettings
-
-Array = NDArray[np.float64]
+from collabslam.types import Array, Image, Indices
 
 _STRIP = 96  # rows treated at once: small buffers stay in the cache and are not paged in anew for each image
 _SUBPIXEL_REACH = 2.0  # pixels a corner may move when it is refined
@@ -16,8 +15,8 @@ _GREY_GRADIENT = 255.0 / 2.0  # of OpenCV's 3x3 Sobel: it sees twice the gradien
 
 
 def corner_peaks(
-    image: NDArray[np.uint8], settings: DetectSettings, distance: float, border: int
-) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    image: Image, settings: DetectSettings, distance: float, border: int
+) -> tuple[Indices, NDArray[np.float32]]:
     """Local maxima of the Shi-Tomasi response, the strongest first.
 
     The response is the smaller eigenvalue of the mean gradient matrix, in (grey levels per pixel)^2.
@@ -41,7 +40,7 @@ def corner_peaks(
     overlap = reach + settings.block // 2 + 2
     kernel = np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)
     least = np.float32((settings.min_gradient / _GREY_GRADIENT) ** 2)
-    points: list[NDArray[np.int64]] = [np.empty((0, 2), dtype=np.int64)]
+    points: list[Indices] = [np.empty((0, 2), dtype=np.int64)]
     values: list[NDArray[np.float32]] = [np.empty(0, dtype=np.float32)]
     for top in range(border, height - border, _STRIP):
         low, bottom = max(0, top - overlap), min(height - border, top + _STRIP)
@@ -59,7 +58,7 @@ def corner_peaks(
     return uv[order], response[order] * np.float32(_GREY_GRADIENT**2)
 
 
-def refine_corners(image: NDArray[np.uint8], uv: Array) -> Array:
+def refine_corners(image: Image, uv: Array) -> Array:
     """Sub-pixel position of corners; one that would move by more than two pixels stays where it was.
 
     Parameters
@@ -81,7 +80,7 @@ def refine_corners(image: NDArray[np.uint8], uv: Array) -> Array:
 
 
 def detect_corners(
-    image: NDArray[np.uint8],
+    image: Image,
     existing: Array,
     count: int,
     settings: DetectSettings,

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
+from collabslam.types import Array, Mask
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Block = NDArray[np.float32]
 
 _HYPOTHESES = 150  # consensus samples; at 50 % wrong matches one of them is clean with probability 1 - 2e-9

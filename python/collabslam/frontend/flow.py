@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from collabslam.frontend.search import FOUND, active_search, build_pyramid
 from collabslam.frontend.settings import FlowSettings, FrontendSettings
+from collabslam.types import Array, Image, Mask
 
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
 Small = NDArray[np.float32]
 
 _MIN_OVERLAP = 0.3  # share of the small image in which both views must lie for a shift to be believed
@@ -107,7 +106,7 @@ def flow_guess(
     uv_prev: Array,
     uv_init: Array | None,
     settings: FlowSettings,
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Mask]:
     """Where points of the previous image are now, to about a pixel.
 
     Parameters
@@ -147,7 +146,7 @@ def flow_guess(
 
 def _forth_and_back(
     a: Image, b: Image, points: Array, start: Array, factor: float, settings: FlowSettings
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Mask]:
     """Lucas-Kanade flow from ``a`` to ``b`` and back; pixels of the flow's resolution in, full ones out."""
     window = (settings.window, settings.window)
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.03)
@@ -174,10 +173,10 @@ def track_candidates(
     image: Image,
     uv_prev: Array,
     templates: Image,
-    usable: NDArray[np.bool_],
+    usable: Mask,
     settings: FrontendSettings,
     uv_init: Array | None = None,
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Array, Mask]:
     """Follow candidates to the next frame without drift.
 
     The flow only says where to look: each candidate's own template, cut when it was first seen and warped to

@@ -11,13 +11,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from collabslam._core import Camera
 from collabslam.frontend.settings import PatchSettings
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
+from collabslam.types import Array, Image, Mask
 
 _PROBE = 4.0  # pixels from the patch's centre at which the warp is measured
 _ATLAS = 250  # patches whose windows are stacked into one image
@@ -87,7 +84,7 @@ def affine_maps(
     camera_now: Camera,
     t_now_ref: Array,
     inverse_range: Array,
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+) -> tuple[Array, Array, Mask]:
     """Predicted pixel in another view, and the affine map of pixel offsets into it.
 
     Parameters
@@ -187,7 +184,7 @@ def sample_templates(atlas: Image, centres: Array, affine: Array, size: int) -> 
     return templates, reach
 
 
-def usable_affine(affine: Array, settings: PatchSettings) -> NDArray[np.bool_]:
+def usable_affine(affine: Array, settings: PatchSettings) -> Mask:
     """(N,) bool: whether a warp's change of area and its stretch are within the settings' bounds."""
     area = affine[:, 0, 0] * affine[:, 1, 1] - affine[:, 0, 1] * affine[:, 1, 0]
     squares = (affine**2).sum(axis=(1, 2))
@@ -204,7 +201,7 @@ def warp_templates(
     points_w: Array,
     settings: PatchSettings | None = None,
     camera_now: Camera | None = None,
-) -> tuple[Image, NDArray[np.bool_], Array]:
+) -> tuple[Image, Mask, Array]:
     """Templates as the patches are expected to look from another pose.
 
     Parameters

@@ -12,12 +12,9 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from collabslam.frontend.settings import FrontendSettings
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
+from collabslam.types import Array, Image, Indices
 
 FOUND, LOW_SCORE, AMBIGUOUS, OUTSIDE = 0, 1, 2, 3
 
@@ -51,7 +48,7 @@ class SearchResult(NamedTuple):
     uv: Array
     score: Array
     second: Array
-    code: NDArray[np.int64]
+    code: Indices
 
 
 def build_pyramid(image: Image, levels: int = 3) -> list[Image]:
@@ -158,9 +155,9 @@ def active_search(
 def _search_group(
     image: Image,
     templates: Image,
-    group: NDArray[np.int64],
-    low: NDArray[np.int64],
-    high: NDArray[np.int64],
+    group: Indices,
+    low: Indices,
+    high: Indices,
     centre: Array,
     precision: Array,
     limit: Array,

@@ -1,7 +1,7 @@
-"""Settings of the front end: names, defaults, ranges and units, all in this one place.
+"""Settings of the front end: names, defaults, ranges, units and effects, all in this one place.
 
-Each group is a frozen dataclass whose fields carry their own range and description; :data:`FRONTEND` lists
-them as flat dotted keys (``search.min_score``) for settings files, help texts and documentation.
+A group is a frozen dataclass; each of its fields says all about itself.  :data:`FRONTEND` lists them by
+their keys (``search.min_score``) for settings files, help texts and documentation.
 """
 
 from __future__ import annotations
@@ -11,86 +11,73 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from collabslam.errors import SettingsError
-
-Value = bool | int | float | str
+from collabslam.entry import Entry, Value, find
 
 
-def _setting(
-    default: Value,
-    doc: str,
-    *,
-    low: float | None = None,
-    high: float | None = None,
-    unit: str = "",
-    choices: tuple[str, ...] = (),
-) -> Any:
-    """Dataclass field of one setting, with what a reader has to know of it."""
-    return field(
-        default=default, metadata={"doc": doc, "min": low, "max": high, "unit": unit, "choices": choices}
-    )
+def _number(default: float, low: float, high: float, unit: str, doc: str, *, odd: bool = False) -> Any:
+    kind = type(default).__name__
+    return field(default=default, metadata={"rest": (kind, default, low, high, unit, (), doc, odd)})
+
+
+def _flag(default: bool, doc: str) -> Any:
+    return field(default=default, metadata={"rest": ("bool", default, None, None, "", (), doc)})
+
+
+def _name(default: str, choices: tuple[str, ...], doc: str) -> Any:
+    return field(default=default, metadata={"rest": ("enum", default, None, None, "", choices, doc)})
 
 
 @dataclass(frozen=True)
 class DetectSettings:
     """Corners in an image: spread over it, and sharp enough to be tracked."""
 
-    quality: float = _setting(
-        0.002, "Least corner response (smaller eigenvalue) as a share of the image's best.", low=0.0, high=1.0
+    quality: float = _number(
+        0.002, 0, 1, "", "Least corner response (smaller eigenvalue) as a share of the image's best."
     )
-    min_gradient: float = _setting(
+    min_gradient: float = _number(
         2.0,
+        0,
+        100,
+        "grey levels per pixel",
         "Least root-mean-square gradient along a corner's weaker direction; keeps noise out of flat images.",
-        low=0.0,
-        high=100.0,
-        unit="grey levels per pixel",
     )
-    block: int = _setting(
-        5, "Side of the window in which gradients are collected (odd).", low=3, high=15, unit="pixel"
-    )
-    min_distance: float = _setting(
+    block: int = _number(5, 3, 15, "pixel", "Side of the window in which gradients are collected.", odd=True)
+    min_distance: float = _number(
         0.0125,
+        0.002,
+        0.2,
+        "image width",
         "Least distance between corners, and from existing points, as a share of the image's width.",
-        low=0.002,
-        high=0.2,
-        unit="image width",
     )
-    cells: int = _setting(
-        8, "Cells along the image's longer side; the emptiest cell is served first.", low=1, high=64
+    cells: int = _number(
+        8, 1, 64, "", "Cells along the image's longer side; the emptiest cell is served first."
     )
-    subpixel: bool = _setting(True, "Refine corners to sub-pixel precision.")
+    subpixel: bool = _flag(True, "Refine corners to sub-pixel precision.")
 
 
 @dataclass(frozen=True)
 class PatchSettings:
     """Landmark patches and their warping to another view."""
 
-    size: int = _setting(15, "Side of the template that is correlated (odd).", low=7, high=31, unit="pixel")
-    margin: int = _setting(
+    size: int = _number(15, 7, 31, "pixel", "Side of the template that is correlated.", odd=True)
+    margin: int = _number(
         14,
+        0,
+        64,
+        "pixel",
         "Pixels stored around the template's reach, so that rotating and shrinking it stays inside.",
-        low=0,
-        high=64,
-        unit="pixel",
     )
-    min_area: float = _setting(
-        0.2, "Least change of area (view / reference) at which a patch is still warped.", low=0.01, high=1.0
+    min_area: float = _number(
+        0.2, 0.01, 1, "", "Least change of area (view / reference) at which a patch is still warped."
     )
-    max_area: float = _setting(
-        5.0,
-        "Largest change of area (view / reference) at which a patch is still warped.",
-        low=1.0,
-        high=100.0,
+    max_area: float = _number(
+        5.0, 1, 100, "", "Largest change of area (view / reference) at which a patch is still warped."
     )
-    max_stretch: float = _setting(
-        4.0, "Largest ratio of the warp's two scales: a steeper view is refused.", low=1.0, high=100.0
+    max_stretch: float = _number(
+        4.0, 1, 100, "", "Largest ratio of the warp's two scales: a steeper view is refused."
     )
-    min_deviation: float = _setting(
-        4.0,
-        "Least standard deviation of a template; a flatter one cannot be located.",
-        low=0.0,
-        high=128.0,
-        unit="grey levels",
+    min_deviation: float = _number(
+        4.0, 0, 128, "grey levels", "Least standard deviation of a template; a flatter one cannot be located."
     )
 
 
@@ -98,38 +85,30 @@ class PatchSettings:
 class SearchSettings:
     """Active search: zero-normalised cross-correlation inside the predicted ellipse (METHOD section 7)."""
 
-    gate: float = _setting(
-        3.0, "Radius of the search ellipse in standard deviations of S.", low=1.0, high=6.0
-    )
-    min_radius: float = _setting(2.5, "Least radius of the search ellipse.", low=1.0, high=50.0, unit="pixel")
-    large_radius: float = _setting(
+    gate: float = _number(3.0, 1, 6, "", "Radius of the search ellipse in standard deviations of S.")
+    min_radius: float = _number(2.5, 1, 50, "pixel", "Least radius of the search ellipse.")
+    large_radius: float = _number(
         16.0,
+        2,
+        200,
+        "pixel",
         "Radius above which the ellipse is not searched whole when optical flow offers a guess inside it.",
-        low=2.0,
-        high=200.0,
-        unit="pixel",
     )
-    max_radius: float = _setting(
+    max_radius: float = _number(
         48.0,
+        4,
+        400,
+        "pixel",
         "Cap of the search window's half side, which bounds the cost of a poor prediction.",
-        low=4.0,
-        high=400.0,
-        unit="pixel",
     )
-    guess_radius: float = _setting(
-        6.0, "Half side of the window searched around a guess.", low=1.0, high=50.0, unit="pixel"
+    guess_radius: float = _number(6.0, 1, 50, "pixel", "Half side of the window searched around a guess.")
+    guess_gate: float = _number(1.5, 1, 10, "", "Factor on the ellipse inside which a guess is believed.")
+    min_score: float = _number(0.78, -1, 1, "", "Least correlation of the peak (1 is a perfect match).")
+    ambiguity: float = _number(
+        0.94, 0, 1, "", "A second peak above this share of the best score makes a match ambiguous."
     )
-    guess_gate: float = _setting(
-        1.5, "Factor on the ellipse inside which a guess is believed.", low=1.0, high=10.0
-    )
-    min_score: float = _setting(
-        0.78, "Least correlation of the peak (1 is a perfect match).", low=-1.0, high=1.0
-    )
-    ambiguity: float = _setting(
-        0.94, "A second peak above this share of the best score makes a match ambiguous.", low=0.0, high=1.0
-    )
-    peak_distance: float = _setting(
-        3.0, "Peaks nearer than this to the best one belong to it.", low=1.0, high=20.0, unit="pixel"
+    peak_distance: float = _number(
+        3.0, 1, 20, "pixel", "Peaks nearer than this to the best one belong to it."
     )
 
 
@@ -137,21 +116,13 @@ class SearchSettings:
 class FlowSettings:
     """Pyramidal optical flow from one frame to the next, as a guess for the search."""
 
-    window: int = _setting(15, "Side of the flow's window (odd).", low=5, high=51, unit="pixel")
-    levels: int = _setting(3, "Pyramid levels above the flow's own resolution.", low=0, high=6)
-    max_error: float = _setting(
-        1.5,
-        "Largest distance between a point and itself tracked forth and back.",
-        low=0.1,
-        high=20.0,
-        unit="pixel",
+    window: int = _number(15, 5, 51, "pixel", "Side of the flow's window.", odd=True)
+    levels: int = _number(3, 0, 6, "", "Pyramid levels above the flow's own resolution.")
+    max_error: float = _number(
+        1.5, 0.1, 20, "pixel", "Largest distance between a point and itself tracked forth and back."
     )
-    small_width: int = _setting(
-        64,
-        "Largest width of the small images from which the global motion is found.",
-        low=20,
-        high=400,
-        unit="pixel",
+    small_width: int = _number(
+        64, 20, 400, "pixel", "Largest width of the small images from which the global motion is found."
     )
 
 
@@ -159,67 +130,56 @@ class FlowSettings:
 class WornSettings:
     """Matches between the robot's view Cs and the worn camera's view Cf (METHOD sections 7 and 9)."""
 
-    corners: int = _setting(
-        500, "Most interest points searched in Cf's region of interest.", low=20, high=5000
+    corners: int = _number(500, 20, 5000, "", "Most interest points searched in Cf's region of interest.")
+    corner_distance: float = _number(
+        0.008, 0.002, 0.1, "image width", "Least distance between them, as a share of the image's width."
     )
-    corner_distance: float = _setting(
-        0.008,
-        "Least distance between them, as a share of the image's width.",
-        low=0.002,
-        high=0.1,
-        unit="image width",
-    )
-    descriptor: str = _setting(
+    new_points: int = _number(120, 0, 2000, "", "Most new corners of Cs that are tried in Cf.")
+    tries: int = _number(6, 1, 100, "", "New corners tried for each feature that the view lacks.")
+    descriptor: str = _name(
         "warped-sift",
+        ("warped-sift", "sift", "orb"),
         "Descriptor: SIFT on windows warped as Cf sees them, OpenCV's SIFT, or ORB.",
-        choices=("warped-sift", "sift", "orb"),
     )
-    support: float = _setting(
-        36.0, "Side of the window that a descriptor covers.", low=12.0, high=128.0, unit="pixel"
-    )
-    ratio: float = _setting(
+    support: float = _number(36.0, 12, 128, "pixel", "Side of the window that a descriptor covers.")
+    ratio: float = _number(
         0.85,
-        "Largest ratio of the best to the second best descriptor distance among the candidates in the gate.",
-        low=0.1,
-        high=1.0,
-    )
-    max_distance: float = _setting(
-        0.85, "Largest distance of two descriptors (unit vectors).", low=0.1, high=2.0
-    )
-    sigma: float = _setting(
-        1.0, "Standard deviation of a corner's pixel, for the gates.", low=0.1, high=10.0, unit="pixel"
-    )
-    gate: float = _setting(
-        3.0, "Radius of the epipolar and depth gates in standard deviations.", low=1.0, high=6.0
-    )
-    depth_floor: float = _setting(
         0.1,
+        1,
+        "",
+        "Largest ratio of the best to the second best descriptor distance among the candidates in the gate.",
+    )
+    max_distance: float = _number(0.85, 0.1, 2, "", "Largest distance of two descriptors (unit vectors).")
+    sigma: float = _number(1.0, 0.1, 10, "pixel", "Standard deviation of a corner's pixel, for the gates.")
+    gate: float = _number(3.0, 1, 6, "", "Radius of the epipolar and depth gates in standard deviations.")
+    depth_floor: float = _number(
+        0.1,
+        0,
+        1,
+        "",
         "Least relative standard deviation of a known inverse range: maps are off by more than they say.",
-        low=0.0,
-        high=1.0,
     )
-    min_range: float = _setting(0.3, "Least distance of a point from Cs.", low=0.01, high=100.0, unit="metre")
-    min_score: float = _setting(
-        0.7, "Least correlation of the warped patch of Cs at the match in Cf.", low=-1.0, high=1.0
+    min_range: float = _number(0.3, 0.01, 100, "metre", "Least distance of a point from Cs.")
+    min_score: float = _number(
+        0.7, -1, 1, "", "Least correlation of the warped patch of Cs at the match in Cf."
     )
-    refine_radius: float = _setting(
-        7.0, "Radius in which the correlation refines a match.", low=1.0, high=20.0, unit="pixel"
-    )
-    max_residual: float = _setting(
+    refine_radius: float = _number(7.0, 1, 20, "pixel", "Radius in which the correlation refines a match.")
+    max_residual: float = _number(
         1.5,
+        0.1,
+        20,
+        "pixel",
         "Largest epipolar residual of a match under the pose that all matches agree on.",
-        low=0.1,
-        high=20.0,
-        unit="pixel",
     )
-    min_share: float = _setting(
+    min_share: float = _number(
         0.35,
+        0,
+        1,
+        "",
         "Least share of the matches tried that agree on a pose; fewer agree by chance, and are dropped.",
-        low=0.0,
-        high=1.0,
     )
-    min_matches: int = _setting(
-        8, "Fewest matches that agree on a pose; fewer vouch for nothing and are dropped.", low=1, high=100
+    min_matches: int = _number(
+        8, 1, 100, "", "Fewest matches that agree on a pose; fewer vouch for nothing and are dropped."
     )
 
 
@@ -227,32 +187,33 @@ class WornSettings:
 class TargetSettings:
     """The start from a known target (METHOD section 10)."""
 
-    radius: float = _setting(
-        10.0, "Least radius in which a patch of the target is searched.", low=1.0, high=200.0, unit="pixel"
-    )
-    min_score: float = _setting(0.7, "Least correlation of a patch of the target.", low=-1.0, high=1.0)
-    withhold: bool = _setting(
+    radius: float = _number(10.0, 1, 200, "pixel", "Least radius in which a patch of the target is searched.")
+    min_score: float = _number(0.7, -1, 1, "", "Least correlation of a patch of the target.")
+    withhold: bool = _flag(
         False, "Use the target's points in the first frame only, so that they check the pose afterwards."
     )
-    sigma: float = _setting(0.5, "Standard deviation of a located point.", low=0.01, high=10.0, unit="pixel")
-    max_residual: float = _setting(
-        3.0,
-        "Largest distance of a point from its place under the pose found.",
-        low=0.1,
-        high=50.0,
-        unit="pixel",
+    sigma: float = _number(0.5, 0.01, 10, "pixel", "Standard deviation of a located point.")
+    plane_reach: float = _number(
+        2.2,
+        0,
+        100,
+        "target size",
+        "Corners inside the target's outline, grown by this factor, are taken to lie on its plane...",
+    )
+    plane_sd: float = _number(
+        0.03, 0.001, 1, "", "...with this standard deviation of their range, as a share of it."
+    )
+    elsewhere_sd: float = _number(
+        0.5, 0.01, 5, "", "Standard deviation with which all others start at the target's depth, as a share."
+    )
+    max_residual: float = _number(
+        3.0, 0.1, 50, "pixel", "Largest distance of a point from its place under the pose found."
     )
 
 
 @dataclass(frozen=True)
 class FrontendSettings:
-    """All settings of the front end, by group.
-
-    Attributes
-    ----------
-    detect, patch, search, flow, worn, target
-        One frozen dataclass each; the attribute ``search.min_score`` is the key ``search.min_score``.
-    """
+    """All settings of the front end, by group: the attribute ``search.min_score`` has the same key."""
 
     detect: DetectSettings = field(default_factory=DetectSettings)
     patch: PatchSettings = field(default_factory=PatchSettings)
@@ -272,13 +233,9 @@ class FrontendSettings:
         """
         groups: dict[str, dict[str, Value]] = {}
         for key, value in (values or {}).items():
-            entry = _BY_KEY.get(key)
-            if entry is None:
-                raise SettingsError(
-                    f"The front end has no setting '{key}'; it has {', '.join(sorted(_BY_KEY))}."
-                )
+            checked = find(_BY_KEY, key).checked(value)
             group, name = key.split(".", 1)
-            groups.setdefault(group, {})[name] = _checked(entry, value)
+            groups.setdefault(group, {})[name] = checked
         settings = cls()
         changed = {
             group: dataclasses.replace(getattr(settings, group), **fields) for group, fields in groups.items()
@@ -286,51 +243,10 @@ class FrontendSettings:
         return dataclasses.replace(settings, **changed)
 
 
-def _checked(entry: dict[str, Any], value: Any) -> Value:
-    """``value`` as the entry's type, or a SettingsError that says what is allowed."""
-    key, kind = entry["key"], entry["type"]
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if kind == "bool" and isinstance(value, bool):
-        return value
-    if kind == "str" and isinstance(value, str):
-        if entry["choices"] and value not in entry["choices"]:
-            raise SettingsError(
-                f"The setting '{key}' is '{value}'; it must be one of {', '.join(entry['choices'])}."
-            )
-        return value
-    if kind in ("int", "float") and number and (kind == "float" or value == int(value)):
-        low, high = entry["min"], entry["max"]
-        if not (value == value and (low is None or value >= low) and (high is None or value <= high)):
-            raise SettingsError(f"The setting '{key}' is {value}; it must lie between {low} and {high}.")
-        if key in _ODD and int(value) % 2 == 0:
-            raise SettingsError(f"The setting '{key}' is {value}; it must be odd.")
-        return int(value) if kind == "int" else float(value)
-    raise SettingsError(f"The setting '{key}' is {value!r}; it must be of the type {kind}.")
-
-
-def _schema() -> list[dict[str, Any]]:
-    """Flat list of every setting, in the order of the groups and their fields."""
-    entries = []
-    settings = FrontendSettings()
-    for group in dataclasses.fields(settings):
-        values = getattr(settings, group.name)
-        for item in dataclasses.fields(values):
-            default = getattr(values, item.name)
-            entries.append(
-                {
-                    "key": f"{group.name}.{item.name}",
-                    "type": type(default).__name__,
-                    "default": default,
-                    "min": item.metadata["min"],
-                    "max": item.metadata["max"],
-                    "unit": item.metadata["unit"],
-                    "choices": list(item.metadata["choices"]),
-                    "doc": item.metadata["doc"],
-                }
-            )
-    return entries
-
-
-_ODD = frozenset({"detect.block", "patch.size", "flow.window"})
-FRONTEND: list[dict[str, Any]] = _schema()
-_BY_KEY: dict[str, dict[str, Any]] = {entry["key"]: entry for entry in FRONTEND}
+FRONTEND: list[Entry] = [
+    Entry(f"{group.name}.{item.name}", *item.metadata["rest"])
+    for group in dataclasses.fields(FrontendSettings)
+    for item in dataclasses.fields(getattr(FrontendSettings(), group.name))
+]
+"""Every setting, in the order of the groups and their fields."""
+_BY_KEY = {entry.key: entry for entry in FRONTEND}

@@ -12,17 +12,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from collabslam._core import Camera
 from collabslam.errors import DataError, InputError
 from collabslam.frontend.search import FOUND, active_search
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.geometry import pose_inverse, se3_exp
-from collabslam.types import Target
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
+from collabslam.types import Array, Image, Indices, Target
 
 _STEP = 1e-6  # of the numeric derivatives, metres and radians
 _ITERATIONS = 50
@@ -45,7 +41,7 @@ class TargetFix:
     """
 
     uv: Array
-    index: NDArray[np.int64]
+    index: Indices
     t_tc: Array
     covariance: Array
 

@@ -32,11 +32,8 @@ from collabslam.frontend.patch import affine_maps, inverse_maps, sample_template
 from collabslam.frontend.search import FOUND, active_search
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.geometry import pose_inverse
+from collabslam.types import Array, Image, Indices, Mask
 
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 Region = tuple[float, float, float, float]
 
 _DEPTHS = (0.1, 0.25)  # inverse depths, as shares of the largest, at which windows are warped besides 0
@@ -116,15 +113,11 @@ def match_worn(
         If an array has a wrong shape, or the covariance is not positive definite.
     """
     matcher = _Matcher(
-        image_s,
-        camera_s,
-        image_f,
-        camera_f,
-        t_cf,
-        covariance,
+        (image_s, camera_s),
+        (image_f, camera_f),
+        (t_cf, covariance),
         uv_s,
-        inverse_range,
-        inverse_range_sd,
+        (inverse_range, inverse_range_sd),
         settings,
     )
     return matcher.run(_whole(roi_s, image_s), _whole(roi_f, image_f))
@@ -139,26 +132,20 @@ class _Matcher:
 
     def __init__(
         self,
-        image_s: Image,
-        camera_s: Camera,
-        image_f: Image,
-        camera_f: Camera,
-        t_cf: Array,
-        covariance: Array,
+        view_s: tuple[Image, Camera],
+        view_f: tuple[Image, Camera],
+        relative: tuple[Array, Array],
         uv_s: Array,
-        inverse_range: Array | None,
-        inverse_range_sd: Array | None,
+        inverse_range: tuple[Array | None, Array | None],
         settings: FrontendSettings,
     ) -> None:
-        self.image_s, self.image_f = image_s, image_f
-        self.camera_s, self.camera_f = camera_s, camera_f
-        self.t_cf = np.asarray(t_cf, dtype=np.float64)
-        self.covariance = np.asarray(covariance, dtype=np.float64)
+        (self.image_s, self.camera_s), (self.image_f, self.camera_f) = view_s, view_f
+        self.t_cf, self.covariance = (np.asarray(x, dtype=np.float64) for x in relative)
         self.uv_s = np.asarray(uv_s, dtype=np.float64).reshape(-1, 2)
         count = len(self.uv_s)
-        unknown = np.full(count, np.nan)
-        self.rho = unknown if inverse_range is None else np.asarray(inverse_range, dtype=np.float64)
-        self.rho_sd = unknown if inverse_range_sd is None else np.asarray(inverse_range_sd, dtype=np.float64)
+        self.rho, self.rho_sd = (
+            np.full(count, np.nan) if x is None else np.asarray(x, dtype=np.float64) for x in inverse_range
+        )
         if self.rho.shape != (count,) or self.rho_sd.shape != (count,):
             raise InputError(
                 f"Give one inverse range and one standard deviation for each of the {count} points."
@@ -173,8 +160,8 @@ class _Matcher:
             raise InputError("The covariance of the worn camera's pose is not positive definite.") from error
         self.settings = settings
         self.options = settings.worn
-        self.focal = (_focal(camera_s), _focal(camera_f))
-        self.rays_s = camera_s.unproject(self.uv_s).reshape(-1, 3)
+        self.focal = (_focal(self.camera_s), _focal(self.camera_f))
+        self.rays_s = self.camera_s.unproject(self.uv_s).reshape(-1, 3)
         self.rho_sd = np.maximum(self.rho_sd, self.options.depth_floor * np.abs(self.rho))
         self.known = np.isfinite(self.rho) & np.isfinite(self.rho_sd) & (self.rho_sd >= 0.0)
 

@@ -16,16 +16,15 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
-from numpy.typing import NDArray
 
-from collabslam.evaluation.record import Mask, RunRecord
-from collabslam.results import write_bytes
+from collabslam.evaluation.record import RunRecord
+from collabslam.formats.files import write_bytes
+from collabslam.types import Array, Mask
 
 if TYPE_CHECKING:
     from collabslam.evaluation.scoring import AlignedTruth
-    from collabslam.run import RunResult
+    from collabslam.runner import RunResult
 
-Array = NDArray[np.float64]
 
 TRUTH, WORN, POINTS = "#1b1b1b", "#f2b134", "#8a94a0"
 COLOURS = {"mono": "#d1495b", "mono-undelayed": "#b5651d", "collab-init": "#6a8d3a", "collab": "#1d6fa5",

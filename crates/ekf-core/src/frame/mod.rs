@@ -90,6 +90,8 @@ pub enum Outcome {
     RejectedGate,
     /// Rejected by the batch test.
     RejectedBatch,
+    /// Contradicted by the other accepted matches.
+    RejectedConditional,
     /// A new feature with this id.
     Born(u64),
     /// Not used in this mode.
@@ -345,22 +347,19 @@ impl Filter {
         for last in [false, false, true] {
             self.collect_units(z, form, newborn, report, scratch);
             self.batch.build(&self.state);
-            self.gate(&mut scratch.gone);
-            let mut again = scratch.note(Outcome::RejectedGate, report);
-            scratch.leave_out();
-            self.batch.leave_out(&scratch.gone);
-            self.batch.factor()?;
-            self.batch_test(report, &mut scratch.gone);
-            again |= scratch.note(Outcome::RejectedBatch, report);
-            if again && !last {
-                continue;
-            }
-            if !scratch.gone.is_empty() {
+            let mut again = false;
+            for test in [Self::gated, Self::batch_test, Self::contradicted] {
+                let outcome = test(self, report, &mut scratch.gone);
+                again |= scratch.note(outcome, report);
                 scratch.leave_out();
                 self.batch.leave_out(&scratch.gone);
-                self.batch.factor()?;
+                if outcome == Outcome::RejectedGate || !scratch.gone.is_empty() {
+                    self.batch.factor()?;
+                }
             }
-            break;
+            if last || !again {
+                break;
+            }
         }
         report.nis = self.batch.nis();
         report.dof = self.batch.rows();
@@ -393,11 +392,11 @@ impl Filter {
         Ok(())
     }
 
-    /// Units that fail by themselves.
-    fn gate(&mut self, gone: &mut Vec<usize>) {
+    /// Matches that fail their own gate.
+    fn gated(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
         gone.clear();
         if self.settings.validate.test == BatchTestKind::None {
-            return;
+            return Outcome::RejectedGate;
         }
         let level = self.settings.validate.gate_level;
         validate::individual_gate(
@@ -409,10 +408,11 @@ impl Filter {
             &mut self.test,
         );
         gone.extend_from_slice(self.test.rejected());
+        Outcome::RejectedGate
     }
 
-    /// Units that fail together.
-    fn batch_test(&mut self, report: &mut UpdateReport, gone: &mut Vec<usize>) {
+    /// Matches that the batch test leaves out.
+    fn batch_test(&mut self, report: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
         gone.clear();
         let options = &self.settings.validate;
         let test = match options.test {
@@ -441,12 +441,33 @@ impl Filter {
             units: validate::Units::new(self.batch.offsets()),
         };
         if batch.units.is_empty() {
-            return;
+            return Outcome::RejectedBatch;
         }
         let verdict = test.run(&batch, &mut self.test);
         report.order = verdict.order;
         report.exact = verdict.exact;
         gone.extend_from_slice(self.test.rejected());
+        Outcome::RejectedBatch
+    }
+
+    /// Matches that the other accepted ones contradict.
+    fn contradicted(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
+        gone.clear();
+        let options = &self.settings.validate;
+        if options.test == BatchTestKind::None || options.conditional_level >= 1.0 {
+            return Outcome::RejectedConditional;
+        }
+        validate::conditional_gate(
+            self.batch.l(),
+            self.batch.rows(),
+            self.batch.g(),
+            validate::Units::new(self.batch.offsets()),
+            options.conditional_level,
+            options.max_share,
+            &mut self.test,
+        );
+        gone.extend_from_slice(self.test.rejected());
+        Outcome::RejectedConditional
     }
 
     fn finish(&mut self, z: &Measurements, report: &mut UpdateReport) {

@@ -108,10 +108,10 @@ impl Default for HohctSettings {
 pub(super) struct Scratch {
     inverse: Vec<f64>,
     /// Whitened `A`, both triangles, `m x m`.
-    a: Vec<f64>,
+    pub(super) a: Vec<f64>,
     /// Whitened `z`.
-    z: Vec<f64>,
-    greedy: Greedy,
+    pub(super) z: Vec<f64>,
+    pub(super) greedy: Greedy,
     levels: Vec<Level>,
     pigeonhole: Pigeonhole,
     sums: Sums,
@@ -146,7 +146,8 @@ pub fn hohct(
     }
     let max_order = ((settings.max_share * n as f64) as usize).min(n - 1);
     let scratch = &mut ws.hohct;
-    scratch.prepare(l, ld, &ws.whitened, units);
+    scratch.prepare_z(l, ld, &ws.whitened, units);
+    scratch.prepare_a(units);
     let greedy_passes =
         scratch.leave_out_greedily(units, d2, max_order, settings.level, &mut ws.quantiles);
     let mut search = Search::new(
@@ -182,14 +183,13 @@ pub fn hohct(
 }
 
 impl Scratch {
-    /// Whitened `A` and `z`.
+    /// Whitened `z`, from `y = L^-1 g`.
     ///
     /// With `A = L^-T L^-1`, scaling the columns of `L^-1` by `K_i^-1`, `A_ii = K_i^T K_i` with `K_i` lower
     /// triangular, keeps them lower triangular: the whitened `A` is `B^T B`, the whitened `z` is `B^T (L^-1 g)`.
-    fn prepare(&mut self, l: &[f64], ld: usize, y: &[f64], units: Units) {
+    pub(super) fn prepare_z(&mut self, l: &[f64], ld: usize, y: &[f64], units: Units) {
         let (m, n) = (y.len(), units.len());
         self.inverse.resize(m * m, 0.0);
-        self.a.resize(m * m, 0.0);
         invert_lower_triangular(
             MatMut::from_column_major_slice_mut(&mut self.inverse[..m * m], m, m),
             MatRef::from_column_major_slice_with_stride(l, m, m, ld),
@@ -203,6 +203,12 @@ impl Scratch {
                 self.z.push(dot(column, &y[row..]));
             }
         }
+    }
+
+    /// Whitened `A`, after [`Self::prepare_z`].
+    pub(super) fn prepare_a(&mut self, units: Units) {
+        let m = units.rows();
+        self.a.resize(m * m, 0.0);
         let b = MatRef::from_column_major_slice(&self.inverse[..m * m], m, m);
         matmul(
             MatMut::from_column_major_slice_mut(&mut self.a[..m * m], m, m),

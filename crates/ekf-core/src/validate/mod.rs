@@ -7,7 +7,8 @@
 //! - [`hohct`]: highest-order hypothesis compatibility, the fewest matches left out so that the rest is jointly compatible;
 //! - [`jcbb`]: joint compatibility branch and bound, the most matches that are jointly compatible;
 //! - [`one_point`]: 1-point RANSAC, made exhaustive;
-//! - [`individual_gate`]: each match by itself.
+//! - [`individual_gate`]: each match by itself;
+//! - [`conditional_gate`]: each match given all the others.
 //!
 //! Matrices are column-major slices with leading dimension `ld`, of which only the lower triangle is read.
 //! Buffers live in the workspace and only grow: a warm call allocates nothing. Every search is bounded by a number of
@@ -15,6 +16,7 @@
 //!
 //! Slices that do not fit each other are a fault of the caller and panic; numbers are the caller's to check.
 
+mod conditional;
 mod hohct;
 mod jcbb;
 mod one_point;
@@ -23,6 +25,7 @@ use nalgebra::Matrix3;
 
 use crate::chi2;
 
+pub use conditional::conditional_gate;
 pub use hohct::{HohctSettings, hohct};
 pub use jcbb::{JcbbSettings, jcbb};
 pub use one_point::{OnePointSettings, one_point};

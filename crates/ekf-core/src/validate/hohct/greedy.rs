@@ -5,20 +5,20 @@ use crate::validate::{MAX_ROWS, Units, block_distance};
 
 /// The greedy set, by pivoted Cholesky of the whitened `A`: `O(m)` per row taken and row taken before.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Greedy {
-    pub(super) units: Vec<usize>,
-    pub(super) reduction: f64,
-    pub(super) taken: Vec<bool>,
+pub(in crate::validate) struct Greedy {
+    pub(in crate::validate) units: Vec<usize>,
+    pub(in crate::validate) reduction: f64,
+    pub(in crate::validate) taken: Vec<bool>,
     /// `z` given that the units so far are out.
-    pub(super) z: Vec<f64>,
+    pub(in crate::validate) z: Vec<f64>,
     /// Diagonal blocks of `A` likewise, `3 x 3` each.
-    pub(super) blocks: Vec<[[f64; MAX_ROWS]; MAX_ROWS]>,
+    pub(in crate::validate) blocks: Vec<[[f64; MAX_ROWS]; MAX_ROWS]>,
     /// Columns of the factor, `m` each.
-    pub(super) columns: Vec<f64>,
+    pub(in crate::validate) columns: Vec<f64>,
 }
 
 impl Greedy {
-    pub(super) fn start(&mut self, z: &[f64], units: Units) {
+    pub(in crate::validate) fn start(&mut self, z: &[f64], units: Units) {
         let mut identity = [[0.0; MAX_ROWS]; MAX_ROWS];
         for (k, row) in identity.iter_mut().enumerate() {
             row[k] = 1.0;
@@ -35,7 +35,7 @@ impl Greedy {
     }
 
     /// The unit whose removal leaves the largest tail probability.
-    pub(super) fn choose(&self, units: Units, d2: f64, dof: usize) -> usize {
+    pub(in crate::validate) fn choose(&self, units: Units, d2: f64, dof: usize) -> usize {
         let mut best = [(f64::NEG_INFINITY, usize::MAX); MAX_ROWS];
         for unit in 0..units.len() {
             if !self.taken[unit] {
@@ -63,7 +63,7 @@ impl Greedy {
         choice.1
     }
 
-    pub(super) fn remove(&mut self, a: &[f64], units: Units, unit: usize) {
+    pub(in crate::validate) fn remove(&mut self, a: &[f64], units: Units, unit: usize) {
         let m = self.z.len();
         self.taken[unit] = true;
         self.units.push(unit);

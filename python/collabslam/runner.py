@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -14,11 +14,13 @@ import numpy as np
 from collabslam.errors import SettingsError
 from collabslam.evaluation.record import Landmarks, RunRecord, Step, status_name
 from collabslam.evaluation.scoring import AlignedTruth, align_truth, score
+from collabslam.extras import drawing
+from collabslam.formats.trajectory import ARBITRARY, METRES
 from collabslam.modes import STARTS
 from collabslam.progress import Progress
 from collabslam.results import PICTURE, ResultWriter
 from collabslam.settings import Settings
-from collabslam.types import Image, Recording, WornView
+from collabslam.types import Frame, Image, Recording, WornView
 from collabslam.version import version
 
 MODE_KEY = "filter.estimator.mode"
@@ -33,6 +35,9 @@ class SlamLike(Protocol):
 
     def step(self, t: float, image: Image, worn: WornView | None = None) -> Step: ...
     def landmarks(self) -> Landmarks: ...
+
+
+Watch = Callable[[Frame, Any, Any], None]
 
 
 @dataclass(frozen=True)
@@ -56,23 +61,21 @@ class RunResult:
     landmarks: Landmarks
 
 
-def run(recording: Recording, **options: Any) -> Summary:
-    """Run a recording and return its summary; the options are those of `execute`."""
-    return execute(recording, **options).summary
-
-
-def execute(
-    recording: Recording,
+def run(
+    source: Recording | str | Path,
     *,
+    worn: str | None = None,
+    available: float = 1.0,
     mode: str | None = None,
-    start: str = "worn",
+    start: str | None = None,
     settings: Settings | None = None,
-    out: Path | None = None,
+    out: str | Path | None = None,
     seed: int = 0,
     max_frames: int | None = None,
-    progress: bool = True,
+    progress: bool = False,
     options: Mapping[str, Any] | None = None,
     slam: SlamLike | None = None,
+    watch: Watch | None = None,
 ) -> RunResult:
     """Run a recording through the filter and score it.
 
@@ -80,17 +83,22 @@ def execute(
 
     Parameters
     ----------
-    recording : Recording
+    source : Recording, str or Path
+        A recording, or where one lies; see `collabslam.open_recording`.
+    worn : str, optional
+        Where the worn camera's views come from, and ``available``, the share of time that it is there: see
+        `collabslam.attach_worn`, which knows more options.  What the recording holds if left out.
     mode : str, optional
-        One of `collabslam.modes.MODES`; the settings' ``filter.estimator.mode`` if left out.
-    start : str
-        One of `collabslam.modes.STARTS`.
+        One of `collabslam.modes.MODES`; the settings' ``filter.estimator.mode`` if left out, or ``mono`` if
+        there is no worn camera.
+    start : str, optional
+        One of `collabslam.modes.STARTS`; the first of them that the recording allows if left out.
     settings : Settings, optional
         The defaults if left out.
-    out : Path, optional
+    out : str or Path, optional
         Result folder; nothing is written if left out.
     seed : int
-        The seed the recording was made with (of the worn camera's noise), for the summary.
+        Of the worn camera's noise.
     max_frames : int, optional
         Stop after so many frames.
     progress : bool
@@ -99,24 +107,29 @@ def execute(
         Further facts for the summary, such as how the worn camera was emulated.
     slam : SlamLike, optional
         An engine of one's own in place of `collabslam.engine.Slam`.
+    watch : callable, optional
+        Is given each frame, the engine's answer and the engine, as `viz.rerun_log.RerunLog.frame` is.
 
     Raises
     ------
     DataError
-        If the recording breaks off, or ``out`` cannot be used.
+        If the recording cannot be read or breaks off, or ``out`` cannot be used.
     SettingsError
         If an option is not allowed.
     """
-    frames = _frame_count(len(recording), max_frames)
-    settings = settings or Settings.default()
-    if mode is None:
-        mode = str(settings[MODE_KEY])
+    recording = _recording(source, worn, available, seed)
+    settings, out = settings or Settings.default(), None if out is None else Path(out)
+    mode = mode or default_mode(recording, settings)
+    start = start or default_start(recording)
     settings = settings.replace({MODE_KEY: mode})
+    frames = _frame_count(len(recording), max_frames)
     engine = slam or make_engine(recording, mode=mode, start=start, settings=settings)
     record, interrupted = RunRecord(), False
+    unit = ARBITRARY if start == "scale-free" else METRES
     title = f"as used by {recording.name}, mode {mode}"
     with contextlib.ExitStack() as stack:
-        writer = stack.enter_context(ResultWriter(out, settings.dump(title=title))) if out else None
+        config = settings.dump(title=title)
+        writer = stack.enter_context(ResultWriter(out, config, unit)) if out else None
         bar = stack.enter_context(Progress(frames, f"{recording.name} {mode}", enabled=progress))
         try:
             for i in range(frames):
@@ -126,6 +139,8 @@ def execute(
                 record.append(step, worn=frame.worn is not None, seconds=time.perf_counter() - began)
                 if writer:
                     writer.frame(record)
+                if watch is not None:
+                    watch(frame, step, engine)
                 bar.update(_note(step))
         except KeyboardInterrupt:
             interrupted = True
@@ -135,6 +150,7 @@ def execute(
             **_timing(record),
             "mode": mode,
             "start": start,
+            "unit": unit,
             "recording": recording.name,
             "source": recording.source,
             "seed": seed,
@@ -148,11 +164,33 @@ def execute(
         if writer:
             writer.finish(record, landmarks, None if truth is None else truth.poses, summary)
     result = RunResult(summary, record, truth, landmarks)
-    if out:
+    if out and drawing():
         from collabslam.viz.plot import plot_run
 
         plot_run(result, out / PICTURE)
     return result
+
+
+def default_mode(recording: Recording, settings: Settings) -> str:
+    """The mode that the settings name, or ``mono`` if it needs a worn camera and there is none."""
+    mode = str(settings[MODE_KEY])
+    return "mono" if recording.worn_camera is None and mode.startswith("collab") else mode
+
+
+def default_start(recording: Recording) -> str:
+    """The first way to start that the recording allows."""
+    if recording.worn_camera is not None:
+        return "worn"
+    return "scale-free" if recording.target is None else "target"
+
+
+def _recording(source: Recording | str | Path, worn: str | None, available: float, seed: int) -> Recording:
+    if not isinstance(source, str | Path) and worn is None:
+        return source
+    from collabslam.datasets import attach_worn, open_recording
+
+    recording = open_recording(source) if isinstance(source, str | Path) else source
+    return recording if worn is None else attach_worn(recording, worn, available=available, seed=seed)
 
 
 def make_engine(recording: Recording, *, mode: str, start: str, settings: Settings) -> SlamLike:

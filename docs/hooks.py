@@ -1,0 +1,54 @@
+"""Pages of the documentation that are made from their owners: commands, settings, the measured table."""
+
+from __future__ import annotations
+
+import io
+import os
+from contextlib import redirect_stdout, suppress
+from pathlib import Path
+
+from mkdocs.structure.files import File
+
+ROOT = Path(__file__).parents[1]
+
+
+def on_files(files, config):
+    """Add the generated pages."""
+    from collabslam.settings import markdown
+
+    pages = {"settings.md": markdown(), "commands.md": commands(), "numbers.md": numbers()}
+    for name, text in pages.items():
+        files.append(File.generated(config, name, content=text))
+    return files
+
+
+def commands() -> str:
+    """The help of every command."""
+    from collabslam import cli
+    from collabslam.commands import COMMANDS
+
+    os.environ["COLUMNS"] = "100"
+    lines = [
+        "# Commands",
+        "",
+        "Exit status: 0 fine, 1 finished but lost the camera, 2 bad input, 130 interrupted.",
+    ]
+    for name, text in COMMANDS.items():
+        shown = io.StringIO()
+        with redirect_stdout(shown), suppress(SystemExit):
+            cli.main([name, "--help"])
+        lines += ["", f"## `collabslam {name}`", "", text[0].upper() + text[1:] + ".", "", "```text"]
+        lines += [shown.getvalue().rstrip(), "```"]
+    return "\n".join(lines) + "\n"
+
+
+def numbers() -> str:
+    """What the README says was measured."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    measured = text.split("\n## Measured\n", 1)[1].split("\n## ", 1)[0]
+    speed = (
+        "\n## Speed\n\n`cargo bench -p collabslam-benches` times the filter alone, by number of features; "
+        "the table's column *ms a frame* is the whole frame loop, images included. Compare times within one "
+        "run of one machine only.\n"
+    )
+    return "# Accuracy and speed\n" + measured + speed

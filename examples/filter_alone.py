@@ -1,0 +1,50 @@
+"""The filter without images: a simulated camera that moves sideways before a cloud of points.
+
+Shows what the whole covariance P holds: the pose, the landmarks, and how they go together.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from collabslam import Camera, Filter
+
+FRAMES, SPEED, PIXEL = 40, 0.02, 0.7
+
+
+def main() -> None:
+    generator = np.random.default_rng(0)
+    camera = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5))
+    points = generator.uniform((-1.0, -0.8, 2.5), (1.5, 0.8, 5.0), (40, 3))  # in W, metres
+
+    slam = Filter(camera, settings={"pixel.sigma_cs": PIXEL})
+    slam.predict(0.0)
+    uv, _ = camera.project(points)
+    depth = points[:, 2] * (1.0 + 0.03 * generator.standard_normal(len(points)))
+    nobody = np.empty(0, np.int64)
+    new = np.full(len(points), -1)
+    born = slam.update(nobody, nobody, np.empty((0, 2)), depths=(new, uv, depth, 0.03 * depth)).depth_births
+    point_of = dict(zip(born.tolist(), range(len(points)), strict=True))
+
+    for k in range(1, FRAMES):
+        slam.predict(0.1 * k)
+        expected = slam.predict_pixels()
+        seen = points[[point_of[i] for i in expected["ids"].tolist()]] - [SPEED * k, 0.0, 0.0]
+        uv, ok = camera.project(seen)
+        ids = expected["ids"][ok]
+        slam.update(expected["ids"], ids, uv[ok] + PIXEL * generator.standard_normal((len(ids), 2)))
+        slam.manage_map()
+
+    p, blocks = slam.covariance, slam.blocks
+    x, sigma = slam.pose[0, 3], np.sqrt(slam.pose_covariance[0, 0])
+    print(f"x = {x:.3f} m after {SPEED * (FRAMES - 1):.3f} m, standard deviation {sigma:.3f} m")
+    size = f"{len(p)}x{len(p)}"
+    print(f"P is {size}: camera 13, then {len(blocks)} blocks; soundness {slam.soundness():.1e}")
+    (first, _, a, n), (second, _, b, _) = blocks[:2]
+    cross = p[a : a + n, b : b + n]
+    scale = np.sqrt(np.outer(p.diagonal()[a : a + n], p.diagonal()[b : b + n]))
+    print(f"landmarks {first} and {second}: largest correlation {np.abs(cross / scale).max():.2f}")
+
+
+if __name__ == "__main__":
+    main()

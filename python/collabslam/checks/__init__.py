@@ -1,0 +1,1 @@
+"""What can be said of a recording, or of a run, before anybody looks at its pictures."""

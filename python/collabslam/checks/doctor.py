@@ -1,0 +1,193 @@
+"""Why a run went well or badly, in sentences, from its ``frames.csv`` and ``summary.json``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from collabslam.formats.run_folder import RunFolder
+from collabslam.types import Array, Mask
+
+FEW_FEATURES = 20
+FEW_MATCHES = 8
+MANY = 0.3
+"""Share of the searched features that is much to lose for one reason."""
+LARGE_NIS = 1.5
+"""Normalised innovation over its degrees of freedom (1 is expected) that shows a model that does not fit."""
+CONTRADICTS = 1.5
+"""Correction of T_CF by the matches, in standard deviations, from which on the images contradict it."""
+GAP = 3.0
+"""Time between frames, in median ones, that counts as a gap."""
+
+
+def diagnose(run: RunFolder) -> list[str]:
+    """What went wrong in a run, the gravest first, and what to do about it; one sentence each."""
+    frames = Frames(run.frames())
+    if not len(frames):
+        return ["The run has no frames: nothing was estimated."]
+    summary = run.summary()
+    if not frames.started.any():
+        return [*_never_started(frames, summary), *_worn(frames)]
+    found = [*_lost(frames), *_tracking(frames), *_consistency(frames), *_clock(frames), *_worn(frames)]
+    found += _scale(frames, summary)
+    return found or ["Nothing is wrong with this run as far as its diagnostics show."]
+
+
+class Frames:
+    """Columns of ``frames.csv`` as arrays; NaN where a cell is empty or the column is missing."""
+
+    def __init__(self, rows: list[dict[str, str]]) -> None:
+        self._rows = rows
+        self.started: Mask = self["started"] == 1.0
+        self.status = np.array([row.get("status", "") for row in rows])
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __getitem__(self, column: str) -> Array:
+        cells = (row.get(column) or "nan" for row in self._rows)
+        return np.array([float(cell) for cell in cells], np.float64)
+
+    def total(self, column: str) -> float:
+        """Sum of a column."""
+        return float(np.nansum(self[column]))
+
+
+def _never_started(frames: Frames, summary: dict[str, Any]) -> Iterator[str]:
+    start = summary.get("start")
+    if start == "worn" and not frames.total("worn"):
+        yield (
+            "The filter never started: it waits for the worn camera, and no frame has a view of it; give "
+            "--worn, or --start scale-free with --mode mono."
+        )
+    elif start == "worn" and not frames.total("overlap"):
+        yield (
+            "The filter never started: the predicted views of Cs and Cf never overlap; check that T_CF maps "
+            "from Cf to Cs, in metres, and the camera axes (x right, y down, z forward)."
+        )
+    elif start == "worn":
+        yield (
+            f"The filter never started: Cf overlaps in {frames.total('overlap'):.0f} frames, but at most "
+            f"{np.nanmax(frames['cf_matches']):.0f} points match; see the next lines."
+        )
+    else:
+        yield f"The filter never started from '{start}': the first frames show too few points to track."
+
+
+def _lost(frames: Frames) -> Iterator[str]:
+    first = int(np.flatnonzero(frames.started)[0])
+    lost = np.flatnonzero(frames.status == "LOST")
+    coasting = int(np.sum(frames.status[first:] == "COASTING"))
+    if lost.size:
+        k = int(lost[0])
+        before = frames["accepted"][max(first, k - 10) : k]
+        yield (
+            f"The camera is lost from frame {k} on ({frames['t'][k] - frames['t'][0]:.1f} s), after "
+            f"{float(np.nanmean(before)):.0f} accepted matches a frame in the ten frames before."
+        )
+    elif coasting:
+        yield f"In {coasting} of {len(frames) - first} frames fewer than {FEW_MATCHES} matches were accepted."
+
+
+def _tracking(frames: Frames) -> Iterator[str]:
+    searched = frames.total("searched")
+    predicted = frames["predicted"][frames.started]
+    if predicted.size and float(np.nanmedian(predicted)) < FEW_FEATURES:
+        yield (
+            f"The map is thin: {float(np.nanmedian(predicted)):.0f} features are in view in the median; the "
+            "scene lacks texture, or corners are refused (lower frontend.detect.quality)."
+        )
+    if not searched:
+        return
+    if frames.total("rejected_low_score") > MANY * searched:
+        share = frames.total("rejected_low_score") / searched
+        yield (
+            f"{100 * share:.0f} % of the features searched look different from their patches: blur, changing "
+            "exposure, or a calibration that predicts them at the wrong place (try collabslam check-calib)."
+        )
+    if frames.total("rejected_ambiguous") > MANY * searched:
+        share = frames.total("rejected_ambiguous") / searched
+        yield f"{100 * share:.0f} % of the features searched are ambiguous: the texture repeats itself."
+    refused = frames.total("rejected_hohct") + frames.total("rejected_chi2")
+    if refused > 0.5 * MANY * searched:
+        yield (
+            f"{100 * refused / searched:.0f} % of the features searched are found where the filter does not "
+            "allow: things move, the calibration is off, or filter.pixel.sigma_cs is too small."
+        )
+
+
+def _consistency(frames: Frames) -> Iterator[str]:
+    dof = frames.total("nis_dof")
+    ratio = frames.total("nis") / dof if dof else 0.0
+    if ratio > LARGE_NIS:
+        yield (
+            f"The innovations are {ratio:.1f} times as large as the filter expects: its covariance is too "
+            "small here; check the calibration, or raise filter.pixel.sigma_cs."
+        )
+
+
+def _clock(frames: Frames) -> Iterator[str]:
+    steps = np.diff(frames["t"])
+    if not steps.size:
+        return
+    typical = float(np.median(steps))
+    gaps = np.flatnonzero(steps > GAP * typical)
+    if gaps.size:
+        k = int(gaps[np.argmax(steps[gaps])])
+        yield (
+            f"There are {gaps.size} gaps in time, the longest of {steps[k]:.2f} s before frame {k + 1} "
+            f"(frames are {typical:.3f} s apart): the motion in them is a guess."
+        )
+
+
+def _worn(frames: Frames) -> Iterator[str]:
+    views, overlaps = frames.total("worn"), frames.total("overlap")
+    if not views:
+        return
+    if not overlaps and frames.started.any():
+        yield (
+            f"Cf was there in {views:.0f} frames but its view never overlapped with Cs's as predicted; check "
+            "that T_CF maps from Cf to Cs, in metres."
+        )
+        return
+    points, matches = frames.total("cf_points"), frames.total("cf_matches")
+    if points and matches < 0.1 * points:
+        reasons = {
+            "outside the overlap": frames.total("cf_rejected_region"),
+            "no candidate near the epipolar line (T_CF or its clock)": frames.total("cf_rejected_epipolar"),
+            "ambiguous or unlike (another viewpoint, blur)": frames.total("cf_rejected_ratio"),
+            "low correlation": frames.total("cf_rejected_low_score"),
+        }
+        reason = max(reasons, key=lambda r: reasons[r])
+        yield (
+            f"Only {100 * matches / points:.1f} % of the points looked for in Cf match; most fail as: "
+            f"{reason}."
+        )
+    sigmas = frames["t_cf_correction_sigmas"]
+    if np.isfinite(sigmas).any() and float(np.nanmedian(sigmas)) > CONTRADICTS:
+        metres, degrees = (float(np.nanmedian(frames[f"t_cf_correction_{unit}"])) for unit in ("m", "deg"))
+        yield (
+            f"T_CF contradicts the images: they move it by {100 * metres:.1f} cm and {degrees:.1f} degrees "
+            f"in the median, {float(np.nanmedian(sigmas)):.1f} times what its covariance allows; check its "
+            "clock, its frame and its covariance (try collabslam check-calib)."
+        )
+
+
+def _scale(frames: Frames, summary: dict[str, Any]) -> Iterator[str]:
+    scale = summary.get("scale_error")
+    if isinstance(scale, float) and abs(scale) > 0.05:
+        where = (
+            "long after the last overlap"
+            if _since_overlap(frames) > 0.3 * len(frames)
+            else "in spite of overlap"
+        )
+        yield f"The path's scale is off by {100 * scale:+.0f} % against the truth, {where}."
+    if summary.get("start") == "scale-free":
+        yield "The start was scale-free: lengths are in an arbitrary unit."
+
+
+def _since_overlap(frames: Frames) -> int:
+    seen = np.flatnonzero(frames["overlap"] == 1.0)
+    return len(frames) - 1 - int(seen[-1]) if seen.size else len(frames)

@@ -1,0 +1,59 @@
+"""A recording whose images are not files of their own: a bag, a video."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from collabslam._core import Camera
+from collabslam.datasets.base import check_frames, frame_index
+from collabslam.datasets.calibration import check_resolution
+from collabslam.types import Array, Frame, Image, Target, WornView
+
+
+@dataclass(frozen=True)
+class StreamRecording:
+    """A :class:`collabslam.types.Recording` whose images are read by a function.
+
+    Attributes
+    ----------
+    read : callable
+        Image of Cs in a frame, (H, W) uint8; quick if the frames are asked for in order.
+    read_worn : callable
+        Worn view of a frame, or None.
+
+    Raises
+    ------
+    DataError
+        If there are no frames, counts disagree, or stamps do not increase.
+    """
+
+    name: str
+    source: str
+    camera: Camera
+    times: Array
+    read: Callable[[int], Image]
+    worn_camera: Camera | None = None
+    read_worn: Callable[[int], WornView | None] = lambda i: None
+    truth: Array | None = None
+    target: Target | None = None
+
+    def __post_init__(self) -> None:
+        check_frames(self.source, self.times, self.truth)
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def image(self, i: int) -> Image:
+        """The (H, W) uint8 image of Cs in frame ``i``."""
+        image = self.read(frame_index(self, i))
+        check_resolution(self.camera, image, f"{i} of {self.source}")
+        return image
+
+    def frame(self, i: int) -> Frame:
+        """Frame ``i``, with the worn view where there is one."""
+        image = self.image(i)
+        worn = self.read_worn(i)
+        if worn is not None and self.worn_camera is not None:
+            check_resolution(self.worn_camera, worn.image, f"of Cf in frame {i} of {self.source}")
+        return Frame(i, float(self.times[i]), image, worn)

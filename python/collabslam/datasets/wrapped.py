@@ -1,0 +1,36 @@
+"""A recording around another one, for those that change a part of it."""
+
+from __future__ import annotations
+
+from collabslam._core import Camera
+from collabslam.types import Array, Frame, Image, Recording, Target
+
+
+class WrappedRecording:
+    """A :class:`collabslam.types.Recording` that is another one; subclasses change what they differ in.
+
+    Parameters
+    ----------
+    base : Recording
+    """
+
+    def __init__(self, base: Recording) -> None:
+        self._base = base
+        self.name: str = base.name
+        self.source: str = base.source
+        self.camera: Camera = base.camera
+        self.worn_camera: Camera | None = base.worn_camera
+        self.times: Array = base.times
+        self.truth: Array | None = base.truth
+        self.target: Target | None = base.target
+
+    def __len__(self) -> int:
+        return len(self._base)
+
+    def image(self, i: int) -> Image:
+        """The (H, W) uint8 image of Cs in frame ``i``."""
+        return self._base.image(i)
+
+    def frame(self, i: int) -> Frame:
+        """Frame ``i``."""
+        return self._base.frame(i)

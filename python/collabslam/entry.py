@@ -1,0 +1,114 @@
+"""What there is to know of one setting, and whether a value is allowed for it."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from collabslam.errors import SettingsError
+
+Value = bool | int | float | str
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One setting.
+
+    Attributes
+    ----------
+    key : str
+        Dotted key.
+    kind : str
+        ``float``, ``int``, ``bool`` or ``enum``.
+    default : bool, int, float or str
+    low, high : float or None
+        Range, both ends allowed.
+    unit : str
+    choices : tuple of str
+        Of an ``enum``.
+    doc : str
+        Its effect.
+    odd : bool
+        Whether an ``int`` must be odd.
+    """
+
+    key: str
+    kind: str
+    default: Value
+    low: float | None
+    high: float | None
+    unit: str
+    choices: tuple[str, ...]
+    doc: str
+    odd: bool = False
+
+    def allowed(self) -> str:
+        """The range or the choices, in words."""
+        if self.kind == "bool":
+            return "true or false"
+        if self.choices:
+            return " | ".join(self.choices)
+        odd = ", odd" if self.odd else ""
+        if self.low is not None and self.high is not None:
+            return f"{self.low:g} to {self.high:g}{odd}"
+        if self.low is not None:
+            return f"{self.low:g} or more{odd}"
+        return f"{self.high:g} or less{odd}" if self.high is not None else f"any number{odd}"
+
+    def checked(self, value: Any) -> Value:
+        """``value`` as this setting's type.
+
+        Raises
+        ------
+        SettingsError
+            If the type is wrong or the value is not allowed.
+        """
+        if self.kind == "bool" and isinstance(value, bool):
+            return value
+        if self.kind == "enum" and isinstance(value, str) and value in self.choices:
+            return value
+        number = _number(value)
+        if self.kind in ("int", "float") and number is not None and self._in_range(number):
+            if self.kind == "float":
+                return number
+            if number.is_integer() and not (self.odd and number % 2 == 0):
+                return int(number)
+        unit = f" {self.unit}" if self.unit and self.kind in ("int", "float") else ""
+        wanted = {"int": "a whole number, ", "float": "a number, ", "enum": "one of "}.get(self.kind, "")
+        raise SettingsError(f"'{self.key}' is {shown(value)}; it must be {wanted}{self.allowed()}{unit}.")
+
+    def _in_range(self, x: float) -> bool:
+        low, high = self.low, self.high
+        return math.isfinite(x) and (low is None or x >= low) and (high is None or x <= high)
+
+
+def find(known: Mapping[str, Entry], key: str) -> Entry:
+    """The entry of a key; SettingsError with the nearest name if there is none."""
+    if key in known:
+        return known[key]
+    near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.5)
+    if not near:  # the section, or the groups, may have been left out
+        last = str(key).rsplit(".", 1)[-1]
+        near = [k for k in known if k.rsplit(".", 1)[-1] == last][:1]
+    hint = f"did you mean '{near[0]}'?" if near else "'collabslam settings show' lists them all."
+    raise SettingsError(f"There is no setting '{key}'; {hint}")
+
+
+def shown(value: Any) -> str:
+    """A value as a message quotes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"'{value}'" if isinstance(value, str) else repr(value)
+
+
+def _number(value: Any) -> float | None:
+    """A number, also one like 1e-5, which YAML 1.1 takes for a text; None if it is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return None
+    try:
+        return float(value)
+    except ValueError:
+        return None

@@ -1,0 +1,59 @@
+"""What became of each feature in one frame, for those who want to look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from collabslam._core import UpdateReport
+from collabslam.frontend.search import AMBIGUOUS, FOUND, LOW_SCORE
+from collabslam.tracks import Found
+from collabslam.types import Array, Ids
+
+STATES = ("accepted", "rejected", "unlike", "ambiguous", "outside", "not searched")
+"""Used by the filter; found but refused; patch not found; found twice; outside the image; not looked for."""
+
+
+@dataclass(frozen=True)
+class FrameFeatures:
+    """The features that should be visible in a frame.
+
+    Attributes
+    ----------
+    ids : (N,) int64
+    predicted : (N, 2) float64
+        Pixels where they are expected.
+    s : (N, 2, 2) float64
+        Innovation covariance of those, px^2.
+    found : (N, 2) float64
+        Pixels where they were found; NaN elsewhere.
+    states : (N,) of str
+        One of `STATES` each.
+    """
+
+    ids: Ids
+    predicted: Array
+    s: Array
+    found: Array
+    states: list[str]
+
+
+def frame_features(expected: dict[str, Any], found: Found, report: UpdateReport) -> FrameFeatures:
+    """Puts prediction, search and update of a frame together."""
+    codes = {FOUND: "rejected", LOW_SCORE: "unlike", AMBIGUOUS: "ambiguous"}
+    states = {i: codes.get(c, "outside") for i, c in zip(found.searched, found.result.code, strict=True)}
+    for i, outcome in zip(found.ids, report.bearings, strict=True):
+        if outcome in ("pixel", "replaced"):
+            states[i] = "accepted"
+    ids = expected["ids"]
+    place = dict(zip(found.ids, found.uv, strict=True))
+    nowhere = np.full(2, np.nan)
+    return FrameFeatures(
+        ids,
+        expected["uv"],
+        expected["s"],
+        np.array([place.get(i, nowhere) for i in ids], dtype=np.float64).reshape(-1, 2),
+        [states.get(i, "not searched") for i in ids],
+    )

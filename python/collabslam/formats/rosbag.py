@@ -1,0 +1,86 @@
+"""A trajectory as a ROS 2 bag with ``nav_msgs/Odometry``; needs the extra ``ros``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from collabslam.errors import DataError
+from collabslam.extras import needs
+from collabslam.formats.trajectory import position_quaternion
+from collabslam.geometry import tangent_to_fixed
+from collabslam.types import Array
+
+TOPIC = "/collabslam/odometry"
+WORLD, CAMERA = "collabslam_world", "collabslam_camera_optical"
+STORAGES = ("sqlite3", "mcap")
+_NANOSECONDS = 10**9
+
+
+def write_odometry(
+    path: Path, times: Array, poses: Array, covariances: Array, *, storage: str = "sqlite3"
+) -> None:
+    """Write poses with covariance as a bag.
+
+    The covariance is ROS's: over (x, y, z, rotation about X, Y, Z), all along the fixed axes of W.  The
+    twist is not estimated: it is zero, and the first number of its covariance is -1.
+
+    Parameters
+    ----------
+    path : Path
+        New folder.
+    times : (N,) array
+        Seconds; the messages carry them as their stamps.
+    poses : (N, 4, 4) array
+        ``T_WC``: W and C keep their optical axes (x right, y down, z forward at the start).
+    covariances : (N, 6, 6) array
+        Over (translation, rotation), tangent on the right.
+    storage : str
+        One of `STORAGES`.
+
+    Raises
+    ------
+    DataError
+        If the folder exists, or the extra ``ros`` is not installed.
+    """
+    with needs("ros"):
+        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags.typesys import Stores, get_typestore
+    if path.exists():
+        raise DataError(f"The folder {path} exists already; give another one for the bag.")
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
+    kind = "nav_msgs/msg/Odometry"
+    with Writer(path, version=Writer.VERSION_LATEST, storage_plugin=plugin) as bag:
+        connection = bag.add_connection(TOPIC, kind, typestore=store)
+        for t, t_wc, covariance in zip(times, poses, covariances, strict=True):
+            message = _message(store.types, round(float(t) * _NANOSECONDS), t_wc, covariance)
+            bag.write(connection, round(float(t) * _NANOSECONDS), store.serialize_cdr(message, kind))
+
+
+def _message(types: Any, stamp: int, t_wc: Array, covariance: Array) -> Any:
+    def make(name: str, *values: Any) -> Any:
+        return types[name](*values)
+
+    x, y, z, qx, qy, qz, qw = position_quaternion(t_wc)
+    zero = make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
+    twist = make("geometry_msgs/msg/Twist", zero, zero)
+    unknown = np.zeros(36)
+    unknown[0] = -1.0
+    return make(
+        "nav_msgs/msg/Odometry",
+        make("std_msgs/msg/Header", make("builtin_interfaces/msg/Time", *divmod(stamp, _NANOSECONDS)), WORLD),
+        CAMERA,
+        make(
+            "geometry_msgs/msg/PoseWithCovariance",
+            make(
+                "geometry_msgs/msg/Pose",
+                make("geometry_msgs/msg/Point", x, y, z),
+                make("geometry_msgs/msg/Quaternion", qx, qy, qz, qw),
+            ),
+            tangent_to_fixed(t_wc, covariance).ravel(),
+        ),
+        make("geometry_msgs/msg/TwistWithCovariance", twist, unknown),
+    )

@@ -1,0 +1,66 @@
+"""A result folder read back."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from collabslam.datasets.poses import read_track
+from collabslam.errors import DataError
+from collabslam.formats.landmarks import MapPoints, read_ply
+from collabslam.formats.trajectory import read_covariances
+from collabslam.results import COVARIANCE, FRAMES, MAP, SUMMARY, TRAJECTORY, is_result_folder
+from collabslam.types import Array
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Where a run has left its results.
+
+    Raises
+    ------
+    DataError
+        If it is no result folder; the methods, if a file of it is missing or broken.
+    """
+
+    path: Path
+
+    def __post_init__(self) -> None:
+        if not is_result_folder(self.path):
+            raise DataError(
+                f"{self.path} is no result folder of collabslam; give what a run wrote (see --out)."
+            )
+
+    def trajectory(self) -> tuple[Array, Array, Array]:
+        """Times (N,), poses ``T_WC`` (N, 4, 4) and covariances (N, 6, 6) of the valid frames."""
+        times, poses = read_track(self.path / TRAJECTORY)
+        _, covariances = read_covariances(self.path / COVARIANCE)
+        if len(covariances) != len(poses):
+            raise DataError(
+                f"{self.path / COVARIANCE} has {len(covariances)} rows for {len(poses)} poses; run the "
+                "recording again."
+            )
+        return times, poses, covariances
+
+    def landmarks(self) -> MapPoints:
+        """The map at the end."""
+        return read_ply(self.path / MAP)
+
+    def frames(self) -> list[dict[str, str]]:
+        """Rows of ``frames.csv`` by column."""
+        try:
+            with (self.path / FRAMES).open(newline="", encoding="utf-8") as lines:
+                return list(csv.DictReader(lines))
+        except OSError as error:
+            raise DataError(f"{self.path / FRAMES} cannot be read; run the recording again.") from error
+
+    def summary(self) -> dict[str, Any]:
+        """``summary.json``."""
+        try:
+            summary: dict[str, Any] = json.loads((self.path / SUMMARY).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise DataError(f"{self.path / SUMMARY} cannot be read; run the recording again.") from error
+        return summary

@@ -1,0 +1,228 @@
+"""A run as a Rerun recording: pictures with features, both cameras, the map, the path, and curves over time.
+
+Needs the extra ``viz``.  A ``.rrd`` file is for looking at with the same version of Rerun, not for keeping:
+the result folder is the archive.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol
+
+import numpy as np
+
+from collabslam._core import Camera
+from collabslam.errors import DataError
+from collabslam.extras import needs
+from collabslam.features import FrameFeatures
+from collabslam.types import Array, Frame, Recording
+
+SIGMAS = 3.0
+COLOURS = {
+    "accepted": (60, 200, 90),
+    "rejected": (230, 60, 60),
+    "unlike": (240, 150, 40),
+    "ambiguous": (200, 90, 220),
+    "outside": (130, 130, 130),
+    "not searched": (130, 130, 130),
+}
+CS, CF, TRUTH = (29, 111, 165), (242, 177, 50), (40, 40, 40)
+STATUS = {"OK": 2.0, "COASTING": 1.0, "LOST": 0.0}
+CURVES = ("accepted", "predicted", "map_size", "cf_matches", "ms_total", "nis")
+FLUSH_SECONDS = 10.0
+_EVERY = 5
+_CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 25)), np.sin(np.linspace(0, 2 * np.pi, 25))])
+
+
+class Viewed(Protocol):
+    """What is looked at besides the steps: the engine's filter and its map."""
+
+    filter: Any
+
+    def landmarks(self) -> Any: ...
+
+
+class RerunLog:
+    """Logs frames to a viewer, a file, or both; use it as a context manager.
+
+    Parameters
+    ----------
+    recording : Recording
+    view : bool
+        Open the viewer.
+    save : Path, optional
+        Write an ``.rrd`` file.
+
+    Raises
+    ------
+    DataError
+        If the extra ``viz`` is not installed, or there is no display for the viewer.
+    """
+
+    def __init__(self, recording: Recording, *, view: bool = False, save: Path | None = None) -> None:
+        with needs("viz"):
+            import rerun as rr
+        if view and sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
+            raise DataError("There is no display for the viewer; write a file with --save FILE.rrd instead.")
+        self._rr: Any = rr
+        self._camera, self._worn_camera = recording.camera, recording.worn_camera
+        self._truth = recording.truth
+        self._track: list[Array] = []
+        self._true: list[Array] = []
+        self._start: Array | None = None
+        self._log: Any = rr.RecordingStream("collabslam", recording_id=recording.name)
+        sinks: list[Any] = [rr.FileSink(str(save))] if save is not None else []
+        if view:
+            rr.spawn(connect=False, recording=self._log)
+            sinks.append(rr.GrpcSink())
+        if save is not None:
+            save.parent.mkdir(parents=True, exist_ok=True)
+        self._log.set_sinks(*sinks)
+        self._put("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
+
+    def __enter__(self) -> RerunLog:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self._log.flush(timeout_sec=FLUSH_SECONDS)
+        except RuntimeError as unreached:
+            print(
+                f"The Rerun viewer was not reached ({unreached}); --save writes a file instead.",
+                file=sys.stderr,
+            )
+        self._log.disconnect()
+
+    def frame(self, frame: Frame, step: Any, engine: Viewed) -> None:
+        """Log one frame and the engine's answer to it."""
+        rr = self._rr
+        self._log.set_time("frame", sequence=frame.index)
+        self._log.set_time("time", duration=frame.t)
+        self._curves(step)
+        self._picture("world/cs/image", frame.image, self._camera)
+        features: FrameFeatures = step.features
+        self._features(features)
+        if not step.started:
+            return
+        pose = step.pose
+        self._put("world/cs", rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]))
+        self._path(frame.index, step)
+        self._worn(frame, step, engine)
+        if frame.index % _EVERY == 0:
+            self._map(engine.landmarks())
+
+    def _put(self, path: str, *what: Any, static: bool = False) -> None:
+        self._log.log(path, *what, static=static)
+
+    def _curves(self, step: Any) -> None:
+        rr = self._rr
+        self._put("curves/status", rr.Scalars(STATUS[str(getattr(step.status, "value", step.status))]))
+        for key in CURVES:
+            value = step.diagnostics.get(key)
+            if value is not None and np.isfinite(value):
+                self._put(f"curves/{key}", rr.Scalars(float(value)))
+        sigma = np.sqrt(np.maximum(step.covariance[:3, :3].trace(), 0.0))
+        self._put("curves/position_sigma_m", rr.Scalars(float(sigma)))
+
+    def _picture(self, path: str, image: Any, camera: Camera) -> None:
+        rr = self._rr
+        fx, fy, cx, cy = camera.intrinsics
+        lens = rr.Pinhole(
+            image_from_camera=[[fx, 0, cx], [0, fy, cy], [0, 0, 1]],
+            resolution=[camera.width, camera.height],
+            camera_xyz=rr.ViewCoordinates.RDF,
+            image_plane_distance=0.4,
+        )
+        self._put(path, lens, rr.Image(image).compress(jpeg_quality=80))
+
+    def _features(self, features: FrameFeatures) -> None:
+        rr = self._rr
+        colours = [COLOURS[state] for state in features.states]
+        rings = [
+            (uv[:, None] + SIGMAS * _root(s) @ _CIRCLE).T
+            for uv, s in zip(features.predicted, features.s, strict=True)
+        ]
+        self._put("world/cs/image/ellipses", rr.LineStrips2D(rings, colors=colours))
+        seen = np.asarray(np.isfinite(features.found).all(axis=1))
+        points = rr.Points2D(
+            features.found[seen],
+            colors=[c for c, ok in zip(colours, seen, strict=True) if ok],
+            radii=3.0,
+            labels=[s for s, ok in zip(features.states, seen, strict=True) if ok],
+            show_labels=False,
+        )
+        self._put("world/cs/image/features", points)
+
+    def _path(self, index: int, step: Any) -> None:
+        rr = self._rr
+        if step.valid:
+            self._track.append(step.pose[:3, 3])
+            turned = step.pose[:3, :3] @ step.covariance[:3, :3] @ step.pose[:3, :3].T
+            self._put("world/path", rr.LineStrips3D([np.array(self._track)], colors=[CS]))
+            self._ellipsoids("world/path_covariance", step.pose[None, :3, 3], turned[None], [CS])
+        if self._truth is None or not np.isfinite(self._truth[index]).all():
+            return
+        if self._start is None:  # the truth's world becomes W where the estimate starts
+            self._start = step.pose @ np.linalg.inv(self._truth[index])
+        self._true.append((self._start @ self._truth[index])[:3, 3])
+        self._put("world/truth", rr.LineStrips3D([np.array(self._true)], colors=[TRUTH]))
+
+    def _worn(self, frame: Frame, step: Any, engine: Viewed) -> None:
+        rr = self._rr
+        if frame.worn is None or self._worn_camera is None:
+            self._put("world/cf", rr.Clear(recursive=True))
+            self._put("world/overlap", rr.Clear(recursive=True))
+            return
+        pose = step.pose @ frame.worn.t_cf
+        self._put("world/cf", rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]))
+        self._picture("world/cf/image", frame.worn.image, self._worn_camera)
+        overlap = engine.filter.predict_overlap(frame.worn.t_cf, frame.worn.covariance)
+        if overlap is None:
+            self._put("world/overlap", rr.Clear(recursive=True))
+            return
+        for name, camera, t, colour, roi in (
+            ("cs", self._camera, step.pose, CS, overlap["roi_s"]),
+            ("cf", self._worn_camera, pose, CF, overlap["roi_f"]),
+        ):
+            edges = _pyramid(camera, t, float(overlap["d_max"]))
+            self._put(f"world/overlap/{name}", rr.LineStrips3D(edges, colors=[colour]))
+            u0, v0, u1, v1 = roi
+            box = rr.Boxes2D(mins=[[u0, v0]], sizes=[[u1 - u0, v1 - v0]], colors=[colour])
+            self._put(f"world/{name}/image/overlap", box)
+
+    def _map(self, landmarks: Any) -> None:
+        self._ellipsoids("world/map", landmarks.points, landmarks.covariance, [(140, 150, 160)])
+
+    def _ellipsoids(self, path: str, centres: Array, covariances: Array, colours: Any) -> None:
+        rr = self._rr
+        if not len(centres):
+            return
+        variances, directions = np.linalg.eigh(covariances)
+        directions[np.linalg.det(directions) < 0.0, :, 0] *= -1.0
+        from collabslam.geometry import quaternion_wxyz
+
+        turns = [np.roll(quaternion_wxyz(d), -1) for d in directions]  # x y z w
+        sizes = np.clip(SIGMAS * np.sqrt(np.maximum(variances, 0.0)), 0.005, 2.0)
+        shapes = rr.Ellipsoids3D(
+            centers=centres, half_sizes=sizes, quaternions=turns, colors=colours, fill_mode="densewireframe"
+        )
+        self._put(path, shapes)
+
+
+def _root(s: Array) -> Array:
+    """Matrix whose columns are the half axes of a 2x2 covariance's ellipse."""
+    variances, directions = np.linalg.eigh(s)
+    return np.asarray(directions * np.sqrt(np.maximum(variances, 0.0)))
+
+
+def _pyramid(camera: Camera, pose: Array, depth: float) -> list[Array]:
+    """Edges of a camera's field of view up to a depth, in W."""
+    w, h = camera.width - 1.0, camera.height - 1.0
+    rays = camera.unproject(np.array([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]]))
+    corners = rays / rays[:, 2:] * depth @ pose[:3, :3].T + pose[:3, 3]
+    return [np.array([*corners, corners[0]]), *(np.array([pose[:3, 3], c]) for c in corners)]

@@ -1,0 +1,156 @@
+"""Every command and every block of Python in the README and the documentation runs."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from conftest import Clip
+from test_bags import Maker
+from test_viewing import Short
+
+import collabslam
+from collabslam import cli, demo_run, table
+from collabslam import geometry as g
+from collabslam.commands import COMMANDS
+from collabslam.datasets import write_recording
+from collabslam.datasets.calibration import sensor_mapping
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
+TOOLS = {"evo_ape", "smfeval", "rerun"}
+FRAMES = 9
+START = 1_700_000_000_000_000_000
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return re.findall(
+        rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
+    )
+
+
+def commands(page: Path) -> list[list[str]]:
+    """The words of every line of shell, without comments and the environment's folder."""
+    lines = [line for block in blocks(page, "sh") for line in block.splitlines()]
+    words = [shlex.split(line.replace(".venv/bin/", ""), comments=True) for line in lines]
+    return [w for w in words if w]
+
+
+def make_bag(path: Path, short: Short) -> None:
+    maker = Maker(path, "ros1")
+    rows = [(START + round(1e9 * f.t), f) for f in short.frames]
+    with maker.writer:
+        for stamp, frame in rows:
+            maker.image("/cs/image_raw", stamp, frame.image)
+            info(maker, "/cs/camera_info", stamp, short.camera)
+            info(maker, "/cf/camera_info", stamp, short.worn_camera)
+            if frame.worn is not None:
+                maker.image("/cf/image_raw", stamp, frame.worn.image)
+                fixed = g.tangent_to_fixed(frame.worn.t_cf, frame.worn.covariance)
+                maker.pose_cov("/relpose", stamp, frame.worn.t_cf, fixed)
+
+
+def info(maker: Maker, topic: str, stamp: int, camera: collabslam.Camera) -> None:
+    roi = maker.make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
+    maker.write(topic, "sensor_msgs/msg/CameraInfo", stamp, maker.header(stamp), camera.height, camera.width,
+                "plumb_bob", np.array([*camera.distortion, 0.0]), camera.matrix.ravel(), np.eye(3).ravel(),
+                np.zeros(12), 0, 0, roi)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def place(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with everything that the documentation names: walk, walk.bag, walk.mp4, images, a run."""
+    folder = tmp_path_factory.mktemp("docs")
+    short = Short(clip, FRAMES)
+    write_recording(short, folder / "walk")
+    (folder / "camera.yaml").write_text(yaml.safe_dump({**sensor_mapping(short.camera), "rate": 10}))
+    (folder / "images").mkdir()
+    size = (short.camera.width, short.camera.height)
+    video = cv2.VideoWriter(str(folder / "walk.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 10.0, size)
+    for k, frame in enumerate(short.frames):
+        cv2.imwrite(str(folder / "images" / f"{k}.png"), frame.image)
+        video.write(cv2.cvtColor(frame.image, cv2.COLOR_GRAY2BGR))
+    video.release()
+    (folder / "times.txt").write_text("".join(f"{f.t}\n" for f in short.frames))
+    (folder / "DATA").mkdir()
+    make_bag(folder / "walk.bag", short)
+    collabslam.run(folder / "walk", out=folder / "results" / "walk")
+    return folder
+
+
+@pytest.fixture
+def there(place: Path, clip: Clip, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Work in that folder; the demo is a short one."""
+    monkeypatch.chdir(place)
+    monkeypatch.setattr(demo_run, "corridor_recording", lambda seed: Short(clip, FRAMES))
+    monkeypatch.setattr(table, "_run_tasks", lambda tasks, jobs, out: [])
+    return place
+
+
+def play(words: list[str], folder: Path) -> None:
+    name, *rest = words
+    if name == "collabslam":
+        for option in ("--out", "--animation"):  # runs of one page do not stand in another's way
+            if option in rest and "results" not in rest[rest.index(option) + 1]:
+                shutil.rmtree(folder / rest[rest.index(option) + 1], ignore_errors=True)
+        try:
+            status = cli.main(rest)
+        except SystemExit as done:  # --help
+            status = int(done.code or 0)
+        assert status == 0, words
+    elif name in TOOLS:
+        subprocess.run([str(Path(sys.executable).parent / name), *rest], check=True, capture_output=True)
+    elif name == "make":
+        assert f"\n{rest[0]}:" in (ROOT / "Makefile").read_text()
+    elif words[:2] == ["pip", "install"]:
+        assert rest[1] in ("collabslam[plot]", "collabslam")  # the test of the wheel installs it
+    elif name == "cargo":
+        assert rest[0] == "bench"
+    else:
+        raise AssertionError(f"nothing runs {words}")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
+def test_commands_run(page: Path, there: Path) -> None:
+    for words in commands(page):
+        for new in ("copied", "new", "odometry", "odometry-mcap"):
+            if new in words:
+                shutil.rmtree(there / new, ignore_errors=True)
+        play(words, there)
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.stem)
+def test_python_runs(page: Path, there: Path) -> None:
+    names: dict[str, object] = {}
+    for block in blocks(page, "python"):
+        exec(compile(block, str(page), "exec"), names)
+
+
+def test_every_command_is_documented_somewhere() -> None:
+    used = {words[1] for page in PAGES for words in commands(page) if words[0] == "collabslam"}
+    assert set(COMMANDS) - used <= {"table", "settings"} | {"reproduce"}
+
+
+def test_the_site_builds(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    subprocess.run(command, check=True, capture_output=True, cwd=ROOT)
+    settings = (tmp_path / "settings" / "index.html").read_text(encoding="utf-8")
+    assert "acceleration_density" in settings
+    assert "predict_overlap" in (tmp_path / "api" / "index.html").read_text(encoding="utf-8")
+
+
+def test_links_between_pages_lead_somewhere() -> None:
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            generated = page.parent.name == "docs" and (
+                target in ("settings.md", "commands.md", "numbers.md") or target.startswith("rust/")
+            )
+            assert generated or (page.parent / target).exists(), (page.name, target)
