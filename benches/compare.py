@@ -198,7 +198,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("program", type=Path, help="the program `rounds`")
     parser.add_argument("--criterion", type=Path, help="criterion's folder, whose medians join the table")
-    parser.add_argument("--allocations", type=int, help="allocations of a warm step, as the test counted them")
+    parser.add_argument(
+        "--allocations", type=int, help="allocations of a warm step, as the test counted them"
+    )
     parser.add_argument("--rounds", type=int, default=40)
     parser.add_argument("--walk", type=int, default=600, help="frames of the walk through 400 features")
     parser.add_argument("--out", type=Path, default=Path("results/bench.json"))

@@ -161,8 +161,8 @@ impl Workspace {
                 if let (Some(by_worn), Some(w)) = (&rows.by_worn, unit.worn) {
                     pht.add::<6>(&mut sums, slots[w], k, by_worn.as_slice());
                 }
-                for r in 0..rows.count {
-                    self.s[k + (from + r) * m] = sums[r];
+                for (r, sum) in sums.iter().enumerate().take(rows.count) {
+                    self.s[k + (from + r) * m] = *sum;
                 }
             }
             for r in 0..rows.count {

@@ -28,6 +28,7 @@ pub mod math;
 pub mod observe;
 
 pub mod overlap;
+pub mod performance;
 pub mod predict;
 pub mod settings;
 pub mod state;

@@ -213,22 +213,23 @@ impl PyFilter {
     /// The whole state vector, (n,) float64: camera (13), then the blocks of :attr:`blocks`.
     #[getter]
     fn mean<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, self.0.state().mean())
+        PyArray1::from_slice(py, py.detach(|| self.0.state()).mean())
     }
 
     /// The whole covariance P, (n, n) float64, cross-covariances included.
     #[getter]
     fn covariance<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
-        let p = self.0.state().covariance();
-        let n = p.dim();
-        let flat = PyArray1::from_iter(py, (0..n * n).map(|k| p.get(k / n, k % n)));
+        let p = py.detach(|| self.0.state().covariance().to_dense());
+        let n = p.nrows();
+        // Symmetric: by column or by row is the same.
+        let flat = PyArray1::from_vec(py, p.data.into());
         flat.reshape([n, n]).expect("n * n entries")
     }
 
     /// Layout of the state after the camera: a list of ``(id, kind, offset, size)``.
     #[getter]
-    fn blocks(&self) -> Vec<(u64, String, usize, usize)> {
-        let blocks = self.0.state().layout().blocks();
+    fn blocks(&self, py: Python<'_>) -> Vec<(u64, String, usize, usize)> {
+        let blocks = py.detach(|| self.0.state()).layout().blocks();
         blocks
             .iter()
             .map(|b| (b.id, format!("{:?}", b.kind), b.offset, b.kind.dim()))
@@ -321,9 +322,10 @@ impl PyFilter {
         py: Python<'py>,
         uv: Argument<'py>,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        let ids = self
-            .0
-            .add_candidates(&pixels("uv", &uv)?)
+        let uv = pixels("uv", &uv)?;
+        let filter = &mut self.0;
+        let ids = py
+            .detach(|| filter.add_candidates(&uv))
             .map_err(to_python)?;
         Ok(to_ids(py, ids.into_iter().map(Some)))
     }
@@ -381,10 +383,9 @@ impl PyFilter {
         py: Python<'py>,
         uv: Argument<'py>,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        let ids = self
-            .0
-            .add_undelayed(&pixels("uv", &uv)?)
-            .map_err(to_python)?;
+        let uv = pixels("uv", &uv)?;
+        let filter = &mut self.0;
+        let ids = py.detach(|| filter.add_undelayed(&uv)).map_err(to_python)?;
         Ok(to_ids(py, ids.into_iter()))
     }
 
@@ -413,12 +414,12 @@ impl PyFilter {
         shared: Argument<'py>,
         covariance: Argument<'py>,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        let ids = self.0.start_from_points(
-            &rows::<3>("points", &points)?,
-            &stack::<3, 3>("noise", &noise)?,
-            &stack::<3, 6>("shared", &shared)?,
-            &covariance6("covariance", &covariance)?,
-        );
+        let points = rows::<3>("points", &points)?;
+        let noise = stack::<3, 3>("noise", &noise)?;
+        let shared = stack::<3, 6>("shared", &shared)?;
+        let covariance = covariance6("covariance", &covariance)?;
+        let filter = &mut self.0;
+        let ids = py.detach(|| filter.start_from_points(&points, &noise, &shared, &covariance));
         Ok(to_ids(py, ids.map_err(to_python)?.into_iter().map(Some)))
     }
 
@@ -431,9 +432,10 @@ impl PyFilter {
     }
 
     /// Removes features.
-    fn remove_features(&mut self, ids: Argument<'_>) -> PyResult<()> {
-        self.0
-            .remove_features(&self::ids("ids", &ids)?)
+    fn remove_features(&mut self, py: Python<'_>, ids: Argument<'_>) -> PyResult<()> {
+        let ids = self::ids("ids", &ids)?;
+        let filter = &mut self.0;
+        py.detach(|| filter.remove_features(&ids))
             .map_err(to_python)
     }
 
@@ -470,7 +472,8 @@ impl PyFilter {
     ) -> PyResult<Option<Bound<'py, PyDict>>> {
         let t_cf = pose("t_cf", &t_cf)?;
         let covariance = covariance6("covariance", &covariance)?;
-        let Some(overlap) = self.0.overlap(&t_cf, &covariance).map_err(to_python)? else {
+        let overlap = py.detach(|| self.0.overlap(&t_cf, &covariance));
+        let Some(overlap) = overlap.map_err(to_python)? else {
             return Ok(None);
         };
         let out = PyDict::new(py);

@@ -212,7 +212,7 @@ impl Far {
             let along = duals.iter().zip(columns[c]);
             along.map(|(&d, r)| near.p.stored_entry(i, d) * r).sum()
         };
-        let cross = SMatrix::from_fn(|i, c| times(i, c));
+        let cross = SMatrix::from_fn(times);
         let mut own =
             SMatrix::<f64, 6, 6>::from_fn(|i, j| self.then.p.stored_entry(rows[i], rows[j]));
         for c in 0..6 {

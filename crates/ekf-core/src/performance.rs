@@ -1,0 +1,43 @@
+//! Why the filter is built as it is, with figures.
+//!
+//! Every figure is of `make bench`, which prints them and writes `results/bench.json`; those below are from a shared
+//! two-core AVX2 machine (so only ratios taken in turns mean something). The unit is *the yardsticks*: dsyrk + dtrsm +
+//! dpotrf of OpenBLAS, one thread, at the same `n` and `m`. `cargo bench -p collabslam-benches` times the parts.
+//!
+//! FIGURES
+//!
+//! # One triangle, in panels
+//! P is dense: 100 features correlate with each other through the camera. What cannot be avoided is `V = P H^T L^-T` and
+//! `P -= V V^T`. P keeps its lower triangle only, which halves memory traffic. `P H^T` is built in panels of 24 rows
+//! (a row of H touches 13 or 19 columns, so this is O(n m)), solved where it lies, and multiplied from both sides: the
+//! panel is what a register tile reads, for both factors, so nothing is packed. [`pulp`] chooses AVX-512, AVX2, NEON or
+//! plain code at run time; nothing is built for one machine. Tiles are 2 vectors by 6 columns with 16 registers: 3 by
+//! 4 has the same number of sums but the compiler spilled one, which cost a third of the speed. Closures inside of
+//! a kernel are not inlined into code with SIMD features, and neither are iterators of other crates without LTO: kernels use
+//! index loops and inlined functions. No `unsafe`: slices become vectors through `pulp`, and bounds are checked once per
+//! tile. Panels and columns of P begin cache lines; a vector over two lines costs two loads.
+//!
+//! # Anchors once
+//! Features born from one position have the same anchor, three of their six numbers, for ever: their rows of P are
+//! equal. They are stored once. A map of the demo has 120 features and about 30 anchors: 463 rows in place of 733, 40 %
+//! of the arithmetic. The state that is shown keeps six numbers a feature. The benches' maps have four features an
+//! anchor; `update_single_anchor_ratio` is that of a map where every feature has its own.
+//!
+//! # The batch test
+//! See [`validate`](crate::validate). HOHCT works on `S^-1`, formed only if the batch fails as a whole; leaving out `k`
+//! matches is a `k x k` problem. `validate.max_nodes` bounds it (about 0.15 ms a node for 100 matches): of several thousand
+//! frames of the benches, 10 of 100 wrong took 3 nodes in the median and 98 in 99 of 100, but one took 15 000.
+//!
+//! # A warm step allocates nothing
+//! Buffers live in the filter and only grow; `tests/rust/allocations.rs` counts. [`Filter::update_into`](crate::Filter::update_into) and
+//! [`Filter::predict_pixels_into`](crate::Filter::predict_pixels_into) return into lists of before. A birth writes its rows into spare capacity, O(n). Any number of
+//! deletions is one compaction.
+//!
+//! # Features out of view
+//! With `map.local` (see its module in the source) the update works on what is in view and dual rows for the rest. Exact: the test of
+//! a walk with births, deletions, clones and wrong matches stays within 1e-11 standard deviations of the plain filter.
+//! It is off by default: it pays from about 200 features with a tenth of them in view, and the default map has 120.
+//!
+//! # Python
+//! Each call that works on the state releases the interpreter's lock. A step makes three calls; measured pixels are
+//! copied once (some hundred numbers), results are built as numpy arrays without another copy.
