@@ -24,8 +24,8 @@ test: $(VENV)/.built check
 bench: $(VENV)/.built
 	cargo bench --locked -p collabslam-benches --bench filter -- --quiet --noplot
 	cargo build --release --locked -p collabslam-benches
-	cargo test --release --locked -p ekf-core --test allocations -- --nocapture
-	$(BIN)/python benches/compare.py target/release/rounds --criterion target/criterion
+	cargo test --release --locked -p ekf-core --test allocations -- --nocapture > target/allocations.txt
+	$(BIN)/python benches/compare.py target/release/rounds --criterion target/criterion --allocations target/allocations.txt
 
 check: $(VENV)/.built
 	cargo fmt --all --check

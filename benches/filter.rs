@@ -183,7 +183,7 @@ fn tests(c: &mut Criterion) {
     for (name, test) in [("HOHCT", hohct), ("JCBB", jcbb)] {
         for n in [40, 100] {
             for wrong in [0, 1, 3, 10] {
-                let mut sway = Sway::new(mix(n, n, wrong, false), &[]);
+                let mut sway = Sway::new(mix(100, n, wrong, false), &[]);
                 let mut workspace = Workspace::new();
                 let run = |sway: &mut Sway| {
                     sway.predict();

@@ -66,9 +66,9 @@ fn step(features: usize, seen: usize, wrong: usize) -> Case {
     })
 }
 
-/// HOHCT on the S of a filter's frame, with the budget of the default settings.
-fn hohct(features: usize, wrong: usize) -> Case {
-    let mut sway = Sway::new(mix(features, features, wrong), &[]);
+/// HOHCT on the S of a frame of a filter with 100 features, with the budget of the default settings.
+fn hohct(seen: usize, wrong: usize) -> Case {
+    let mut sway = Sway::new(mix(100, seen, wrong), &[]);
     let mut workspace = Workspace::new();
     Box::new(move || {
         sway.predict();
