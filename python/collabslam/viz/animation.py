@@ -18,11 +18,11 @@ from collabslam.viz.plot import COLOURS, TRUTH, WORN
 if TYPE_CHECKING:
     from collabslam.runner import RunResult
 
-STRIDE = 3
+STRIDE = 4
 """Every so many frames is drawn."""
-SECONDS = 0.15
+SECONDS = 0.2
 """Time that each picture is shown."""
-_COLOUR_COUNT = 64
+_COLOUR_COUNT = 40
 _FOUND = "#3cc85a"
 
 
@@ -66,7 +66,7 @@ class _Scene:
     def __init__(self, recording: Recording, results: Mapping[str, RunResult]) -> None:
         self._recording = recording
         self._results = list(results.values())
-        self._figure = Figure(figsize=(7.2, 5.0), dpi=100)
+        self._figure = Figure(figsize=(6.4, 4.4), dpi=100)
         self._canvas = FigureCanvasAgg(self._figure)
         left, right = (
             self._figure.add_axes((0.02, 0.44, 0.47, 0.5)),
@@ -83,9 +83,9 @@ class _Scene:
         if truth is not None:
             below.plot(truth.poses[:, 2, 3], truth.poses[:, 0, 3], color=TRUTH, linewidth=1.0, label="truth")
         self._paths = []
-        for label, result in results.items():
-            colour = COLOURS.get(result.summary["mode"], TRUTH)
-            (line,) = below.plot([], [], color=colour, linewidth=2.0, label=label)
+        for n, (label, result) in enumerate(results.items()):  # the thinner ones lie on top
+            colour, width = COLOURS.get(result.summary["mode"], TRUTH), 1.5 + 2.0 * (len(results) - 1 - n)
+            (line,) = below.plot([], [], color=colour, linewidth=width, label=label)
             self._paths.append(line)
         everything = np.concatenate([r.record.poses[r.record.valid][:, :3, 3] for r in self._results])
         low, high = everything.min(axis=0), everything.max(axis=0)
