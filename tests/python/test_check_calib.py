@@ -13,10 +13,10 @@ from conftest import Clip
 from collabslam import cli
 from collabslam import geometry as g
 from collabslam._core import Camera
-from collabslam.checks import calibration
+from collabslam.checks import calibration, worn
 from collabslam.checks.matching import Matches
 from collabslam.datasets.wrapped import WrappedRecording
-from collabslam.types import Frame
+from collabslam.types import Frame, WornView
 
 
 class Part(WrappedRecording):
@@ -52,7 +52,7 @@ class _Sized:
 def part(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> Part:
     monkeypatch.setattr(calibration, "GAPS", (2, 5))
     monkeypatch.setattr(calibration, "PAIRS_PER_GAP", 4)
-    monkeypatch.setattr(calibration, "WORN_PAIRS", 4)
+    monkeypatch.setattr(worn, "VIEWS", 4)
     return Part(clip)
 
 
@@ -67,7 +67,7 @@ def test_a_good_recording(
     assert max(report.by_gap.values()) < 0.7
     assert report.focal == pytest.approx(1.0, abs=0.02)
     assert report.offset == pytest.approx(0.0, abs=0.02)
-    assert report.worn_error.sigmas < 2.0
+    assert report.worn.error.sigmas < 2.0
 
 
 def test_another_focal_length(part: Part) -> None:
@@ -111,6 +111,38 @@ def test_late_stamps(monkeypatch: pytest.MonkeyPatch, late: float) -> None:
     assert all("time stamps do not fit" in f for f in report.findings)
 
 
+@pytest.mark.parametrize("late", [0.0, 0.08])
+def test_a_pose_of_cf_that_comes_late(monkeypatch: pytest.MonkeyPatch, late: float) -> None:
+    """Cf swings; its images are stamped later than its measured poses."""
+    camera = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5))
+    points = np.random.default_rng(3).uniform((-4, -3, 4), (4, 3, 9), (400, 3))
+    times = 0.1 * np.arange(40)
+
+    def swing(t: float) -> np.ndarray:
+        return g.se3_exp(
+            [0.5 + 0.1 * np.sin(3 * t), 0.1, 0.0, 0.0, 0.3 * np.sin(2.0 * t), 0.1 * np.cos(2.5 * t)]
+        )
+
+    def frame(i: int) -> Frame:
+        view = WornView(np.full((1, 1), i), swing(times[i]), 1e-4 * np.eye(6))
+        return Frame(i, times[i], np.full((1, 1), i), view)
+
+    def match(a: np.ndarray, b: np.ndarray) -> Matches:
+        t_cf = swing(times[b[0, 0]] + late)
+        (uv_a, ok_a), (uv_b, ok_b) = (
+            camera.project(points),
+            camera.project((points - t_cf[:3, 3]) @ t_cf[:3, :3]),
+        )
+        return Matches(uv_a[ok_a & ok_b], uv_b[ok_a & ok_b])
+
+    recording = SimpleNamespace(times=times, truth=None, camera=camera, worn_camera=camera, frame=frame)
+    monkeypatch.setattr(worn, "match_images", match)
+    report = calibration.check_calibration(_Sized(recording))
+    assert (report.worn.offset or 0.0) == pytest.approx(late, abs=0.015)
+    assert bool(report.findings) == (late > 0.0)
+    assert all("of Cf and of T_CF do not agree" in f for f in report.findings)
+
+
 def test_a_pose_of_cf_that_maps_the_other_way(part: Part) -> None:
     part.truth = None
     part.frames = [
@@ -120,7 +152,7 @@ def test_a_pose_of_cf_that_maps_the_other_way(part: Part) -> None:
     report = calibration.check_calibration(part)
     assert "contradicts the images" in report.findings[0]
     assert "There are no true poses" in report.notes[0]
-    assert report.worn_error.sigmas > 3.0
+    assert report.worn.error.sigmas > 3.0
 
 
 def test_too_little_to_compare(part: Part, tmp_path: Path) -> None:

@@ -12,6 +12,8 @@ from collabslam.geometry import skew
 from collabslam.types import Array, Image
 
 RATIO = 0.7
+LEAST_MATCHES = 20
+"""Fewer matches say nothing of a pair of images."""
 _FEATURES = 600
 
 

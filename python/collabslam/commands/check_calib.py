@@ -24,16 +24,17 @@ def main(arguments: argparse.Namespace) -> int:
     rows += [
         ["focal length that fits best", number(report.focal, 3, "times the calibrated one")],
         ["time offset of images to poses", number(report.offset, 4, "s")],
-        ["residual of Cf under T_CF", number(report.worn, 2, "px")],
+        ["time offset of Cf to T_CF", number(report.worn.offset, 4, "s")],
+        ["residual of Cf under T_CF", number(report.worn.residual, 2, "px")],
     ]
-    if report.worn_error is not None:
-        metres, degrees, sigmas = report.worn_error
+    if report.worn.error is not None:
+        metres, degrees, sigmas = report.worn.error
         text = f"{100 * metres:.1f} cm, {degrees:.2f} degrees, {sigmas:.1f} standard deviations"
         rows.append(["correction of T_CF by the images", text])
     print(recording.name)
     print(text_table(rows))
     for line in [*report.findings, *report.notes]:
         print(line)
-    if not report.findings and (report.by_gap or report.worn is not None):
+    if not report.findings and (report.by_gap or report.worn.residual is not None):
         print("Calibration, poses and time stamps agree with the images, as far as they were checked.")
     return LOST if report.findings else OK
