@@ -14,13 +14,15 @@ import collabslam
 
 PACKAGE = Path(collabslam.__file__).parent
 ROOT = PACKAGE.parents[1]
-TOP = {"engine", "runner", "cli", "commands", "demo_run", "table", "report", "viz"}
+TOP = {"engine", "runner", "cli", "commands", "checks", "demo_run", "table", "report", "viz"}
 
 FORBIDDEN = {
     "frontend": TOP | {"datasets", "evaluation", "results", "demo"},
+    "checks": (TOP - {"checks"}) | {"demo"},
     "datasets": TOP | {"frontend", "evaluation", "results", "demo"},
     "evaluation": TOP | {"frontend", "datasets", "results", "demo"},
     "demo": TOP | {"frontend", "evaluation", "results"},
+    "formats": TOP | {"frontend", "demo"},
     "viz": {"engine", "cli", "commands", "datasets", "frontend"},
     "engine.py": {"runner", "commands", "cli", "datasets", "evaluation", "results", "viz", "demo"},
     "depth_input.py": TOP | {"datasets", "evaluation", "results", "demo"},

@@ -44,6 +44,7 @@ class WornReport:
         How far the images correct it, medians.
     offset : float or None
         Seconds to add to the stamps of Cf's images so that ``T_CF`` fits clearly better; None if none does.
+        Less than half a frame is not seen.
     findings, notes : list of str
         What is wrong, and what could not be checked, in sentences.
     """
@@ -95,14 +96,16 @@ def check_worn(recording: Recording) -> WornReport:
         return float(np.median(np.concatenate(found)))
 
     now, between = residual(0.0), float(np.median(np.diff(recording.times)))
-    shift = least(residual, np.linspace(-REACH, REACH, 8 * REACH + 1) * between, 0.0)
+    # Whole frames only: between two of them the noise of T_CF averages out, which looks like a better fit.
+    shifts: Array = np.linspace(-REACH, REACH, 2 * REACH + 1) * between
+    shift, shifted = least(residual, shifts, 0.0), float(np.nanmin([residual(float(s)) for s in shifts]))
     error = WornError(*(float(v) for v in np.median(errors, axis=0)))
     findings, offset = [], None
-    if abs(shift) > OFFSET_TOLERANCE * between and residual(shift) < CLEAR_GAIN * now:
+    if abs(shift) > OFFSET_TOLERANCE * between and shifted < CLEAR_GAIN * now:
         offset = shift
         findings.append(
             f"The time stamps of Cf and of T_CF do not agree: with {shift:+.3f} s added to the images' "
-            f"stamps the residual falls from {now:.2f} to {residual(shift):.2f} px; correct the clocks."
+            f"stamps the residual falls from {now:.2f} to {shifted:.2f} px; correct the clocks."
         )
     elif error.sigmas > WORN_SIGMAS:
         findings.append(
