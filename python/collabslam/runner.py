@@ -146,7 +146,7 @@ def run(
             interrupted = True
         truth, landmarks = align_truth(record, recording.truth), engine.landmarks()
         summary: Summary = {
-            **score(record, recording.truth),
+            **score(record, recording.truth, metric=unit == METRES),
             **_timing(record),
             "mode": mode,
             "start": start,

@@ -144,9 +144,11 @@ def test_mode_and_settings_agree(tmp_path: Path) -> None:
 
 
 def test_a_scale_free_run_never_speaks_of_metres(tmp_path: Path) -> None:
-    for start, word in (("scale-free", "an arbitrary unit of length"), ("worn", "metres")):
-        summary = go(Walk(), tmp_path / start, start=start)
+    for start, word in (("scale-free", "an arbitrary unit"), ("worn", "metres")):
+        walk = Walk()
+        summary = go(walk, tmp_path / start, start=start, slam=FakeSlam(walk, scale=40.0))
         assert summary["unit"] == word
+        assert runner.exit_status(summary) == (start == "worn")  # far off counts where there are metres
         assert f"seconds, {word};" in (tmp_path / start / "trajectory.tum").read_text().splitlines()[0]
         assert ("not metres" in summary_text(summary)) == (start == "scale-free")
 

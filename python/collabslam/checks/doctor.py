@@ -176,6 +176,9 @@ def _worn(frames: Frames) -> Iterator[str]:
 
 
 def _scale(frames: Frames, summary: dict[str, Any]) -> Iterator[str]:
+    if summary.get("start") == "scale-free":
+        yield "The start was scale-free: lengths are in an arbitrary unit."
+        return
     scale = summary.get("scale_error")
     if isinstance(scale, float) and abs(scale) > 0.05:
         where = (
@@ -184,8 +187,6 @@ def _scale(frames: Frames, summary: dict[str, Any]) -> Iterator[str]:
             else "in spite of overlap"
         )
         yield f"The path's scale is off by {100 * scale:+.0f} % against the truth, {where}."
-    if summary.get("start") == "scale-free":
-        yield "The start was scale-free: lengths are in an arbitrary unit."
 
 
 def _since_overlap(frames: Frames) -> int:

@@ -82,7 +82,7 @@ def align_truth(record: RunRecord, truth: Array | None) -> AlignedTruth | None:
     return AlignedTruth(moved, start, known & (np.arange(len(record)) >= start))
 
 
-def score(record: RunRecord, truth: Array | None) -> Scores:
+def score(record: RunRecord, truth: Array | None, *, metric: bool = True) -> Scores:
     """Every number of ``summary.json`` that follows from the frames and the truth.
 
     ATE, scale error, Eq. 15 and 16, RPE and NEES are over the valid poses that have a truth;
@@ -93,6 +93,8 @@ def score(record: RunRecord, truth: Array | None) -> Scores:
     ----------
     record : RunRecord
     truth : (N or more, 4, 4) array or None
+    metric : bool
+        Whether the poses are in metres; if not, a frame is not held against the truth to count as OK.
 
     Returns
     -------
@@ -100,7 +102,7 @@ def score(record: RunRecord, truth: Array | None) -> Scores:
         Numbers, or None where one cannot be had.
     """
     aligned = align_truth(record, truth)
-    out = _activity(record, aligned)
+    out = _activity(record, aligned, metric)
     out.update(_overlap(record))
     out.update(dict.fromkeys(TRUTH_SCORES))
     if aligned is None:
@@ -127,12 +129,12 @@ def _pair(record: RunRecord, aligned: AlignedTruth) -> tuple[Array, Array]:
     return np.where(hidden, np.nan, record.poses), np.where(hidden, np.nan, aligned.poses)
 
 
-def _activity(record: RunRecord, aligned: AlignedTruth | None) -> Scores:
+def _activity(record: RunRecord, aligned: AlignedTruth | None, metric: bool) -> Scores:
     """Frames by status, features, depth measurements, innovation statistics."""
     statuses = np.array(record.statuses, dtype=object)
     ok = statuses == "OK"
     far = np.zeros(len(record), bool)
-    if aligned is not None:
+    if aligned is not None and metric:
         with np.errstate(invalid="ignore"):
             far = aligned.known & (pose_nees(record, aligned) > sigma_gate(OK_SIGMAS, 6))
     frames = len(record)

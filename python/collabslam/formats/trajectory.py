@@ -16,7 +16,7 @@ from collabslam.formats.files import write_text
 from collabslam.geometry import quaternion_wxyz
 from collabslam.types import Array
 
-METRES, ARBITRARY = "metres", "an arbitrary unit of length"
+METRES, ARBITRARY = "metres", "an arbitrary unit"
 _TUM_HEADER = "# t tx ty tz qx qy qz qw: seconds, {}; T_WC maps points of the camera C into W"
 _COV_HEADER = """\
 # Covariance of each pose of trajectory.tum, row by row: t, then the 21 numbers of the lower triangle
