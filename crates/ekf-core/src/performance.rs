@@ -11,7 +11,7 @@
 //! | step (predict, pixels of all, HOHCT with 3 wrong of 40, update) | 0.87 of the yardsticks | 1.5 |
 //! | HOHCT, 3 wrong of 40 | 0.20 of the update, N = 100, m = 80 | 0.3 |
 //! | HOHCT, 10 wrong of 100 | 0.75 of the update, N = 100, m = 200 | 1.0 |
-//! | local update, N = 400, 42 in view, against the plain one | 0.22 | 0.2 |
+//! | local update, N = 400, 42 in view, against the plain one | 0.22 to 0.25 | 0.2 |
 //! | heap allocations of a warm step | 0 | 0 |
 //! | a step through Python | 6 to 9 % more | 5 % |
 //! | plain dense update | 11 times the yardsticks | |
