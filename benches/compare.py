@@ -3,8 +3,8 @@
 Run by ``make bench``. A machine that other jobs share is only fair to what runs in turns, so every round
 times each kernel of the core (by ``rounds``, the Rust program beside this file) and each yardstick (through
 scipy) a few times, and the medians over all rounds are compared. Ratios in the JSON file are medians over
-medians, except ``local_n400_ratio``: an amortised cost, so a sum over a sum. The update that HOHCT is compared
-with is that of the same matches in the same map: N = 100, 80 rows for 40 of them, 200 rows for 100.
+medians, except ``local_n400_ratio``: an amortised cost, so a sum over a sum. The update that HOHCT is set
+beside is that of the same matches in the same map: N = 100, 80 rows for 40 of them, 200 rows for 100.
 """
 
 from __future__ import annotations
@@ -207,9 +207,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("program", type=Path, help="the program `rounds`")
     parser.add_argument("--criterion", type=Path, help="criterion's folder, whose medians join the table")
-    parser.add_argument(
-        "--allocations", type=int, help="allocations of a warm step, as the test counted them"
-    )
+    parser.add_argument("--allocations", type=Path, help="what the test that counts them has said")
     parser.add_argument("--rounds", type=int, default=40)
     parser.add_argument("--walk", type=int, default=600, help="frames of the walk through 400 features")
     parser.add_argument("--out", type=Path, default=Path("results/bench.json"))

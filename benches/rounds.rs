@@ -15,6 +15,8 @@ use std::io::{BufRead, Write};
 use std::time::Instant;
 
 type Case = Box<dyn FnMut() -> Vec<u64>>;
+/// Times and measurements.
+type Frames = Vec<(f64, Measurements)>;
 
 fn timed(work: impl FnOnce()) -> u64 {
     let start = Instant::now();
@@ -133,7 +135,7 @@ fn frame(corridor: &mut Loop, filters: &mut [Filter; 2], dt: f64) -> Vec<u64> {
 }
 
 /// A replay: frames with births, then `number` frames without.
-fn frames(features: usize, number: usize) -> (Vec<(f64, Measurements)>, Vec<(f64, Measurements)>) {
+fn frames(features: usize, number: usize) -> (Frames, Frames) {
     let (mut sway, births) = Sway::begin(mix(features, 40.min(features), 0), &[]);
     let frames = (0..number).map(|_| {
         sway.predict();

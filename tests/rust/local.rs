@@ -22,7 +22,10 @@ impl Pair {
     fn new(seed: u64, points: usize) -> Self {
         let mut rng = rng(seed);
         let points = (0..points).map(|_| {
-            let (angle, distance) = (rng.random_range(0.0..6.283), rng.random_range(2.5..6.0_f64));
+            let (angle, distance) = (
+                rng.random_range(0.0..std::f64::consts::TAU),
+                rng.random_range(2.5..6.0_f64),
+            );
             let height = rng.random_range(-1.0..1.0);
             Vector3::new(
                 distance * f64::sin(angle),
@@ -73,14 +76,14 @@ impl Pair {
             match of_point.get(&i) {
                 Some(&id) => {
                     z.searched.push(id);
-                    if (frame + i) % 7 != 0 {
+                    if !(frame + i).is_multiple_of(7) {
                         z.bearings.push(Bearing { id, uv });
-                    } else if frame % 2 == 0 {
+                    } else if frame.is_multiple_of(2) {
                         let uv = uv.map(|x| x + 12.0);
                         z.bearings.push(Bearing { id, uv });
                     }
                 }
-                None if frame == 0 || (frame + i) % 5 == 0 => {
+                None if frame == 0 || (frame + i).is_multiple_of(5) => {
                     new.push(i);
                     let (depth, sigma) = (seen.z, 0.03 * seen.z);
                     z.depths.push(DepthObservation {

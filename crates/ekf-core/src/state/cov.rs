@@ -1,4 +1,4 @@
-//! The covariance P: the only writer of its entries.
+//! The covariance P: the only writer of its entries, but for `local` where it puts a whole P together.
 //!
 //! Only the LOWER triangle is stored meaningfully (column-major, with spare capacity, so that growing by a
 //! feature copies nothing). Reading an entry above the diagonal reads its mirror image. Keeping one triangle
