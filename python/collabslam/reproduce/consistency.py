@@ -100,8 +100,8 @@ def make(study: Study) -> Finding:
         tables=[Table(caption, header, table)],
         verdict=(
             "The paper says nothing of consistency. Motion and noise are here exactly what the filter "
-            "assumes, "
-            "so this shows what linearisation alone does, not that the filter is consistent on real images."
+            "assumes, so this shows what linearisation alone does, not that the filter is consistent on "
+            "real images."
         ),
         numbers=numbers,
         columns=columns,

@@ -77,10 +77,9 @@ def make(study: Study) -> Finding:
         figure=figure,
         tables=[Table("Average error over time and runs:", header, table)],
         verdict=(
-            "The correlation is as strong as the paper says, but the slope is small: with independent errors "
-            "the "
-            "pseudo-stereo of two windows averages out. One error shared by a window makes the slope "
-            f"{ratio:.1f} times as steep; the paper's independent noise flatters the result."
+            "The correlation is as strong as the paper says, but the slope is small: with independent "
+            "errors the pseudo-stereo of two windows averages out. One error shared by a window makes the "
+            f"slope {ratio:.1f} times as steep; the paper's independent noise flatters the result."
         ),
         numbers=numbers,
         columns=("variant", "estimator", "errors", "sigma_r_m", "average_error_m", "mono_average_m"),

@@ -77,10 +77,9 @@ def make(study: Study) -> Finding:
         ],
         verdict=(
             "The paper shows one run and does not say which; this is the run whose final error without "
-            "pseudo-stereo "
-            f"is the median. Cs alone ends too far, as in the paper's figure, in {100 * overshoot:.0f} % of "
-            f"the runs and "
-            "short in the others: the drift of scale has no preferred sign, and one run shows nothing."
+            "pseudo-stereo is the median. Cs alone ends too far, as in the paper's figure, in "
+            f"{100 * overshoot:.0f} % of the runs and short in the others: the drift of scale has no "
+            "preferred sign, and one run shows nothing."
         ),
         numbers=numbers,
         columns=("variant", "collaboration", "t_s", "true_x_m", "true_z_m", "x_m", "z_m"),

@@ -56,11 +56,9 @@ def make(study: Study) -> Finding:
         figure=figure,
         tables=[Table("Mean final error, metres:", header, rows)],
         verdict=(
-            "The paper's claim, that even very noisy pseudo-stereo bounds the error, holds where the errors "
-            "are "
-            "independent; where one error is shared by a whole window, as the pose of a worn camera would "
-            "cause, "
-            "most of the gain is gone at 1 m."
+            "The paper's claim, that even very noisy pseudo-stereo bounds the error, holds where the "
+            "errors are independent; where one error is shared by a whole window, as the pose of a worn "
+            "camera would cause, most of the gain is gone at 1 m."
         ),
         numbers=numbers,
         columns=columns,

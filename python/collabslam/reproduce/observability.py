@@ -193,8 +193,7 @@ def _tables(numbers: dict[str, Any]) -> list[Table]:
             ("case", "what it shows", "paper", "ours", "rows"), ranks,
         ),
         Table(
-            "Dimension of what cannot be observed, nothing known beforehand (2-DoF exact; 6-DoF by singular "
-            "values "
+            "Dimension of what cannot be observed, nothing known beforehand (2-DoF exact; 6-DoF by singular values "
             f"below {TOLERANCE:g} of the largest):",
             ("case", "what it is", "paper", "ours"), [[c, what, *n] for c, *n, what in truth],
         ),
@@ -207,19 +206,14 @@ def _list(cases: dict[str, int]) -> str:
 
 _VERDICT = (
     "The paper's ranks 8, 9 and 10 are right, but they are the numbers of its rows, which are all "
-    "independent; they do "
-    "not show that scale cannot be observed without depth, since its anchors, fixed at known places, hold "
-    "metric "
-    "baselines, and with higher orders the same system has full rank without any depth. What may be claimed: "
-    "with "
-    "nothing known beforehand, bearings leave pose and scale open; in general position one metric depth on a "
-    "connected map makes scale observable, and more add nothing; the pose in the world never is. Constant "
-    "velocity "
-    "fixes no scale. A flat wall seen from free poses is worse than the general case: it is a critical "
-    "configuration. "
-    "(Eq. 10 and 11 differ by pi, and Eq. 12 is the depth from the anchor; here the bearing points at the "
-    "landmark "
-    "and the range is the present one, except in the paper's own matrix.)"
+    "independent; they do not show that scale cannot be observed without depth, since its anchors, fixed "
+    "at known places, hold metric baselines, and with higher orders the same system has full rank without "
+    "any depth. What may be claimed: with nothing known beforehand, bearings leave pose and scale open; "
+    "in general position one metric depth on a connected map makes scale observable, and more add "
+    "nothing; the pose in the world never is. Constant velocity fixes no scale. A flat wall seen from "
+    "free poses is worse than the general case: it is a critical configuration. (Eq. 10 and 11 differ by "
+    "pi, and Eq. 12 is the depth from the anchor; here the bearing points at the landmark and the range "
+    "is the present one, except in the paper's own matrix.)"
 )
 
 

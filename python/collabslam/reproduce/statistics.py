@@ -30,6 +30,13 @@ def mean_nees(outcome: Outcome) -> float:
     return _mean(outcome.nees)
 
 
+def median_run_nees(outcome: Outcome) -> float:
+    """The same of the median run, which a few lost runs do not move."""
+    means = [_mean(run) for run in outcome.nees]
+    good = [m for m in means if math.isfinite(m)]
+    return float(np.median(good)) if good else math.nan
+
+
 def drift_at_window_ends(s: SimulationSettings, outcome: Outcome) -> list[float]:
     """Mean s of Eq. 14 in the last frame of each window."""
     return [_mean(outcome.scale_drift[:, _last_frame(s, end)]) for _, end in s.windows]
@@ -61,6 +68,8 @@ def compare(s: SimulationSettings, mono: Outcome, collab: Outcome) -> dict[str, 
         "scale_drift_window_ends": drift_at_window_ends(s, collab),
         "nees_mono": mean_nees(mono),
         "nees_collab": mean_nees(collab),
+        "nees_mono_median_run": median_run_nees(mono),
+        "nees_collab_median_run": median_run_nees(collab),
         "nees_expected": 2.0,
         "nees_band": list(nees_band(2, runs)),
     }
