@@ -193,8 +193,8 @@ def _tables(numbers: dict[str, Any]) -> list[Table]:
             ("case", "what it shows", "paper", "ours", "rows"), ranks,
         ),
         Table(
-            "Dimension of what cannot be observed, nothing known beforehand (2-DoF exact; 6-DoF by singular values "
-            f"below {TOLERANCE:g} of the largest):",
+            "Dimension of what cannot be observed, nothing known beforehand (2-DoF exact; 6-DoF by "
+            f"singular values below {TOLERANCE:g} of the largest):",
             ("case", "what it is", "paper", "ours"), [[c, what, *n] for c, *n, what in truth],
         ),
     ]  # fmt: skip
