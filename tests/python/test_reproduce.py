@@ -39,14 +39,14 @@ def test_ranks_and_nullities() -> None:
 
 
 def test_the_simulation_gives_the_reference() -> None:
-    study = _study(60)
+    study = _study(40)
     done = study.gather([Request("wall", e, c) for e in (PLAIN, GAUGE) for c in ("mono", "independent")], "")
     row = {
         e.name: compare(study.settings, *(done[Request("wall", e, c)] for c in ("mono", "independent")))
         for e in (PLAIN, GAUGE)
     }
     plain, gauge = row["plain"], row["gauge"]
-    # Over 1000 runs: 3.8 and 0.97 m, 1.29 and 0.41 m, NEES 14 and 3.7. Sixty runs scatter by a tenth.
+    # Over 1000 runs: 3.8 and 0.97 m, 1.29 and 0.41 m, NEES 14 and 3.7. Forty runs scatter by a tenth.
     assert 3.0 < plain["mono_final_m"] < 4.6
     assert plain["final_ratio"] < 0.33
     assert plain["average_ratio"] < 0.39
@@ -72,7 +72,7 @@ def test_the_core_gives_what_the_planar_filter_gives() -> None:
 
 
 def test_the_transport_makes_the_core_more_honest() -> None:
-    study = _study(2, cloud_runs=16)
+    study = _study(2, cloud_runs=12)
     done = study.gather([Request("cloud", e, "mono") for e in (PLAIN, GAUGE_ONLY)], "")
     plain, gauge = (done[Request("cloud", e, "mono")] for e in (PLAIN, GAUGE_ONLY))
     assert np.nanmean(gauge.nees_position[:, -1]) < np.nanmean(plain.nees_position[:, -1])
@@ -85,8 +85,8 @@ def test_the_number_of_processes_changes_nothing(tmp_path: Path) -> None:
     texts = []
     for jobs in (1, 2):
         out = tmp_path / str(jobs)
-        reproduce(["fig10"], out, runs=60, seed=3, jobs=jobs, changes=short, progress=False)
-        texts.append([(out / f"fig10.{kind}").read_bytes() for kind in ("csv", "json", "md", "png")])
+        reproduce(["fig7"], out, runs=12, seed=3, jobs=jobs, changes=short, progress=False)
+        texts.append([(out / f"fig7.{kind}").read_bytes() for kind in ("csv", "json", "md", "png")])
     assert texts[0] == texts[1]
 
 
@@ -101,7 +101,7 @@ def test_every_figure_writes_its_files(tmp_path: Path, capsys: pytest.CaptureFix
         assert page in shown
         assert f"reproduce {name} --runs 4 --seed 0 --set duration=4" in page
         assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
-        rows = list(csv.reader((tmp_path / f"{name}.csv").open()))
+        rows = list(csv.reader((tmp_path / f"{name}.csv").read_text().splitlines()))
         assert len(rows) > 3
         assert {len(row) for row in rows} == {len(rows[0])}
     fig8 = json.loads((tmp_path / "fig8.json").read_text())
@@ -123,7 +123,7 @@ def test_bad_input_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     (tmp_path / "file").write_text("")
     blocked = ["reproduce", "observability", "--out", str(tmp_path / "file")]
     assert cli.main(blocked) == BAD_INPUT
-    assert "give another --out" in capsys.readouterr().err
+    assert "give another place" in capsys.readouterr().err
     with pytest.raises(SettingsError, match="no experiment 'fig6'"):
         reproduce(["fig6"], tmp_path, runs=2, seed=0, jobs=1)
     with pytest.raises(SystemExit):

@@ -11,9 +11,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from collabslam.errors import DataError
+from collabslam.formats.files import write_bytes, write_text
 from collabslam.report import markdown_table
-from collabslam.results import write_bytes, write_summary, write_text
+from collabslam.results import write_summary
 
 
 @dataclass(frozen=True)
@@ -78,16 +78,10 @@ def write_finding(folder: Path, name: str, finding: Finding, how: str) -> None:
     writer.writerows([[_cell(value) for value in row] for row in finding.rows])
     picture = io.BytesIO()
     finding.figure.savefig(picture, format="png", metadata={"Software": None})
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_bytes(folder / f"{name}.png", picture.getvalue())
-        write_text(folder / f"{name}.csv", text.getvalue())
-        write_summary(folder / f"{name}.json", finding.numbers)
-        write_text(folder / f"{name}.md", finding.markdown(name, how))
-    except OSError as error:
-        raise DataError(
-            f"The folder {folder} cannot be written ({error.strerror}); give another --out."
-        ) from error
+    write_bytes(folder / f"{name}.png", picture.getvalue())
+    write_text(folder / f"{name}.csv", text.getvalue())
+    write_summary(folder / f"{name}.json", finding.numbers)
+    write_text(folder / f"{name}.md", finding.markdown(name, how))
 
 
 def _cell(value: Any) -> str:

@@ -10,8 +10,8 @@ import difflib
 from collections.abc import Mapping
 from typing import Any
 
+from collabslam.entry import Entry, Value
 from collabslam.errors import SettingsError
-from collabslam.settings import Entry, Value
 
 
 def _float(key: str, default: float, unit: str, low: float, high: float, doc: str) -> Entry:

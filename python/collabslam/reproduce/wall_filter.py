@@ -187,7 +187,7 @@ class WallFilter:
             s += np.take_along_axis(hp, take, 2) * h_feature[:, None, :, c]
         s = 0.5 * (s + _t(s))
         s[:, rows, rows] += noise
-        inverse: Array = np.linalg.inv(self._factor(s))
+        inverse: Array = np.asarray(np.linalg.inv(self._factor(s)), np.float64)
         v = inverse @ np.where(self.alive[:, None, None], hp, 0.0)
         g = np.where(self.alive[:, None], g, 0.0)
         before, telling = self.x, self.rho_ratio() < self.s.scale_depth
