@@ -123,8 +123,8 @@ pub fn directions(x: &[f64], layout: &Layout, out: &mut Vec<f64>) {
                 position(x, block.offset, out);
                 attitude(x, block.offset + 3, out);
             }
-            // T_CF is metric and seen from C.
-            BlockKind::WornBias | BlockKind::WornError => {}
+            // T_CF is metric and seen from C; dual rows come with map.local only.
+            BlockKind::WornBias | BlockKind::WornError | BlockKind::Dual(_) => {}
         }
     }
 }
