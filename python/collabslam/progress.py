@@ -11,7 +11,7 @@ _SECONDS_BETWEEN_LINES = 2.0
 
 
 class Progress:
-    """Counts frames on a stream; use it as a context manager.
+    """Counts frames (or what ``unit`` names) on a stream; use it as a context manager.
 
     Parameters
     ----------
@@ -22,10 +22,19 @@ class Progress:
         False says nothing at all.
     stream : text stream, optional
         Standard error by default.
+    unit : str
     """
 
-    def __init__(self, total: int, label: str, *, enabled: bool = True, stream: TextIO | None = None) -> None:
-        self._total, self._label = total, label
+    def __init__(
+        self,
+        total: int,
+        label: str,
+        *,
+        enabled: bool = True,
+        stream: TextIO | None = None,
+        unit: str = "frame",
+    ) -> None:
+        self._total, self._label, self._unit = total, label, unit
         self._stream = sys.stderr if stream is None else stream
         self._lines = enabled and not self._stream.isatty()
         self._done = 0
@@ -34,7 +43,7 @@ class Progress:
         if enabled and not self._lines:
             from tqdm import tqdm
 
-            self._bar = tqdm(total=total, desc=label, unit="frame", file=self._stream, dynamic_ncols=True)
+            self._bar = tqdm(total=total, desc=label, unit=unit, file=self._stream, dynamic_ncols=True)
 
     def __enter__(self) -> Progress:
         return self
@@ -55,5 +64,7 @@ class Progress:
         if self._lines and (now - self._said >= _SECONDS_BETWEEN_LINES or self._done == self._total):
             self._said = now
             rate = self._done / max(now - self._began, 1e-9)
-            text = f"{self._label}: {self._done}/{self._total} frames, {rate:.1f} frames/s, {note}"
+            text = (
+                f"{self._label}: {self._done}/{self._total} {self._unit}s, {rate:.1f} {self._unit}s/s, {note}"
+            )
             print(text.rstrip(", "), file=self._stream, flush=True)

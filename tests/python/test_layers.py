@@ -14,7 +14,7 @@ import collabslam
 
 PACKAGE = Path(collabslam.__file__).parent
 ROOT = PACKAGE.parents[1]
-TOP = {"engine", "runner", "cli", "commands", "checks", "demo_run", "table", "report", "viz"}
+TOP = {"engine", "runner", "cli", "commands", "checks", "demo_run", "reproduce", "table", "report", "viz"}
 
 FORBIDDEN = {
     "frontend": TOP | {"datasets", "evaluation", "results", "demo"},
@@ -24,6 +24,7 @@ FORBIDDEN = {
     "demo": TOP | {"frontend", "evaluation", "results"},
     "formats": TOP | {"frontend", "demo"},
     "viz": {"engine", "cli", "commands", "datasets", "frontend"},
+    "reproduce": {"engine", "runner", "cli", "commands", "demo_run", "table", "viz", "frontend", "datasets"},
     "engine.py": {"runner", "commands", "cli", "datasets", "evaluation", "results", "viz", "demo"},
     "depth_input.py": TOP | {"datasets", "evaluation", "results", "demo"},
     "features.py": TOP | {"datasets", "evaluation", "results", "demo"},

@@ -1,6 +1,6 @@
 //! The local update against the plain one, over a walk in which the working set changes all the time.
 
-use crate::scene::{camera, normals, rng, settings};
+use crate::scene::{camera, name, normals, rng, settings};
 use ekf_core::math::{pose::Pose, quat};
 use ekf_core::settings::Value;
 use ekf_core::{Bearing, DepthObservation, Filter, Measurements, Outcome};
@@ -36,7 +36,11 @@ impl Pair {
         let points = points.collect();
         let many = ("map.max_features", Value::Int(150));
         let filter = |local: bool| {
-            let changes = [many.clone(), ("map.local", Value::Bool(local))];
+            let changes = [
+                many.clone(),
+                ("map.local", Value::Bool(local)),
+                ("estimator.consistency", name("none")),
+            ];
             Filter::new(settings(&changes), camera(), None)
         };
         Self {

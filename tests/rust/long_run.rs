@@ -18,11 +18,12 @@ struct Traffic {
 }
 
 /// Features come (by births of the mode) and go (one every few frames); every tenth frame has a worn camera.
-fn run(mode: &str, steps: usize, seed: u64) -> (Filter, Traffic) {
+fn run(mode: &str, consistency: &str, steps: usize, seed: u64) -> (Filter, Traffic) {
     let mut rng = rng(seed + 1000);
     let mut scene = Scene::new(seed, 40);
     let mut filter = scene.filter(settings(&[
         ("estimator.mode", name(mode)),
+        ("estimator.consistency", name(consistency)),
         ("map.max_features", Value::Int(20)),
         ("worn.bias_share", Value::Float(0.3)),
     ]));
@@ -98,7 +99,7 @@ fn run(mode: &str, steps: usize, seed: u64) -> (Filter, Traffic) {
             let least = filter.state().covariance().least_scaled_eigenvalue();
             assert!(
                 least > -1e-10,
-                "{mode}, step {step}: least eigenvalue {least:e}"
+                "{mode}, {consistency}, step {step}: least eigenvalue {least:e}"
             );
             assert!(filter.state().mean().iter().all(|v| v.is_finite()));
             let p = filter.state().covariance().to_dense();
@@ -108,8 +109,8 @@ fn run(mode: &str, steps: usize, seed: u64) -> (Filter, Traffic) {
     (filter, traffic)
 }
 
-fn long_run(mode: &str, steps: usize) {
-    let (_, traffic) = run(mode, steps, 31);
+fn long_run(mode: &str, consistency: &str, steps: usize) {
+    let (_, traffic) = run(mode, consistency, steps, 31);
     assert!(traffic.births > steps / 8, "{} births", traffic.births);
     assert!(
         traffic.deletions > steps / 8,
@@ -127,33 +128,43 @@ fn long_run(mode: &str, steps: usize) {
 
 #[test]
 fn mono_stays_sound() {
-    long_run("mono", 2000);
+    for consistency in ["none", "gauge"] {
+        long_run("mono", consistency, 2000);
+    }
 }
 
 #[test]
 fn mono_undelayed_stays_sound() {
-    long_run("mono-undelayed", 2000);
+    for consistency in ["none", "gauge"] {
+        long_run("mono-undelayed", consistency, 2000);
+    }
 }
 
 #[test]
 fn collab_init_stays_sound() {
-    long_run("collab-init", 1000);
+    for consistency in ["none", "gauge"] {
+        long_run("collab-init", consistency, 1000);
+    }
 }
 
 #[test]
 fn collab_stays_sound() {
-    long_run("collab", 1000);
+    for consistency in ["none", "gauge"] {
+        long_run("collab", consistency, 1000);
+    }
 }
 
 #[test]
 fn collab_tight_stays_sound() {
-    long_run("collab-tight", 1000);
+    for consistency in ["none", "gauge"] {
+        long_run("collab-tight", consistency, 1000);
+    }
 }
 
 #[test]
 fn two_runs_give_the_same_bits() {
     let bits = || {
-        let (filter, _) = run("collab-tight", 150, 32);
+        let (filter, _) = run("collab-tight", "gauge", 150, 32);
         let p = filter.state().covariance().to_dense();
         let entries = filter.state().mean().iter().chain(p.iter());
         entries.map(|v| v.to_bits()).collect::<Vec<u64>>()

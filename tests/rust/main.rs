@@ -6,6 +6,7 @@
 
 mod births;
 mod cameras;
+mod gauge;
 mod jacobians;
 mod local;
 mod long_run;

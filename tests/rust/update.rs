@@ -12,7 +12,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector2, Vector3, Vector4, Ve
 use std::collections::BTreeMap;
 
 /// A warm filter with two candidates in its state, so one clone, predicted to the next frame.
-fn with_clone(seed: u64, changes: &[(&str, Value)]) -> Warm {
+pub(crate) fn with_clone(seed: u64, changes: &[(&str, Value)]) -> Warm {
     let mut warm = warm(seed, changes);
     let pixels = [Vector2::new(300.0, 200.0), Vector2::new(420.0, 260.0)];
     warm.filter.add_candidates(&pixels).expect("started");
@@ -21,7 +21,7 @@ fn with_clone(seed: u64, changes: &[(&str, Value)]) -> Warm {
 }
 
 /// Measurements of the present frame; worn pairs of known features only, so that nothing is born.
-fn measure(warm: &mut Warm, with_worn: bool) -> Measurements {
+pub(crate) fn measure(warm: &mut Warm, with_worn: bool) -> Measurements {
     let (mut z, _) = warm.scene.measure(warm.t, &warm.known, with_worn);
     if let Some(worn) = &mut z.worn {
         worn.pairs.retain(|p| p.id.is_some());
@@ -30,14 +30,14 @@ fn measure(warm: &mut Warm, with_worn: bool) -> Measurements {
 }
 
 /// Mean and covariance as plain dense matrices, the frame's error of T_CF at the end where there is one.
-struct Dense {
-    x: DVector<f64>,
-    p: DMatrix<f64>,
+pub(crate) struct Dense {
+    pub(crate) x: DVector<f64>,
+    pub(crate) p: DMatrix<f64>,
     worn: Option<usize>,
 }
 
 impl Dense {
-    fn of(filter: &Filter, worn: Option<&WornObservation>) -> Self {
+    pub(crate) fn of(filter: &Filter, worn: Option<&WornObservation>) -> Self {
         let x = DVector::from_column_slice(filter.state().mean());
         let p = filter.state().covariance().to_dense();
         let n = x.len();
@@ -71,8 +71,8 @@ impl Dense {
             .map_or(Vector6::zeros(), |w| self.x.fixed_rows::<6>(w).into_owned())
     }
 
-    /// The textbook update, then the quaternions of the camera and the clones normalised, P through the Jacobian.
-    fn update(&mut self, units: &[(Rows, usize)], quaternions: &[usize]) {
+    /// The textbook update.
+    pub(crate) fn update(&mut self, units: &[(Rows, usize)]) {
         let n = self.x.len();
         let m: usize = units.iter().map(|(rows, _)| rows.count).sum();
         let mut h = DMatrix::<f64>::zeros(m, n);
@@ -106,6 +106,11 @@ impl Dense {
                 .inverse();
         self.x += &gain * g;
         self.p -= &gain * s * gain.transpose();
+    }
+
+    /// The quaternions of the camera and the clones normalised, P through the Jacobian.
+    pub(crate) fn normalise(&mut self, quaternions: &[usize]) {
+        let n = self.x.len();
         for &offset in quaternions {
             let q: Vector4<f64> = self.x.fixed_rows::<4>(offset).into_owned();
             let norm = q.norm();
@@ -118,7 +123,7 @@ impl Dense {
     }
 
     /// Against the filter after its update, in units of the standard deviations before it.
-    fn compare(&self, filter: &Filter, before: &Filter) {
+    pub(crate) fn compare(&self, filter: &Filter, before: &Filter) {
         let (x, p) = (filter.state().mean(), filter.state().covariance());
         assert!(x.len() <= self.x.len() && x.len() == p.dim());
         let prior = before.state().covariance();
@@ -139,7 +144,7 @@ impl Dense {
     }
 }
 
-fn quaternions(filter: &Filter) -> Vec<usize> {
+pub(crate) fn quaternions(filter: &Filter) -> Vec<usize> {
     let clones = filter.state().layout().of_kind(BlockKind::Clone);
     let mut offsets: Vec<usize> = clones.map(|b| b.offset + 3).collect();
     assert!(!offsets.is_empty(), "the warm filter holds a clone");
@@ -172,7 +177,7 @@ fn point_at_depth(
 }
 
 /// The rows of the accepted measurements, each built from the prior mean.
-fn units(
+pub(crate) fn units(
     warm: &Warm,
     before: &Filter,
     dense: &Dense,
@@ -241,6 +246,7 @@ fn against_dense(seed: u64, changes: &[(&str, Value)], worn: bool, depths: bool)
     let mut all = vec![
         ("validate.test", name("none")),
         ("estimator.iterations", Value::Int(1)),
+        ("estimator.consistency", name("none")),
     ];
     all.extend_from_slice(changes);
     let mut warm = with_clone(seed, &all);
@@ -266,7 +272,8 @@ fn against_dense(seed: u64, changes: &[(&str, Value)], worn: bool, depths: bool)
         report.dof,
         units.iter().map(|(rows, _)| rows.count).sum::<usize>()
     );
-    dense.update(&units, &quaternions(&before));
+    dense.update(&units);
+    dense.normalise(&quaternions(&before));
     dense.compare(&warm.filter, &before);
     report
 }

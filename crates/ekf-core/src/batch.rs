@@ -312,7 +312,7 @@ impl Workspace {
         news
     }
 
-    /// The update itself: `x += V y`, `P -= V V^T` with `V = P H^T L^-T`, quaternions normalised.
+    /// The update itself: `x += V y`, `P -= V V^T` with `V = P H^T L^-T`; quaternions are left to be normalised.
     pub(crate) fn apply(&mut self, state: &mut State) {
         if self.rows() == 0 {
             return;
@@ -325,7 +325,6 @@ impl Workspace {
             *x += moved[slot];
         }
         state.p.downdate(&self.pht);
-        state.normalise_quaternions();
     }
 }
 

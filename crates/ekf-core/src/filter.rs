@@ -10,6 +10,7 @@ use crate::camera::Camera;
 use crate::drift::FrameDrift;
 use crate::error::EkfError;
 use crate::frame::{self, check_pose};
+use crate::gauge::Gauge;
 use crate::local::Far;
 use crate::map::{Candidate, FeatureRecord};
 use crate::math::pose::Pose;
@@ -17,7 +18,7 @@ use crate::math::quat;
 use crate::observe::point::{CameraPose, FeatureState, PointInCamera};
 use crate::overlap::{self, Overlap};
 use crate::predict;
-use crate::settings::Settings;
+use crate::settings::{Consistency, Settings};
 use crate::state::{BlockKind, Covariance, State};
 use crate::validate;
 use nalgebra::{Matrix2, Matrix3, Matrix6, SMatrix, Vector2, Vector3};
@@ -44,6 +45,7 @@ pub struct Filter {
     pub(crate) batch: Workspace,
     pub(crate) test: validate::Workspace,
     pub(crate) drift: FrameDrift,
+    pub(crate) gauge: Gauge,
     pub(crate) scratch: frame::Scratch,
     /// What is outside of the working state `state`, with `map.local`.
     pub(crate) far: Option<Far>,
@@ -109,6 +111,7 @@ impl Filter {
             batch: Workspace::default(),
             test: validate::Workspace::default(),
             drift: FrameDrift::default(),
+            gauge: Gauge::default(),
             scratch: frame::Scratch::default(),
             far: None,
             spare: None,
@@ -303,7 +306,9 @@ impl Filter {
             Some(far) => far.is_full(&self.state),
             None => self.started && (4..self.map_size() / 3).contains(&searched.len()),
         };
-        if !self.settings.map.local || !choose {
+        // The gauge transport moves every row of P.
+        let plain = self.settings.estimator.consistency == Consistency::None;
+        if !self.settings.map.local || !plain || !choose {
             return;
         }
         let mut near: Vec<u64> = self.predict_pixels().iter().map(|f| f.id).collect();

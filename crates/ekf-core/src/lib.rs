@@ -21,6 +21,7 @@ mod drift;
 pub mod error;
 pub mod filter;
 pub mod frame;
+pub mod gauge;
 mod kernel;
 mod local;
 pub mod map;

@@ -169,6 +169,16 @@ choice! {
 }
 
 choice! {
+    /// What keeps the filter from gaining information that no measurement holds (METHOD 14).
+    Consistency {
+        Gauge = "gauge",
+        /// The plain EKF.
+        None = "none",
+    }
+    "The covariance moves with the directions that no camera can see: rotation and scale."
+}
+
+choice! {
     /// How a batch of matches is validated (METHOD 8).
     BatchTestKind {
         Hohct = "hohct",
@@ -243,6 +253,9 @@ settings! {
     estimator: EstimatorSettings {
         /// What the worn camera is used for and how features are born.
         mode: Mode = Mode::CollabTight, "", None, None;
+        /// What keeps the filter from gaining information that no measurement holds: gauge (the covariance moves with
+        /// the directions that no camera can see, rotation and scale) or none (the plain EKF).
+        consistency: Consistency = Consistency::Gauge, "", None, None;
         /// Most linearisations of one update (iterated EKF); 1 is the plain EKF. It stops by itself where one is enough.
         iterations: usize = 5, "", Some(1.0), Some(50.0);
         /// By how many sigmas a measurement must be off its linear model for another linearisation.
@@ -332,7 +345,7 @@ settings! {
         /// ...after at least so many searches.
         min_searches: usize = 8, "", Some(1.0), Some(10000.0);
         /// Touch features out of view only when they come back into view or the state is asked for: the same result, faster
-        /// for maps of several hundred features.
+        /// for maps of several hundred features. Only with estimator.consistency = none: the gauge transport moves them all.
         local: bool = false, "", None, None;
         /// A candidate that has not been born after so many seconds is dropped.
         candidate_age: f64 = 4.0, "s", Some(0.01), Some(1e4);

@@ -21,5 +21,6 @@ COMMANDS = {
     "settings": "list, write or check settings",
     "record": "write a recording in the two-camera layout",
     "table": "measure the set of recordings and print the table",
+    "reproduce": "redo the paper's simulation and observability, corrected",
 }
 """Every command with its help, in the order of ``collabslam --help``."""

@@ -1,0 +1,162 @@
+//! The covariance that moves with the estimate: what no camera can see stays unseen.
+
+use crate::scene::{Scene, name};
+use crate::update::{Dense, measure, quaternions, units, with_clone};
+use ekf_core::gauge::{GAUGES, coordinates, directions};
+use ekf_core::observe::{PointInCamera, Rows};
+use ekf_core::settings::Value;
+use ekf_core::state::BlockKind;
+use ekf_core::{Filter, Settings};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector2};
+
+/// One linearisation and nothing rejected, so that the dense filter sees the same rows.
+fn settings() -> [(&'static str, Value); 3] {
+    [
+        ("validate.test", name("none")),
+        ("estimator.iterations", Value::Int(1)),
+        ("estimator.consistency", name("gauge")),
+    ]
+}
+
+fn gauge_directions(filter: &Filter, x: &[f64]) -> DMatrix<f64> {
+    let mut out = Vec::new();
+    directions(x, filter.state().layout(), &mut out);
+    DMatrix::from_vec(x.len(), GAUGES, out)
+}
+
+fn gauge_coordinates(filter: &Filter) -> DMatrix<f64> {
+    let (state, mut out) = (filter.state(), Vec::new());
+    coordinates(state.mean(), state.layout(), state.covariance(), &mut out);
+    DMatrix::from_vec(state.mean().len(), GAUGES, out)
+}
+
+/// Rows times a vector of the state's length.
+fn times(rows: &Rows, feature: usize, v: &DVector<f64>) -> DVector<f64> {
+    DVector::from_fn(rows.count, |r, _| {
+        let pose: f64 = (0..7).map(|c| rows.by_pose[(r, c)] * v[c]).sum();
+        let point: f64 = (0..6)
+            .map(|c| rows.by_feature[(r, c)] * v[feature + c])
+            .sum();
+        pose + point
+    })
+}
+
+#[test]
+fn directions_turn_and_scale_the_map() {
+    let warm = with_clone(51, &[]);
+    let state = warm.filter.state();
+    let n = gauge_directions(&warm.filter, state.mean());
+    for block in state.layout().of_kind(BlockKind::Feature) {
+        let feature = state.feature(block);
+        let point = feature.point().expect("in front");
+        let moves = feature.point_jacobian() * n.fixed_view::<6, GAUGES>(block.offset, 0);
+        for k in 0..3 {
+            let axis = Matrix3::identity().column(k).into_owned();
+            let off = (moves.column(k) - axis.cross(&point)).norm();
+            assert!(off < 1e-9 * point.norm(), "turn {k} is off by {off:e}");
+        }
+        let off = (moves.column(3) - point).norm();
+        assert!(off < 1e-9 * point.norm(), "scale is off by {off:e}");
+    }
+}
+
+#[test]
+fn coordinates_are_dual_to_the_directions() {
+    let warm = with_clone(52, &[]);
+    let n = gauge_directions(&warm.filter, warm.filter.state().mean());
+    let product = gauge_coordinates(&warm.filter).tr_mul(&n);
+    let off = (product - DMatrix::identity(GAUGES, GAUGES)).abs().max();
+    assert!(off < 1e-12, "B^T N is off by {off:e}");
+}
+
+#[test]
+fn no_bearing_sees_the_gauge_after_the_update_either() {
+    let mut warm = with_clone(53, &settings());
+    let z = measure(&mut warm, false);
+    let before = warm.filter.clone();
+    let dense = Dense::of(&before, None);
+    let report = warm.filter.update(&z).expect("good measurements");
+    let (old, new) = (
+        gauge_directions(&before, before.state().mean()),
+        gauge_directions(&before, warm.filter.state().mean()),
+    );
+    let carried = &old + (&new - &old) * gauge_coordinates(&before).tr_mul(&old);
+    let mut stale: f64 = 0.0;
+    for (rows, feature) in units(&warm, &warm.filter, &dense, &z, &report) {
+        for k in 0..GAUGES {
+            let sigma = rows.noise[(0, 0)].sqrt();
+            let seen = times(&rows, feature, &carried.column(k).into_owned()).norm() / sigma;
+            assert!(
+                seen < 1e-9 * rows.by_pose.norm(),
+                "gauge {k} shows: {seen:e}"
+            );
+            stale = stale.max(times(&rows, feature, &old.column(k).into_owned()).norm() / sigma);
+        }
+    }
+    assert!(
+        stale > 1.0,
+        "directions of the old mean should show, {stale}"
+    );
+}
+
+#[test]
+fn a_depth_sees_the_scale() {
+    let warm = with_clone(54, &[]);
+    let state = warm.filter.state();
+    let n = gauge_directions(&warm.filter, state.mean());
+    let (pose, block) = (
+        state.camera_pose(),
+        state
+            .layout()
+            .of_kind(BlockKind::Feature)
+            .next()
+            .expect("map"),
+    );
+    let feature = state.feature(block);
+    let point = PointInCamera::metric(&pose, &feature)
+        .expect("in front")
+        .value;
+    let rows = Rows::depth(&pose, &feature, &point, &Matrix3::identity(), None).expect("in front");
+    for k in 0..3 {
+        let seen = times(&rows, block.offset, &n.column(k).into_owned()).norm();
+        assert!(seen < 1e-9, "turn {k} shows: {seen:e}");
+    }
+    let seen = times(&rows, block.offset, &n.column(3).into_owned());
+    assert!((seen - DVector::from_column_slice(point.as_slice())).norm() < 1e-9);
+}
+
+#[test]
+fn the_update_agrees_with_a_dense_transport() {
+    let mut warm = with_clone(55, &settings());
+    let z = measure(&mut warm, false);
+    let before = warm.filter.clone();
+    let mut dense = Dense::of(&before, None);
+    let report = warm.filter.update(&z).expect("good measurements");
+    assert!(report.dof >= 16);
+    let units = units(&warm, &before, &dense, &z, &report);
+    let from = gauge_directions(&before, dense.x.as_slice());
+    dense.update(&units);
+    let to = gauge_directions(&before, dense.x.as_slice());
+    let n = dense.x.len();
+    let plain = dense.p.clone();
+    let t = DMatrix::identity(n, n) + (to - from) * gauge_coordinates(&before).transpose();
+    dense.p = &t * &dense.p * t.transpose();
+    assert!(
+        (&dense.p - plain).abs().max() > 1e-6,
+        "the transport does something"
+    );
+    dense.normalise(&quaternions(&before));
+    dense.compare(&warm.filter, &before);
+}
+
+#[test]
+fn without_a_converged_depth_there_is_no_coordinate_of_scale() {
+    let mut filter = Scene::new(56, 4).filter(Settings::default());
+    filter.predict(0.0).expect("first frame");
+    let pixels = [Vector2::new(300.0, 200.0), Vector2::new(420.0, 260.0)];
+    let born = filter.add_undelayed(&pixels).expect("finite");
+    assert!(born.iter().all(Option::is_some));
+    let b = gauge_coordinates(&filter);
+    assert_eq!(b.column(3).norm(), 0.0);
+    assert!(b.columns(0, 3).norm() > 1.0);
+}
