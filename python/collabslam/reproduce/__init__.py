@@ -1,8 +1,7 @@
 """The paper's simulation and observability, reproduced and corrected: what ``collabslam reproduce`` runs.
 
 An experiment is a module with a function ``make(study) -> Finding``; `EXPERIMENTS` lists them. Modules are
-imported
-when they are needed.
+imported when they are needed.
 """
 
 from __future__ import annotations

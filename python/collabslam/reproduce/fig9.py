@@ -58,7 +58,7 @@ def make(study: Study) -> Finding:
         verdict=(
             "The paper's claim, that even very noisy pseudo-stereo bounds the error, holds where the "
             "errors are independent; where one error is shared by a whole window, as the pose of a worn "
-            "camera would cause, half of the gain is gone at 1 m."
+            "camera would cause, the gain shrinks quickly as sigma_r grows."
         ),
         numbers=numbers,
         columns=columns,
