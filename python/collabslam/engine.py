@@ -18,7 +18,7 @@ from collabslam._core import Camera, UpdateReport
 from collabslam.depth_input import DepthInput, Depths
 from collabslam.errors import InputError, SettingsError
 from collabslam.features import FrameFeatures, frame_features
-from collabslam.frontend.detect import detect_corners
+from collabslam.frontend.detect import Corners
 from collabslam.frontend.search import SearchCode
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.modes import MODES, SLAM_STARTS
@@ -148,7 +148,8 @@ class Slam:
         self._undelayed = settings["filter.estimator.mode"] == "mono-undelayed"
         self.filter = _core.Filter(camera, worn_camera, settings=dict(settings.section("filter")))
         self._tracks = Tracks(camera, self._options)
-        self._look = WornLook(self.filter, camera, worn_camera, settings, self._options)
+        self._corners = Corners(self._options.detect, self._options.patch.size)
+        self._look = WornLook(self.filter, camera, worn_camera, settings, self._options, self._corners)
         self._target_start: TargetStart | None = None
         if start == "target" and target is not None:
             self._target_start = TargetStart(self.filter, camera, target, self._options)
@@ -198,6 +199,7 @@ class Slam:
         _check_image(image, self._camera, "image")
         self._look.check(worn)
         stages = _Stages()
+        self._corners.look_at(image)
         was_started = self.filter.started
         self.filter.predict(t)  # 1
         expected = self.filter.predict_pixels()  # 2
@@ -297,13 +299,12 @@ class Slam:
         if not (self.filter.started or scale_free):
             return 0
         pixels = self._tracks.pixels
-        options = self._options
         wait = not (self._undelayed or scale_free)
         wanted = self._in_view + (self._reserve if wait else 0)
         lacking = wanted - len(pixels)
         if lacking < self._in_view // 8:
             return 0
-        uv = detect_corners(image, pixels, lacking, options.detect, options.patch.size)
+        uv = self._corners.pick(pixels, lacking)
         if wait:
             ids = self.filter.add_candidates(uv)
             self._tracks.add_candidates(image, self.filter.pose, ids, uv)

@@ -9,7 +9,7 @@ import numpy as np
 
 from collabslam._core import Camera, Filter, UpdateReport
 from collabslam.errors import InputError
-from collabslam.frontend.detect import detect_corners
+from collabslam.frontend.detect import Corners
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.frontend.worn_match import WornMatches, match_worn
 from collabslam.geometry import pose_inverse, se3_log
@@ -110,11 +110,13 @@ class WornLook:
         worn_camera: Camera | None,
         settings: Settings,
         options: FrontendSettings,
+        corners: Corners,
     ) -> None:
         self._filter = core
         self._camera = camera
         self._worn_camera = worn_camera
         self._options = options
+        self._corners = corners
         mode = str(settings["filter.estimator.mode"])
         self._only_start = mode.startswith("mono")
         self._only_births = mode == "collab-init"
@@ -146,7 +148,7 @@ class WornLook:
         taken = np.concatenate([found.uv, found.candidate_uv])
         options = self._options
         tries = min(options.worn.new_points, options.worn.tries * missing)
-        fresh = detect_corners(image, taken, tries, options.detect, options.patch.size)
+        fresh = self._corners.pick(taken, tries)
         uv = np.concatenate([known_uv, found.candidate_uv, fresh])
         unknown = np.full(len(found.candidate_uv) + len(fresh), np.nan)
         matches = match_worn(

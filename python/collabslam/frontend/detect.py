@@ -79,6 +79,35 @@ def refine_corners(image: Image, uv: Array) -> Array:
     return np.where(near[:, None], moved[:, 0], points[:, 0]).astype(np.float64)
 
 
+class Corners:
+    """Corners of one frame's image, asked for more than once: the response is found once, when first needed.
+
+    Parameters
+    ----------
+    settings : DetectSettings
+    mask_border : int
+        Pixels along the image's edge without corners.
+    """
+
+    def __init__(self, settings: DetectSettings, mask_border: int) -> None:
+        self._settings, self._border = settings, mask_border
+        self._image: Image | None = None
+        self._peaks: Indices | None = None
+
+    def look_at(self, image: Image) -> None:
+        """Takes the image of a new frame."""
+        self._image, self._peaks = image, None
+
+    def pick(self, existing: Array, count: int) -> Array:
+        """As :func:`detect_corners` of the frame's image: (M, 2) float64."""
+        if self._image is None or count <= 0:
+            return np.empty((0, 2), dtype=np.float64)
+        if self._peaks is None:
+            distance = _distance(self._image, self._settings)
+            self._peaks, _ = corner_peaks(self._image, self._settings, distance, max(1, self._border))
+        return _spread(self._image, self._peaks, existing, count, self._settings)
+
+
 def detect_corners(
     image: Image,
     existing: Array,
@@ -106,15 +135,31 @@ def detect_corners(
     (M, 2) float64
         Corners (u, v), the most wanted first.
     """
+    corners = Corners(settings, mask_border)
+    corners.look_at(image)
+    return corners.pick(existing, count)
+
+
+def _distance(image: Image, settings: DetectSettings) -> float:
+    return float(max(2.0, settings.min_distance * image.shape[1]))
+
+
+def _spread(
+    image: Image,
+    peaks: Indices,
+    existing: Array,
+    count: int,
+    settings: DetectSettings,
+) -> Array:
+    """The ``count`` peaks, given the strongest first, whose cells need them most, away from existing points."""
     height, width = image.shape
-    distance = max(2.0, settings.min_distance * width)
-    peaks, response = corner_peaks(image, settings, distance, max(1, mask_border))
+    distance = _distance(image, settings)
     existing = np.asarray(existing, dtype=np.float64).reshape(-1, 2)
     existing = existing[np.all(np.isfinite(existing), axis=1)]
     if len(existing) and len(peaks):
         gap = ((peaks[:, None, :] - existing[None, :, :]) ** 2).sum(axis=2).min(axis=1)
-        peaks, response = peaks[gap >= distance**2], response[gap >= distance**2]
-    if count <= 0 or len(peaks) == 0:
+        peaks = peaks[gap >= distance**2]
+    if len(peaks) == 0:
         return np.empty((0, 2), dtype=np.float64)
     side = max(height, width) / settings.cells
     columns = int(np.ceil(width / side))

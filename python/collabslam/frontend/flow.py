@@ -9,6 +9,8 @@ full resolution by correlation.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -86,9 +88,17 @@ def _best_shift(a: Small, b: Small) -> tuple[float, float]:
     return float(u) - pad_u, float(v) - pad_v
 
 
+@lru_cache(maxsize=4)
+def _grid(shape: tuple[int, int]) -> Small:
+    """(2, H, W) rows and columns of the pixels of a small image."""
+    grid = np.indices(shape, dtype=np.float32)
+    grid.flags.writeable = False
+    return grid
+
+
 def _likeness(a: Small, b: Small, motion: Small) -> float:
     """Correlation of the part that two small images share under a motion; -1 if they share too little."""
-    v, u = np.indices(a.shape, dtype=np.float32)
+    v, u = _grid(a.shape)
     (a00, a01, t0), (a10, a11, t1) = motion
     maps = (a00 * u + a01 * v + t0, a10 * u + a11 * v + t1)
     moved = cv2.remap(b, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=-1e6)
