@@ -151,7 +151,7 @@ def _spread(
     count: int,
     settings: DetectSettings,
 ) -> Array:
-    """The ``count`` peaks, given the strongest first, whose cells need them most, away from existing points."""
+    """The ``count`` peaks whose cells need them most, away from existing points."""
     height, width = image.shape
     distance = _distance(image, settings)
     existing = np.asarray(existing, dtype=np.float64).reshape(-1, 2)
