@@ -7,7 +7,7 @@ use collabslam_benches::sway::{Mix, Sway};
 use collabslam_benches::{dense::Dense, settings};
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use ekf_core::settings::Value;
-use ekf_core::validate::{Batch, BatchTest, HohctSettings, JcbbSettings, Units, Workspace};
+use ekf_core::validate::{BatchTest, Workspace};
 use ekf_core::{CandidateOutcome, Filter, Measurements};
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -170,17 +170,9 @@ fn none() -> Value {
 }
 
 fn tests(c: &mut Criterion) {
-    let options = settings(&[]).validate;
-    let hohct = BatchTest::Hohct(HohctSettings {
-        level: options.level,
-        max_nodes: options.max_nodes,
-        max_share: options.max_share,
-    });
-    let jcbb = BatchTest::Jcbb(JcbbSettings {
-        level: options.level,
-        max_nodes: options.max_nodes,
-    });
-    for (name, test) in [("HOHCT", hohct), ("JCBB", jcbb)] {
+    for (title, name) in [("HOHCT", "hohct"), ("JCBB", "jcbb")] {
+        let options = settings(&[("validate.test", Value::Name(name.into()))]);
+        let test = BatchTest::chosen(&options.validate);
         for n in [40, 100] {
             for wrong in [0, 1, 3, 10] {
                 let mut sway = Sway::new(mix(100, n, wrong, false), &[]);
@@ -189,19 +181,12 @@ fn tests(c: &mut Criterion) {
                     sway.predict();
                     let z = sway.measure();
                     let innovation = sway.filter.innovation(&z).expect("valid measurements");
-                    let batch = Batch {
-                        s: innovation.s(),
-                        l: innovation.l(),
-                        ld: innovation.rows(),
-                        g: innovation.g(),
-                        noise: innovation.noise(),
-                        units: Units::new(innovation.offsets()),
-                    };
+                    let batch = innovation.as_batch();
                     let time = timed(|| test.run(&batch, &mut workspace));
                     sway.filter.update(&z).expect("valid measurements");
                     time
                 };
-                each_frame(c, &format!("{name}/{wrong} wrong of {n}"), &mut sway, run);
+                each_frame(c, &format!("{title}/{wrong} wrong of {n}"), &mut sway, run);
             }
         }
     }

@@ -7,7 +7,7 @@
 use collabslam_benches::sway::Mix;
 use collabslam_benches::{Loop, Sway, dense::Dense};
 use ekf_core::settings::Value;
-use ekf_core::validate::{Batch, BatchTest, HohctSettings, Units, Workspace};
+use ekf_core::validate::{BatchTest, Workspace};
 use ekf_core::{Filter, Measurements};
 use std::collections::HashMap;
 use std::hint::black_box;
@@ -75,21 +75,9 @@ fn hohct(seen: usize, wrong: usize) -> Case {
     Box::new(move || {
         sway.predict();
         let z = sway.measure();
-        let options = &sway.filter.settings().validate;
-        let test = BatchTest::Hohct(HohctSettings {
-            level: options.level,
-            max_nodes: options.max_nodes,
-            max_share: options.max_share,
-        });
+        let test = BatchTest::chosen(&sway.filter.settings().validate);
         let innovation = sway.filter.innovation(&z).expect("valid measurements");
-        let batch = Batch {
-            s: innovation.s(),
-            l: innovation.l(),
-            ld: innovation.rows(),
-            g: innovation.g(),
-            noise: innovation.noise(),
-            units: Units::new(innovation.offsets()),
-        };
+        let batch = innovation.as_batch();
         let start = Instant::now();
         let verdict = test.run(&batch, &mut workspace);
         let time = start.elapsed().as_nanos() as u64;

@@ -7,12 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collabslam._core import Camera, UpdateReport
+from collabslam._core import UpdateReport
 from collabslam.errors import InputError
-from collabslam.frontend.detect import detect_corners
-from collabslam.frontend.settings import FrontendSettings
+from collabslam.frontend.detect import Corners
 from collabslam.tracks import Found
-from collabslam.types import Array, Ids, Image, Indices, Mask
+from collabslam.types import Array, Ids, Indices, Mask
 
 NEAR = 4.0
 """A depth holds for the points of the image within so many pixels."""
@@ -50,13 +49,12 @@ class DepthInput:
 
     Parameters
     ----------
-    camera : Camera
-    options : FrontendSettings
+    corners : Corners
+        Of the present frame.
     """
 
-    def __init__(self, camera: Camera, options: FrontendSettings) -> None:
-        self._camera = camera
-        self._options = options
+    def __init__(self, corners: Corners) -> None:
+        self._corners = corners
         self._given: list[tuple[Array, Array, Array]] = []
 
     def add(self, uv: ArrayLike, depth: ArrayLike, sigma: ArrayLike) -> None:
@@ -76,12 +74,11 @@ class DepthInput:
             )
         self._given.append((pixels, z.copy(), sd.copy()))
 
-    def take(self, image: Image, found: Found, used: Ids, missing: int) -> Depths:
+    def take(self, found: Found, used: Ids, missing: int) -> Depths:
         """The depths given since the last frame, at the points of this one.
 
         Parameters
         ----------
-        image : (H, W) uint8
         found : Found
             Features tracked into this frame; each takes the nearest depth.
         used : (M,) int64
@@ -99,8 +96,7 @@ class DepthInput:
         ids, points, nearest = ids[near], points[near], nearest[near]
         if missing > 0:
             taken = np.concatenate([found.uv, found.candidate_uv])
-            options = self._options
-            fresh = detect_corners(image, taken, CORNERS * missing, options.detect, options.patch.size)
+            fresh = self._corners.pick(taken, CORNERS * missing)
             rows, near = _nearest(fresh, uv)
             fresh, rows = fresh[near][:missing], rows[near][:missing]
             ids = np.concatenate([ids, np.full(len(fresh), -1)])

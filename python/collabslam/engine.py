@@ -153,7 +153,7 @@ class Slam:
         self._target_start: TargetStart | None = None
         if start == "target" and target is not None:
             self._target_start = TargetStart(self.filter, camera, target, self._options)
-        self._depth = DepthInput(camera, self._options)
+        self._depth = DepthInput(self._corners)
         self._monitor = StatusMonitor()
 
     def add_depth(self, uv: ArrayLike, depth: ArrayLike, sigma: ArrayLike) -> None:
@@ -208,7 +208,7 @@ class Slam:
         stages.done("search")
         overlap = self._look.match(image, worn, found, self._missing(found))  # 4
         stages.done("cf")
-        depths = self._depth.take(image, found, overlap.ids, self._missing(found))
+        depths = self._depth.take(found, overlap.ids, self._missing(found))
         report = self.filter.update(  # 5, 6, 7
             found.searched, found.ids, found.uv, worn=overlap.observation, depths=depths.observation
         )

@@ -7,6 +7,7 @@ use crate::error::EkfError;
 use crate::kernel::{self, Panels};
 use crate::observe::Rows;
 use crate::state::{POSE_DIM, State};
+use crate::validate::{Batch, Units};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor;
 use faer::linalg::triangular_solve::{
@@ -112,9 +113,16 @@ impl Workspace {
         pose.fold(0.0, |largest, x| largest.max(x.abs()))
     }
 
-    /// Measurement noise of each unit.
-    pub fn noise(&self) -> &[Matrix3<f64>] {
-        &self.noise
+    /// What a test may look at, once S is factored.
+    pub fn as_batch(&self) -> Batch<'_> {
+        Batch {
+            s: &self.s,
+            l: &self.l,
+            ld: self.rows(),
+            g: &self.g,
+            noise: &self.noise,
+            units: Units::new(&self.offsets),
+        }
     }
 
     /// Normalised innovation squared, `g^T S^-1 g`. Valid after [`Self::factor`].

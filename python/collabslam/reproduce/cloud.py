@@ -1,10 +1,9 @@
 """Consistency in 6-DoF: the real core among simulated points, with the noise of the paper's simulation.
 
-A camera travels along a wall of points, turning and swaying in all six degrees of freedom. Its pixels are as
-noisy
-as the paper's bearings (sigma_Cs in each axis), births wait for alpha_min, and in both windows a worn camera
-gives
-its pixels and a pose with the errors of Table C1. Motion and noise are exactly what the filter assumes.
+A camera travels along a wall of points, turning and swaying in all six degrees of freedom. Its pixels are
+as noisy as the paper's bearings (sigma_Cs in each axis), births wait for alpha_min, and in both windows a
+worn camera gives its pixels and a pose with the errors of Table C1. Motion and noise are exactly what the
+filter assumes.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from collabslam._core import Camera
 from collabslam.evaluation.consistency import nees, pose_tangent_error
 from collabslam.geometry import rotation_exp, se3_exp
-from collabslam.reproduce.core_run import CoreRun, SimulatedFrame
+from collabslam.reproduce.core_run import CoreRun, SimulatedFrame, common_settings
 from collabslam.reproduce.estimators import Estimator
 from collabslam.reproduce.settings import SimulationSettings
 from collabslam.types import Array
@@ -73,16 +72,10 @@ def _run(
     camera = Camera("pinhole", *_SIZE, (focal, focal, 0.5 * _SIZE[0], 0.5 * _SIZE[1]))
     points, poses = _wall(s, rng), _walk(s, rng)
     settings = {
+        **common_settings(s, estimator, focal),
         "estimator.mode": collaboration,
-        "estimator.consistency": "gauge" if estimator.gauge else "none",
-        "birth.first_pose": estimator.first_pose,
-        "birth.min_parallax": s.min_parallax,
         "birth.max_rho_ratio": 2.0,
-        "pixel.sigma_cs": sigma * (s.inflation if estimator.inflated else 1.0),
         "pixel.sigma_cf": sigma,
-        "process.acceleration_density": s.acceleration_density,
-        "process.angular_acceleration_density": float(np.radians(s.angular_acceleration_density)),
-        "process.start_velocity_sd": s.path / s.duration,
         "process.start_angular_velocity_sd": _START_TURN,
         "map.max_features": 5 * s.cloud_in_view,
     }

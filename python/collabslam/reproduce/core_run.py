@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from collabslam._core import Camera, Filter
+from collabslam.reproduce.estimators import Estimator
+from collabslam.reproduce.settings import SimulationSettings
 from collabslam.types import Array
 
 Bools = NDArray[np.bool_]
+FilterSettings = dict[str, bool | int | float | str]
+
+
+def common_settings(s: SimulationSettings, estimator: Estimator, focal: float) -> FilterSettings:
+    """What the simulation and an estimator say of the filter, with a focal length in pixels."""
+    sigma = focal * np.radians(s.bearing_sigma) * (s.inflation if estimator.inflated else 1.0)
+    return {
+        "estimator.consistency": "gauge" if estimator.gauge else "none",
+        "birth.first_pose": estimator.first_pose,
+        "birth.min_parallax": s.min_parallax,
+        "pixel.sigma_cs": float(sigma),
+        "process.acceleration_density": s.acceleration_density,
+        "process.angular_acceleration_density": float(np.radians(s.angular_acceleration_density)),
+        "process.start_velocity_sd": s.path / s.duration,
+    }
 
 
 @dataclass(frozen=True)
@@ -52,10 +68,8 @@ class CoreRun:
         Features and candidates in view that are asked for.
     """
 
-    def __init__(
-        self, camera: Camera, settings: Mapping[str, bool | int | float | str], in_view: int
-    ) -> None:
-        fixed: dict[str, bool | int | float | str] = {
+    def __init__(self, camera: Camera, settings: FilterSettings, in_view: int) -> None:
+        fixed: FilterSettings = {
             "validate.test": "none",
             "process.position_drift": 0.0,
             "process.attitude_drift": 0.0,

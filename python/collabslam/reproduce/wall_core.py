@@ -1,12 +1,9 @@
 """The 2-DoF simulation in the real 6-DoF core: the same runs, held to a plane.
 
 The camera is an equidistant one, so that a constant noise of pixels is a constant noise of angles; all
-landmarks
-are at its height and the vertical pixel is measured without error, so the estimate stays in the plane.
-Pseudo-stereo
-enters as a depth on the ray of Cs. The core starts at rest with a velocity as uncertain as the mean speed,
-where
-the 2-DoF filter is given a noisy velocity.
+landmarks are at its height and the vertical pixel is measured without error, so the estimate stays in the
+plane. Pseudo-stereo enters as a depth on the ray of Cs. The core starts at rest with a velocity as uncertain
+as the mean speed, where the 2-DoF filter is given a noisy velocity.
 """
 
 from __future__ import annotations
@@ -17,7 +14,7 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.evaluation.consistency import nees
-from collabslam.reproduce.core_run import CoreRun, SimulatedFrame
+from collabslam.reproduce.core_run import CoreRun, FilterSettings, SimulatedFrame, common_settings
 from collabslam.reproduce.estimators import Estimator
 from collabslam.reproduce.settings import SimulationSettings
 from collabslam.reproduce.wall import WallRuns, simulate
@@ -43,20 +40,13 @@ def run_wall_core(
     return Outcome(*(np.stack(part) for part in zip(*outcomes, strict=True)))
 
 
-def core_settings(s: SimulationSettings, estimator: Estimator) -> dict[str, bool | int | float | str]:
+def core_settings(s: SimulationSettings, estimator: Estimator) -> FilterSettings:
     """The filter's settings that express the simulation."""
-    sigma = _FOCAL * np.radians(s.bearing_sigma) * (s.inflation if estimator.inflated else 1.0)
     return {
+        **common_settings(s, estimator, _FOCAL),
         "estimator.mode": "mono",
-        "estimator.consistency": "gauge" if estimator.gauge else "none",
-        "birth.first_pose": estimator.first_pose,
-        "birth.min_parallax": s.min_parallax,
         "birth.min_baseline": 0.0,
         "birth.max_rho_ratio": 10.0,
-        "pixel.sigma_cs": float(sigma),
-        "process.acceleration_density": s.acceleration_density,
-        "process.angular_acceleration_density": float(np.radians(s.angular_acceleration_density)),
-        "process.start_velocity_sd": s.path / s.duration,
         "process.start_angular_velocity_sd": float(np.radians(s.start_turn_sigma)),
         "map.max_features": s.map_size,
         "map.candidate_age": s.duration,

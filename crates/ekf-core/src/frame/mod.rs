@@ -11,7 +11,7 @@ use crate::map::check_pixels;
 use crate::math::pose::Pose;
 use crate::settings::{BatchTestKind, Consistency, Mode, WornErrors};
 use crate::state::{BlockKind, POSE_DIM};
-use crate::validate::{self, BatchTest, HohctSettings, JcbbSettings, OnePointSettings};
+use crate::validate::{self, BatchTest};
 
 use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, Vector2, Vector6};
 use units::Source;
@@ -422,32 +422,8 @@ impl Filter {
     /// Matches that the batch test leaves out.
     fn batch_test(&mut self, report: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
         gone.clear();
-        let options = &self.settings.validate;
-        let test = match options.test {
-            BatchTestKind::Hohct => BatchTest::Hohct(HohctSettings {
-                level: options.level,
-                max_nodes: options.max_nodes,
-                max_share: options.max_share,
-            }),
-            BatchTestKind::Jcbb => BatchTest::Jcbb(JcbbSettings {
-                level: options.level,
-                max_nodes: options.max_nodes,
-            }),
-            BatchTestKind::OnePoint => BatchTest::OnePoint(OnePointSettings {
-                low_sigmas: options.low_sigmas,
-                level: options.level,
-            }),
-            BatchTestKind::Individual => BatchTest::Individual(options.level),
-            BatchTestKind::None => BatchTest::None,
-        };
-        let batch = validate::Batch {
-            s: self.batch.s(),
-            l: self.batch.l(),
-            ld: self.batch.rows(),
-            g: self.batch.g(),
-            noise: self.batch.noise(),
-            units: validate::Units::new(self.batch.offsets()),
-        };
+        let test = BatchTest::chosen(&self.settings.validate);
+        let batch = self.batch.as_batch();
         if batch.units.is_empty() {
             return Outcome::RejectedBatch;
         }

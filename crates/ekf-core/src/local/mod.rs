@@ -338,9 +338,7 @@ impl Far {
         }
         (self.r, self.ld) = (r, ld);
     }
-}
 
-impl Far {
     /// The covariance of before, to be written over.
     pub(crate) fn into_spare(self) -> Covariance {
         self.then.p

@@ -24,6 +24,7 @@ mod one_point;
 use nalgebra::Matrix3;
 
 use crate::chi2;
+use crate::settings::{BatchTestKind, ValidateSettings};
 
 pub use conditional::conditional_gate;
 pub use hohct::{HohctSettings, hohct};
@@ -133,6 +134,27 @@ pub enum BatchTest {
 }
 
 impl BatchTest {
+    /// The test that the settings name.
+    pub fn chosen(options: &ValidateSettings) -> Self {
+        let &ValidateSettings {
+            level, max_nodes, ..
+        } = options;
+        match options.test {
+            BatchTestKind::Hohct => Self::Hohct(HohctSettings {
+                level,
+                max_nodes,
+                max_share: options.max_share,
+            }),
+            BatchTestKind::Jcbb => Self::Jcbb(JcbbSettings { level, max_nodes }),
+            BatchTestKind::OnePoint => Self::OnePoint(OnePointSettings {
+                low_sigmas: options.low_sigmas,
+                level,
+            }),
+            BatchTestKind::Individual => Self::Individual(level),
+            BatchTestKind::None => Self::None,
+        }
+    }
+
     /// Runs the test on a batch.
     pub fn run(&self, batch: &Batch, ws: &mut Workspace) -> Verdict {
         let Batch {
