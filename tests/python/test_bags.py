@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import yaml
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -18,7 +19,7 @@ from collabslam import cli
 from collabslam import geometry as g
 from collabslam.datasets import messages, open_recording
 from collabslam.datasets.bag import Bag
-from collabslam.errors import DataError
+from collabslam.errors import DataError, SettingsError
 
 FRAMES, WIDTH, HEIGHT = 6, 32, 24
 START = 1_700_000_000_000_000_000
@@ -87,6 +88,13 @@ class Maker:
         pose = self.make("geometry_msgs/msg/PoseWithCovariance", self.pose(matrix), covariance.ravel())
         self.write(name, "geometry_msgs/msg/PoseWithCovarianceStamped", stamp, self.header(stamp), pose)
 
+    def link(self, name: str, stamp: int, parent: str, child: str, matrix: np.ndarray) -> None:
+        pose = self.pose(matrix)
+        vector = self.make("geometry_msgs/msg/Vector3", *matrix[:3, 3])
+        moved = self.make("geometry_msgs/msg/Transform", vector, pose.orientation)
+        link = self.make("geometry_msgs/msg/TransformStamped", self.header(stamp, parent), child, moved)
+        self.write(name, "tf2_msgs/msg/TFMessage", stamp, [link])
+
 
 def two_cameras(path: Path, kind: str) -> Path:
     """Images of Cs and compressed ones of Cf, both with CameraInfo, T_CF at other instants, and a tf."""
@@ -105,11 +113,7 @@ def two_cameras(path: Path, kind: str) -> Path:
                 data = cv2.imencode(".png", 255 - IMAGES[k])[1].ravel()
                 maker.write("/cf/image_raw/compressed", "sensor_msgs/msg/CompressedImage", t,
                             maker.header(t + 2_000_000), "png", data)  # fmt: skip
-            link = maker.pose(g.se3_exp([0.1 * k, 0, 0, 0, 0, 0]))
-            vector = maker.make("geometry_msgs/msg/Vector3", 0.1 * k, 0.0, 0.0)
-            moved = maker.make("geometry_msgs/msg/Transform", vector, link.orientation)
-            stamped = maker.make("geometry_msgs/msg/TransformStamped", maker.header(t, "map"), "cam", moved)
-            maker.write("/tf", "tf2_msgs/msg/TFMessage", t, [stamped])
+            maker.link("/tf", t, "map", "cam", g.se3_exp([0.1 * k, 0, 0, 0, 0, 0]))
         maker.topic("/nothing", "sensor_msgs/msg/Image")
     return maker.path
 
@@ -133,6 +137,48 @@ def test_a_bag_is_a_recording(tmp_path: Path, kind: str) -> None:
             np.testing.assert_allclose(frame.worn.t_cf, t_cf(0.1 * k), atol=1e-4)
             np.testing.assert_allclose(frame.worn.covariance, POSE_COV, atol=1e-4)
     np.testing.assert_allclose(recording.truth[3], g.se3_exp([0.3, 0, 0, 0, 0, 0]), atol=1e-6)
+
+
+def test_tf_can_give_the_worn_cameras_pose(tmp_path: Path) -> None:
+    """tf carries no covariance, so its standard deviations are given beside its two frames."""
+    path = two_cameras(tmp_path / "walk", "mcap")
+    recording = open_recording(path, topics={**TOPICS, "t_cf": "tf:map:cam:0.03:1.5"})
+    worn = recording.frame(4).worn
+    np.testing.assert_allclose(worn.t_cf, g.se3_exp([0.4, 0, 0, 0, 0, 0]), atol=1e-6)
+    deviations = [0.03] * 3 + [np.deg2rad(1.5)] * 3
+    np.testing.assert_allclose(worn.covariance, np.diag(deviations) ** 2, atol=1e-12)
+    with pytest.raises(SettingsError, match="give tf:CS:CF:METRES:DEGREES"):
+        open_recording(path, topics={**TOPICS, "t_cf": "tf:map:cam"})
+    with pytest.raises(SettingsError, match="must be above zero"):
+        open_recording(path, topics={**TOPICS, "t_cf": "tf:map:cam:0.03:0"})
+
+
+def camchain(path: Path, shift: float) -> Path:
+    """A Kalibr camchain of the two cameras; cam1 is 0.2 m to the right of cam0, turned by 0.1 rad."""
+    t_c1_c0 = np.linalg.inv(g.se3_exp([0.2, 0, 0, 0, 0.1, 0]))
+    lens = {"camera_model": "pinhole", "distortion_model": "radtan", "distortion_coeffs": [0.0] * 4,
+            "resolution": [WIDTH, HEIGHT], "timeshift_cam_imu": 0.001}  # fmt: skip
+    second = {**lens, "intrinsics": [27, 27, 15.5, 11.5], "T_cn_cnm1": t_c1_c0.tolist()}
+    chain = {"cam0": {**lens, "intrinsics": [30, 30, 15.5, 11.5]},
+             "cam1": {**second, "timeshift_cam_imu": 0.001 + shift}}  # fmt: skip
+    path.write_text(yaml.safe_dump(chain), encoding="utf-8")
+    return path
+
+
+def test_a_kalibr_camchain_makes_a_rig_of_two_topics(tmp_path: Path) -> None:
+    path = two_cameras(tmp_path / "walk", "sqlite3")
+    topics = {**TOPICS, "t_cf": "rig"}
+    recording = open_recording(path, camera=camchain(tmp_path / "chain.yaml", -0.002), topics=topics)
+    assert recording.camera.intrinsics[0] == 30.0
+    assert recording.worn_camera.intrinsics[0] == 27.0
+    worn = recording.frame(2).worn
+    np.testing.assert_allclose(worn.t_cf, g.se3_exp([0.2, 0, 0, 0, 0.1, 0]), atol=1e-12)
+    assert worn.covariance[0, 0] == 0.002**2
+    # Cf's stamps are 2 ms late; a clock that is 0.05 s off leaves no pair.
+    with pytest.raises(DataError, match="same clock"):
+        open_recording(path, camera=camchain(tmp_path / "chain.yaml", 0.05), topics=topics)
+    with pytest.raises(DataError, match="needs the Kalibr camchain"):
+        open_recording(path, topics=topics)
 
 
 def test_info_lists_the_topics(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -56,6 +56,16 @@ def make_bag(path: Path, short: Short) -> None:
                 maker.image("/cf/image_raw", stamp, frame.worn.image)
                 fixed = g.tangent_to_fixed(frame.worn.t_cf, frame.worn.covariance)
                 maker.pose_cov("/relpose", stamp, frame.worn.t_cf, fixed)
+                maker.link("/tf", stamp, "cs", "cf", frame.worn.t_cf)
+
+
+def make_camchain(path: Path, short: Short) -> None:
+    """Both cameras as Kalibr writes them, bound as in the first frame."""
+    lenses = [{"camera_model": "pinhole", "distortion_model": "radtan", "intrinsics": list(c.intrinsics),
+               "distortion_coeffs": list(c.distortion), "resolution": [c.width, c.height]}
+              for c in (short.camera, short.worn_camera)]  # fmt: skip
+    bound = np.linalg.inv(next(f.worn.t_cf for f in short.frames if f.worn is not None))
+    path.write_text(yaml.safe_dump({"cam0": lenses[0], "cam1": {**lenses[1], "T_cn_cnm1": bound.tolist()}}))
 
 
 def info(maker: Maker, topic: str, stamp: int, camera: collabslam.Camera) -> None:
@@ -82,6 +92,7 @@ def place(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "times.txt").write_text("".join(f"{f.t}\n" for f in short.frames))
     (folder / "DATA").mkdir()
     make_bag(folder / "walk.bag", short)
+    make_camchain(folder / "camchain.yaml", short)
     collabslam.run(folder / "walk", out=folder / "results" / "walk")
     return folder
 

@@ -35,7 +35,7 @@ def add_source(parser: argparse.ArgumentParser) -> None:
         "--topics",
         metavar="ROLE=TOPIC,..",
         type=topics,
-        help="of a bag: cs, cf, t_cf, cs_info, cf_info, truth, as cs=/cam0/image_raw,cf=/cam1/image_raw",
+        help="of a bag: cs, cf, t_cf (a topic, tf:CS:CF:METRES:DEGREES, or rig), cs_info, cf_info, truth",
     )
 
 

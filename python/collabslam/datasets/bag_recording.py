@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.bag import CAMERA_TYPE, IMAGE_TYPES, POSE_TYPES, Bag, BagImages, is_bag
+from collabslam.datasets.bag import CAMERA_TYPE, IMAGE_TYPES, Bag, BagImages, is_bag
+from collabslam.datasets.bag_worn import T_CF_ROLE, WornPoses, worn_poses
 from collabslam.datasets.calibration import load_camera
 from collabslam.datasets.given import Given
 from collabslam.datasets.poses import interpolate_track, seconds
@@ -21,7 +22,7 @@ LAYOUT = "a ROS bag (.bag, .mcap, .db3, or the folder of a ROS 2 bag)"
 ROLES = {
     "cs": "images of the robot's camera; the only image topic if left out",
     "cf": "images of the worn camera",
-    "t_cf": "PoseWithCovarianceStamped: measured pose of Cf in Cs",
+    "t_cf": T_CF_ROLE,
     "cs_info": "CameraInfo of Cs; the one beside its images if left out",
     "cf_info": "CameraInfo of Cf; the one beside its images if left out",
     "truth": "true pose of Cs in a world, to score and to emulate Cf; or tf:WORLD:CAMERA",
@@ -45,12 +46,13 @@ def open(path: Path, given: Given) -> StreamRecording:
     images = BagImages(bag, topic)
     times = np.asarray([seconds(s) for s in images.stamps])
     camera = load_camera(given.camera) if given.camera else _camera(bag, topic, topics.get("cs_info"))
-    worn_camera, views = None, dict[int, tuple[int, Array, Array]]()
+    worn_camera = None
     read_worn = partial(_no_view)
     if "cf" in topics:
-        worn_camera = _camera(bag, topics["cf"], topics.get("cf_info"))
+        poses = worn_poses(bag, topics.get("t_cf"), given.camera)
+        worn_camera = poses.camera or _camera(bag, topics["cf"], topics.get("cf_info"))
         worn_images = BagImages(bag, topics["cf"])
-        views = _views(bag, images.stamps, worn_images.stamps, topics)
+        views = _views(bag, images.stamps, worn_images.stamps, poses)
         read_worn = partial(_view, worn_images, views)
     return StreamRecording(
         name=path.stem,
@@ -102,31 +104,18 @@ def _camera(bag: Bag, images: str, info: str | None) -> Camera:
 
 
 def _views(
-    bag: Bag, stamps: list[int], worn_stamps: list[int], topics: dict[str, str]
+    bag: Bag, stamps: list[int], worn_stamps: list[int], poses: WornPoses
 ) -> dict[int, tuple[int, Array, Array]]:
     """For each frame with a view of Cf and a pose: the view's number, ``T_CF`` and its covariance."""
-    topic = topics.get("t_cf")
-    if topic is None:
-        found = [t.name for t in bag.of_type(*POSE_TYPES)]
-        if len(found) != 1:
-            raise DataError(
-                f"The bag {bag.path} has {len(found)} topics of poses with covariance; say which "
-                f"measures the worn camera with --topics t_cf=TOPIC: {', '.join(found) or 'none'}."
-            )
-        topic = found[0]
-    pose_times, poses, covariances = bag.poses(topic)
-    pairs = match_stamps(stamps, worn_stamps, _TOLERANCE)
+    shift = round(poses.shift * 10**9)
+    pairs = match_stamps(stamps, [s + shift for s in worn_stamps], _TOLERANCE)
     times = np.asarray([seconds(stamps[i]) for i in pairs])
-    measured = interpolate_track(pose_times, poses, times)
-    out = {}
-    for (i, k), t, t_cf in zip(pairs.items(), times, measured, strict=True):
-        if np.isfinite(t_cf).all():
-            nearest = int(np.argmin(np.abs(pose_times - t)))
-            out[i] = (k, t_cf, covariances[nearest])
+    rows = zip(pairs.items(), *poses.at(times), strict=True)
+    out = {i: (k, t_cf, covariance) for (i, k), t_cf, covariance in rows if np.isfinite(t_cf).all()}
     if not out:
         raise DataError(
-            f"No image of {topics['cf']} in {bag.path} is within 10 ms of one of Cs and between two poses of "
-            f"{topic}; put all three on the same clock."
+            f"No image of Cf in {bag.path} is within 10 ms of one of Cs and between two of its measured "
+            "poses; put all three on the same clock."
         )
     return out
 

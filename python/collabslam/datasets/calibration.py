@@ -18,6 +18,7 @@ import yaml
 from collabslam._core import Camera
 from collabslam.datasets.poses import rigid
 from collabslam.errors import DataError
+from collabslam.geometry import pose_inverse
 from collabslam.types import Array, Image
 
 MODEL_OF_DISTORTION = {
@@ -165,8 +166,7 @@ def camera_from_mapping(content: Mapping[str, Any], path: Path | str, name: str 
         if projection != "pinhole":
             raise DataError(
                 f"The camera model '{projection}' of {path} is not supported; calibrate as 'pinhole' with "
-                "the "
-                "distortion model radtan or equidistant."
+                "the distortion model radtan or equidistant."
             )
         intrinsics = _numbers(_required(block, ("intrinsics",), path), (4,), "intrinsics", path)
         resolution = _numbers(_required(block, ("resolution",), path), (2,), "resolution", path)
@@ -233,6 +233,36 @@ def load_extrinsics(path: Path) -> Array:
     """
     numbers = _numbers(_required(read_yaml(path), ("T_BS",), path), (16,), "T_BS", path)
     return rigid(np.asarray(numbers).reshape(4, 4), f"T_BS of {path}")
+
+
+def load_rig(path: Path) -> tuple[Camera, Array, float]:
+    """The second camera of a Kalibr camchain, as Cf bound to Cs, the first.
+
+    Returns
+    -------
+    camera : Camera
+        Of ``cam1``.
+    t_cf : (4, 4) array
+        Maps its points into ``cam0``: the inverse of ``T_cn_cnm1``.
+    shift : float
+        Seconds to add to its stamps to be on the clock of ``cam0`` (the difference of ``timeshift_cam_imu``).
+
+    Raises
+    ------
+    DataError
+        If the file is no camchain of two cameras, or the transform is missing or not rigid.
+    """
+    content = read_yaml(path)
+    first, second = content.get("cam0"), content.get("cam1")
+    if not isinstance(first, Mapping) or not isinstance(second, Mapping):
+        raise DataError(f"The calibration {path} is no Kalibr camchain with cam0 and cam1; give one of both.")
+    numbers = _numbers(_required(second, ("T_cn_cnm1",), path), (16,), "T_cn_cnm1", path)
+    t_fc = rigid(np.asarray(numbers).reshape(4, 4), f"T_cn_cnm1 of {path}")
+    shifts = [
+        _numbers(block.get("timeshift_cam_imu", 0.0), (1,), "timeshift_cam_imu", path)[0]
+        for block in (first, second)
+    ]
+    return camera_from_mapping(content, path, "cam1"), pose_inverse(t_fc), shifts[1] - shifts[0]
 
 
 def check_resolution(camera: Camera, image: Image, path: Path | str) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.datasets.base import Rig
 from collabslam.datasets.images import read_grey
+from collabslam.datasets.pose_noise import RIG_NOISE, SENSOR_NOISE, PoseNoise
 from collabslam.datasets.views import choose_views, load_views
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.errors import DataError, SettingsError
@@ -25,41 +26,6 @@ from collabslam.types import Array, Frame, Image, Recording, WornView
 SPECS = "recorded, none, lag:SECONDS, rig, views:FOLDER"
 _EDGE = 1e-9
 _PER_FRAME, _PER_BLOCK = 0, 1
-
-
-@dataclass(frozen=True)
-class PoseNoise:
-    """Standard deviations of a measured ``T_CF``.
-
-    Attributes
-    ----------
-    position : float
-        Metres, of each coordinate in F.
-    roll, pitch, yaw : float
-        Degrees about F's z, x and y axis.
-    """
-
-    position: float = 0.03
-    roll: float = 0.5
-    pitch: float = 0.5
-    yaw: float = 1.0
-
-    def __post_init__(self) -> None:
-        values = (self.position, self.roll, self.pitch, self.yaw)
-        if not all(np.isfinite(v) and v >= 0.0 for v in values):
-            raise SettingsError(
-                f"The noise {values} is not allowed; give metres and degrees that are zero or more."
-            )
-
-    @property
-    def deviations(self) -> Array:
-        """(6,) standard deviations over (translation, rotation), metres and radians."""
-        angles = np.deg2rad([self.pitch, self.yaw, self.roll])
-        return np.concatenate([np.full(3, self.position), angles])
-
-
-SENSOR_NOISE = PoseNoise()
-RIG_NOISE = PoseNoise(0.002, 0.05, 0.05, 0.05)
 
 
 @dataclass(frozen=True)
@@ -84,10 +50,6 @@ class _Noise:
         generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence([self.seed, *stream])))
         e = self.noise.deviations * generator.standard_normal(6)
         return t_cf @ pose_inverse(se3_exp(e))
-
-    @property
-    def covariance(self) -> Array:
-        return np.diag(self.noise.deviations**2)
 
 
 @dataclass(frozen=True)
@@ -137,7 +99,7 @@ class WornRecording(WrappedRecording):
         if block is not None and i in self._samples:
             sample = self._samples[i]
             t_cf = self._noise.measured(sample.t_cf, i, block)
-            worn = WornView(sample.read(), t_cf, self._noise.covariance)
+            worn = WornView(sample.read(), t_cf, self._noise.noise.covariance)
         return Frame(i, float(self.times[i]), image, worn)
 
 
