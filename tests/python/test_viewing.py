@@ -61,9 +61,9 @@ def test_rerun_reads_the_recording(clip: Clip, tmp_path: Path) -> None:
     listing = subprocess.run(
         [RERUN, "rrd", "stats", str(path)], check=True, capture_output=True, text=True
     ).stdout
-    for entity in ("/world/cs/image/features", "/world/cs/image/ellipses", "/world/cf/image", "/world/map",
+    for entity in ("/world/cs/image/features", "/world/cs/image/ellipses", "/cf/image", "/world/map",
                    "/world/path", "/world/path_covariance", "/world/truth", "/world/overlap/cs",
-                   "/curves/status", "/curves/ms_total"):  # fmt: skip
+                   "/curves/status/status", "/curves/time/ms_total"):  # fmt: skip
         assert f"{entity}:" in listing
 
 

@@ -19,6 +19,7 @@ from collabslam.errors import DataError
 from collabslam.extras import needs
 from collabslam.features import FrameFeatures
 from collabslam.types import Array, Frame, Recording
+from collabslam.viz.rerun_layout import LOGGED, blueprint, curve
 
 SIGMAS = 3.0
 COLOURS = {
@@ -29,11 +30,14 @@ COLOURS = {
     "outside": (130, 130, 130),
     "not searched": (130, 130, 130),
 }
-CS, CF, TRUTH = (29, 111, 165), (242, 177, 50), (40, 40, 40)
+CS, CF, TRUTH = (29, 111, 165), (242, 177, 50), (200, 200, 200)
 STATUS = {"OK": 2.0, "COASTING": 1.0, "LOST": 0.0}
-CURVES = ("accepted", "predicted", "map_size", "cf_matches", "ms_total", "nis")
+UNIX_STAMPS = 1e8
+PLANE = 0.4
+JPEG_QUALITY = 80
 FLUSH_SECONDS = 10.0
 _EVERY = 5
+_OVERLAP = ("world/overlap/cs", "world/overlap/cf", "world/cs/image/overlap", "cf/image/overlap")
 _CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 25)), np.sin(np.linspace(0, 2 * np.pi, 25))])
 
 
@@ -81,6 +85,7 @@ class RerunLog:
         if save is not None:
             save.parent.mkdir(parents=True, exist_ok=True)
         self._log.set_sinks(*sinks)
+        self._log.send_blueprint(blueprint())
         self._put("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
 
     def __enter__(self) -> RerunLog:
@@ -102,9 +107,10 @@ class RerunLog:
         """Log one frame and the engine's answer to it."""
         rr = self._rr
         self._log.set_time("frame", sequence=frame.index)
-        self._log.set_time("time", duration=frame.t)
+        kind = "timestamp" if frame.t > UNIX_STAMPS else "duration"
+        self._log.set_time("time", **{kind: frame.t})
         self._curves(step)
-        self._picture("world/cs/image", frame.image, self._camera)
+        self._picture(frame.image)
         features: FrameFeatures = step.features
         self._features(features)
         if not step.started:
@@ -119,26 +125,30 @@ class RerunLog:
     def _put(self, path: str, *what: Any, static: bool = False) -> None:
         self._log.log(path, *what, static=static)
 
+    def _clear(self, *paths: str) -> None:
+        for path in paths:
+            self._put(path, self._rr.Clear(recursive=False))
+
     def _curves(self, step: Any) -> None:
         rr = self._rr
-        self._put("curves/status", rr.Scalars(STATUS[str(getattr(step.status, "value", step.status))]))
-        for key in CURVES:
+        self._put(curve("status"), rr.Scalars(STATUS[str(getattr(step.status, "value", step.status))]))
+        for key in LOGGED:
             value = step.diagnostics.get(key)
             if value is not None and np.isfinite(value):
-                self._put(f"curves/{key}", rr.Scalars(float(value)))
+                self._put(curve(key), rr.Scalars(float(value)))
         sigma = np.sqrt(np.maximum(step.covariance[:3, :3].trace(), 0.0))
-        self._put("curves/position_sigma_m", rr.Scalars(float(sigma)))
+        self._put(curve("position_sigma_m"), rr.Scalars(float(sigma)))
 
-    def _picture(self, path: str, image: Any, camera: Camera) -> None:
-        rr = self._rr
+    def _picture(self, image: Any) -> None:
+        rr, camera = self._rr, self._camera
         fx, fy, cx, cy = camera.intrinsics
         lens = rr.Pinhole(
             image_from_camera=[[fx, 0, cx], [0, fy, cy], [0, 0, 1]],
             resolution=[camera.width, camera.height],
             camera_xyz=rr.ViewCoordinates.RDF,
-            image_plane_distance=0.4,
+            image_plane_distance=PLANE,
         )
-        self._put(path, lens, rr.Image(image).compress(jpeg_quality=80))
+        self._put("world/cs/image", lens, rr.Image(image).compress(jpeg_quality=JPEG_QUALITY))
 
     def _features(self, features: FrameFeatures) -> None:
         rr = self._rr
@@ -174,26 +184,29 @@ class RerunLog:
 
     def _worn(self, frame: Frame, step: Any, engine: Viewed) -> None:
         rr = self._rr
-        if frame.worn is None or self._worn_camera is None:
-            self._put("world/cf", rr.Clear(recursive=True))
-            self._put("world/overlap", rr.Clear(recursive=True))
+        if self._worn_camera is None:
+            return
+        if frame.worn is None:
+            # A compressed image can't be cleared, so black stands for none.
+            self._put("cf/image", rr.Image(np.zeros_like(frame.image)).compress())
+            self._clear("world/cf", *_OVERLAP)
             return
         pose = step.pose @ frame.worn.t_cf
-        self._put("world/cf", rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]))
-        self._picture("world/cf/image", frame.worn.image, self._worn_camera)
+        self._put("cf/image", rr.Image(frame.worn.image).compress(jpeg_quality=JPEG_QUALITY))
+        self._put("world/cf", rr.LineStrips3D(_pyramid(self._worn_camera, pose, PLANE), colors=[CF]))
         overlap = engine.filter.predict_overlap(frame.worn.t_cf, frame.worn.covariance)
         if overlap is None:
-            self._put("world/overlap", rr.Clear(recursive=True))
+            self._clear(*_OVERLAP)
             return
-        for name, camera, t, colour, roi in (
-            ("cs", self._camera, step.pose, CS, overlap["roi_s"]),
-            ("cf", self._worn_camera, pose, CF, overlap["roi_f"]),
+        for name, picture, camera, t, colour, roi in (
+            ("cs", "world/cs/image", self._camera, step.pose, CS, overlap["roi_s"]),
+            ("cf", "cf/image", self._worn_camera, pose, CF, overlap["roi_f"]),
         ):
             edges = _pyramid(camera, t, float(overlap["d_max"]))
             self._put(f"world/overlap/{name}", rr.LineStrips3D(edges, colors=[colour]))
             u0, v0, u1, v1 = roi
             box = rr.Boxes2D(mins=[[u0, v0]], sizes=[[u1 - u0, v1 - v0]], colors=[colour])
-            self._put(f"world/{name}/image/overlap", box)
+            self._put(f"{picture}/overlap", box)
 
     def _map(self, landmarks: Any) -> None:
         self._ellipsoids("world/map", landmarks.points, landmarks.covariance, [(140, 150, 160)])
