@@ -95,10 +95,8 @@ fn dense(features: usize, rows: usize) -> Case {
 /// features were measured.
 fn local(features: usize) -> Case {
     let mut corridor = Loop::new(features);
-    // The gauge transport moves every feature in every step, so that nothing could wait.
-    let plain = ("estimator.consistency", Value::Name("none".into()));
-    let local = corridor.clone().start(&[plain.clone(), LOCAL]);
-    let mut filters = [corridor.start(&[plain]), local];
+    let local = corridor.clone().start(&[LOCAL]);
+    let mut filters = [corridor.start(&[]), local];
     let mut dt = 0.1;
     while !corridor.closed() {
         frame(&mut corridor, &mut filters, dt);

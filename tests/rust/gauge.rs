@@ -26,7 +26,14 @@ fn gauge_directions(filter: &Filter, x: &[f64]) -> DMatrix<f64> {
 
 fn gauge_coordinates(filter: &Filter) -> DMatrix<f64> {
     let (state, mut out) = (filter.state(), Vec::new());
-    coordinates(state.mean(), state.layout(), state.covariance(), &mut out);
+    let among = filter.followed();
+    coordinates(
+        state.mean(),
+        state.layout(),
+        state.covariance(),
+        among,
+        &mut out,
+    );
     DMatrix::from_vec(state.mean().len(), GAUGES, out)
 }
 

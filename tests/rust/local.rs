@@ -19,7 +19,7 @@ struct Pair {
 }
 
 impl Pair {
-    fn new(seed: u64, points: usize) -> Self {
+    fn new(seed: u64, points: usize, consistency: &str) -> Self {
         let mut rng = rng(seed);
         let points = (0..points).map(|_| {
             let (angle, distance) = (
@@ -39,7 +39,7 @@ impl Pair {
             let changes = [
                 many.clone(),
                 ("map.local", Value::Bool(local)),
-                ("estimator.consistency", name("none")),
+                ("estimator.consistency", name(consistency)),
             ];
             Filter::new(settings(&changes), camera(), None)
         };
@@ -170,7 +170,16 @@ impl Pair {
 
 #[test]
 fn the_local_update_is_the_plain_one() {
-    let mut pair = Pair::new(31, 120);
+    walk("none");
+}
+
+#[test]
+fn the_local_update_is_the_plain_one_with_the_gauge_transport() {
+    walk("gauge");
+}
+
+fn walk(consistency: &str) {
+    let mut pair = Pair::new(31, 120, consistency);
     let (mut worst, mut apart): (f64, usize) = (0.0, 0);
     for frame in 0..400 {
         pair.step(frame);

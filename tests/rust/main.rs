@@ -12,5 +12,6 @@ mod local;
 mod long_run;
 mod overlap;
 mod scene;
+mod threads;
 mod update;
 mod validate;

@@ -4,6 +4,7 @@
 //! formed: with `S = L L^T` and `V = P H^T L^-T`, the update is `x += V L^-1 g`, `P -= V V^T` (B1-B5).
 
 use crate::error::EkfError;
+use crate::gauge::{GAUGES, Gauge};
 use crate::kernel::{self, Panels};
 use crate::observe::Rows;
 use crate::state::{POSE_DIM, State};
@@ -39,8 +40,10 @@ pub struct Workspace {
     /// `P H^T`, and `V` in the end.
     pht: Panels,
     packed: Vec<f64>,
-    /// `V y`.
+    /// `V y`, and with the gauge `V C`.
     moved: Vec<f64>,
+    /// `y`, and with the gauge `C = L^-1 H P B`.
+    along: Vec<f64>,
     s: Vec<f64>,
     l: Vec<f64>,
     g: Vec<f64>,
@@ -107,7 +110,7 @@ impl Workspace {
         &self.g
     }
 
-    /// By how much the last update moved the camera, in its largest number.
+    /// By how much the last update moved the camera, in its largest number. Rows stored first are the pose's.
     pub(crate) fn moved_by(&self) -> f64 {
         let pose = self.moved.iter().take(POSE_DIM);
         pose.fold(0.0, |largest, x| largest.max(x.abs()))
@@ -321,18 +324,46 @@ impl Workspace {
     }
 
     /// The update itself: `x += V y`, `P -= V V^T` with `V = P H^T L^-T`; quaternions are left to be normalised.
-    pub(crate) fn apply(&mut self, state: &mut State) {
+    /// A gauge carries P along in the same pass: it needs `P B` after the update, `P B - V C` with `C = L^-1 H P B`.
+    pub(crate) fn apply(&mut self, state: &mut State, gauge: Option<&mut Gauge>) {
         if self.rows() == 0 {
             return;
         }
         state.camera_moved();
-        resize(&mut self.moved, state.p.stored().n);
+        let n = state.p.stored().n;
+        self.along.clear();
+        self.along.extend_from_slice(&self.y);
+        let gauge = gauge.map(|gauge| {
+            gauge.note(state);
+            self.look_along(gauge, state.p.stored().slots);
+            gauge
+        });
+        let products = self.along.len() / self.rows();
+        resize(&mut self.moved, n * products);
         let (moved, packed) = (&mut self.moved, &mut self.packed);
-        kernel::solve(&mut self.pht, &self.l, &self.y, moved, packed);
+        kernel::solve(&mut self.pht, &self.l, &self.along, moved, packed);
         for (x, &slot) in state.x.iter_mut().zip(state.p.stored().slots) {
             *x += moved[slot];
         }
-        state.p.downdate(&self.pht);
+        let change = gauge.map(|gauge| gauge.change(state, Some(&moved[n..])));
+        state.p.downdate(&self.pht, change);
+    }
+
+    /// Appends `C` to `y`.
+    fn look_along(&mut self, gauge: &Gauge, slots: &[usize]) {
+        let m = self.rows();
+        for k in 0..GAUGES {
+            for unit in &self.units {
+                let rows = 0..unit.rows.count;
+                let seen = rows.map(|r| gauge.seen_by(unit, slots, r, k));
+                self.along.extend(seen);
+            }
+        }
+        solve_lower_triangular_in_place(
+            MatRef::from_column_major_slice(&self.l, m, m),
+            MatMut::from_column_major_slice_mut(&mut self.along[m..], m, GAUGES),
+            Par::Seq,
+        );
     }
 }
 

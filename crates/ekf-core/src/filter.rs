@@ -11,6 +11,7 @@ use crate::drift::FrameDrift;
 use crate::error::EkfError;
 use crate::frame::{self, check_pose};
 use crate::gauge::Gauge;
+use crate::kernel::Panels;
 use crate::local::Far;
 use crate::map::{Candidate, FeatureRecord};
 use crate::math::pose::Pose;
@@ -19,7 +20,7 @@ use crate::observe::point::{CameraPose, FeatureState, PointInCamera};
 use crate::overlap::{self, Overlap};
 use crate::predict;
 use crate::settings::{Consistency, Settings};
-use crate::state::{BlockKind, Covariance, State};
+use crate::state::{BlockKind, CAMERA_DIM, Covariance, State};
 use crate::validate;
 use nalgebra::{Matrix2, Matrix3, Matrix6, SMatrix, Vector2, Vector3};
 use std::collections::BTreeMap;
@@ -47,6 +48,8 @@ pub struct Filter {
     pub(crate) drift: FrameDrift,
     pub(crate) gauge: Gauge,
     pub(crate) scratch: frame::Scratch,
+    /// Room for the next list of features that the gauge follows.
+    in_view: Vec<u64>,
     /// What is outside of the working state `state`, with `map.local`.
     pub(crate) far: Option<Far>,
     /// Room for the next whole covariance of `map.local`.
@@ -113,6 +116,7 @@ impl Filter {
             drift: FrameDrift::default(),
             gauge: Gauge::default(),
             scratch: frame::Scratch::default(),
+            in_view: Vec::new(),
             far: None,
             spare: None,
             shown: OnceLock::new(),
@@ -210,7 +214,8 @@ impl Filter {
             // What comes into view joins the working set, and what is about to come with it: to join costs a pass over R.
             far.look_about(&self.state, self.batch.moved_by() > JUMP);
             let look = |y: &FeatureState, margin| appearance(&self.camera, &pose, y, margin);
-            let close = far.maybe_in_view(&self.state, may_be_seen(&self.camera, &pose));
+            let seen = sight(&self.camera, &pose);
+            let close = far.maybe_in_view(&self.state, |point| seen(point, -MAYBE));
             let mut any = false;
             let close = close.filter(|(_, y)| {
                 any |= look(y, 0.0).is_some();
@@ -220,6 +225,49 @@ impl Filter {
             if any {
                 far.enter(&mut self.state, |id| close.binary_search(&id).is_ok());
             }
+        }
+        if self.carries() {
+            self.follow_view(&pose);
+        }
+    }
+
+    /// Whether P moves with the directions that no camera can see.
+    pub(crate) fn carries(&self) -> bool {
+        self.settings.estimator.consistency == Consistency::Gauge
+    }
+
+    /// Features that the gauge transport follows: those in view, and those that were in view and are still close to it,
+    /// increasing.
+    pub fn followed(&self) -> &[u64] {
+        self.gauge.followed()
+    }
+
+    /// Chooses which features the gauge transport follows; those that come back are carried to the present mean.
+    fn follow_view(&mut self, pose: &CameraPose) {
+        let State { reference, x, .. } = &mut self.state;
+        reference[..CAMERA_DIM].copy_from_slice(&x[..CAMERA_DIM]);
+        let seen = sight(&self.camera, pose);
+        let (mut stay, mut back) = (std::mem::take(&mut self.in_view), false);
+        stay.clear();
+        for block in self.state.layout.of_kind(BlockKind::Feature) {
+            let followed = self.gauge.follows(block.id);
+            let margin = if followed { -SOON } else { 0.0 };
+            let point = self.state.feature(block).point();
+            if point.is_some_and(|point| seen(&point, margin)) {
+                stay.push(block.id);
+                back |= !followed;
+            }
+        }
+        stay.sort_unstable();
+        if back {
+            self.gauge.note(&self.state);
+        }
+        self.gauge.swap_followed(&mut stay);
+        self.in_view = stay;
+        if back {
+            let change = self.gauge.change(&self.state, None);
+            self.state.p.downdate(&Panels::default(), Some(change));
+            self.gauge.settle(&mut self.state);
         }
     }
 
@@ -259,8 +307,9 @@ impl Filter {
             }
         }
         if let Some(far) = &self.far {
-            let may_be = may_be_seen(&self.camera, &pose);
-            for (block, feature) in far.maybe_in_view(&self.state, may_be) {
+            let seen_at = sight(&self.camera, &pose);
+            let may_be = far.maybe_in_view(&self.state, |point| seen_at(point, -MAYBE));
+            for (block, feature) in may_be {
                 if let Some(view) = appearance(&self.camera, &pose, &feature, 0.0) {
                     let (p_cross, p_own) = far.covariance(&self.state, &block);
                     seen.push(self.expect(block.id, &feature, &view, (&p_pose, &p_cross, &p_own)));
@@ -306,13 +355,14 @@ impl Filter {
             Some(far) => far.is_full(&self.state),
             None => self.started && (4..self.map_size() / 3).contains(&searched.len()),
         };
-        // The gauge transport moves every row of P.
-        let plain = self.settings.estimator.consistency == Consistency::None;
-        if !self.settings.map.local || !plain || !choose {
+        if !self.settings.map.local || !choose {
             return;
         }
         let mut near: Vec<u64> = self.predict_pixels().iter().map(|f| f.id).collect();
         near.extend_from_slice(searched);
+        if self.carries() {
+            near.extend_from_slice(self.followed());
+        }
         near.sort_unstable();
         let whole = match self.far.take() {
             Some(far) => {
@@ -433,12 +483,12 @@ fn appearance(
     })
 }
 
-/// Whether a point may be in view, as far as one tells from where it was some frames ago.
-fn may_be_seen(camera: &Camera, pose: &CameraPose) -> impl Fn(&Vector3<f64>) -> bool {
+/// Whether a point is in front of the camera and in the image, by a margin in pixels.
+fn sight(camera: &Camera, pose: &CameraPose) -> impl Fn(&Vector3<f64>, f64) -> bool {
     let (r, r_cw) = (pose.r, quat::rotation(&pose.q).transpose());
-    move |point| {
+    move |point, margin| {
         let seen = r_cw * (point - r);
         let uv = camera.project(&seen);
-        uv.is_some_and(|uv| camera.in_image(&uv, -MAYBE))
+        uv.is_some_and(|uv| camera.in_image(&uv, margin))
     }
 }

@@ -10,11 +10,17 @@
 //! ```
 //!
 //! takes `N(x)` to `N(x+)`. The coordinates are the attitude of the camera, and the mean logarithm of the range of
-//! the map's points from it. Translations need none of this: their direction is the same everywhere.
+//! points in view from it. Translations need none of this: their direction is the same everywhere.
+//!
+//! Only rows that a measurement may touch need to follow at once: those of the camera, of the clones, and of the
+//! features in view. A feature that leaves the view keeps its direction as it was (`State::reference` has the mean that belongs to it)
+//! and is carried to the present mean when it comes back. So nothing of this touches what is out of view.
 
+use crate::batch::Unit;
+use crate::kernel::Product;
 use crate::math::{inverse_depth, quat};
 use crate::observe::point::FeatureState;
-use crate::state::{Block, BlockKind, Covariance, Layout, POSE_DIM, State};
+use crate::state::{Block, BlockKind, CAMERA_DIM, Covariance, Layout, POSE_DIM, State};
 use nalgebra::{SMatrix, Vector3};
 
 /// Turns about the three axes of W, and scale.
@@ -25,74 +31,68 @@ const MAX_RHO_RATIO: f64 = 0.1;
 /// Squared horizontal part of a ray below which its azimuth is left alone.
 const MIN_HORIZONTAL: f64 = 1e-4;
 
-/// Buffers of the transport; they only grow.
+/// The features that P is carried along with, and buffers that only grow.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Gauge {
+    /// Increasing.
+    followed: Vec<u64>,
     from: Vec<f64>,
     to: Vec<f64>,
     coordinates: Vec<f64>,
+    /// `B`, then `D`, by stored rows.
     stored: Vec<f64>,
+    /// `P B`, then `P+ B + D (B^T P+ B) / 2`.
+    along: Vec<f64>,
     column: Vec<f64>,
-    left: Vec<f64>,
-    right: Vec<f64>,
+    carried: Vec<bool>,
+    change: Product,
 }
 
 impl Gauge {
-    /// Notes directions and coordinates before an update.
+    /// Features that P is carried along with, increasing.
+    pub(crate) fn followed(&self) -> &[u64] {
+        &self.followed
+    }
+
+    pub(crate) fn follows(&self, id: u64) -> bool {
+        self.followed.binary_search(&id).is_ok()
+    }
+
+    /// A feature is born.
+    pub(crate) fn follow(&mut self, id: u64) {
+        self.followed.push(id);
+    }
+
+    /// Exchanges the list of those that are followed, increasing.
+    pub(crate) fn swap_followed(&mut self, list: &mut Vec<u64>) {
+        std::mem::swap(&mut self.followed, list);
+    }
+
+    /// Notes `B` and `P B` at the mean where the rows that are followed have their direction.
     pub(crate) fn note(&mut self, state: &State) {
-        directions(&state.x, &state.layout, &mut self.from);
-        coordinates(&state.x, &state.layout, &state.p, &mut self.coordinates);
-    }
-
-    /// Carries P from the noted mean to the present one, before quaternions are normalised. O(n^2).
-    pub(crate) fn transport(&mut self, state: &mut State) {
-        directions(&state.x, &state.layout, &mut self.to);
-        self.gather(state);
-        self.project(state);
-        let n = state.p.stored().n;
-        let own: SMatrix<f64, GAUGES, GAUGES> = SMatrix::from_fn(|a, b| {
-            let (c, p) = (column(&self.stored, n, a), column(&self.right, n, b));
-            c.iter().zip(p).map(|(c, p)| c * p).sum()
-        });
-        // With D = N(x+) - N(x) and A = P B + D (B^T P B) / 2 it is P + D A^T + A D^T = [D A] [A D]^T.
-        for a in 0..GAUGES {
-            for b in 0..GAUGES {
-                let half = 0.5 * own[(b, a)];
-                let d = column(&self.left, n, b);
-                for (out, d) in self.right[a * n..(a + 1) * n].iter_mut().zip(d) {
-                    *out += half * d;
-                }
-            }
-        }
-        self.left.extend_from_slice(&self.right);
-        self.right.extend_from_slice(&self.left[..n * GAUGES]);
-        state.p.add_product(&self.left, &self.right, 2 * GAUGES);
-    }
-
-    /// `left = D` and `stored = B` by stored rows of P: a row that several features share is moved once and tells the
-    /// sum of what they tell.
-    fn gather(&mut self, state: &State) {
+        let Self {
+            followed,
+            coordinates: b,
+            ..
+        } = self;
+        coordinates(&state.reference, &state.layout, &state.p, followed, b);
         let (stored, rows) = (state.p.stored(), state.x.len());
-        for buffer in [&mut self.left, &mut self.stored] {
-            buffer.clear();
-            buffer.resize(stored.n * GAUGES, 0.0);
-        }
+        refill(&mut self.stored, stored.n * GAUGES);
+        refill(&mut self.along, stored.n * GAUGES);
+        // A row that several features share tells the sum of what they tell.
         for k in 0..GAUGES {
             for (i, &slot) in stored.slots.iter().enumerate() {
-                let (at, row) = (k * stored.n + slot, k * rows + i);
-                self.left[at] = self.to[row] - self.from[row];
-                self.stored[at] += self.coordinates[row];
+                self.stored[k * stored.n + slot] += self.coordinates[k * rows + i];
             }
         }
+        self.project(state);
     }
 
-    /// `right = P B`. The coordinates of the turns touch the quaternion only.
+    /// `along = P B`. The coordinates of the turns touch the quaternion only.
     fn project(&mut self, state: &State) {
         let n = state.p.stored().n;
-        self.column.resize(n, 0.0);
-        self.right.clear();
-        self.right.resize(n * GAUGES, 0.0);
-        let (turns, scale) = self.right.split_at_mut(n * SCALE);
+        refill(&mut self.column, n);
+        let (turns, scale) = self.along.split_at_mut(n * SCALE);
         for i in 3..POSE_DIM {
             let slot = state.p.stored().slots[i];
             state.p.stored_column(slot, &mut self.column);
@@ -103,8 +103,105 @@ impl Gauge {
                 }
             }
         }
-        state.p.times(column(&self.stored, n, SCALE), scale);
+        let by_scale = column(&self.stored, n, SCALE);
+        if by_scale.iter().any(|&b| b != 0.0) {
+            state.p.times(by_scale, scale);
+        }
     }
+
+    /// `H P B` of a unit with the noted `P B`, row `r` of it for the coordinate `k`.
+    pub(crate) fn seen_by(&self, unit: &Unit, slots: &[usize], r: usize, k: usize) -> f64 {
+        let n = self.along.len() / GAUGES;
+        let along = column(&self.along, n, k);
+        let rows = &unit.rows;
+        let mut sum = 0.0;
+        for c in 0..POSE_DIM {
+            sum += rows.by_pose[(r, c)] * along[slots[c]];
+        }
+        for c in 0..6 {
+            sum += rows.by_feature[(r, c)] * along[slots[unit.feature + c]];
+        }
+        if let (Some(by_worn), Some(at)) = (&rows.by_worn, unit.worn) {
+            for c in 0..6 {
+                sum += by_worn[(r, c)] * along[slots[at + c]];
+            }
+        }
+        sum
+    }
+
+    /// What carries P from the reference to the present mean, as `-(T P T^T - P)`; `taken` is what has changed of
+    /// the noted `P B` since. Before quaternions are normalised.
+    pub(crate) fn change(&mut self, state: &State, taken: Option<&[f64]>) -> &Product {
+        let n = state.p.stored().n;
+        for (along, taken) in self.along.iter_mut().zip(taken.unwrap_or(&[])) {
+            *along -= taken;
+        }
+        let own: SMatrix<f64, GAUGES, GAUGES> = SMatrix::from_fn(|a, b| {
+            let (c, p) = (column(&self.stored, n, a), column(&self.along, n, b));
+            c.iter().zip(p).map(|(c, p)| c * p).sum()
+        });
+        self.gather(state);
+        // With D = N(x+) - N(x) and A = P B + D (B^T P B) / 2 it is P + D A^T + A D^T = P - [D A] [-A -D]^T.
+        for a in 0..GAUGES {
+            for b in 0..GAUGES {
+                let half = 0.5 * own[(b, a)];
+                let d = column(&self.stored, n, b);
+                for (out, d) in self.along[a * n..(a + 1) * n].iter_mut().zip(d) {
+                    *out += half * d;
+                }
+            }
+        }
+        let Product { x, y } = &mut self.change;
+        x.reshape(n, 2 * GAUGES);
+        y.reshape(n, 2 * GAUGES);
+        for k in 0..GAUGES {
+            let (d, a) = (column(&self.stored, n, k), column(&self.along, n, k));
+            x.set_column(k, d.iter().copied());
+            x.set_column(GAUGES + k, a.iter().copied());
+            y.set_column(k, a.iter().map(|a| -a));
+            y.set_column(GAUGES + k, d.iter().map(|d| -d));
+        }
+        &self.change
+    }
+
+    /// `stored = D` of the rows that follow, a row that several features share being moved once.
+    fn gather(&mut self, state: &State) {
+        directions(&state.reference, &state.layout, &mut self.from);
+        directions(&state.x, &state.layout, &mut self.to);
+        let (n, rows) = (state.p.stored().n, state.x.len());
+        self.stored.fill(0.0);
+        self.carried.clear();
+        self.carried.resize(n, false);
+        let followed = &self.followed;
+        let blocks = state.layout.blocks().iter();
+        let blocks = blocks.filter(|b| match b.kind {
+            BlockKind::Feature => followed.binary_search(&b.id).is_ok(),
+            BlockKind::Clone => true,
+            BlockKind::WornBias | BlockKind::WornError | BlockKind::Dual(_) => false,
+        });
+        for i in (0..CAMERA_DIM).chain(blocks.flat_map(Block::range)) {
+            let slot = state.p.stored().slots[i];
+            self.carried[slot] = true;
+            for k in 0..GAUGES {
+                self.stored[k * n + slot] = self.to[k * rows + i] - self.from[k * rows + i];
+            }
+        }
+    }
+
+    /// Notes that P has been carried to the present mean.
+    pub(crate) fn settle(&self, state: &mut State) {
+        let slots = state.p.stored().slots;
+        for (i, &slot) in slots.iter().enumerate() {
+            if self.carried[slot] {
+                state.reference[i] = state.x[i];
+            }
+        }
+    }
+}
+
+fn refill(buffer: &mut Vec<f64>, len: usize) {
+    buffer.clear();
+    buffer.resize(len, 0.0);
 }
 
 /// `N(x)`, `n x 4` column-major: how each entry of the state moves when camera and map are turned (per radian) or
@@ -166,8 +263,9 @@ fn feature(x: &[f64], block: &Block, out: &mut [f64]) {
     out[SCALE * n + at + 5] = -x[at + 5];
 }
 
-/// `B(x)`, `n x 4` column-major, with `B^T N = 1`. Without a feature of known depth the scale's column is zero.
-pub fn coordinates(x: &[f64], layout: &Layout, p: &Covariance, out: &mut Vec<f64>) {
+/// `B(x)`, `n x 4` column-major, with `B^T N = 1`; the features with ids in `among` (increasing) tell the scale. Without one
+/// of known depth the scale's column is zero.
+pub fn coordinates(x: &[f64], layout: &Layout, p: &Covariance, among: &[u64], out: &mut Vec<f64>) {
     let n = x.len();
     out.clear();
     out.resize(n * GAUGES, 0.0);
@@ -181,7 +279,8 @@ pub fn coordinates(x: &[f64], layout: &Layout, p: &Covariance, out: &mut Vec<f64
     let camera = Vector3::from_column_slice(&x[..3]);
     let scale = &mut out[SCALE * n..];
     let mut count = 0.0;
-    for block in layout.of_kind(BlockKind::Feature) {
+    let features = layout.of_kind(BlockKind::Feature);
+    for block in features.filter(|b| among.binary_search(&b.id).is_ok()) {
         let at = block.offset;
         let feature = FeatureState(SMatrix::from_column_slice(&x[at..at + 6]));
         let sd = p.get(at + 5, at + 5).max(0.0).sqrt();

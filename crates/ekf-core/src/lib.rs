@@ -13,6 +13,8 @@
 //!
 //! Nothing here prints, reads a clock or a file, or keeps global state: the same calls give the same bits.
 
+#![forbid(unsafe_code)]
+
 pub mod batch;
 pub mod birth;
 pub mod camera;

@@ -224,6 +224,7 @@ impl Filter {
             ..FeatureRecord::default()
         };
         self.records.insert(block.id, record);
+        self.gauge.follow(block.id);
         block
     }
 
@@ -253,10 +254,10 @@ impl Filter {
 
     pub(crate) fn remove_blocks(&mut self, ids: &[u64]) {
         self.changes();
-        self.state.remove(|b| ids.contains(&b.id));
         if let Some(far) = &mut self.far {
-            far.remove(|id| ids.contains(&id));
+            far.remove(&mut self.state, |id| ids.contains(&id));
         }
+        self.state.remove(|b| ids.contains(&b.id));
         for id in ids {
             self.records.remove(id);
         }
@@ -304,14 +305,14 @@ impl Filter {
             .collect();
         needed.dedup();
         self.changes();
+        if let Some(far) = &mut self.far {
+            far.remove(&mut self.state, |id| gone.contains(&id));
+        }
         self.state.remove(|b| match b.kind {
             BlockKind::Feature => gone.contains(&b.id),
             BlockKind::Clone => !needed.contains(&b.id),
             BlockKind::WornBias | BlockKind::WornError | BlockKind::Dual(_) => false,
         });
-        if let Some(far) = &mut self.far {
-            far.remove(|id| gone.contains(&id));
-        }
         for id in &gone {
             self.records.remove(id);
         }

@@ -345,7 +345,7 @@ settings! {
         /// ...after at least so many searches.
         min_searches: usize = 8, "", Some(1.0), Some(10000.0);
         /// Touch features out of view only when they come back into view or the state is asked for: the same result, faster
-        /// for maps of several hundred features. Only with estimator.consistency = none: the gauge transport moves them all.
+        /// for maps of several hundred features.
         local: bool = false, "", None, None;
         /// A candidate that has not been born after so many seconds is dropped.
         candidate_age: f64 = 4.0, "s", Some(0.01), Some(1e4);

@@ -9,7 +9,7 @@ use crate::error::EkfError;
 use crate::filter::Filter;
 use crate::map::check_pixels;
 use crate::math::pose::Pose;
-use crate::settings::{BatchTestKind, Consistency, Mode, WornErrors};
+use crate::settings::{BatchTestKind, Mode, WornErrors};
 use crate::state::{BlockKind, POSE_DIM};
 use crate::validate::{self, BatchTest};
 
@@ -364,15 +364,13 @@ impl Filter {
         report.nis = self.batch.nis();
         report.dof = self.batch.rows();
         self.iterate(z, &scratch.sources, report)?;
-        let gauge = self.settings.estimator.consistency == Consistency::Gauge;
-        if gauge {
-            self.gauge.note(&self.state);
-        }
-        self.batch.apply(&mut self.state);
-        if gauge {
-            self.gauge.transport(&mut self.state);
-        }
+        let carries = self.carries() && report.dof > 0;
+        let gauge = carries.then_some(&mut self.gauge);
+        self.batch.apply(&mut self.state, gauge);
         self.state.normalise_quaternions();
+        if carries {
+            self.gauge.settle(&mut self.state);
+        }
         Ok(())
     }
 

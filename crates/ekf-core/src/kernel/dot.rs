@@ -8,9 +8,9 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     dispatch(Dot { a, b })
 }
 
-struct Dot<'a> {
-    a: &'a [f64],
-    b: &'a [f64],
+pub(super) struct Dot<'a> {
+    pub(super) a: &'a [f64],
+    pub(super) b: &'a [f64],
 }
 
 impl Kernel for Dot<'_> {

@@ -15,10 +15,10 @@ pub(crate) fn fill(p: Stored<'_>, units: &[Unit], out: &mut Panels) {
     dispatch(Fill { p, units, out });
 }
 
-struct Fill<'a> {
-    p: Stored<'a>,
-    units: &'a [Unit],
-    out: &'a mut Panels,
+pub(super) struct Fill<'a> {
+    pub(super) p: Stored<'a>,
+    pub(super) units: &'a [Unit],
+    pub(super) out: &'a mut Panels,
 }
 
 impl Kernel for Fill<'_> {

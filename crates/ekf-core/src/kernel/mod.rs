@@ -10,6 +10,8 @@ mod gather;
 mod panels;
 mod solve;
 mod symmetric;
+#[cfg(test)]
+mod tests;
 mod transform;
 
 pub(crate) use aligned::{Aligned, LINE};
@@ -17,7 +19,7 @@ pub(crate) use dot::dot;
 pub(crate) use gather::fill;
 pub(crate) use panels::{Panels, Stored};
 pub(crate) use solve::solve;
-pub(crate) use symmetric::downdate;
+pub(crate) use symmetric::{Product, downdate, times};
 pub(crate) use transform::transform;
 
 use pulp::{Arch, Simd, WithSimd};
@@ -61,6 +63,20 @@ fn tile<S: Simd, const V: usize, const W: usize, const C: usize>(
     b: &[f64],
     from: usize,
 ) -> [[S::f64s; V]; W] {
+    let none = [[simd.splat_f64s(0.0); V]; W];
+    add_tile::<S, V, W, C>(simd, none, a, at, b, from)
+}
+
+/// The same, added to sums of before.
+#[inline(always)]
+fn add_tile<S: Simd, const V: usize, const W: usize, const C: usize>(
+    simd: S,
+    mut sums: [[S::f64s; V]; W],
+    a: &[f64],
+    at: usize,
+    b: &[f64],
+    from: usize,
+) -> [[S::f64s; V]; W] {
     let (a, _) = S::as_simd_f64s(a);
     let (a, _) = a.as_chunks::<C>();
     let (b, _) = b.as_chunks::<HEIGHT>();
@@ -68,7 +84,6 @@ fn tile<S: Simd, const V: usize, const W: usize, const C: usize>(
     let depth = a.len();
     let b = &b[..depth];
     assert!(at + V <= C && from + W <= HEIGHT, "a tile of a panel");
-    let mut sums = [[simd.splat_f64s(0.0); V]; W];
     for k in 0..depth {
         let (a, b) = (&a[k], &b[k]);
         for w in 0..W {

@@ -54,6 +54,16 @@ impl Panels {
         i / HEIGHT * self.stride + k * HEIGHT + i % HEIGHT
     }
 
+    /// Writes a whole column, and zeros past its end.
+    pub(crate) fn set_column(&mut self, k: usize, values: impl Iterator<Item = f64>) {
+        let mut values = values.fuse();
+        for panel in self.data.chunks_exact_mut(self.stride) {
+            for entry in &mut panel[k * HEIGHT..(k + 1) * HEIGHT] {
+                *entry = values.next().unwrap_or(0.0);
+            }
+        }
+    }
+
     /// Keeps the columns listed in `kept` (increasing).
     pub(crate) fn keep_columns(&mut self, kept: &[usize]) {
         for panel in self.data.chunks_exact_mut(self.stride) {

@@ -3,32 +3,36 @@
 use super::{HEIGHT, Kernel, Panels, dispatch, tile};
 use pulp::Simd;
 
-/// `a <- a L^-T`, `x = a y` with the new `a`. `l` is `m x m`, lower triangle, column-major; `packed` is scratch.
-pub(crate) fn solve(a: &mut Panels, l: &[f64], y: &[f64], x: &mut [f64], packed: &mut Vec<f64>) {
-    dispatch(Solve { a, l, y, x, packed });
+/// `a <- a L^-T`, `x = a w` with the new `a`. `l` is `m x m`, lower triangle; `w` has up to six columns, and `x` as many;
+/// all are column-major. `packed` is scratch.
+pub(crate) fn solve(a: &mut Panels, l: &[f64], w: &[f64], x: &mut [f64], packed: &mut Vec<f64>) {
+    dispatch(Solve { a, l, w, x, packed });
 }
 
-struct Solve<'a> {
-    a: &'a mut Panels,
-    l: &'a [f64],
-    y: &'a [f64],
-    x: &'a mut [f64],
-    packed: &'a mut Vec<f64>,
+pub(super) struct Solve<'a> {
+    pub(super) a: &'a mut Panels,
+    pub(super) l: &'a [f64],
+    pub(super) w: &'a [f64],
+    pub(super) x: &'a mut [f64],
+    pub(super) packed: &'a mut Vec<f64>,
 }
 
 impl Kernel for Solve<'_> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd, const V: usize, const W: usize, const C: usize>(self, simd: S) {
-        let Self { a, l, y, x, packed } = self;
-        let m = y.len();
+        let Self { a, l, w, x, packed } = self;
+        let (m, n) = (a.columns, a.rows);
+        let products = x.len() / n;
+        assert!(products <= W, "the products of a row fit a tile");
         pack::<W>(l, m, packed);
-        for (panel, x) in a.data.chunks_exact_mut(a.stride).zip(x.chunks_mut(HEIGHT)) {
-            let mut moved = [0.0; HEIGHT];
-            let (moved_vectors, _) = S::as_mut_simd_f64s(&mut moved);
+        let factor = packed.len();
+        pack_columns(w, m, a.stride / HEIGHT, packed);
+        let (blocks, weights) = packed.split_at(factor);
+        for (index, panel) in a.data.chunks_exact_mut(a.stride).enumerate() {
             for at in (0..C).step_by(V) {
                 // Row block after row block of L: `W` rows up to the diagonal, then their triangle.
-                let mut rest = packed.as_slice();
+                let mut rest = blocks;
                 for first in (0..m).step_by(W) {
                     let (block, later) = rest.split_at((first + W) * HEIGHT);
                     rest = later;
@@ -40,7 +44,6 @@ impl Kernel for Solve<'_> {
                     assert!(open.len() == W && at + V <= C, "a tile of a panel");
                     for j in 0..W {
                         let inverse = simd.splat_f64s(diagonal[j * HEIGHT + j]);
-                        let weight = simd.splat_f64s(y.get(first + j).copied().unwrap_or(0.0));
                         for v in 0..V {
                             let mut value = simd.sub_f64s(open[j][at + v], sums[j][v]);
                             for i in 0..j {
@@ -48,17 +51,38 @@ impl Kernel for Solve<'_> {
                                 value = simd.mul_add_f64s(open[i][at + v], factor, value);
                             }
                             value = simd.mul_f64s(value, inverse);
-                            let sum = &mut moved_vectors[at + v];
-                            *sum = simd.mul_add_f64s(value, weight, *sum);
                             open[j][at + v] = value;
                         }
                     }
                 }
             }
-            for (x, moved) in x.iter_mut().zip(&moved) {
-                *x = *moved;
+            for at in (0..C).step_by(V) {
+                let first = index * HEIGHT + at * S::F64_LANES;
+                let rows = (V * S::F64_LANES).min(n.saturating_sub(first));
+                let sums = tile::<S, V, W, C>(simd, panel, at, weights, 0);
+                for (column, sums) in sums.iter().enumerate().take(products) {
+                    let mut values = [0.0; HEIGHT];
+                    let to = &mut values[..V * S::F64_LANES];
+                    S::as_mut_simd_f64s(to).0.copy_from_slice(sums);
+                    for (r, value) in values.iter().enumerate().take(rows) {
+                        x[column * n + first + r] = *value;
+                    }
+                }
             }
         }
+    }
+}
+
+/// The few columns of `w`, `m` rows each, row by row, a row taking the room of a panel's column.
+fn pack_columns(w: &[f64], m: usize, rows: usize, packed: &mut Vec<f64>) {
+    for row in 0..rows {
+        let mut values = [0.0; HEIGHT];
+        if row < m {
+            for (value, column) in values.iter_mut().zip(w.chunks_exact(m)) {
+                *value = column[row];
+            }
+        }
+        packed.extend_from_slice(&values);
     }
 }
 

@@ -15,12 +15,12 @@ pub(crate) fn transform<const K: usize>(
     dispatch(Transform { p, ld, n, start, f });
 }
 
-struct Transform<'a, const K: usize> {
-    p: &'a mut [f64],
-    ld: usize,
-    n: usize,
-    start: usize,
-    f: &'a SMatrix<f64, K, K>,
+pub(super) struct Transform<'a, const K: usize> {
+    pub(super) p: &'a mut [f64],
+    pub(super) ld: usize,
+    pub(super) n: usize,
+    pub(super) start: usize,
+    pub(super) f: &'a SMatrix<f64, K, K>,
 }
 
 impl<const K: usize> Kernel for Transform<'_, K> {

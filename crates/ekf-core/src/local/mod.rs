@@ -148,9 +148,19 @@ impl Far {
             .is_ok()
     }
 
-    /// Deletes features outside.
-    pub(crate) fn remove(&mut self, gone: impl Fn(u64) -> bool) {
+    /// Deletes features outside, and brings in those that share an anchor with one inside that is about to be deleted:
+    /// the row of that anchor is kept inside.
+    pub(crate) fn remove(&mut self, near: &mut State, gone: impl Fn(u64) -> bool) {
+        let slot = |block: &Block| self.then.p.slot(block.offset);
+        let blocks = near.layout.of_kind(BlockKind::Feature);
+        let before = blocks.filter(|b| gone(b.id)).map(|b| b.id);
+        let before = before.filter_map(|id| self.then.layout.find(id));
+        let anchors: Vec<usize> = before.map(slot).collect();
         self.outside.retain(|o| !gone(o.block.id));
+        let twins = self.outside.iter().map(|o| &o.block);
+        let twins = twins.filter(|b| anchors.contains(&self.then.p.slot(b.offset)));
+        let twins: Vec<u64> = twins.map(|b| b.id).collect();
+        self.enter(near, |id| twins.binary_search(&id).is_ok());
     }
 
     /// To be called in each frame; `jumped` if the last update moved the camera by much, and the map maybe as well.
@@ -173,8 +183,15 @@ impl Far {
         may_be: impl Fn(&Vector3<f64>) -> bool,
     ) -> impl Iterator<Item = (Block, FeatureState)> {
         let theta = Duals::of(near).theta(near);
+        let mates = self.mates(near);
         let some = self.outside.iter().filter(move |o| may_be(&o.lately));
-        some.map(move |o| (o.block, self.mean(&o.block, &theta)))
+        some.map(move |o| {
+            let mut mean = self.mean(&o.block, &theta);
+            if let Some(mate) = self.mate(&mates, &o.block) {
+                mean.0.as_mut_slice()[..3].copy_from_slice(&near.x[mate..mate + 3]);
+            }
+            (o.block, mean)
+        })
     }
 
     /// Whether the working state has grown so much that writing the whole state pays.
@@ -208,20 +225,40 @@ impl Far {
         let duals = Duals::of(near).rows;
         let rows: [usize; 6] = std::array::from_fn(|k| self.then.p.slot(block.offset + k));
         let columns = rows.map(|row| self.column(row, duals.len()));
-        let times = |i: usize, c: usize| -> f64 {
+        // An anchor that a feature inside has as well is stored there.
+        let mate = self.mate(&self.mates(near), block);
+        let inside = |k: usize| mate.filter(|_| k < 3).map(|mate| near.p.slot(mate + k));
+        let with = |i: usize, c: usize| -> f64 {
+            if let Some(slot) = inside(c) {
+                return near.p.stored_entry(i, slot);
+            }
             let along = duals.iter().zip(columns[c]);
             along.map(|(&d, r)| near.p.stored_entry(i, d) * r).sum()
         };
-        let cross = SMatrix::from_fn(times);
-        let mut own =
-            SMatrix::<f64, 6, 6>::from_fn(|i, j| self.then.p.stored_entry(rows[i], rows[j]));
+        let mut own = SMatrix::<f64, 6, 6>::zeros();
         for c in 0..6 {
-            let column: Vec<f64> = duals.iter().map(|&d| times(d, c)).collect();
+            let column: Vec<f64> = duals.iter().map(|&d| with(d, c)).collect();
             for i in 0..6 {
-                own[(i, c)] += dot(columns[i], &column);
+                own[(i, c)] = match (inside(i), inside(c)) {
+                    (Some(slot), _) => with(slot, c),
+                    (None, Some(slot)) => with(slot, i),
+                    (None, None) => {
+                        self.then.p.stored_entry(rows[i], rows[c]) + dot(columns[i], &column)
+                    }
+                };
             }
         }
-        (cross, (own + own.transpose()) * 0.5)
+        (SMatrix::from_fn(with), (own + own.transpose()) * 0.5)
+    }
+
+    /// Where P holds the gauge's direction for a feature outside.
+    fn reference(&self, near: &State, mate: Option<usize>, block: &Block) -> Vector6<f64> {
+        let mut reference = Vector6::from_column_slice(&self.then.reference[block.range()]);
+        if let Some(mate) = mate {
+            let anchor = &near.reference[mate..mate + 3];
+            reference.as_mut_slice()[..3].copy_from_slice(anchor);
+        }
+        reference
     }
 
     /// Brings features into the working set: their rows of P as they are now, and dual rows of their own.
@@ -238,8 +275,9 @@ impl Far {
         let mut rows: Vec<usize> = Vec::new();
         let mut means: Vec<f64> = Vec::new();
         let mut slots: Vec<[usize; 6]> = Vec::new();
+        let mates = self.mates(near);
         for block in &entering {
-            let mate = self.mate(near, block);
+            let mate = self.mate(&mates, block);
             let mut own = [0; 6];
             for (k, slot) in own.iter_mut().enumerate() {
                 let row = self.then.p.slot(block.offset + k);
@@ -301,30 +339,40 @@ impl Far {
         };
         near.p.append_stored(&with_near, own, width);
         for (block, slots) in entering.iter().zip(&slots) {
-            let mean = Vector6::from_fn(|k, _| match slots[k].checked_sub(n) {
-                Some(at) => means[at],
-                None => {
-                    let mate = self.mate(near, block).expect("found above");
-                    near.x[mate + k]
-                }
+            let mate = self.mate(&mates, block);
+            let mean = Vector6::from_fn(|k, _| match (slots[k].checked_sub(n), mate) {
+                (Some(at), _) => means[at],
+                (None, mate) => near.x[mate.expect("its slot is there") + k],
             });
-            near.insert(BlockKind::Feature, block.id, slots, mean.as_slice());
+            let reference = self.reference(near, mate, block);
+            let values = (mean.as_slice(), reference.as_slice());
+            near.insert(BlockKind::Feature, block.id, slots, values);
         }
         let slots: Vec<usize> = (n + width..n + 2 * width).collect();
-        near.insert(BlockKind::Dual(width), u64::MAX, &slots, &vec![0.0; width]);
+        let zeros = vec![0.0; width];
+        near.insert(BlockKind::Dual(width), u64::MAX, &slots, (&zeros, &zeros));
+    }
+
+    /// Anchors of the working state that features outside may have as well: row stored in `then`, and offset of a feature.
+    fn mates(&self, near: &State) -> Vec<(usize, usize)> {
+        let features = near.layout.of_kind(BlockKind::Feature);
+        let mates = features.filter_map(|b| {
+            let before = self.then.layout.find(b.id)?;
+            Some((self.then.p.slot(before.offset), b.offset))
+        });
+        let mut mates: Vec<_> = mates.collect();
+        mates.sort_unstable();
+        mates
     }
 
     /// Offset, in the working state, of a feature with the same anchor.
-    fn mate(&self, near: &State, block: &Block) -> Option<usize> {
+    fn mate(&self, mates: &[(usize, usize)], block: &Block) -> Option<usize> {
         let anchor = self.then.p.slot(block.offset);
-        let features = near.layout.of_kind(BlockKind::Feature);
-        features
-            .filter(|b| {
-                let before = self.then.layout.find(b.id);
-                before.is_some_and(|b| self.then.p.slot(b.offset) == anchor)
-            })
-            .map(|b| b.offset)
-            .next()
+        let found = mates.partition_point(|mate| mate.0 < anchor);
+        mates
+            .get(found)
+            .filter(|mate| mate.0 == anchor)
+            .map(|m| m.1)
     }
 
     fn make_room(&mut self, rows: usize, used: usize) {

@@ -36,10 +36,12 @@ pub(super) fn working_state(whole: &State, stays: impl Fn(&Block) -> bool) -> St
             .range()
             .map(|i| place(whole.p.stored().slots[i]))
             .collect();
-        near.insert(block.kind, block.id, &slots, &whole.x[block.range()]);
+        let values = (&whole.x[block.range()], &whole.reference[block.range()]);
+        near.insert(block.kind, block.id, &slots, values);
     }
     let slots: Vec<usize> = (a..2 * a).collect();
-    near.insert(BlockKind::Dual(a), u64::MAX, &slots, &vec![0.0; a]);
+    let zeros = vec![0.0; a];
+    near.insert(BlockKind::Dual(a), u64::MAX, &slots, (&zeros, &zeros));
     near
 }
 
@@ -55,8 +57,9 @@ impl Far {
         let a = near_rows.len();
         let mut place_far: Vec<Option<usize>> = vec![None; self.then.p.stored().n];
         let mut far_rows = Vec::new();
+        let mates = self.mates(near);
         for block in self.outside.iter().map(|o| &o.block) {
-            let mate = self.mate(near, block);
+            let mate = self.mate(&mates, block);
             for k in 0..6 {
                 let row = self.then.p.slot(block.offset + k);
                 if place_far[row].is_none() {
@@ -140,17 +143,23 @@ impl Far {
         for block in near.layout.blocks() {
             if !matches!(block.kind, BlockKind::Dual(_)) {
                 let slots: Vec<usize> = block.range().map(|i| place_near(near.p.slot(i))).collect();
-                blocks.push((block.id, block.kind, slots, near.x[block.range()].to_vec()));
+                let mean = near.x[block.range()].to_vec();
+                let reference = near.reference[block.range()].to_vec();
+                blocks.push((block.id, block.kind, slots, mean, reference));
             }
         }
+        let mates = self.mates(near);
         for (block, mean) in self.means(near) {
             let place = |i: usize| place_far[self.then.p.slot(i)].expect("placed above");
             let slots = block.range().map(place).collect();
-            blocks.push((block.id, block.kind, slots, mean.0.as_slice().to_vec()));
+            let mate = self.mate(&mates, &block);
+            let reference = self.reference(near, mate, &block).as_slice().to_vec();
+            let mean = mean.0.as_slice().to_vec();
+            blocks.push((block.id, block.kind, slots, mean, reference));
         }
         blocks.sort_by_key(|(id, ..)| *id);
-        for (id, kind, slots, mean) in blocks {
-            whole.insert(kind, id, &slots, &mean);
+        for (id, kind, slots, mean, reference) in blocks {
+            whole.insert(kind, id, &slots, (&mean, &reference));
         }
     }
 }

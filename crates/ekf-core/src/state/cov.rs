@@ -8,7 +8,7 @@
 //! nothing tells them apart. Such rows are stored once: row `i` of P is row `slots[i]` of what is stored.
 
 use super::CAMERA_DIM;
-use crate::kernel::{self, Aligned, LINE, Panels, Stored};
+use crate::kernel::{self, Aligned, LINE, Panels, Product, Stored};
 use nalgebra::{DMatrix, SMatrix, SVector};
 
 /// Rows of a feature's anchor, which come first.
@@ -263,52 +263,14 @@ impl Covariance {
         self.slots.truncate(keep.len());
     }
 
-    /// `P <- P - V V^T` on the stored triangle (B2).
-    pub(crate) fn downdate(&mut self, v: &Panels) {
-        kernel::downdate(&mut self.data, self.ld, v);
+    /// `P <- P - V V^T` on the stored triangle (B2), and less a further symmetric product.
+    pub(crate) fn downdate(&mut self, v: &Panels, also: Option<&Product>) {
+        kernel::downdate(&mut self.data, self.ld, v, also);
     }
 
     /// `P b` by stored rows, one pass over the stored triangle.
     pub(crate) fn times(&self, b: &[f64], out: &mut [f64]) {
-        const LANES: usize = 4;
-        let n = self.n;
-        out[..n].fill(0.0);
-        for j in 0..n {
-            let start = j * (self.ld + 1);
-            let below = &self.data[start + 1..start + n - j];
-            let (b_below, weight) = (&b[j + 1..n], b[j]);
-            let (own, out) = out[j..n].split_first_mut().expect("j < n");
-            let mut sums = [0.0; LANES];
-            sums[0] = self.data[start] * weight;
-            let whole = below.len() / LANES * LANES;
-            for i in (0..whole).step_by(LANES) {
-                for lane in 0..LANES {
-                    let p = below[i + lane];
-                    out[i + lane] += weight * p;
-                    sums[lane] += b_below[i + lane] * p;
-                }
-            }
-            for i in whole..below.len() {
-                out[i] += weight * below[i];
-                sums[0] += b_below[i] * below[i];
-            }
-            *own += sums.iter().sum::<f64>();
-        }
-    }
-
-    /// `P <- P + X Y^T` on the stored triangle, for a product that is symmetric; `x` and `y` have `k` columns of stored
-    /// rows.
-    pub(crate) fn add_product(&mut self, x: &[f64], y: &[f64], k: usize) {
-        let (n, ld) = (self.n, self.ld);
-        for j in 0..n {
-            let column = &mut self.data[j * (ld + 1)..j * (ld + 1) + n - j];
-            for c in 0..k {
-                let weight = y[c * n + j];
-                for (p, x) in column.iter_mut().zip(&x[c * n + j..(c + 1) * n]) {
-                    *p += weight * x;
-                }
-            }
-        }
+        kernel::times(&self.data, self.ld, b, out);
     }
 
     fn reserve(&mut self, n: usize) {

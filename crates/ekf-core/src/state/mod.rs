@@ -22,6 +22,8 @@ pub struct State {
     pub(crate) x: Vec<f64>,
     /// The covariance.
     pub(crate) p: Covariance,
+    /// The mean at which P holds the gauge's direction, row by row, see [`gauge`](crate::gauge).
+    pub(crate) reference: Vec<f64>,
     /// Who lives where.
     pub(crate) layout: Layout,
     /// Stationary covariance of the worn camera's bias, if there is one.
@@ -36,6 +38,7 @@ impl State {
         let mut x = vec![0.0; CAMERA_DIM];
         x[3] = 1.0;
         Self {
+            reference: x.clone(),
             x,
             p: Covariance::zeros(CAMERA_DIM, capacity),
             layout: Layout::default(),
@@ -114,6 +117,7 @@ impl State {
         debug_assert_eq!(kind.dim(), K);
         self.p.augment(parts, noise, None);
         self.x.extend_from_slice(mean.as_slice());
+        self.reference.extend_from_slice(mean.as_slice());
         self.layout.push(kind)
     }
 
@@ -129,6 +133,7 @@ impl State {
         debug_assert!(anchor.is_none_or(|a| self.x[a..a + 3] == mean.as_slice()[..3]));
         self.p.augment(parts, noise, anchor);
         self.x.extend_from_slice(mean.as_slice());
+        self.reference.extend_from_slice(mean.as_slice());
         let block = self.layout.push(BlockKind::Feature);
         self.newborn = Some(block.id);
         block
@@ -139,6 +144,7 @@ impl State {
         Self {
             x: self.x[..CAMERA_DIM].to_vec(),
             p,
+            reference: self.reference[..CAMERA_DIM].to_vec(),
             layout: self.layout.emptied(),
             bias_stationary: self.bias_stationary,
             newborn: self.newborn,
@@ -146,11 +152,19 @@ impl State {
     }
 
     /// Appends a block that has an id, whose rows are stored already.
-    pub(crate) fn insert(&mut self, kind: BlockKind, id: u64, slots: &[usize], mean: &[f64]) {
+    pub(crate) fn insert(
+        &mut self,
+        kind: BlockKind,
+        id: u64,
+        slots: &[usize],
+        (mean, reference): (&[f64], &[f64]),
+    ) {
         debug_assert!(kind.dim() == slots.len() && kind.dim() == mean.len());
+        debug_assert!(mean.len() == reference.len());
         self.layout.insert(kind, id);
         self.p.place(slots);
         self.x.extend_from_slice(mean);
+        self.reference.extend_from_slice(reference);
     }
 
     /// To be called when the camera has moved or the state was corrected: what is born next has another anchor.
@@ -172,8 +186,10 @@ impl State {
         self.p.keep(&keep);
         for (new, &old) in keep.iter().enumerate() {
             self.x[new] = self.x[old];
+            self.reference[new] = self.reference[old];
         }
         self.x.truncate(keep.len());
+        self.reference.truncate(keep.len());
         self.layout.remove(gone);
     }
 
