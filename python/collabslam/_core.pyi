@@ -13,6 +13,34 @@ _Ids = NDArray[np.int64]
 _Worn = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike, ArrayLike]
 _Depths = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]
 
+def search_templates(
+    image: NDArray[np.uint8],
+    templates: NDArray[np.uint8],
+    uv: ArrayLike,
+    s: ArrayLike,
+    guess: ArrayLike,
+    *,
+    gate: float,
+    min_radius: float,
+    large_radius: float,
+    max_radius: float,
+    guess_radius: float,
+    guess_gate: float,
+    min_score: float,
+    ambiguity: float,
+    peak_distance: float,
+    min_deviation: float,
+) -> tuple[_Array, _Array, _Array, _Ids]: ...
+def affine_maps(
+    camera_ref: Camera,
+    uv_ref: ArrayLike,
+    camera_now: Camera,
+    t_now_ref: ArrayLike,
+    inverse_range: ArrayLike,
+) -> tuple[_Array, _Array, NDArray[np.bool_]]: ...
+def sample_templates(
+    image: NDArray[np.uint8], centres: ArrayLike, affine: ArrayLike, size: int
+) -> tuple[NDArray[np.uint8], _Array]: ...
 def settings_schema() -> list[dict[str, Any]]: ...
 
 @final

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.frontend.flow import flow_guess
+from collabslam.frontend.flow import FlowImage, flow_guess
 from collabslam.frontend.patch import Patch, capture, warp_templates
-from collabslam.frontend.search import FOUND, SearchResult, active_search
+from collabslam.frontend.search import FOUND, SearchResult, active_search, wide_ellipses
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.types import Array, Ids, Image, Mask
 
@@ -69,13 +69,14 @@ class Tracks:
         self._candidates: dict[int, Patch] = {}
         self._last: dict[int, Array] = {}
         self._candidate_last: dict[int, Array] = {}
-        self._previous: Image | None = None
+        self._previous: FlowImage | None = None
 
     def search(self, image: Image, pose: Array, expected: dict[str, Any]) -> Found:
         """Active search of the expected features; candidates are followed into this frame (METHOD 7.3)."""
         ids: Ids = expected["ids"]
         waiting = np.array(sorted(self._candidate_last), dtype=np.int64)
-        guess, followed = self._flow(image, ids, waiting)
+        now = FlowImage(image, self._settings.flow)
+        guess, followed = self._flow(now, ids, expected["s"], waiting)
         patches = [self._features[i] for i in ids] + [self._candidates[i] for i in waiting]
         points = np.concatenate([expected["points"], np.full((len(waiting), 3), np.nan)])
         templates, usable, _ = warp_templates(self._camera, patches, pose, points, self._settings.patch)
@@ -104,19 +105,23 @@ class Tracks:
         )
         self._last = dict(zip(found.ids.tolist(), found.uv, strict=True))
         self._candidate_last = dict(zip(found.candidates.tolist(), found.candidate_uv, strict=True))
-        self._previous = image
+        self._previous = now
         return found
 
-    def _flow(self, image: Image, ids: Ids, waiting: Ids) -> tuple[Array, Array]:
-        """Where optical flow says that features and candidates are now; NaN where it does not say."""
+    def _flow(self, now: FlowImage, ids: Ids, s: Array, waiting: Ids) -> tuple[Array, Array]:
+        """Where optical flow says that features and candidates are now; NaN where it does not say.
+
+        Features are asked for only where the search would use the answer: in a wide ellipse.
+        """
         guess = np.full((len(ids), 2), np.nan)
         if self._previous is None:
             return guess, np.full((len(waiting), 2), np.nan)
-        known = np.array([k for k, i in enumerate(ids.tolist()) if i in self._last], dtype=np.int64)
-        before = [self._last[int(i)] for i in ids[known]] + [
+        wide = wide_ellipses(s, self._settings.search).tolist()
+        known = [k for k, i in enumerate(ids.tolist()) if wide[k] and i in self._last]
+        before = [self._last[int(ids[k])] for k in known] + [
             self._candidate_last[i] for i in waiting.tolist()
         ]
-        uv, ok = flow_guess(self._previous, image, np.reshape(before, (-1, 2)), None, self._settings.flow)
+        uv, ok = flow_guess(self._previous, now, np.reshape(before, (-1, 2)), None, self._settings.flow)
         uv = np.where(ok[:, None], uv, np.nan)
         guess[known] = uv[: len(known)]
         return guess, uv[len(known) :]
