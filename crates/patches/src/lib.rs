@@ -4,6 +4,8 @@
 //! These are the loops over pixels that no image library does for many small windows at once. Images are 8-bit grey,
 //! pixel `(u, v)` is column u of row v, pixel centres are at integers.
 
+use nalgebra::Vector2;
+
 pub mod align;
 mod correlate;
 pub mod search;
@@ -53,6 +55,28 @@ impl<'a> Image<'a> {
         let at = |u: usize, v: usize| f64::from(self.pixels[v * self.width + u]);
         let above = at(u0, v0) + fu * (at(u1, v0) - at(u0, v0));
         let below = at(u0, v1) + fu * (at(u1, v1) - at(u0, v1));
+        above + fv * (below - above)
+    }
+}
+
+impl Image<'_> {
+    /// Whether a place has four pixels around it.
+    fn holds(&self, uv: Vector2<f64>) -> bool {
+        let last = Vector2::new(self.width as f64 - 2.0, self.height as f64 - 2.0);
+        uv.x >= 0.0 && uv.y >= 0.0 && uv.x <= last.x && uv.y <= last.y
+    }
+
+    /// [`Image::bilinear`] where the image [holds](Self::holds) the place.
+    fn bilinear_inside(&self, u: f64, v: f64) -> f64 {
+        let (u0, v0) = (u as usize, v as usize);
+        let (fu, fv) = (u - u0 as f64, v - v0 as f64);
+        let begin = v0 * self.width + u0;
+        let (above, below) = (&self.pixels[begin..], &self.pixels[begin + self.width..]);
+        let mix = |row: &[u8]| {
+            let (a, b) = (f64::from(row[0]), f64::from(row[1]));
+            a + fu * (b - a)
+        };
+        let (above, below) = (mix(&above[..2]), mix(&below[..2]));
         above + fv * (below - above)
     }
 }

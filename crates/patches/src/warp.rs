@@ -80,23 +80,31 @@ pub fn sample(
     } else {
         1
     };
+    let samples = side * factor;
     let place = |i: usize| (i as f64 + 0.5) / factor as f64 - 0.5 * side as f64;
+    let reach = inverse.abs() * Vector2::repeat(0.5 * (side - 1) as f64);
     let step = inverse.column(0) / factor as f64;
+    let shares = (factor * factor) as f64;
+    // Samples of a shrunk template reach half a step further.
+    let far = reach + inverse.abs() * Vector2::repeat(1.0);
+    let inside = image.holds(centre - far) && image.holds(centre + far);
+    let mut line = vec![0.0; side];
     for y in 0..side {
-        for x in 0..side {
-            let mut sum = 0.0;
-            for v in factor * y..factor * (y + 1) {
-                let u = factor * x;
-                let mut at = inverse * Vector2::new(place(u), place(v)) + centre;
-                for _ in 0..factor {
-                    sum += image.bilinear(at.x, at.y);
-                    at += step;
-                }
+        line.fill(0.0);
+        for v in factor * y..factor * (y + 1) {
+            let first = inverse * Vector2::new(place(0), place(v)) + centre;
+            for u in 0..samples {
+                let at = first + step * u as f64;
+                line[u / factor] += if inside {
+                    image.bilinear_inside(at.x, at.y)
+                } else {
+                    image.bilinear(at.x, at.y)
+                };
             }
-            out.push((sum / (factor * factor) as f64).round_ties_even() as u8);
         }
+        out.extend(line.iter().map(|sum| (sum / shares + 0.5) as u8));
     }
-    Some(inverse.abs() * Vector2::repeat(0.5 * (side - 1) as f64))
+    Some(reach)
 }
 
 /// Largest singular value.

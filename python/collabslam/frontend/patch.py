@@ -56,6 +56,8 @@ def capture(image: Image, uv: Array, t_wc: Array, settings: PatchSettings | None
     -------
     list of N Patch
     """
+    if len(uv) == 0:
+        return []
     settings = settings or PatchSettings()
     half = settings.size // 2 + settings.margin
     height, width = image.shape
@@ -65,13 +67,17 @@ def capture(image: Image, uv: Array, t_wc: Array, settings: PatchSettings | None
     corners = np.rint(points).astype(np.int64) - half
     last = np.array([width - 1, height - 1]) - corners
     inside = np.hstack([np.maximum(0, -corners), np.minimum(2 * half, last)]).astype(np.float64)
+    patches = []
     reach = np.arange(2 * half + 1)
-    rows = np.clip(corners[:, 1, None] + reach, 0, height - 1)
-    columns = np.clip(corners[:, 0, None] + reach, 0, width - 1)
-    windows = image[rows[:, :, None], columns[:, None, :]]
-    return [
-        Patch(window, point, pose, rest) for window, point, rest in zip(windows, points, inside, strict=True)
-    ]
+    for point, (u, v), rest in zip(points, corners.tolist(), inside, strict=True):
+        window = image[max(0, v) : v + 2 * half + 1, max(0, u) : u + 2 * half + 1]
+        if window.shape == (len(reach), len(reach)):
+            window = window.copy()
+        else:  # beyond the image's edge the edge repeats
+            rows, columns = np.clip(v + reach, 0, height - 1), np.clip(u + reach, 0, width - 1)
+            window = image[rows[:, None], columns]
+        patches.append(Patch(window, point, pose, rest))
+    return patches
 
 
 def affine_maps(
