@@ -4,7 +4,19 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Camera", "Filter", "UpdateReport", "__version__", "settings_schema"]
+__all__ = [
+    "Camera",
+    "Filter",
+    "UpdateReport",
+    "__version__",
+    "affine_maps",
+    "describe_windows",
+    "epipolar_residuals",
+    "find_consensus",
+    "sample_templates",
+    "search_templates",
+    "settings_schema",
+]
 
 __version__: str
 
@@ -41,6 +53,22 @@ def affine_maps(
 def sample_templates(
     image: NDArray[np.uint8], centres: ArrayLike, affine: ArrayLike, size: int
 ) -> tuple[NDArray[np.uint8], _Array]: ...
+def describe_windows(
+    image: NDArray[np.uint8], centres: ArrayLike, axes: ArrayLike, step: float
+) -> NDArray[np.float32]: ...
+def epipolar_residuals(
+    rays_s: ArrayLike, rays_f: ArrayLike, t_cf: ArrayLike, focal: tuple[float, float]
+) -> tuple[_Array, _Array]: ...
+def find_consensus(
+    rays_s: ArrayLike,
+    rays_f: ArrayLike,
+    t_cf: ArrayLike,
+    covariance: ArrayLike,
+    focal: tuple[float, float],
+    sigma: float,
+    limit: float,
+    start: ArrayLike | None = None,
+) -> tuple[_Array, _Array, NDArray[np.bool_]]: ...
 def settings_schema() -> list[dict[str, Any]]: ...
 
 @final

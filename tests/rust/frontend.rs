@@ -2,9 +2,9 @@
 //! whatever the windows.
 
 use ekf_core::Camera;
+use frontend::search::{Expected, Options, Outcome, search};
+use frontend::{Image, align, warp};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
-use patches::search::{Expected, Options, Outcome, search};
-use patches::{Image, align, warp};
 
 const SIDE: usize = 15;
 const OPTIONS: Options = Options {

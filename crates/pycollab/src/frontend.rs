@@ -1,10 +1,15 @@
-//! Patches in images: the binding of the crate `patches`.
+//! Inner loops of the front end: the binding of the crate `frontend`.
 
 use crate::camera::PyCamera;
-use crate::convert::{Argument, invalid, numbers, pixels, same_length, stack, stacked, vectors};
+use crate::convert::{
+    Argument, covariance6, invalid, numbers, pixels, pose, rows, same_length, stack, stacked,
+    to_matrix, to_pose, vectors,
+};
 use crate::errors::bad_shape;
-use ::patches::search::{Expected, Options, search};
-use ::patches::{Image, warp};
+use ::frontend::consensus::{self, Noise, Pair};
+use ::frontend::describe::{LENGTH, describe};
+use ::frontend::search::{Expected, Options, search};
+use ::frontend::{Image, warp};
 use nalgebra::{Matrix2, Vector2};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
@@ -275,4 +280,157 @@ pub(crate) fn sample_templates<'py>(
         .reshape([count, size, size])
         .expect("count * size^2 pixels");
     Ok((templates, vectors(py, reach.into_iter(), count)))
+}
+
+/// SIFT's histogram of gradients over windows warped by affine maps.
+///
+/// Parameters
+/// ----------
+/// image : (H, W) uint8
+/// centres : (N, 2) float64
+///     Pixels (u, v).
+/// axes : (N, 2, 2) float64
+///     Maps offsets in the described view to pixel offsets in the image.
+/// step : float
+///     Distance of the window's 8 x 8 samples in the described view.
+///
+/// Returns
+/// -------
+/// (N, 128) float32
+///     Square roots of the L1-normalised histogram (RootSIFT): unit vectors.
+///
+/// Raises
+/// ------
+/// InputError
+///     If an argument has another type or shape.
+#[pyfunction]
+pub(crate) fn describe_windows<'py>(
+    py: Python<'py>,
+    image: Argument<'py>,
+    centres: Argument<'py>,
+    axes: Argument<'py>,
+    step: f64,
+) -> PyResult<Bound<'py, PyArray2<f32>>> {
+    let grey = grey("image", &image)?;
+    let (centres, axes) = (pixels("centres", &centres)?, stack::<2, 2>("axes", &axes)?);
+    same_length("axes", centres.len(), axes.len())?;
+    let windows: Vec<_> = centres.into_iter().zip(axes).collect();
+    let pixels = in_order!(grey);
+    let view = self::image(&pixels, grey.as_array().shape())?;
+    let mut out = Vec::new();
+    describe(&view, &windows, step, &mut out);
+    Ok(PyArray1::from_vec(py, out)
+        .reshape([windows.len(), LENGTH])
+        .expect("one descriptor a window"))
+}
+
+fn pairs(rays_s: &Argument<'_>, rays_f: &Argument<'_>) -> PyResult<Vec<Pair>> {
+    let (rays_s, rays_f) = (rows::<3>("rays_s", rays_s)?, rows::<3>("rays_f", rays_f)?);
+    same_length("rays_f", rays_s.len(), rays_f.len())?;
+    Ok(rays_s.into_iter().zip(rays_f).collect())
+}
+
+/// Sampson residual of each pair of rays, and its derivative by an error of the pose.
+///
+/// Parameters
+/// ----------
+/// rays_s, rays_f : (M, 3) float64
+///     Unit rays in C and F.
+/// t_cf : (4, 4) float64
+/// focal : (float, float)
+///     Focal lengths of Cs and Cf, pixels per radian.
+///
+/// Returns
+/// -------
+/// residual : (M,) float64
+///     In units of the pixel noise: its standard deviation is that of one pixel coordinate.
+/// jacobian : (M, 6) float64
+///     By (translation, rotation) on the right of ``t_cf``, pixels per metre and per radian.
+///
+/// Raises
+/// ------
+/// InputError
+///     If an argument has another shape.
+#[pyfunction]
+pub(crate) fn epipolar_residuals<'py>(
+    py: Python<'py>,
+    rays_s: Argument<'py>,
+    rays_f: Argument<'py>,
+    t_cf: Argument<'py>,
+    focal: [f64; 2],
+) -> PyResult<(Column<'py, f64>, Bound<'py, PyArray2<f64>>)> {
+    let (pairs, pose) = (pairs(&rays_s, &rays_f)?, pose("t_cf", &t_cf)?);
+    let found: Vec<_> = pairs
+        .iter()
+        .map(|pair| consensus::epipolar_residual(pair, &pose, focal))
+        .collect();
+    Ok((
+        PyArray1::from_iter(py, found.iter().map(|f| f.0)),
+        vectors(py, found.iter().map(|f| f.1), pairs.len()),
+    ))
+}
+
+/// Correction of a measured pose that most pairs agree on, under the prior of its covariance.
+///
+/// Parameters
+/// ----------
+/// rays_s, rays_f : (M, 3) float64
+///     Matched unit rays in C and F; fewer than three leave the pose as it is.
+/// t_cf : (4, 4) float64
+///     Measured pose.
+/// covariance : (6, 6) float64
+///     Over (translation, rotation), tangent on the right.
+/// focal : (float, float)
+///     Focal lengths of Cs and Cf, pixels per radian.
+/// sigma : float
+///     Standard deviation of a right match's residual, pixels.
+/// limit : float
+///     Largest residual of a match that agrees, pixels.
+/// start : (4, 4) float64, optional
+///     The pose that nearly the same matches agreed on; it takes the place of the sampling.
+///
+/// Returns
+/// -------
+/// t_cf : (4, 4) float64
+/// covariance : (6, 6) float64
+/// agree : (M,) bool
+///     Matches whose residual is within the limit under the pose.
+///
+/// Raises
+/// ------
+/// InputError
+///     If an argument has another shape, or the covariance is not positive definite.
+#[pyfunction]
+#[pyo3(signature = (rays_s, rays_f, t_cf, covariance, focal, sigma, limit, start = None))]
+#[expect(clippy::too_many_arguments, reason = "names in Python")]
+pub(crate) fn find_consensus<'py>(
+    py: Python<'py>,
+    rays_s: Argument<'py>,
+    rays_f: Argument<'py>,
+    t_cf: Argument<'py>,
+    covariance: Argument<'py>,
+    focal: [f64; 2],
+    sigma: f64,
+    limit: f64,
+    start: Option<Argument<'py>>,
+) -> PyResult<(
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Column<'py, bool>,
+)> {
+    let (pairs, prior) = (pairs(&rays_s, &rays_f)?, pose("t_cf", &t_cf)?);
+    let covariance = covariance6("covariance", &covariance)?;
+    let start = start.map(|start| pose("start", &start)).transpose()?;
+    let noise = Noise {
+        focal,
+        sigma,
+        limit,
+    };
+    let found = consensus::find_consensus(&pairs, &prior, &covariance, &noise, start.as_ref());
+    let found = found.ok_or_else(|| invalid("covariance", "it is not positive definite".into()))?;
+    Ok((
+        to_pose(py, &found.pose.rotation, &found.pose.translation),
+        to_matrix(py, &found.covariance),
+        PyArray1::from_vec(py, found.agree),
+    ))
 }

@@ -1,13 +1,16 @@
-//! Landmark patches in images (METHOD section 7): what a patch looks like from elsewhere ([`warp`]), where it is in
-//! an image ([`search`]), and where exactly ([`align`]).
+//! Inner loops of the front end (METHOD sections 6 and 7): what a landmark's patch looks like from elsewhere ([`warp`]),
+//! where it is in an image ([`search`]) and where exactly ([`align`]); descriptors of windows ([`describe`]); and the
+//! pose that the matches of two views agree on ([`consensus`]).
 //!
-//! These are the loops over pixels that no image library does for many small windows at once. Images are 8-bit grey,
-//! pixel `(u, v)` is column u of row v, pixel centres are at integers.
+//! These are loops over many small things, which no image library does and which Python does slowly. Images are 8-bit
+//! grey, pixel `(u, v)` is column u of row v, pixel centres are at integers.
 
 use nalgebra::Vector2;
 
 pub mod align;
+pub mod consensus;
 mod correlate;
+pub mod describe;
 pub mod search;
 pub mod warp;
 
