@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 MANYLINUX := $(if $(filter Linux,$(shell uname)),--zig --compatibility manylinux2014)
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock pyproject.toml
 
-.PHONY: demo test check docs wheel bench clean
+.PHONY: demo test check docs wheel bench bench-frames clean
 
 # The main job on its embedded default: renders the corridor, runs it with and without Cf.
 demo: $(VENV)/.built
@@ -26,6 +26,10 @@ bench: $(VENV)/.built
 	cargo build --release --locked -p collabslam-benches
 	cargo test --release --locked -p ekf-core --test allocations -- --nocapture > target/allocations.txt
 	$(BIN)/python benches/compare.py target/release/rounds --criterion target/criterion --allocations target/allocations.txt
+
+# What a frame costs on one core, stage by stage, on the demo; and results/frames.json. About a minute.
+bench-frames: $(VENV)/.built
+	$(BIN)/python benches/frames.py
 
 check: $(VENV)/.built
 	cargo fmt --all --check

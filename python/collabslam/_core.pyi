@@ -4,7 +4,19 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Camera", "Filter", "UpdateReport", "__version__", "settings_schema"]
+__all__ = [
+    "Camera",
+    "Filter",
+    "UpdateReport",
+    "__version__",
+    "affine_maps",
+    "describe_windows",
+    "epipolar_residuals",
+    "find_consensus",
+    "sample_templates",
+    "search_templates",
+    "settings_schema",
+]
 
 __version__: str
 
@@ -13,6 +25,50 @@ _Ids = NDArray[np.int64]
 _Worn = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike, ArrayLike]
 _Depths = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]
 
+def search_templates(
+    image: NDArray[np.uint8],
+    templates: NDArray[np.uint8],
+    uv: ArrayLike,
+    s: ArrayLike,
+    guess: ArrayLike,
+    *,
+    gate: float,
+    min_radius: float,
+    large_radius: float,
+    max_radius: float,
+    guess_radius: float,
+    guess_gate: float,
+    min_score: float,
+    ambiguity: float,
+    peak_distance: float,
+    min_deviation: float,
+) -> tuple[_Array, _Array, _Array, _Ids]: ...
+def affine_maps(
+    camera_ref: Camera,
+    uv_ref: ArrayLike,
+    camera_now: Camera,
+    t_now_ref: ArrayLike,
+    inverse_range: ArrayLike,
+) -> tuple[_Array, _Array, NDArray[np.bool_]]: ...
+def sample_templates(
+    image: NDArray[np.uint8], centres: ArrayLike, affine: ArrayLike, size: int
+) -> tuple[NDArray[np.uint8], _Array]: ...
+def describe_windows(
+    image: NDArray[np.uint8], centres: ArrayLike, axes: ArrayLike, step: float
+) -> NDArray[np.float32]: ...
+def epipolar_residuals(
+    rays_s: ArrayLike, rays_f: ArrayLike, t_cf: ArrayLike, focal: tuple[float, float]
+) -> tuple[_Array, _Array]: ...
+def find_consensus(
+    rays_s: ArrayLike,
+    rays_f: ArrayLike,
+    t_cf: ArrayLike,
+    covariance: ArrayLike,
+    focal: tuple[float, float],
+    sigma: float,
+    limit: float,
+    start: ArrayLike | None = None,
+) -> tuple[_Array, _Array, NDArray[np.bool_]]: ...
 def settings_schema() -> list[dict[str, Any]]: ...
 
 @final

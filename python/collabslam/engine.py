@@ -281,8 +281,10 @@ class Slam:
         measured, uv = depths.births(report)
         self._tracks.add_features(image, pose, measured, uv)
         self.filter.drop_candidates(np.concatenate([found.lost, used]))
-        waiting = ~np.isin(found.candidates, used)
-        ids, uv = found.candidates[waiting], found.candidate_uv[waiting]
+        ids, uv = found.candidates, found.candidate_uv
+        if len(used):
+            waiting = ~np.isin(ids, used)
+            ids, uv = ids[waiting], uv[waiting]
         outcomes, features = self.filter.observe_candidates(ids, uv)
         for candidate, feature in zip(ids.tolist(), features.tolist(), strict=True):
             if feature >= 0:

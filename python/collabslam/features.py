@@ -42,18 +42,20 @@ class FrameFeatures:
 
 def frame_features(expected: dict[str, Any], found: Found, report: UpdateReport) -> FrameFeatures:
     """Puts prediction, search and update of a frame together."""
-    codes = {FOUND: "rejected", LOW_SCORE: "unlike", AMBIGUOUS: "ambiguous"}
-    states = {i: codes.get(c, "outside") for i, c in zip(found.searched, found.result.code, strict=True)}
-    for i, outcome in zip(found.ids, report.bearings, strict=True):
+    ids = expected["ids"]
+    names = {FOUND: "rejected", LOW_SCORE: "unlike", AMBIGUOUS: "ambiguous"}
+    codes = found.result.code.tolist()
+    states = {i: names.get(c, "outside") for i, c in zip(found.searched.tolist(), codes, strict=True)}
+    for i, outcome in zip(found.ids.tolist(), report.bearings, strict=True):
         if outcome in ("pixel", "replaced"):
             states[i] = "accepted"
-    ids = expected["ids"]
-    place = dict(zip(found.ids, found.uv, strict=True))
-    nowhere = np.full(2, np.nan)
+    row = {i: k for k, i in enumerate(ids.tolist())}
+    place = np.full((len(ids), 2), np.nan)
+    place[[row[i] for i in found.ids.tolist()]] = found.uv
     return FrameFeatures(
         ids,
         expected["uv"],
         expected["s"],
-        np.array([place.get(i, nowhere) for i in ids], dtype=np.float64).reshape(-1, 2),
-        [states.get(i, "not searched") for i in ids],
+        place,
+        [states.get(i, "not searched") for i in ids.tolist()],
     )

@@ -17,6 +17,10 @@ def number(value: Any, digits: int = 3, unit: str = "", scale: float = 1.0) -> s
     return f"{scale * value:.{digits}f}{' ' + unit if unit else ''}"
 
 
+STAGES = ("predict", "search", "cf", "update", "map", "rest")
+"""What a frame's time is spent on: METHOD 7.1-2, 7.3, 7.4, 7.5-7, 7.8, and telling what was done."""
+
+
 LINES: tuple[tuple[str, Callable[[Summary], str]], ...] = (
     ("frames OK", lambda s: f"{s['frames_ok']} of {s['frames']} ({number(s['ok_share'], 1, '%', 100.0)})"),
     ("status at the end", lambda s: str(s["status_final"])),
@@ -30,6 +34,7 @@ LINES: tuple[tuple[str, Callable[[Summary], str]], ...] = (
     ("overlap", lambda s: number(s["overlap_ratio"], 0, "%", 100.0)),
     ("measurements with depth", lambda s: str(s["depth_measurements"])),
     ("time a frame", lambda s: number(step_ms(s), 1, "ms")),
+    *((f"  {stage}", lambda s, stage=stage: _stage(s, stage)) for stage in STAGES),
 )
 """What a summary shows on a terminal: label and text."""
 
@@ -38,6 +43,17 @@ def step_ms(summary: Summary) -> float | None:
     """Mean milliseconds a frame takes, without reading or rendering images."""
     value = summary["ms_per_frame"].get("step")
     return None if value is None else float(value)
+
+
+def stage_ms(summary: Summary, stage: str) -> float | None:
+    """Mean milliseconds a frame spends in one of `STAGES`."""
+    means, step = summary["ms_per_frame"], step_ms(summary)
+    if stage != "rest":
+        value = means.get(stage)
+        return None if value is None else float(value)
+    if step is None or "total" not in means:
+        return None
+    return max(0.0, step - float(means["total"]))
 
 
 def summary_text(summary: Summary) -> str:
@@ -101,6 +117,13 @@ def median_summary(summaries: Sequence[Summary]) -> dict[str, Any]:
     stages = [s["ms_per_frame"] for s in summaries]
     out["ms_per_frame"] = {k: median_of(stages, k) for k in stages[0]}
     return out
+
+
+def _stage(summary: Summary, stage: str) -> str:
+    value, step = stage_ms(summary, stage), step_ms(summary)
+    if value is None or not step:
+        return _MISSING
+    return f"{value:.1f} ms ({100.0 * value / step:.0f} %)"
 
 
 def _with_share(metres: Any, percent: Any) -> str:

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.frontend.flow import flow_guess
+from collabslam.frontend.flow import FlowImage, flow_guess, motion_of
 from collabslam.frontend.patch import Patch, capture, warp_templates
-from collabslam.frontend.search import FOUND, SearchResult, active_search
+from collabslam.frontend.search import FOUND, SearchResult, active_search, wide_ellipses
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.types import Array, Ids, Image, Mask
 
@@ -69,33 +69,32 @@ class Tracks:
         self._candidates: dict[int, Patch] = {}
         self._last: dict[int, Array] = {}
         self._candidate_last: dict[int, Array] = {}
-        self._previous: Image | None = None
+        self._previous: FlowImage | None = None
 
     def search(self, image: Image, pose: Array, expected: dict[str, Any]) -> Found:
         """Active search of the expected features; candidates are followed into this frame (METHOD 7.3)."""
         ids: Ids = expected["ids"]
+        n = len(ids)
         waiting = np.array(sorted(self._candidate_last), dtype=np.int64)
-        guess, followed = self._flow(image, ids, waiting)
-        patches = [self._features[i] for i in ids] + [self._candidates[i] for i in waiting]
+        now = FlowImage(image, self._settings.flow)
+        guess = self._flow(now, ids, waiting, expected)
+        patches = [self._features[i] for i in ids.tolist()] + [self._candidates[i] for i in waiting.tolist()]
         points = np.concatenate([expected["points"], np.full((len(waiting), 3), np.nan)])
         templates, usable, _ = warp_templates(self._camera, patches, pose, points, self._settings.patch)
         spread = (self._settings.flow.max_error / self._settings.search.gate) ** 2 * np.eye(2)
         result = active_search(
             [image],
             templates,
-            np.concatenate([expected["uv"], followed]),
+            np.concatenate([expected["uv"], guess[n:]]),
             np.concatenate([expected["s"], np.broadcast_to(spread, (len(waiting), 2, 2))]),
-            np.concatenate([guess, followed]),
+            guess,
             self._settings,
         )
-        n = len(ids)
         seen = usable[:n]
         alive = (result.code[n:] == FOUND) & usable[n:]
         found = Found(
             searched=ids[seen],
-            result=SearchResult(
-                result.uv[:n][seen], result.score[:n][seen], result.second[:n][seen], result.code[:n][seen]
-            ),
+            result=SearchResult(*(values[:n][seen] for values in result)),
             rho=expected["rho"][seen],
             rho_sd=expected["rho_sd"][seen],
             candidates=waiting[alive],
@@ -104,22 +103,27 @@ class Tracks:
         )
         self._last = dict(zip(found.ids.tolist(), found.uv, strict=True))
         self._candidate_last = dict(zip(found.candidates.tolist(), found.candidate_uv, strict=True))
-        self._previous = image
+        self._previous = now
         return found
 
-    def _flow(self, image: Image, ids: Ids, waiting: Ids) -> tuple[Array, Array]:
-        """Where optical flow says that features and candidates are now; NaN where it does not say."""
-        guess = np.full((len(ids), 2), np.nan)
+    def _flow(self, now: FlowImage, ids: Ids, waiting: Ids, expected: dict[str, Any]) -> Array:
+        """Where optical flow says that features, and then candidates, are now; NaN where it does not say.
+
+        Features are asked for only where the search would use the answer: in a wide ellipse.
+        """
+        guess = np.full((len(ids) + len(waiting), 2), np.nan)
         if self._previous is None:
-            return guess, np.full((len(waiting), 2), np.nan)
-        known = np.array([k for k, i in enumerate(ids.tolist()) if i in self._last], dtype=np.int64)
-        before = [self._last[int(i)] for i in ids[known]] + [
-            self._candidate_last[i] for i in waiting.tolist()
-        ]
-        uv, ok = flow_guess(self._previous, image, np.reshape(before, (-1, 2)), None, self._settings.flow)
-        uv = np.where(ok[:, None], uv, np.nan)
-        guess[known] = uv[: len(known)]
-        return guess, uv[len(known) :]
+            return guess
+        last = [self._last.get(i) for i in ids.tolist()] + [self._candidate_last[i] for i in waiting.tolist()]
+        known = np.array([k for k, uv in enumerate(last) if uv is not None], dtype=np.int64)
+        before = np.reshape([uv for uv in last if uv is not None], (-1, 2))
+        tracked = int(np.searchsorted(known, len(ids)))
+        motion = motion_of(before[:tracked], expected["uv"][known[:tracked]])
+        wide = wide_ellipses(expected["s"], self._settings.search)
+        asked = np.concatenate([wide, np.ones(len(waiting), dtype=np.bool_)])[known]
+        uv, ok = flow_guess(self._previous, now, before[asked], None, self._settings.flow, motion)
+        guess[known[asked]] = np.where(ok[:, None], uv, np.nan)
+        return guess
 
     def add_features(self, image: Image, pose: Array, ids: Ids, uv: Array) -> None:
         """Starts the patches of features born in this frame."""

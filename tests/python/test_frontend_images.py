@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from collabslam._core import Camera
-from collabslam.errors import SettingsError
+from collabslam._core import Camera, sample_templates
+from collabslam.errors import InputError, SettingsError
 from collabslam.frontend.detect import detect_corners
-from collabslam.frontend.flow import flow_guess, global_motion, track_candidates
+from collabslam.frontend.flow import FlowImage, flow_guess, global_motion, track_candidates
 from collabslam.frontend.patch import affine_maps, capture, warp_templates
 from collabslam.frontend.search import AMBIGUOUS, FOUND, LOW_SCORE, OUTSIDE, active_search, build_pyramid
 from collabslam.frontend.settings import FRONTEND, FrontendSettings
@@ -43,6 +43,10 @@ def rotation(angle: float, scale: float = 1.0) -> np.ndarray:
 
 def covariances(count: int, sigma: float) -> np.ndarray:
     return np.repeat(sigma**2 * np.eye(2)[None], count, axis=0)
+
+
+def flow_image(image):
+    return FlowImage(image, SETTINGS.flow)
 
 
 def test_settings_schema_is_complete_and_checked():
@@ -134,6 +138,80 @@ def test_search_is_precise(noise):
     assert np.abs(error).max() < 0.6
     assert np.sqrt((error**2).mean()) < 0.1
     assert np.all(result.score[found] > 0.9)
+
+
+@pytest.mark.parametrize("size", [7, 15, 21])
+def test_search_agrees_with_opencv(size):
+    rng = np.random.default_rng(size)
+    image, other = texture(seed=11), texture(seed=12)
+    settings = FrontendSettings.from_flat({"search.min_score": -1.0})
+    for k in range(20):
+        u, v = rng.integers(60, 300, 2)
+        template = (image if k % 2 else other)[v - size // 2 :, u - size // 2 :][:size, :size]
+        centre = np.array([u, v]) + rng.uniform(-6, 6, 2)
+        found = active_search([image], template[None], centre[None], covariances(1, 3.0), None, settings)
+        values = cv2.matchTemplate(image, template, cv2.TM_CCOEFF_NORMED)
+        peaks = (values == cv2.dilate(values, np.ones((3, 3)))) & (values > 0)
+        y, x = (i + size // 2 for i in np.nonzero(peaks))
+        near = np.hypot(x - centre[0], y - centre[1]) <= np.hypot(9.0, 2.5)
+        scores = values[y[near] - size // 2, x[near] - size // 2]
+        assert found.score[0] == pytest.approx(scores.max() if len(scores) else -1.0, abs=1e-4)
+        if len(scores):
+            best = np.array([x[near], y[near]])[:, np.argmax(scores)]
+            assert np.abs(found.uv[0] - best).max() <= 2.0  # a pixel by the surface, one by the alignment
+
+
+def test_search_near_the_edge_and_in_small_images():
+    rng = np.random.default_rng(0)
+    for shape in ((15, 15), (16, 40), (17, 17), (40, 18), (5, 90)):
+        image = rng.integers(0, 255, shape, dtype=np.uint8)
+        uv = rng.uniform(-30, 120, (300, 2))
+        guess = np.where(rng.random((300, 1)) < 0.5, np.nan, rng.uniform(-30, 120, (300, 2)))
+        s = covariances(300, 1.0) * rng.uniform(0.1, 900, (300, 1, 1))
+        result = active_search(
+            [image], rng.integers(0, 255, (300, 15, 15), dtype=np.uint8), uv, s, guess, SETTINGS
+        )
+        assert np.all(result.score <= 1.0 + 1e-6)
+        assert np.all(np.isfinite(result.uv[result.code == FOUND]))
+
+
+def test_templates_agree_with_opencv():
+    image = texture(seed=13)
+    uv = np.array([[100.3, 80.7], [250.0, 200.0], [2.0, 355.0]])
+    affine = np.stack([rotation(0.4, 1.5), np.eye(2), np.array([[1.2, 0.3], [-0.1, 0.9]])])
+    templates, reach = sample_templates(image, uv, affine, 15)
+    line = np.arange(15) - 7.0
+    grid = np.stack([np.tile(line, 15), np.repeat(line, 15)])
+    for k in range(3):
+        at = (np.linalg.inv(affine[k]) @ grid + uv[k][:, None]).astype(np.float32)
+        expected = cv2.remap(image, at[0], at[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        assert np.abs(templates[k].ravel() - expected.ravel().astype(float)).max() <= 3.0
+        assert np.allclose(reach[k], np.abs(at - uv[k][:, None]).max(axis=1), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"image": np.zeros((40, 40))}, "uint8"),
+        ({"image": np.zeros((0, 40), np.uint8)}, "image"),
+        ({"templates": np.zeros((1, 14, 14), np.uint8)}, "odd"),
+        ({"templates": np.zeros((1, 15, 13), np.uint8)}, "templates"),
+        ({"templates": np.zeros((2, 15, 15), np.uint8)}, "rows"),
+        ({"s": np.eye(2)}, "s"),
+    ],
+)
+def test_search_names_bad_input(change, word):
+    good = {
+        "image": np.zeros((40, 40), np.uint8),
+        "templates": np.zeros((1, 15, 15), np.uint8),
+        "uv": np.full((1, 2), 20.0),
+        "s": np.eye(2)[None],
+    }
+    arguments = {**good, **change}
+    with pytest.raises(InputError, match=word):
+        active_search(
+            [arguments["image"]], arguments["templates"], arguments["uv"], arguments["s"], None, SETTINGS
+        )
 
 
 def test_search_codes():
@@ -262,11 +340,11 @@ def test_global_motion_finds_shift_and_roll():
     linear = rotation(0.06)
     centre = np.array([319.5, 239.5])
     shift = centre - linear @ centre + [95.0, -60.0]
-    motion = global_motion(image, moved(image, linear, shift), SETTINGS.flow)
+    motion = global_motion(flow_image(image), flow_image(moved(image, linear, shift)))
     grid = np.array([[200.0, 150.0], [320.0, 240.0], [450.0, 330.0]])
     error = grid @ (motion[:, :2] - linear).T + motion[:, 2] - shift
     assert np.abs(error).max() < 10.0  # a pixel of the small images is 16 here
-    still = global_motion(image, image, SETTINGS.flow)
+    still = global_motion(flow_image(image), flow_image(image))
     assert np.abs(still - np.eye(2, 3)).max() < 0.2
 
 
@@ -277,22 +355,22 @@ def test_flow_survives_a_large_motion():
     now = moved(image, linear, shift)
     uv = detect_corners(image[100:380, 100:480], NONE, 40, SETTINGS.detect, 20) + 100.0
     true = uv @ linear.T + shift
-    found, ok = flow_guess(image, now, uv, None, SETTINGS.flow)
+    found, ok = flow_guess(flow_image(image), flow_image(now), uv, None, SETTINGS.flow)
     inside = np.all((true > 20) & (true < [620, 460]), axis=1)
     good = np.linalg.norm(found - true, axis=1) < 1.0
     assert good[inside].mean() > 0.9
     assert good[ok].mean() > 0.95
     misled = np.where(np.arange(len(uv))[:, None] % 2 == 0, true + np.array([80.0, -70.0]), np.nan)
-    again, ok = flow_guess(image, now, uv, misled, SETTINGS.flow)
+    again, ok = flow_guess(flow_image(image), flow_image(now), uv, misled, SETTINGS.flow)
     assert (np.linalg.norm(again - true, axis=1) < 1.0)[inside].mean() > 0.9
 
 
 def test_flow_refuses_what_is_gone():
     image, other = texture(seed=5), texture(seed=6)
     uv = detect_corners(image, NONE, 40, SETTINGS.detect, 20)
-    _, ok = flow_guess(image, other, uv, None, SETTINGS.flow)
+    _, ok = flow_guess(flow_image(image), flow_image(other), uv, None, SETTINGS.flow)
     assert ok.mean() < 0.2
-    empty, none = flow_guess(image, other, NONE, None, SETTINGS.flow)
+    empty, none = flow_guess(flow_image(image), flow_image(other), NONE, None, SETTINGS.flow)
     assert [empty.shape, none.shape] == [(0, 2), (0,)]
 
 
@@ -322,7 +400,10 @@ def test_everything_is_deterministic():
     image = texture(seed=8)
     now = moved(image, rotation(0.02), np.array([5.0, 3.0]))
     first, second = (
-        (detect_corners(image, NONE, 50, SETTINGS.detect, 15), global_motion(image, now, SETTINGS.flow))
+        (
+            detect_corners(image, NONE, 50, SETTINGS.detect, 15),
+            global_motion(flow_image(image), flow_image(now)),
+        )
         for _ in range(2)
     )
     assert np.array_equal(first[0], second[0])

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 import pytest
 
-from collabslam._core import Camera
+from collabslam._core import Camera, epipolar_residuals
 from collabslam.errors import DataError, InputError
 from collabslam.frontend.describe import DESCRIPTORS, describe
 from collabslam.frontend.detect import detect_corners
-from collabslam.frontend.epipolar import epipolar_residuals, find_consensus, inverse_ranges
+from collabslam.frontend.epipolar import find_consensus, inverse_ranges
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.frontend.target import checkerboard_points, find_target, marker_points, pose_from_points
 from collabslam.frontend.worn_match import match_worn

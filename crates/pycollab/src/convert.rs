@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 /// An argument before its type and shape are checked.
 pub(crate) type Argument<'py> = Bound<'py, PyAny>;
 
-fn invalid(what: &'static str, why: String) -> PyErr {
+pub(crate) fn invalid(what: &'static str, why: String) -> PyErr {
     to_python(EkfError::InvalidInput { what, why })
 }
 

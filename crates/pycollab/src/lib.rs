@@ -1,9 +1,10 @@
-//! `collabslam._core`: the Python face of `ekf_core`. No mathematics and no defaults live here.
+//! `collabslam._core`: the Python face of `ekf_core` and `frontend`. No mathematics and no defaults live here.
 
 mod camera;
 mod convert;
 mod errors;
 mod filter;
+mod frontend;
 mod settings;
 
 use pyo3::prelude::*;
@@ -16,5 +17,11 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<filter::PyFilter>()?;
     m.add_class::<filter::PyUpdateReport>()?;
     m.add_function(wrap_pyfunction!(settings::settings_schema, m)?)?;
+    m.add_function(wrap_pyfunction!(frontend::search_templates, m)?)?;
+    m.add_function(wrap_pyfunction!(frontend::affine_maps, m)?)?;
+    m.add_function(wrap_pyfunction!(frontend::sample_templates, m)?)?;
+    m.add_function(wrap_pyfunction!(frontend::describe_windows, m)?)?;
+    m.add_function(wrap_pyfunction!(frontend::epipolar_residuals, m)?)?;
+    m.add_function(wrap_pyfunction!(frontend::find_consensus, m)?)?;
     Ok(())
 }

@@ -14,15 +14,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from collabslam import _core
 from collabslam.errors import InputError
 from collabslam.types import Array, Image
 
 Descriptors = NDArray[np.float32]
 
-_CELLS, _DIRECTIONS = 4, 8  # the layout of SIFT
-_GRID = 8  # samples along a side; twice as many match no better and cost four times as much
-_CLIP = 0.2  # largest share of one bin: keeps a single strong edge from ruling the descriptor
-_BATCH = 128  # windows treated at once: buffers of a few hundred kilobytes
+_GRID = 8  # samples along a window's side
 _SIFT_SUPPORT = 6.0  # side of OpenCV's SIFT window over KeyPoint.size
 _ORB_PATCH = 31
 
@@ -83,58 +81,11 @@ def describe_warped(image: Image, uv: Array, axes: Array, size_px: float) -> Des
     (N, 128) float32
         Square roots of the L1-normalised histogram (RootSIFT): unit vectors.
     """
-    halved = size_px / _GRID >= 1.5
-    source, scale = (cv2.pyrDown(image), 0.5) if halved else (image, 1.0)
-    side = _GRID + 2  # one sample more on each side for the differences
-    line = (np.arange(side) - (side - 1) / 2.0) * (size_px / _GRID)
-    x, y = np.meshgrid(line, line)
-    offsets = np.stack([x.ravel(), y.ravel()])
-    out = np.empty((len(uv), _CELLS * _CELLS * _DIRECTIONS), dtype=np.float32)
-    for begin in range(0, len(uv), _BATCH):
-        part = slice(begin, min(len(uv), begin + _BATCH))
-        maps = ((axes[part] @ offsets + uv[part, :, None]) * scale).astype(np.float32)
-        windows = cv2.remap(
-            source,
-            maps[:, 0].reshape(-1, side),
-            maps[:, 1].reshape(-1, side),
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REPLICATE,
-        ).reshape(-1, side, side)
-        out[part] = _histograms(windows.astype(np.float32))
-    return out
-
-
-def _histograms(windows: NDArray[np.float32]) -> Descriptors:
-    """(N, 128) histograms of gradients of (N, 10, 10) windows."""
-    count = len(windows)
-    dx = (windows[:, 1:-1, 2:] - windows[:, 1:-1, :-2]).reshape(count, -1)
-    dy = (windows[:, 2:, 1:-1] - windows[:, :-2, 1:-1]).reshape(count, -1)
-    # max(0, |g| cos(difference) - |g| cos(45 deg)): a bump over the two bins next to a gradient's direction.
-    least = cv2.sqrt(dx * dx + dy * dy) * np.float32(np.cos(2.0 * np.pi / _DIRECTIONS))
-    channels = np.empty((_DIRECTIONS, count, _GRID * _GRID), dtype=np.float32)
-    opposite = _DIRECTIONS // 2
-    for k in range(opposite):
-        angle = 2.0 * np.pi * k / _DIRECTIONS
-        along = cv2.addWeighted(dx, np.cos(angle), dy, np.sin(angle), 0.0)
-        np.subtract(along, least, out=channels[k])
-        np.negative(np.add(along, least, out=along), out=channels[k + opposite])
-    np.maximum(channels, 0.0, out=channels)
-    cells = (channels.reshape(-1, _GRID * _GRID) @ _POOLING).reshape(_DIRECTIONS, count, -1)
-    bins = cells.transpose(1, 2, 0).reshape(count, -1)
-    bins /= np.linalg.norm(bins, axis=1, keepdims=True) + np.float32(1e-6)
-    np.minimum(bins, np.float32(_CLIP), out=bins)
-    return np.asarray(np.sqrt(bins / (bins.sum(axis=1, keepdims=True) + np.float32(1e-9))), dtype=np.float32)
-
-
-def _pooling() -> NDArray[np.float32]:
-    """(64, 16) weights of the window's samples in the cells: bilinear, under a Gaussian window."""
-    place = (np.arange(_GRID) + 0.5) / _GRID
-    bilinear = np.maximum(0.0, 1.0 - np.abs(place[:, None] * _CELLS - 0.5 - np.arange(_CELLS)[None]))
-    line = bilinear * np.exp(-0.5 * ((place - 0.5) / 0.5) ** 2)[:, None]
-    return np.asarray(np.einsum("ya,xb->yxab", line, line).reshape(_GRID**2, _CELLS**2), dtype=np.float32)
-
-
-_POOLING = _pooling()
+    step = size_px / _GRID
+    if step < 1.5:
+        return _core.describe_windows(image, uv, axes, step)
+    half = np.asarray(cv2.pyrDown(image), dtype=np.uint8)
+    return _core.describe_windows(half, 0.5 * uv, 0.5 * axes, step)
 
 
 def _crop(image: Image, uv: Array, margin: float) -> tuple[Image, Array]:

@@ -7,19 +7,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collabslam.frontend.settings import DetectSettings
-from collabslam.types import Array, Image, Indices
+from collabslam.types import Array, Image
 
-_STRIP = 96  # rows treated at once: small buffers stay in the cache and are not paged in anew for each image
+Response = NDArray[np.float32]
+
+_HALF_RES_WIDTH = 400  # pixels of width from which corners are looked for at half resolution
 _SUBPIXEL_REACH = 2.0  # pixels a corner may move when it is refined
 _GREY_GRADIENT = 255.0 / 2.0  # of OpenCV's 3x3 Sobel: it sees twice the gradient of an image in 0..1
 
 
-def corner_peaks(
-    image: Image, settings: DetectSettings, distance: float, border: int
-) -> tuple[Indices, NDArray[np.float32]]:
+def halves(width: int) -> bool:
+    """Whether images of this width are large enough for corners and flow at half resolution."""
+    return width >= _HALF_RES_WIDTH
+
+
+def corner_peaks(image: Image, settings: DetectSettings, distance: float, border: int, halve: bool) -> Array:
     """Local maxima of the Shi-Tomasi response, the strongest first.
 
-    The response is the smaller eigenvalue of the mean gradient matrix, in (grey levels per pixel)^2.
+    The response is the smaller eigenvalue of the mean gradient matrix.
 
     Parameters
     ----------
@@ -29,33 +34,43 @@ def corner_peaks(
         A peak is the largest response within this many pixels (square neighbourhood).
     border : int
         Pixels along the image's edge without peaks.
+    halve : bool
+        Whether to look at half resolution: a quarter of the cost, and less noise.
 
     Returns
     -------
-    uv : (M, 2) int64
-    response : (M,) float32
+    (M, 2) float64
     """
-    height, width = image.shape
-    reach = max(1, int(distance))
-    overlap = reach + settings.block // 2 + 2
+    factor = 2 if halve else 1
+    small = cv2.pyrDown(image) if halve else image
+    height, width = small.shape
+    border = -(-border // factor)
+    if min(height, width) <= 2 * border + 2:
+        return np.empty((0, 2))
+    reach = max(1, int(distance / factor))
     kernel = np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)
-    least = np.float32((settings.min_gradient / _GREY_GRADIENT) ** 2)
-    points: list[Indices] = [np.empty((0, 2), dtype=np.int64)]
-    values: list[NDArray[np.float32]] = [np.empty(0, dtype=np.float32)]
-    for top in range(border, height - border, _STRIP):
-        low, bottom = max(0, top - overlap), min(height - border, top + _STRIP)
-        response = cv2.cornerMinEigenVal(image[low : bottom + overlap], settings.block, ksize=3)
-        inner = np.s_[top - low : bottom - low, border : width - border]
-        inside = response[inner]
-        peaks = (inside == cv2.dilate(response, kernel)[inner]) & (inside > least)
-        v, u = np.divmod(np.flatnonzero(peaks), peaks.shape[1])
-        points.append(np.stack([u + border, v + top], axis=1))
-        values.append(np.asarray(inside[v, u], dtype=np.float32))
-    uv, response = np.concatenate(points), np.concatenate(values)
-    strong = response >= settings.quality * (response.max() if len(response) else 0.0)
-    uv, response = uv[strong], response[strong]
-    order = np.lexsort((uv[:, 0], uv[:, 1], -response))
-    return uv[order], response[order] * np.float32(_GREY_GRADIENT**2)
+    block = settings.block if factor == 1 else max(3, settings.block // 2 | 1)
+    response = np.asarray(cv2.cornerMinEigenVal(small, block, ksize=3), dtype=np.float32)
+    inner = np.s_[border : height - border, border : width - border]
+    inside = response[inner]
+    least = (settings.min_gradient / _GREY_GRADIENT) ** 2
+    least = max(least, settings.quality * float(inside.max()))
+    peaks = (inside == cv2.dilate(response, kernel)[inner]) & (inside > np.float32(least))
+    v, u = np.divmod(np.flatnonzero(peaks), peaks.shape[1])
+    order = np.lexsort((u, v, -inside[v, u]))
+    u, v = u[order] + border, v[order] + border
+    middle = response[v, u]
+    offsets = [
+        _vertex(response[v, u - 1], middle, response[v, u + 1]),
+        _vertex(response[v - 1, u], middle, response[v + 1, u]),
+    ]
+    return np.asarray(factor * (np.stack([u, v], axis=1) + np.stack(offsets, axis=1)), dtype=np.float64)
+
+
+def _vertex(before: Response, middle: Response, after: Response) -> Response:
+    """Peak of the parabola through three values, the middle one the largest: within half a step."""
+    curve = np.maximum(2.0 * middle - before - after, np.float32(1e-20))
+    return np.asarray(np.clip(0.5 * (after - before) / curve, -0.5, 0.5), dtype=np.float32)
 
 
 def refine_corners(image: Image, uv: Array) -> Array:
@@ -87,12 +102,14 @@ class Corners:
     settings : DetectSettings
     mask_border : int
         Pixels along the image's edge without corners.
+    halve : bool, optional
+        Whether to look at half resolution; where the image is wide enough unless given.
     """
 
-    def __init__(self, settings: DetectSettings, mask_border: int) -> None:
-        self._settings, self._border = settings, mask_border
+    def __init__(self, settings: DetectSettings, mask_border: int, halve: bool | None = None) -> None:
+        self._settings, self._border, self._halve = settings, mask_border, halve
         self._image: Image | None = None
-        self._peaks: Indices | None = None
+        self._peaks: Array | None = None
 
     def look_at(self, image: Image) -> None:
         """Takes the image of a new frame."""
@@ -103,8 +120,9 @@ class Corners:
         if self._image is None or count <= 0:
             return np.empty((0, 2), dtype=np.float64)
         if self._peaks is None:
+            halve = halves(self._image.shape[1]) if self._halve is None else self._halve
             distance = _distance(self._image, self._settings)
-            self._peaks, _ = corner_peaks(self._image, self._settings, distance, max(1, self._border))
+            self._peaks = corner_peaks(self._image, self._settings, distance, max(1, self._border), halve)
         return _spread(self._image, self._peaks, existing, count, self._settings)
 
 
@@ -114,6 +132,7 @@ def detect_corners(
     count: int,
     settings: DetectSettings,
     mask_border: int,
+    halve: bool | None = None,
 ) -> Array:
     """At most ``count`` new corners, those first whose part of the image needs them most.
 
@@ -129,13 +148,15 @@ def detect_corners(
     settings : DetectSettings
     mask_border : int
         Pixels along the image's edge without corners.
+    halve : bool, optional
+        Whether to look at half resolution; where the image is wide enough unless given.
 
     Returns
     -------
     (M, 2) float64
         Corners (u, v), the most wanted first.
     """
-    corners = Corners(settings, mask_border)
+    corners = Corners(settings, mask_border, halve)
     corners.look_at(image)
     return corners.pick(existing, count)
 
@@ -146,7 +167,7 @@ def _distance(image: Image, settings: DetectSettings) -> float:
 
 def _spread(
     image: Image,
-    peaks: Indices,
+    peaks: Array,
     existing: Array,
     count: int,
     settings: DetectSettings,
@@ -157,8 +178,8 @@ def _spread(
     existing = np.asarray(existing, dtype=np.float64).reshape(-1, 2)
     existing = existing[np.all(np.isfinite(existing), axis=1)]
     if len(existing) and len(peaks):
-        gap = ((peaks[:, None, :] - existing[None, :, :]) ** 2).sum(axis=2).min(axis=1)
-        peaks = peaks[gap >= distance**2]
+        du, dv = (peaks[:, k, None] - existing[:, k] for k in (0, 1))
+        peaks = peaks[(du * du + dv * dv).min(axis=1) >= distance**2]
     if len(peaks) == 0:
         return np.empty((0, 2), dtype=np.float64)
     side = max(height, width) / settings.cells
@@ -177,5 +198,5 @@ def _spread(
     rank = np.empty(len(peaks), dtype=np.int64)
     rank[by_cell] = np.arange(len(peaks)) - first
     chosen = np.lexsort((np.arange(len(peaks)), rank + held[cell]))[:count]
-    corners = peaks[chosen].astype(np.float64)
+    corners = peaks[chosen]
     return refine_corners(image, corners) if settings.subpixel else corners

@@ -12,16 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from collabslam.geometry import pose_inverse, se3_exp, se3_log
+from collabslam import _core
 from collabslam.types import Array, Mask
 
 Block = NDArray[np.float32]
 
-_HYPOTHESES = 150  # consensus samples; at 50 % wrong matches one of them is clean with probability 1 - 2e-9
-_SAMPLE = 3  # matches a sample: with the prior they fix the directions that matter
-_ITERATIONS = 6
-_CONVERGED = 5e-3  # step in standard deviations of the prior
-_PRIOR_WEIGHT = 0.05  # of a hypothesis' distance from the prior, against one match
 _BLOCK = 32  # rows of pairs treated at once
 _LEVI_CIVITA = -np.cross(np.eye(3)[:, None], np.eye(3)[None])  # skew(v)[i, j] = _LEVI_CIVITA[i, j] @ v
 
@@ -42,45 +37,6 @@ class Consensus:
     t_cf: Array
     covariance: Array
     agree: Mask
-
-
-def epipolar_residuals(
-    rays_s: Array, rays_f: Array, t_cf: Array, focal: tuple[float, float]
-) -> tuple[Array, Array]:
-    """Sampson residual of each pair, and its derivative by an error of the pose.
-
-    Parameters
-    ----------
-    rays_s, rays_f : (M, 3) float64
-        Unit rays in C and F.
-    t_cf : (4, 4) float64
-    focal : (float, float)
-        Focal lengths of Cs and Cf, pixels per radian.
-
-    Returns
-    -------
-    residual : (M,) float64
-        In units of the pixel noise: its standard deviation is that of one pixel coordinate.
-    jacobian : (M, 6) float64
-        By (translation, rotation) on the right of ``t_cf``, pixels per metre and per radian.
-    """
-    rotation, t = t_cf[:3, :3], t_cf[:3, 3]
-    turned = rays_f @ rotation.T
-    cross = skews(t[:, None])[0]
-    across_f, across_s = turned @ cross.T, rays_s @ cross
-    value = np.einsum("ni,ni->n", rays_s, across_f)
-    variance = _sampson_variance((across_f**2).sum(axis=1), (across_s**2).sum(axis=1), value, focal)
-    jacobian = np.hstack([_cross(rays_f, rays_s @ rotation), _cross(rays_f, across_s @ rotation)])
-    # The residual does not depend on the length of t: without this term a pose without baseline explains all.
-    jacobian[:, :3] -= value[:, None] * (t @ rotation / max(float(t @ t), 1e-12))
-    scale = 1.0 / np.sqrt(variance)
-    return value * scale, jacobian * scale[:, None]
-
-
-def _sampson_variance(n_f: Array, n_s: Array, value: Array, focal: tuple[float, float]) -> Array:
-    """Variance of the epipolar constraint for one pixel of noise in both views."""
-    square = value**2
-    return np.maximum((n_f - square) / focal[0] ** 2 + (n_s - square) / focal[1] ** 2, 1e-18)
 
 
 def inverse_ranges(rays_s: Array, rays_f: Array, t_cf: Array) -> Array:
@@ -136,45 +92,9 @@ def find_consensus(
     -------
     Consensus
     """
-    count = len(rays_s)
-    if count < _SAMPLE:
-        return Consensus(t_cf, covariance, np.ones(count, dtype=np.bool_))
-    root = np.linalg.cholesky(covariance)
-    residual, jacobian = epipolar_residuals(rays_s, rays_f, t_cf, focal)
-    white = jacobian @ root
-    if start is None:
-        correction = _sampled_correction(residual, white, sigma, limit)
-    else:
-        correction = np.linalg.solve(root, se3_log(pose_inverse(t_cf) @ start.t_cf))
-    posterior = np.eye(6)
-    for _ in range(_ITERATIONS):
-        pose = t_cf @ se3_exp(root @ correction)
-        residual, jacobian = epipolar_residuals(rays_s, rays_f, pose, focal)
-        white = jacobian @ root
-        weight = np.maximum(1.0 - (residual / (1.5 * limit)) ** 2, 0.0) ** 2 / sigma**2
-        posterior = np.linalg.inv(np.eye(6) + (white * weight[:, None]).T @ white)
-        step = posterior @ (correction + white.T @ (weight * residual))
-        correction = correction - step
-        if np.abs(step).max() < _CONVERGED:
-            break
-    pose = t_cf @ se3_exp(root @ correction)
-    residual, jacobian = epipolar_residuals(rays_s, rays_f, pose, focal)
-    corrected = root @ posterior @ root.T
-    return Consensus(pose, 0.5 * (corrected + corrected.T), np.abs(residual) <= limit)
-
-
-def _sampled_correction(residual: Array, white: Array, sigma: float, limit: float) -> Array:
-    """Correction (6,), in standard deviations of the prior, under which most residuals are small."""
-    count = len(residual)
-    draws = np.random.Generator(np.random.PCG64(count)).random((_HYPOTHESES, count))
-    sample = np.argpartition(draws, _SAMPLE - 1, axis=1)[:, :_SAMPLE]
-    js, rs = white[sample], residual[sample]
-    small = js @ js.transpose(0, 2, 1) + sigma**2 * np.eye(_SAMPLE)
-    z = -np.einsum("hki,hk->hi", js, np.linalg.solve(small, rs[..., None])[..., 0])
-    z = np.vstack([np.zeros((1, 6)), z])
-    left = residual[None] + z @ white.T
-    cost = np.minimum(left**2 / limit**2, 1.0).sum(axis=1) + _PRIOR_WEIGHT * (z**2).sum(axis=1)
-    return np.asarray(z[int(np.argmin(cost))])
+    first = None if start is None else start.t_cf
+    found = _core.find_consensus(rays_s, rays_f, t_cf, covariance, focal, sigma, limit, first)
+    return Consensus(*found)
 
 
 def skews(vectors: Array) -> Array:

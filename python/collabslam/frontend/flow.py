@@ -1,37 +1,65 @@
 """Optical flow between consecutive frames: guesses for the search, and tracks of candidates.
 
 A strong rotation moves the image by far more than a flow window.  So the motion of the whole image is found
-first, on strongly downsampled images: the shift is where the shared part correlates best, an alignment by
-the enhanced correlation coefficient adds the roll, and the alternative that leaves the images most alike is
-kept.  It is the start of a pyramidal Lucas-Kanade flow at half resolution: the search refines the guess at
-full resolution by correlation.
+first: as the filter predicts its features, or, where there are too few or the flow does not find them there,
+on strongly downsampled images: the shift is where the shared part correlates best, an alignment by the
+enhanced correlation coefficient adds the roll, and the alternative that leaves the images most alike is kept.
+It is the start of a pyramidal Lucas-Kanade flow at half resolution: the search refines the guess at full
+resolution by correlation.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from collabslam.frontend.detect import halves
 from collabslam.frontend.search import FOUND, active_search, build_pyramid
 from collabslam.frontend.settings import FlowSettings, FrontendSettings
 from collabslam.types import Array, Image, Mask
 
 Small = NDArray[np.float32]
 
+_MIN_POINTS = 8  # that tell the motion of the image
+_MIN_FOLLOWED = 0.7  # share of the points; fewer mean that the first guess was wrong
 _MIN_OVERLAP = 0.3  # share of the small image in which both views must lie for a shift to be believed
-_HALF_RES_WIDTH = 400  # pixels of width above which the flow runs at half resolution
 
 
-def global_motion(previous: Image, image: Image, settings: FlowSettings) -> Array:
-    """Rigid motion (shift and roll) of the image content between two frames.
+class FlowImage:
+    """The reduced images of one frame that the flow works on, made once.
 
     Parameters
     ----------
-    previous, image : (H, W) uint8
+    image : (H, W) uint8
     settings : FlowSettings
+
+    Attributes
+    ----------
+    factor : int
+        Full pixels in one of ``image``.
+    image : (h, w) uint8
+        What the flow is computed on: half resolution, or full where that is small already.
+    """
+
+    def __init__(self, image: Image, settings: FlowSettings) -> None:
+        self.factor = 2 if halves(image.shape[1]) else 1
+        self.image = build_pyramid(image, self.factor - 1)[-1]
+        self._small_width = settings.small_width
+
+    @cached_property
+    def small(self) -> tuple[Small, Small, int]:
+        """For the global motion: strongly reduced, the same without its slow changes, full pixels in one."""
+        halvings = max(0, int(np.ceil(np.log2(self.image.shape[1] / self._small_width))))
+        small = build_pyramid(self.image, halvings)[-1].astype(np.float32)
+        band = small - cv2.GaussianBlur(small, (0, 0), small.shape[1] / 8.0)
+        return small, band, self.factor * 2**halvings
+
+
+def global_motion(previous: FlowImage, now: FlowImage) -> Array:
+    """Rigid motion (shift and roll) of the image content between two frames.
 
     Returns
     -------
@@ -39,12 +67,10 @@ def global_motion(previous: Image, image: Image, settings: FlowSettings) -> Arra
         ``uv_now = m[:, :2] @ uv_previous + m[:, 2]``, pixels; the identity where nothing explains the images
         better.
     """
-    halvings = max(0, int(np.ceil(np.log2(previous.shape[1] / settings.small_width))))
-    factor = float(2**halvings)
-    a, b = (build_pyramid(full, halvings)[-1].astype(np.float32) for full in (previous, image))
+    (a, band, factor), (b, band_now, _) = previous.small, now.small
     if min(a.shape) < 8:
         return np.eye(2, 3)
-    shift = _best_shift(a, b)
+    shift = _best_shift(band, band_now)
     starts = [
         np.eye(2, 3, dtype=np.float32),
         np.array([[1, 0, shift[0]], [0, 1, shift[1]]], dtype=np.float32),
@@ -61,31 +87,37 @@ def global_motion(previous: Image, image: Image, settings: FlowSettings) -> Arra
     except cv2.error:  # the alignment did not converge: the shift stands
         pass
     motion = best.astype(np.float64)
-    motion[:, 2] *= factor  # halving keeps every second pixel: pixel i of the small image is pixel factor * i
+    # Halving keeps every second pixel: pixel i of the small image is pixel factor * i.
+    motion[:, 2] *= factor
     return motion
 
 
-def _best_shift(a: Small, b: Small) -> tuple[float, float]:
-    """Shift (u, v) from ``a`` to ``b``, whole pixels, at which the part they share is most alike.
+def _best_shift(x: Small, y: Small) -> tuple[float, float]:
+    """Shift (u, v) from ``x`` to ``y``, whole pixels, at which the part they share is most alike.
 
     Every shift that leaves ``_MIN_OVERLAP`` of the image in both is tried.
     """
-    height, width = a.shape
-    x, y = (image - cv2.GaussianBlur(image, (0, 0), width / 8.0) for image in (a, b))
+    height, width = x.shape
     pad_u, pad_v = int((1.0 - _MIN_OVERLAP) * width), int((1.0 - _MIN_OVERLAP) * height)
-    ones = np.ones_like(a)
-    wide_y, wide_ones = (
-        cv2.copyMakeBorder(image, pad_v, pad_v, pad_u, pad_u, cv2.BORDER_CONSTANT) for image in (y, ones)
-    )
+    ones, wide_ones, count = _windows(x.shape, pad_u, pad_v)
+    wide_y = cv2.copyMakeBorder(y, pad_v, pad_v, pad_u, pad_u, cv2.BORDER_CONSTANT)
     product = cv2.matchTemplate(wide_y, x, cv2.TM_CCORR)
     energy_a = cv2.matchTemplate(wide_ones, x * x, cv2.TM_CCORR)
     energy_b = cv2.matchTemplate(wide_y * wide_y, ones, cv2.TM_CCORR)
-    count = cv2.matchTemplate(wide_ones, ones, cv2.TM_CCORR)
     likeness = product / np.sqrt(np.maximum(energy_a * energy_b, 1e-3))
     # A small overlap is alike by chance more often: its likeness counts less.
-    likeness = np.where(count >= _MIN_OVERLAP * a.size, likeness * np.sqrt(count / a.size), -1.0)
+    likeness = np.where(count >= _MIN_OVERLAP * x.size, likeness * np.sqrt(count / x.size), -1.0)
     v, u = np.unravel_index(int(np.argmax(likeness)), likeness.shape)
     return float(u) - pad_u, float(v) - pad_v
+
+
+@lru_cache(maxsize=4)
+def _windows(shape: tuple[int, int], pad_u: int, pad_v: int) -> tuple[Small, Small, Small]:
+    """An image of ones, the same with a border of zeros, and how many pixels both share at each shift."""
+    ones = np.ones(shape, dtype=np.float32)
+    wide = np.pad(ones, ((pad_v, pad_v), (pad_u, pad_u)))
+    count = np.asarray(cv2.matchTemplate(wide, ones, cv2.TM_CCORR), dtype=np.float32)
+    return ones, wide, count
 
 
 @lru_cache(maxsize=4)
@@ -110,23 +142,48 @@ def _likeness(a: Small, b: Small, motion: Small) -> float:
     return float((x * y).sum() / max(1e-9, float(np.sqrt((x * x).sum() * (y * y).sum()))))
 
 
+def motion_of(before: Array, now: Array) -> Array | None:
+    """Shift, roll and scale that take points of one frame to those of the next (least squares).
+
+    Parameters
+    ----------
+    before, now : (N, 2) float64
+
+    Returns
+    -------
+    (2, 3) float64 or None
+        As :func:`global_motion`; None where too few points say it.
+    """
+    if len(before) < _MIN_POINTS:
+        return None
+    middle, middle_now = before.mean(axis=0), now.mean(axis=0)
+    p, q = (before - middle) @ [1.0, 1.0j], (now - middle_now) @ [1.0, 1.0j]
+    turn = np.vdot(p, q) / max(float(np.vdot(p, p).real), 1e-9)
+    linear = np.array([[turn.real, -turn.imag], [turn.imag, turn.real]])
+    return np.column_stack([linear, middle_now - linear @ middle])
+
+
 def flow_guess(
-    previous: Image,
-    image: Image,
+    previous: FlowImage,
+    now: FlowImage,
     uv_prev: Array,
     uv_init: Array | None,
     settings: FlowSettings,
+    motion: Array | None = None,
 ) -> tuple[Array, Mask]:
     """Where points of the previous image are now, to about a pixel.
 
     Parameters
     ----------
-    previous, image : (H, W) uint8
+    previous, now : FlowImage
     uv_prev : (N, 2) float64
     uv_init : (N, 2) float64, optional
-        First guess of the points now; NaN where there is none.  The global motion of the image serves as the
-        guess where there is none, and as a second one where the flow from this one fails.
+        First guess of the points now; NaN where there is none.
     settings : FlowSettings
+    motion : (2, 3) float64, optional
+        Motion of the image as predicted (`motion_of`): the guess of points that have none.  The global motion
+        takes its place where it is not given, and serves as a second guess if the flow from the first ones
+        fails for many points.
 
     Returns
     -------
@@ -137,27 +194,31 @@ def flow_guess(
     points = np.asarray(uv_prev, dtype=np.float64).reshape(-1, 2)
     if len(points) == 0:
         return points.copy(), np.empty(0, dtype=np.bool_)
-    motion = global_motion(previous, image, settings)
-    moved = points @ motion[:, :2].T + motion[:, 2]
-    start = moved
+    predicted = motion is not None
+    if motion is None:
+        motion = global_motion(previous, now)
+    start = points @ motion[:, :2].T + motion[:, 2]
     if uv_init is not None:
         init = np.asarray(uv_init, dtype=np.float64)
-        start = np.where(np.all(np.isfinite(init), axis=1)[:, None], init, moved)
-    factor = 2.0 if previous.shape[1] >= _HALF_RES_WIDTH else 1.0
-    a, b = (build_pyramid(full, 1)[-1] if factor == 2.0 else full for full in (previous, image))
-    uv, ok = _forth_and_back(a, b, points / factor, start / factor, factor, settings)
-    again = np.flatnonzero(~ok & (np.abs(start - moved).max(axis=1) > 2.0))
-    if len(again):
-        uv[again], ok[again] = _forth_and_back(
-            a, b, points[again] / factor, moved[again] / factor, factor, settings
-        )
+        given = np.all(np.isfinite(init), axis=1)
+        start = np.where(given[:, None], init, start)
+        predicted |= bool(given.any())
+    uv, ok = _forth_and_back(previous, now, points, start, settings)
+    if predicted and ok.mean() < _MIN_FOLLOWED:
+        motion = global_motion(previous, now)
+        moved = points @ motion[:, :2].T + motion[:, 2]
+        again = np.flatnonzero(~ok & (np.abs(start - moved).max(axis=1) > 2.0))
+        if len(again):
+            uv[again], ok[again] = _forth_and_back(previous, now, points[again], moved[again], settings)
     return uv, ok
 
 
 def _forth_and_back(
-    a: Image, b: Image, points: Array, start: Array, factor: float, settings: FlowSettings
+    previous: FlowImage, now: FlowImage, points: Array, start: Array, settings: FlowSettings
 ) -> tuple[Array, Mask]:
-    """Lucas-Kanade flow from ``a`` to ``b`` and back; pixels of the flow's resolution in, full ones out."""
+    """Lucas-Kanade flow to the frame now and back; full pixels."""
+    a, b, factor = previous.image, now.image, float(now.factor)
+    points, start = points / factor, start / factor
     window = (settings.window, settings.window)
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.03)
     p = points.astype(np.float32).reshape(-1, 1, 2)
@@ -211,7 +272,8 @@ def track_candidates(
         Sub-pixel position; NaN where the candidate is lost.
     ok : (N,) bool
     """
-    uv, ok = flow_guess(previous, image, uv_prev, uv_init, settings.flow)
+    before, now = (FlowImage(x, settings.flow) for x in (previous, image))
+    uv, ok = flow_guess(before, now, uv_prev, uv_init, settings.flow)
     ok = ok & np.asarray(usable, dtype=np.bool_)
     uv = np.where(ok[:, None], uv, np.nan)
     spread = (settings.flow.max_error / settings.search.gate) ** 2 * np.eye(2)

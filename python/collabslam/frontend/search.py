@@ -13,12 +13,11 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from collabslam.frontend.settings import FrontendSettings
-from collabslam.types import Array, Image, Indices
+from collabslam import _core
+from collabslam.frontend.settings import FrontendSettings, SearchSettings
+from collabslam.types import Array, Image, Indices, Mask
 
 FOUND, LOW_SCORE, AMBIGUOUS, OUTSIDE = 0, 1, 2, 3
-
-_STEPS = 3  # of the sub-pixel alignment
 
 
 class SearchCode(enum.IntEnum):
@@ -59,6 +58,14 @@ def build_pyramid(image: Image, levels: int = 3) -> list[Image]:
     return pyramid
 
 
+def wide_ellipses(s: Array, settings: SearchSettings) -> Mask:
+    """(N,) bool: whether an ellipse is so wide that :func:`active_search` would use a guess inside it."""
+    diagonal = np.asarray(s, dtype=np.float64)[:, [0, 1], [0, 1]]
+    radius = np.sqrt(settings.gate**2 * diagonal.max(axis=1, initial=0.0) + settings.min_radius**2)
+    # Rounding must not decide otherwise than the search does.
+    return np.asarray(radius > settings.large_radius - 1e-6)
+
+
 def active_search(
     pyramid: Sequence[Image],
     templates: Image,
@@ -90,198 +97,25 @@ def active_search(
     -------
     SearchResult
     """
-    image = pyramid[0]
+    count = len(templates)
+    nowhere = np.full((count, 2), np.nan)
     options = settings.search
-    count = len(templates)
-    uv = np.full((count, 2), np.nan)
-    score, second = np.full(count, -1.0), np.full(count, -1.0)
-    code = np.full(count, OUTSIDE, dtype=np.int64)
-    if count == 0:
-        return SearchResult(uv, score, second, code)
-    centre = np.array(uv_pred, dtype=np.float64).reshape(-1, 2)
-    floor = (options.min_radius / options.gate) ** 2
-    shape = np.asarray(s, dtype=np.float64) + floor * np.eye(2)
-    radius = options.gate * np.sqrt(np.stack([shape[:, 0, 0], shape[:, 1, 1]], axis=1))
-    finite = np.all(np.isfinite(centre), axis=1) & np.all(np.isfinite(shape), axis=(1, 2))
-    precision = np.zeros_like(shape)
-    precision[finite] = np.linalg.inv(shape[finite])
-    limit = np.full(count, options.gate**2)
-    if guess is not None:
-        shift = np.asarray(guess, dtype=np.float64) - centre
-        distance = np.einsum("ni,nij,nj->n", shift, precision, shift)
-        believed = (radius.max(axis=1) > options.large_radius) & (
-            distance <= (options.gate * options.guess_gate) ** 2
+    return SearchResult(
+        *_core.search_templates(
+            pyramid[0],
+            templates,
+            uv_pred,
+            s,
+            nowhere if guess is None else guess,
+            gate=options.gate,
+            min_radius=options.min_radius,
+            large_radius=options.large_radius,
+            max_radius=options.max_radius,
+            guess_radius=options.guess_radius,
+            guess_gate=options.guess_gate,
+            min_score=options.min_score,
+            ambiguity=options.ambiguity,
+            peak_distance=options.peak_distance,
+            min_deviation=settings.patch.min_deviation,
         )
-        centre[believed] = np.asarray(guess)[believed]
-        radius[believed] = options.guess_radius
-        precision[believed] = np.eye(2) / options.guess_radius**2
-        limit[believed] = 2.0
-    half = templates.shape[1] // 2
-    reach = np.minimum(np.ceil(radius), options.max_radius)
-    start = np.where(finite[:, None], centre, -1e6)
-    low = np.maximum(np.floor(start - reach), half).astype(np.int64)
-    high = np.minimum(np.ceil(start + reach), [image.shape[1] - 1 - half, image.shape[0] - 1 - half]).astype(
-        np.int64
     )
-    # One more pixel all around, where the image has it, tells a peak from the slope of one outside.
-    low, high = (
-        np.maximum(low - 1, half),
-        np.minimum(high + 1, [image.shape[1] - 1 - half, image.shape[0] - 1 - half]),
-    )
-    possible = np.flatnonzero(np.all(high - low >= 2, axis=1))
-    sizes = (high - low + 1)[possible]
-    flat = templates.reshape(count, -1).std(axis=1) < settings.patch.min_deviation
-    code[possible] = LOW_SCORE
-    todo = np.flatnonzero(~flat[possible])
-    order = todo[np.argsort(sizes[todo].max(axis=1), kind="stable")]
-    begin = 0
-    while begin < len(order):  # maps of like size are judged together
-        largest = max(24, int(1.5 * sizes[order[begin]].max()))
-        end = begin + int(np.searchsorted(sizes[order[begin:]].max(axis=1), largest, side="right"))
-        group = possible[order[begin:end]]
-        begin = end
-        found = _search_group(
-            image, templates, group, low, high, centre, precision, limit, options.peak_distance
-        )
-        uv[group], score[group], second[group] = found
-    good = score >= options.min_score
-    uv[good] = align_templates(image, templates[good], uv[good])
-    unique = second < options.ambiguity * score
-    code[good & unique] = FOUND
-    code[good & ~unique] = AMBIGUOUS
-    return SearchResult(uv, score, second, code)
-
-
-def _search_group(
-    image: Image,
-    templates: Image,
-    group: Indices,
-    low: Indices,
-    high: Indices,
-    centre: Array,
-    precision: Array,
-    limit: Array,
-    apart: float,
-) -> tuple[Array, Array, Array]:
-    """Best and second peak of the correlation maps of a group, all maps padded to one size."""
-    half = templates.shape[1] // 2
-    sizes = high[group] - low[group] + 1
-    width, height = int(sizes[:, 0].max()), int(sizes[:, 1].max())
-    # A guard column and row between the maps keeps the 3 x 3 maximum filter from joining them.
-    maps = np.full((len(group), height + 1, width + 1), -2.0, dtype=np.float32)
-    for k, i in enumerate(group):
-        (u0, v0), (u1, v1) = low[i] - half, high[i] + half + 1
-        result = cv2.matchTemplate(image[v0:v1, u0:u1], templates[i], cv2.TM_CCOEFF_NORMED)
-        maps[k, : result.shape[0], : result.shape[1]] = result
-    highest = cv2.dilate(maps.reshape(-1, width + 1), np.ones((3, 3), np.uint8)).reshape(maps.shape)
-    du = (np.arange(width + 1) + low[group, 0][:, None] - centre[group, 0][:, None]).astype(np.float32)
-    dv = (np.arange(height + 1) + low[group, 1][:, None] - centre[group, 1][:, None]).astype(np.float32)
-    p = precision[group].astype(np.float32)
-    which, row, column = np.nonzero((maps == highest) & (maps > 0.0))
-    x, y = du[which, column], dv[which, row]
-    weight = p[which]
-    distance = weight[:, 0, 0] * x * x + 2.0 * weight[:, 0, 1] * x * y + weight[:, 1, 1] * y * y
-    border = (row == 0) | (column == 0) | (row == sizes[which, 1] - 1) | (column == sizes[which, 0] - 1)
-    keep = (distance <= limit[group][which]) & ~border
-    which, row, column = which[keep], row[keep], column[keep]
-    value = maps[which, row, column]
-    order = np.lexsort((row, column, -value, which))
-    which, row, column, value = which[order], row[order], column[order], value[order]
-    n = len(group)
-    uv = np.full((n, 2), np.nan)
-    score, second = np.full(n, -1.0), np.full(n, -1.0)
-    first = np.flatnonzero(np.r_[True, which[1:] != which[:-1]]) if len(which) else np.empty(0, np.int64)
-    best = which[first]
-    score[best] = value[first]
-    peak = np.zeros((n, 2), dtype=np.int64)
-    peak[best, 0], peak[best, 1] = column[first], row[first]
-    far = (column - peak[which, 0]) ** 2 + (row - peak[which, 1]) ** 2 > apart**2
-    np.maximum.at(second, which[far], value[far].astype(np.float64))
-    offset = quadratic_peak(
-        maps[
-            best[:, None, None],
-            row[first][:, None, None] + np.array([-1, 0, 1])[None, :, None],
-            column[first][:, None, None] + np.array([-1, 0, 1])[None, None, :],
-        ].astype(np.float64)
-    )
-    uv[best] = peak[best] + low[group][best] + offset
-    return uv, score, second
-
-
-def align_templates(image: Image, templates: Image, uv: Array) -> Array:
-    """Sub-pixel alignment of templates by Gauss-Newton steps over shift, gain and offset.
-
-    The quadratic surface of a correlation peak is off by up to a tenth of a pixel where the texture is not
-    symmetric; this is not.
-
-    Parameters
-    ----------
-    image : (H, W) uint8
-    templates : (N, h, h) uint8
-    uv : (N, 2) float64
-        Positions to within about half a pixel, at least half a template from the image's edge.
-
-    Returns
-    -------
-    (N, 2) float64
-        A position that would move by more than a pixel stays where it was.
-    """
-    count = len(templates)
-    if count == 0:
-        return uv
-    inner = templates[:, 1:-1, 1:-1].astype(np.float32)
-    side = inner.shape[1]
-    columns = np.empty((count, 4, side * side), dtype=np.float32)
-    columns[:, 0] = (0.5 * (templates[:, 1:-1, 2:].astype(np.float32) - templates[:, 1:-1, :-2])).reshape(
-        count, -1
-    )
-    columns[:, 1] = (0.5 * (templates[:, 2:, 1:-1].astype(np.float32) - templates[:, :-2, 1:-1])).reshape(
-        count, -1
-    )
-    columns[:, 2] = inner.reshape(count, -1) - inner.mean(axis=(1, 2))[:, None]
-    columns[:, 3] = 1.0
-    normal = (columns @ columns.transpose(0, 2, 1)).astype(np.float64)
-    normal += 1e-6 * normal.trace(axis1=1, axis2=2)[:, None, None] * np.eye(4)
-    inverse = np.linalg.inv(normal)
-    line = np.arange(side) - (side - 1) / 2.0
-    x, y = (grid.ravel() for grid in np.meshgrid(line, line))
-    moved = uv.copy()
-    for _ in range(_STEPS):
-        sampled = cv2.remap(
-            image,
-            (moved[:, :1] + x).astype(np.float32),
-            (moved[:, 1:] + y).astype(np.float32),
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REPLICATE,
-        ).astype(np.float32)
-        fit = np.einsum("nij,nj->ni", inverse, (columns @ sampled[:, :, None])[..., 0])
-        gain = np.where(fit[:, 2] > 0.1, fit[:, 2], np.inf)
-        moved -= np.clip(fit[:, :2] / gain[:, None], -0.5, 0.5)
-    near = np.abs(moved - uv).max(axis=1) <= 1.0
-    return np.where(near[:, None], moved, uv)
-
-
-def quadratic_peak(values: Array) -> Array:
-    """Offset (u, v) of the maximum of the quadratic surface fitted to 3 x 3 values around a peak.
-
-    Parameters
-    ----------
-    values : (N, 3, 3) float64
-        Rows are v, columns are u; the largest value is in the middle.
-
-    Returns
-    -------
-    (N, 2) float64
-        Within one pixel; zero where the surface has no maximum.
-    """
-    columns, rows = values.sum(axis=1), values.sum(axis=2)
-    gu, gv = (columns[:, 2] - columns[:, 0]) / 6.0, (rows[:, 2] - rows[:, 0]) / 6.0
-    huu = (columns[:, 0] - 2.0 * columns[:, 1] + columns[:, 2]) / 3.0
-    hvv = (rows[:, 0] - 2.0 * rows[:, 1] + rows[:, 2]) / 3.0
-    huv = (values[:, 0, 0] + values[:, 2, 2] - values[:, 0, 2] - values[:, 2, 0]) / 4.0
-    det = huu * hvv - huv**2
-    peaked = (det > 1e-12) & (huu < 0.0)
-    det = np.where(peaked, det, 1.0)
-    offset = np.stack([huv * gv - hvv * gu, huv * gu - huu * gv], axis=1) / det[:, None]
-    good = peaked & (np.abs(offset).max(axis=1) <= 1.0)
-    return np.where(good[:, None], offset, 0.0)

@@ -39,7 +39,8 @@ class DetectSettings:
         0,
         100,
         "grey levels per pixel",
-        "Least root-mean-square gradient along a corner's weaker direction; keeps noise out of flat images.",
+        "Least root-mean-square gradient along a corner's weaker direction, at the resolution at which "
+        "corners are looked for; keeps noise out of flat images.",
     )
     block: int = _number(5, 3, 15, "pixel", "Side of the window in which gradients are collected.", odd=True)
     min_distance: float = _number(

@@ -23,12 +23,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from collabslam._core import Camera
+from collabslam._core import Camera, sample_templates
 from collabslam.errors import InputError
 from collabslam.frontend.describe import DESCRIPTORS, describe
-from collabslam.frontend.detect import detect_corners
+from collabslam.frontend.detect import detect_corners, halves
 from collabslam.frontend.epipolar import Consensus, PairGeometry, find_consensus, inverse_ranges, skews
-from collabslam.frontend.patch import affine_maps, inverse_maps, sample_templates, usable_affine
+from collabslam.frontend.patch import affine_maps, inverse_maps, usable_affine
 from collabslam.frontend.search import FOUND, active_search
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.geometry import pose_inverse
@@ -214,7 +214,9 @@ class _Matcher:
             subpixel=False,  # the correlation does that
             min_distance=self.options.corner_distance * self.image_f.shape[1] / crop.shape[1],
         )
-        corners = detect_corners(crop, np.empty((0, 2)), self.options.corners, detect, border)
+        corners = detect_corners(
+            crop, np.empty((0, 2)), self.options.corners, detect, border, halves(self.image_f.shape[1])
+        )
         corners += np.array([u0, v0])
         return corners
 

@@ -1,0 +1,98 @@
+"""Milliseconds a frame takes, stage by stage, on one core: the rendered demo in ``mono`` and ``collab``.
+
+Run by ``make bench-frames``, or ``python benches/frames.py``; prints one table and writes
+``results/frames.json``. One thread everywhere (OpenCV, BLAS), one core where the system can pin one. The demo
+is rendered first and is not timed. Every run gives the same bits, so each frame's stage is timed in several
+runs and the least counts: what other programs took is not the frame's. Columns are means over frames, those
+with overlap and the others apart, and mixed as if the worn camera helped 40 % of the time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is imported
+
+import cv2
+import numpy as np
+
+from collabslam.demo.recording import corridor_recording
+from collabslam.demo_run import MODES, HeldRecording
+from collabslam.report import STAGES, text_table
+from collabslam.runner import make_engine
+from collabslam.settings import Settings
+from collabslam.types import Recording
+
+TOTAL = "frame"
+SHARE = 0.4  # of the frames with overlap, in the last column
+
+
+def one_core() -> str:
+    """One thread, and one core where the system can pin one; says which."""
+    cv2.setNumThreads(1)
+    if not hasattr(os, "sched_setaffinity"):
+        return "one thread"
+    core = max(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, {core})
+    return f"one thread on core {core}"
+
+
+def timed_run(recording: Recording, mode: str) -> tuple[np.ndarray, np.ndarray]:
+    """Milliseconds (frames, stages and the whole), and which frames had overlap."""
+    engine = make_engine(recording, mode=mode, start="worn", settings=Settings.default())
+    rows, overlap = [], []
+    for i in range(len(recording)):
+        frame = recording.frame(i)
+        began = time.perf_counter()
+        step: Any = engine.step(frame.t, frame.image, frame.worn)
+        total = 1e3 * (time.perf_counter() - began)
+        stages = [step.diagnostics[f"ms_{stage}"] for stage in STAGES[:-1]]
+        rows.append([*stages, total - sum(stages), total])
+        overlap.append(bool(step.diagnostics["overlap"]))
+    return np.array(rows), np.array(overlap)
+
+
+def measure(recording: Recording, mode: str, runs: int) -> tuple[np.ndarray, np.ndarray]:
+    """Least milliseconds of each frame's stages over several runs; whether it had overlap."""
+    results = [timed_run(recording, mode) for _ in range(runs)]
+    return np.min([times for times, _ in results], axis=0), results[0][1]
+
+
+def main() -> None:
+    """Renders, measures, prints and writes."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--seed", type=int, default=0, help="of the demo's noise")
+    parser.add_argument("--runs", type=int, default=5, help="of each mode; a frame's least time counts")
+    parser.add_argument("--out", type=Path, default=Path("results/frames.json"))
+    arguments = parser.parse_args()
+    recording = HeldRecording(corridor_recording(arguments.seed), progress=True)
+    where = one_core()
+    times = {mode: measure(recording, mode, arguments.runs) for mode in MODES}
+    mono, _ = times["mono"]
+    collab, overlap = times["collab"]
+    with_cf, without = collab[overlap].mean(axis=0), collab[~overlap].mean(axis=0)
+    columns = {
+        "mono": mono.mean(axis=0),
+        "collab, overlap": with_cf,
+        "collab, others": without,
+        f"collab, {SHARE:.0%} overlap": SHARE * with_cf + (1.0 - SHARE) * without,
+    }
+    names = [*STAGES, TOTAL]
+    rows = [["ms a frame", *columns]]
+    rows += [[name, *(f"{column[k]:.2f}" for column in columns.values())] for k, name in enumerate(names)]
+    camera = recording.camera
+    print(f"demo, seed {arguments.seed}, {camera.width} x {camera.height}, {len(recording)} frames of which")
+    print(f"{int(overlap.sum())} have overlap; {where}; least of {arguments.runs} runs, mean over frames")
+    print(text_table(rows))
+    result = {column: dict(zip(names, values.tolist(), strict=True)) for column, values in columns.items()}
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    arguments.out.write_text(json.dumps({"seed": arguments.seed, "runs": arguments.runs, **result}, indent=2))
+
+
+if __name__ == "__main__":
+    main()
