@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,14 @@ from conftest import Clip
 from test_viewing import Short
 
 from collabslam import cli
-from collabslam.benchmark import ablation, accuracy, running
+from collabslam.benchmark import ablation, accuracy, descriptors, drift, pairs, running
 from collabslam.benchmark.evaluate import Choice, chosen, evaluate
 from collabslam.benchmark.plan import find_plan, parse_plan
 from collabslam.benchmark.store import Item, Row, code_hash
 from collabslam.datasets import write_recording
 from collabslam.errors import DataError, SettingsError
 from collabslam.evaluation.metrics import ate_rmse
+from collabslam.frontend.settings import FrontendSettings
 from collabslam.settings import Settings
 
 PLAN = """
@@ -55,11 +57,11 @@ def row(name: str, mode: str, seed: int = 0, **numbers: Any) -> Row:
 
 def test_the_packages_own_plan_is_sound() -> None:
     plan = find_plan(Path("/nowhere"), None)
-    assert [e.name for e in plan.recordings[:3]] == ["demo", "scenes7_redkitchen", "hololens_000"]
+    assert [e.name for e in plan.recordings[:3]] == ["demo", "demo_miscalibrated", "scenes7_redkitchen"]
     assert plan.seeds == (0, 1, 2, 3, 4)
     assert all(changed for changed in plan.ablation.levers.values())
     assert plan.recordings[0].biased == ()  # nothing to draw: rendered as it is
-    assert plan.recordings[1].biased == ("collab", "collab-tight")
+    assert plan.recordings[2].biased == ("collab", "collab-tight")
     assert not plan.recordings[-1].seeded
     for entry in plan.recordings:
         Settings.default().replace(entry.settings)
@@ -225,3 +227,73 @@ def test_the_scale_is_fitted_only_on_demand() -> None:
     estimate = 1.2 * truth + [1.0, 2.0, 3.0]
     assert ate_rmse(estimate, truth, with_scale=True) == pytest.approx(0.0, abs=1e-12)
     assert ate_rmse(estimate, truth) > 0.1
+
+
+def test_descriptors_are_judged_by_the_truth(
+    clip: Clip, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(pairs, "corridor_recording", lambda seed: clip.recording)
+    monkeypatch.setattr(pairs, "_FRAMES", 2)
+    monkeypatch.setattr(pairs, "_OTHERS", 100)
+    monkeypatch.setattr(pairs, "PER_BIN", 2)
+    entry = parse_plan("recordings: {demo: {rendered: corridor}}").recordings[0]
+    rows = descriptors.measure(entry, tmp_path, kinds=("warped-sift", "orb"))
+    assert {r["descriptor"] for r in rows} == {"warped-sift", "orb"}
+    for found in rows:
+        assert found["depth_right"] <= found["with_depth"] <= found["matches"] <= found["points"]
+        assert found["baseline_m"] >= 0.05
+    mine = [r for r in rows if r["descriptor"] == "warped-sift" and r["parallax_deg"] < 3.0]
+    assert sum(r["depth_right"] for r in mine) > 0.9 * sum(r["with_depth"] for r in mine) > 0
+    page = descriptors.page(rows, ["lost: no poses"], "collabslam evaluate DATA --descriptors")
+    assert "warped-sift" in page
+    assert "- lost: no poses" in page
+    # a pose that is wrong is not called right
+    scene = pairs.Scene.of(entry, tmp_path, 0)
+    pair = pairs.choose_pairs(scene)[0]
+    uv = np.array([[300.0, 200.0], [500.0, 300.0]])
+    rho = pairs.true_inverse_ranges(scene, pair.i, uv, FrontendSettings())
+    depth = clip.recording.renderer.depth(scene.poses[pair.i], scene.camera)[[200, 300], [300, 500]]
+    rays = scene.camera.unproject(uv)
+    np.testing.assert_allclose(rays[:, 2] / rho, depth, rtol=1e-9)
+
+
+def test_true_depths_need_two_frames_that_agree() -> None:
+    found = np.array([[1.0, 1.0, np.nan], [1.02, 2.0, 0.5], [5.0, np.nan, np.nan]])
+    np.testing.assert_allclose(pairs._agreed(found), [1.01, np.nan, np.nan])
+
+
+def test_the_drift_that_made_the_errors_is_found_again() -> None:
+    rng = np.random.default_rng(5)
+    own, by_position, by_attitude = (np.tile(np.eye(6) * 1e-4, (400, 1, 1)) for _ in range(3))
+    by_position[:, 3:, 3:], by_attitude[:, :3, :3] = 0.0, 0.0
+    exact = own + 0.03**2 * 1e4 * by_position + 0.5**2 * 1e4 * by_attitude
+    errors = np.einsum("nij,nj->ni", np.linalg.cholesky(exact), rng.standard_normal((400, 6)))
+    parts = drift.Parts(errors, own, 1e4 * by_position, 1e4 * by_attitude)
+    runs = {
+        name: [drift.Parts(*(x[k::40] for x in vars(parts).values())) for k in range(40)] for name in "ab"
+    }
+    position, attitude = drift.fit(runs)
+    assert position == pytest.approx(0.03, rel=0.3)
+    assert attitude == pytest.approx(0.5, rel=0.3)
+    near = drift.honesty(runs["a"], position, attitude)
+    assert near[0] == pytest.approx(3.0, abs=1.5)
+    assert near[1] == pytest.approx(3.0, abs=1.5)
+    assert near[2] == 1.0
+    assert "| a |" in drift.page(runs, "collab", "collabslam evaluate DATA --drift")
+
+
+def test_a_run_is_taken_apart_and_calibrations_are_wrong_on_purpose(place: Path, tmp_path: Path) -> None:
+    entry = find_plan(place, None).recordings[0]
+    item = Item(replace(entry, calibration_sd=(0.01, 3.0, 0.01)), "collab", 0, place, tmp_path)
+    right, wrong = running.open_entry(replace(item, entry=entry)).camera, running.open_entry(item).camera
+    assert wrong.intrinsics != right.intrinsics
+    assert wrong.intrinsics == running.open_entry(item).camera.intrinsics
+    assert item.fingerprint() != replace(item, entry=entry).fingerprint()
+    parts = drift.measure(replace(item, entry=entry))
+    assert parts is not None
+    assert np.trace(parts.by_position[-1]) > 0.0
+    whole = running.run_item(replace(item, entry=entry, lever="whole"))
+    assert whole["status"] == "done"
+    default = Settings.default()
+    sizes = [float(default[k]) for k in (drift.POSITION, drift.ATTITUDE)]
+    assert drift.honesty([parts], *sizes)[0] == pytest.approx(whole["nees_position_mean"], rel=1e-6)

@@ -8,17 +8,17 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from collabslam.benchmark import ablation, accuracy
+from collabslam.benchmark import ablation, accuracy, descriptors, drift
 from collabslam.benchmark.plan import Plan, find_plan
 from collabslam.benchmark.running import estimate, outcome, run_items
 from collabslam.benchmark.store import Item, Row
-from collabslam.errors import DataError, SettingsError
+from collabslam.errors import CollabslamError, DataError, SettingsError
 from collabslam.extras import drawing
 from collabslam.formats.files import write_text
 from collabslam.results import write_summary
 from collabslam.version import version
 
-ACCURACY, ABLATION = "evaluate", "ablation"
+ACCURACY, ABLATION, DESCRIPTORS, DRIFT = "evaluate", "ablation", "descriptors", "drift"
 """Stems of the files: NAME.json, NAME.md, NAME.png."""
 
 
@@ -38,6 +38,10 @@ class Choice:
         Of the modes of each recording, only these; all if empty.
     ablation : bool
         Run the levers instead of the recordings as they are.
+    descriptors : bool
+        Compare the descriptors by viewpoint angle instead.
+    drift : bool
+        Fit the drift settings instead, with each recording left out in turn.
     changes : mapping
         Changes of the settings of every run.
     jobs : int
@@ -53,6 +57,8 @@ class Choice:
     seeds: Sequence[int] = ()
     modes: Sequence[str] = ()
     ablation: bool = False
+    descriptors: bool = False
+    drift: bool = False
     changes: Mapping[str, Any] = field(default_factory=dict)
     jobs: int = 2
     again: bool = False
@@ -71,7 +77,8 @@ def evaluate(data: Path, out: Path, choice: Choice | None = None) -> list[Row]:
         Folder that holds the recordings.
     out : Path
         Gets ``evaluate.json``, ``evaluate.md``, ``evaluate.png`` and ``runs``, a result folder for each run;
-        or ``ablation.json``, ``ablation.md`` and ``ablation``.
+        or ``ablation.json``, ``ablation.md`` and ``ablation``; or the same of ``descriptors``
+        or ``drift``.
     choice : Choice, optional
 
     Returns
@@ -95,7 +102,11 @@ def evaluate(data: Path, out: Path, choice: Choice | None = None) -> list[Row]:
     for name in missing:
         print(f"{name}: not in {data}, left out", flush=True)
     present = [e.name for e in plan.recordings if e.name not in missing]
+    if choice.descriptors:
+        return _compare_descriptors(plan, data, out, present, choice)
     items = _items(plan, data, out, present, choice)
+    if choice.drift:
+        return _fit_drift(items, out, choice)
     todo = [item for item in items if choice.again or item.done() is None]
     minutes = estimate(todo) / 60.0
     print(
@@ -129,7 +140,8 @@ def command(choice: Choice) -> str:
     words += ["--only", ",".join(choice.only)] if choice.only else []
     words += ["--seeds", ",".join(map(str, choice.seeds))] if choice.seeds else []
     words += ["--modes", ",".join(choice.modes)] if choice.modes else []
-    words += ["--ablation"] if choice.ablation else []
+    words += ["--ablation"] if choice.ablation else ["--descriptors"] if choice.descriptors else []
+    words += ["--drift"] if choice.drift else []
     for key, value in choice.changes.items():
         words += ["--set", f"{key}={value}"]
     return " ".join(words)
@@ -173,6 +185,42 @@ def _items(plan: Plan, data: Path, out: Path, present: Sequence[str], choice: Ch
                 for biased, modes in ((False, entry.modes), (True, entry.biased)):
                     items += [Item(entry, m, seed, data, out, biased, "", changes) for m in modes]
     return items
+
+
+def _compare_descriptors(
+    plan: Plan, data: Path, out: Path, present: Sequence[str], choice: Choice
+) -> list[Row]:
+    """Every descriptor on pairs of views of every recording; the rows are done, whatever they hold."""
+    kept = descriptors.Kept(out / DESCRIPTORS, data, plan.seeds[0], choice.again)
+    rows, faults = descriptors.measure_all(plan, data, present, kept)
+    write_summary(out / f"{DESCRIPTORS}.json", {"version": version(), "faults": faults, "rows": rows})
+    text = descriptors.page(rows, faults, command(choice))
+    write_text(out / f"{DESCRIPTORS}.md", text)
+    print("\n" + text)
+    return [{**row, "status": "done"} for row in rows] + [{"status": "failed", "error": f} for f in faults]
+
+
+def _fit_drift(items: Sequence[Item], out: Path, choice: Choice) -> list[Row]:
+    """Runs taken apart in this process, one after the other; a mode that is asked for, or ``collab``."""
+    mode = choice.modes[0] if choice.modes else "collab"
+    runs: dict[str, list[drift.Parts]] = {}
+    rows: list[Row] = []
+    for item in drift.drift_items(items, mode):
+        try:
+            parts = drift.measure(item)
+        except CollabslamError as error:
+            rows.append(item.failed(str(error)))
+            continue
+        print(f"{item.title}: {'no truth' if parts is None else 'done'}", flush=True)
+        if parts is not None:
+            runs.setdefault(item.entry.name, []).append(parts)
+            rows.append({**item.row, "status": "done"})
+    text = drift.page(runs, mode, command(choice))
+    fits = {name: drift.fit({name: parts}) for name, parts in runs.items()}
+    write_summary(out / f"{DRIFT}.json", {"version": version(), "mode": mode, "fits": fits, "rows": rows})
+    write_text(out / f"{DRIFT}.md", text)
+    print("\n" + text)
+    return rows
 
 
 class _Report:

@@ -63,6 +63,9 @@ class Entry:
     modes : tuple of str
     biased : tuple of str
         Modes that are also run with one error of ``T_CF`` for each block of overlap.
+    calibration_sd : tuple of float or None
+        Deliberate errors of Cs's calibration, standard deviations: focal length as a share, centre in pixels,
+        first coefficient of the distortion. Drawn with the seed.
     settings : mapping
         Changes of the default settings, by full dotted keys.
     reference : Reference or None
@@ -78,6 +81,7 @@ class Entry:
     start: str = "worn"
     modes: tuple[str, ...] = ("mono", "collab", "collab-tight")
     biased: tuple[str, ...] = ()
+    calibration_sd: tuple[float, ...] | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     reference: Reference | None = None
 
@@ -89,7 +93,7 @@ class Entry:
     @property
     def seeded(self) -> bool:
         """Whether anything in it depends on the seed."""
-        return self.noisy or self.rendered is not None
+        return self.noisy or self.rendered is not None or self.calibration_sd is not None
 
 
 @dataclass(frozen=True)
@@ -237,6 +241,14 @@ def _noise(value: Any, where: str) -> tuple[float, ...] | None:
     return tuple(_number(x, where) for x in value)
 
 
+def _calibration(value: Any, where: str) -> tuple[float, ...] | None:
+    if value is None:
+        return None
+    if not isinstance(value, list) or len(value) != 3:
+        raise SettingsError(f"{where} is {value!r}; give a share, pixels, and a coefficient of distortion.")
+    return tuple(_number(x, where) for x in value)
+
+
 def _settings(value: Any, where: str) -> dict[str, Any]:
     """Flat changes, checked; nested groups may be written as mappings."""
     try:
@@ -267,6 +279,7 @@ _FIELDS: dict[str, Callable[[Any, str], Any]] = {
     "start": _choice(STARTS),
     "modes": _modes,
     "biased": _modes,
+    "calibration_sd": _calibration,
     "settings": _settings,
     "reference": _reference,
 }

@@ -14,8 +14,12 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
+import numpy as np
+
+from collabslam._core import Camera
 from collabslam.benchmark.store import KEY, Item, Row
 from collabslam.datasets import attach_worn, open_recording
+from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.demo.recording import corridor_recording
 from collabslam.demo_run import HeldRecording
 from collabslam.errors import CollabslamError, SettingsError
@@ -39,9 +43,9 @@ def open_entry(item: Item) -> Recording:
         If it cannot be opened, or lacks what the worn camera needs.
     """
     entry = item.entry
-    if entry.rendered is not None:
-        return _rendered(item.seed)
-    recording: Recording = open_recording(item.data / entry.folder)
+    recording = _rendered(item.seed) if entry.rendered else open_recording(item.data / entry.folder)
+    if entry.calibration_sd is not None:
+        recording = Miscalibrated(recording, entry.calibration_sd, item.seed)
     if entry.worn is None:
         return recording
     return attach_worn(
@@ -53,6 +57,23 @@ def open_entry(item: Item) -> Recording:
         seed=item.seed,
         bias_per_block=item.biased,
     )
+
+
+class Miscalibrated(WrappedRecording):
+    """A recording whose calibration of Cs is wrong on purpose; see `Entry.calibration_sd`."""
+
+    def __init__(self, base: Recording, deviations: tuple[float, ...], seed: int) -> None:
+        super().__init__(base)
+        camera = base.camera
+        focal, u, v, bend = np.random.default_rng([seed, 1]).standard_normal(4) * [
+            deviations[0], deviations[1], deviations[1], deviations[2]
+        ]  # fmt: skip
+        fx, fy, cx, cy = camera.intrinsics
+        intrinsics = (fx * (1.0 + focal), fy * (1.0 + focal), cx + u, cy + v)
+        distortion = [*camera.distortion]
+        if distortion:
+            distortion[0] += bend
+        self.camera = Camera(camera.model, camera.width, camera.height, intrinsics, distortion)
 
 
 @lru_cache(maxsize=1)

@@ -79,15 +79,15 @@ class Item:
         if self.lever:
             return None
         biased = "-biased" if self.biased else ""
-        return self.out / "runs" / f"{_slug(self.entry.name)}-{self.mode}{biased}-seed{self.seed}"
+        return self.out / "runs" / f"{slug(self.entry.name)}-{self.mode}{biased}-seed{self.seed}"
 
     @property
     def summary(self) -> Path:
         """File of the summary."""
         if self.folder is not None:
             return self.folder / SUMMARY
-        name = f"{_slug(self.entry.name)}-{self.mode}-seed{self.seed}.json"
-        return self.out / "ablation" / _slug(self.lever) / name
+        name = f"{slug(self.entry.name)}-{self.mode}-seed{self.seed}.json"
+        return self.out / "ablation" / slug(self.lever) / name
 
     @property
     def row(self) -> Row:
@@ -101,6 +101,7 @@ class Item:
         entry = self.entry
         facts = {
             "worn": [entry.worn, entry.available, entry.period, entry.noise, self.biased],
+            "calibration": entry.calibration_sd,
             "run": [entry.start, self.used_mode, self.seed if entry.seeded else 0, entry.rendered],
             "settings": self.settings.hash(),
             "version": [version(), code_hash()],
@@ -164,7 +165,7 @@ def _listing(folder: Path) -> Iterator[str]:
             yield f"{path.relative_to(folder).as_posix()} {facts.st_size} {facts.st_mtime_ns}\n"
 
 
-def _slug(name: str) -> str:
+def slug(name: str) -> str:
     """A name that is a file's; what had to be changed is told apart by a hash."""
     plain = re.sub(r"[^A-Za-z0-9._]+", "-", name).strip("-.")
     return plain if plain == name else f"{plain}-{hashlib.sha256(name.encode()).hexdigest()[:6]}"

@@ -19,6 +19,7 @@ A plan is a YAML file:
       available: 0.4             # share of each period that Cf is there, from its beginning
       period: 5.0                # seconds
       noise: [0.03, 0.5, 0.5, 1] # of T_CF: metres, degrees of roll, pitch, yaw; a rig: 0.002, 0.05 each
+      calibration_sd: [0.005, 2, 0.01] # wrong on purpose: focal length, centre in px, distortion k1
       start: worn                # worn, target or scale-free
       modes: [mono, collab]
       biased: [collab]           # modes run once more with one error of T_CF for each block of overlap
@@ -51,6 +52,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--ablation", action="store_true", help="the plan's levers, changed one at a time, instead"
     )
     parser.add_argument(
+        "--drift",
+        action="store_true",
+        help="fit the drift settings, each recording left out in turn",
+    )
+    parser.add_argument(
+        "--descriptors",
+        action="store_true",
+        help="compare descriptors by viewpoint angle on pairs of views, instead (needs the extra surf)",
+    )
+    parser.add_argument(
         "--out", metavar="DIR", type=Path, default=Path("results/evaluate"), help=options.OUT_HELP
     )
     parser.add_argument("--jobs", metavar="N", type=int, default=2, help="processes at a time (default 2)")
@@ -72,6 +83,8 @@ def main(arguments: argparse.Namespace) -> int:
         seeds=arguments.seeds,
         modes=arguments.modes,
         ablation=arguments.ablation,
+        descriptors=arguments.descriptors,
+        drift=arguments.drift,
         changes=parse_assignments(arguments.set),
         jobs=arguments.jobs,
         again=arguments.again,
