@@ -9,7 +9,7 @@ from importlib.util import find_spec
 
 from collabslam.errors import DataError
 
-_LIBRARIES = {"ros": "rosbags", "viz": "rerun-sdk", "plot": "matplotlib"}
+_LIBRARIES = {"ros": "rosbags", "viz": "rerun-sdk", "plot": "matplotlib", "surf": "mahotas"}
 
 
 def drawing() -> bool:

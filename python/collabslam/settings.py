@@ -102,7 +102,7 @@ class Settings:
             raise SettingsError(
                 f"Settings are {shown(tree)}; give a mapping with the sections {', '.join(SECTIONS)}."
             )
-        return cls.from_flat(dict(_flatten(tree)))
+        return cls.from_flat(dict(flatten(tree)))
 
     @classmethod
     def from_flat(cls, changes: Mapping[str, Any]) -> Settings:
@@ -202,11 +202,12 @@ def _fault(key: str, value: Any) -> str:
     return ""
 
 
-def _flatten(tree: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def flatten(tree: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Full dotted keys and values of a nested mapping; an empty group is left out."""
     for key, value in tree.items():
         name = f"{prefix}{key}"
         if isinstance(value, Mapping):
-            yield from _flatten(value, name + ".")
+            yield from flatten(value, name + ".")
         elif value is not None or name in schema() or not any(k.startswith(name + ".") for k in schema()):
             yield name, value
 

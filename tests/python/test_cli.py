@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from collabslam import cli, demo_run, runner, table
+from collabslam import cli, demo_run, runner
 from collabslam import geometry as g
 from collabslam._core import Camera
 from collabslam.commands import COMMANDS, options
@@ -343,42 +343,3 @@ def test_medians_are_over_the_runs_that_have_the_number() -> None:
     runs = [{**base, "x": 1.0}, {**base, "x": 5.0}, {**base, "x": None}]
     assert median_summary(runs)["x"] == 3.0
     assert median_summary(runs)["frames"] == 3
-
-
-def test_table_takes_medians_and_names_what_is_missing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "hololens_000").mkdir()
-    asked: list[table.Task] = []
-
-    def answer(tasks: list[table.Task], jobs: int, out: Path | None) -> list[list[dict]]:
-        asked.extend(tasks)
-        numbers = {"ate_pct": 1.0, "avg_error_pct": 2.0, "ok_share": 0.98, "nees_mean": 7.0, "frames": 150,
-                   "ms_per_frame": {"step": 20.0}, "features_per_frame": 50.0,
-                   "target_residual_max_px": None}  # fmt: skip
-        return [
-            [
-                {**numbers, "entry": t.entry.name, "mode": m, "seed": t.seed, "ate_pct": 1.0 + t.seed}
-                for m in t.entry.modes
-            ]
-            for t in tasks
-        ]
-
-    monkeypatch.setattr(table, "_run_tasks", answer)
-    rows = table.run_table(tmp_path, seeds=[0, 1, 2], out=tmp_path / "out", jobs=1)
-    shown = capsys.readouterr().out
-    assert len(rows) == 21
-    assert {t.entry.name for t in asked} == {"demo", "hololens_000"}
-    assert "kitti_seq1: not in" in shown
-    assert "| hololens_000 | lag:0.7 | collab | 2.00 | 2.00 | 98.0 | 7.0 | 50.0 | 20.0 | 150 | - |" in shown
-
-
-def test_a_recording_that_fails_is_a_row_of_the_table(tmp_path: Path) -> None:
-    (tmp_path / "kitti_seq1").mkdir()
-    entry = next(e for e in table.SET if e.name == "kitti_seq1")
-    rows = table.run_task(table.Task(entry, 0, tmp_path, None))
-    assert [r["mode"] for r in rows] == ["mono", "collab", "collab-tight"]
-    assert all("not recognised" in r["error"] for r in rows)
-    assert "| kitti_seq1 | rig | mono | failed |" in table.markdown(rows)
-    with pytest.raises(DataError, match="does not exist"):
-        table.run_table(tmp_path / "nowhere", seeds=[0], out=None, jobs=1)

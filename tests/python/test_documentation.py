@@ -18,8 +18,9 @@ from test_bags import Maker
 from test_viewing import Short
 
 import collabslam
-from collabslam import cli, demo_run, table
+from collabslam import cli, demo_run
 from collabslam import geometry as g
+from collabslam.benchmark import evaluate
 from collabslam.commands import COMMANDS
 from collabslam.datasets import write_recording
 from collabslam.datasets.calibration import sensor_mapping
@@ -102,7 +103,8 @@ def there(place: Path, clip: Clip, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Work in that folder; the demo is a short one."""
     monkeypatch.chdir(place)
     monkeypatch.setattr(demo_run, "corridor_recording", lambda seed: Short(clip, FRAMES))
-    monkeypatch.setattr(table, "_run_tasks", lambda tasks, jobs, out: [])
+    monkeypatch.setattr(evaluate, "run_items", lambda items, **_: [])
+    monkeypatch.setattr(evaluate.descriptors, "measure_all", lambda *_: ([], []))
     return place
 
 
@@ -147,7 +149,7 @@ def test_python_runs(page: Path, there: Path) -> None:
 
 def test_every_command_is_documented_somewhere() -> None:
     used = {words[1] for page in PAGES for words in commands(page) if words[0] == "collabslam"}
-    assert set(COMMANDS) - used <= {"table", "settings"} | {"reproduce"}
+    assert set(COMMANDS) - used <= {"settings", "reproduce"}
 
 
 def test_the_site_builds(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import collabslam
 
 PACKAGE = Path(collabslam.__file__).parent
 ROOT = PACKAGE.parents[1]
-TOP = {"engine", "runner", "cli", "commands", "checks", "demo_run", "reproduce", "table", "report", "viz"}
+TOP = {"engine", "runner", "cli", "commands", "checks", "demo_run", "reproduce", "benchmark", "report", "viz"}
 
 FORBIDDEN = {
     "frontend": TOP | {"datasets", "evaluation", "results", "demo"},
@@ -24,13 +24,24 @@ FORBIDDEN = {
     "demo": TOP | {"frontend", "evaluation", "results"},
     "formats": TOP | {"frontend", "demo"},
     "viz": {"engine", "cli", "commands", "datasets", "frontend"},
-    "reproduce": {"engine", "runner", "cli", "commands", "demo_run", "table", "viz", "frontend", "datasets"},
+    "reproduce": {
+        "engine",
+        "runner",
+        "cli",
+        "commands",
+        "demo_run",
+        "benchmark",
+        "viz",
+        "frontend",
+        "datasets",
+    },
     "engine.py": {"runner", "commands", "cli", "datasets", "evaluation", "results", "viz", "demo"},
     "depth_input.py": TOP | {"datasets", "evaluation", "results", "demo"},
     "features.py": TOP | {"datasets", "evaluation", "results", "demo"},
     "tracks.py": TOP | {"datasets", "evaluation", "results", "demo"},
     "overlap.py": TOP | {"datasets", "evaluation", "results", "demo"},
-    "runner.py": {"cli", "commands", "demo_run", "table", "frontend", "demo"},
+    "benchmark": {"cli", "commands", "reproduce"},
+    "runner.py": {"cli", "commands", "demo_run", "benchmark", "frontend", "demo"},
     "types.py": TOP | {"datasets", "frontend", "evaluation", "results", "demo", "settings"},
     "geometry.py": TOP | {"datasets", "frontend", "evaluation", "results", "demo", "settings"},
 }

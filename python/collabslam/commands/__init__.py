@@ -20,7 +20,7 @@ COMMANDS = {
     "export": "write a run's trajectory or map in another format",
     "settings": "list, write or check settings",
     "record": "write a recording in the two-camera layout",
-    "table": "measure the set of recordings and print the table",
+    "evaluate": "measure a set of recordings: accuracy, honesty, cost, levers",
     "reproduce": "redo the paper's simulation and observability, corrected",
 }
 """Every command with its help, in the order of ``collabslam --help``."""

@@ -37,7 +37,7 @@ class _Sample:
 
 
 @dataclass(frozen=True)
-class _Noise:
+class PoseErrors:
     """Draws the error of ``T_CF``; each frame (or block) has its own generator, so order does not matter."""
 
     noise: PoseNoise
@@ -80,7 +80,7 @@ class WornRecording(WrappedRecording):
         worn_camera: Camera | None,
         samples: Mapping[int, _Sample],
         blocks: Sequence[int | None],
-        noise: _Noise | None,
+        noise: PoseErrors | None,
     ) -> None:
         super().__init__(base)
         self.worn_camera = worn_camera
@@ -252,7 +252,7 @@ def attach_worn(
     else:
         camera, samples = _view_samples(recording, spec, value, blocks)
     return WornRecording(
-        recording, camera, samples, blocks, _Noise(_pose_noise(noise, kind), seed, bias_per_block)
+        recording, camera, samples, blocks, PoseErrors(_pose_noise(noise, kind), seed, bias_per_block)
     )
 
 

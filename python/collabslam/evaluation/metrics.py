@@ -64,10 +64,14 @@ def average_position_error(estimate: ArrayLike, truth: ArrayLike) -> float:
     return float(position_errors(estimate, truth).mean())
 
 
-def ate_rmse(estimate: ArrayLike, truth: ArrayLike) -> float:
-    """Absolute trajectory error: RMS position error, metres, after SE(3) alignment WITHOUT scale."""
+def ate_rmse(estimate: ArrayLike, truth: ArrayLike, *, with_scale: bool = False) -> float:
+    """Absolute trajectory error: RMS position error, metres, after SE(3) alignment WITHOUT scale.
+
+    ``with_scale`` fits the scale, too (Sim(3)): for comparison with systems that have none; raises InputError
+    if the estimate never moves.
+    """
     a, b = point_pair(estimate, truth)
-    aligned = umeyama(a, b, with_scale=False).apply(a)
+    aligned = umeyama(a, b, with_scale=with_scale).apply(a)
     return float(np.sqrt(((aligned - b) ** 2).sum(axis=1).mean()))
 
 

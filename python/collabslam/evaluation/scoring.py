@@ -20,6 +20,8 @@ RPE_SECONDS = 1.0
 TRUTH_SCORES = (
     "ate_rmse_m",
     "ate_pct",
+    "ate_sim3_m",
+    "ate_sim3_pct",
     "scale_error",
     "avg_position_error_m",
     "avg_position_error_all_m",
@@ -190,12 +192,15 @@ def _position_scores(record: RunRecord, aligned: AlignedTruth, path: float) -> S
     last = int(every[-1])
     final = float(np.linalg.norm(estimate[last] - truth[last]))
     moves = metrics.path_length(estimate[use]) > 0.0
+    scaled = metrics.ate_rmse(estimate[use], truth[use], with_scale=True) if moves else None
     step = _frames_in(record.times, RPE_SECONDS)
     gaps = np.where(use[:, None, None], record.poses, np.nan)
     relative = metrics.rpe(gaps, aligned.poses, step=step) if step < len(record) else (None, None)
     return {
         "ate_rmse_m": ate,
         "ate_pct": _percent(ate, path),
+        "ate_sim3_m": scaled,
+        "ate_sim3_pct": None if scaled is None else _percent(scaled, path),
         "scale_error": metrics.scale_error(estimate[use], truth[use]) if moves else None,
         "sum_position_error_m": metrics.accumulated_position_error(estimate[use], truth[use]),
         "avg_position_error_m": average,

@@ -3,11 +3,12 @@
 ``warped-sift`` is SIFT's histogram of gradients (4 x 4 cells, 8 directions) over a window that is first
 warped as the other view sees it: the relative pose of the two cameras is known well enough to undo rotation,
 scale and foreshortening, so neither a scale space nor a dominant direction has to be found.  ``sift`` and
-``orb`` are OpenCV's, with the rotation given and one scale.
+``orb`` are OpenCV's, with the rotation given and one scale; ``surf`` is mahotas', which finds the rotation.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import cv2
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from collabslam import _core
 from collabslam.errors import InputError
+from collabslam.extras import needs
 from collabslam.types import Array, Image
 
 Descriptors = NDArray[np.float32]
@@ -23,6 +25,7 @@ Descriptors = NDArray[np.float32]
 _GRID = 8  # samples along a window's side
 _SIFT_SUPPORT = 6.0  # side of OpenCV's SIFT window over KeyPoint.size
 _ORB_PATCH = 31
+_SURF_SUPPORT = 20.0  # side of SURF's window over its scale
 
 
 def describe(
@@ -48,12 +51,14 @@ def describe(
     Returns
     -------
     (N, D) float32
-        Unit vectors; D is 128 for ``sift`` and ``warped-sift``, 256 for ``orb``.
+        Unit vectors; D is 128 for ``sift`` and ``warped-sift``, 64 for ``surf``, 256 for ``orb``.
 
     Raises
     ------
     InputError
         If the kind is unknown.
+    DataError
+        If ``surf`` is wanted and mahotas is missing.
     """
     if kind not in DESCRIPTORS:
         raise InputError(f"There is no descriptor '{kind}'; choose one of {', '.join(DESCRIPTORS)}.")
@@ -147,8 +152,27 @@ def _describe_orb(image: Image, uv: Array, axes: Array, size_px: float) -> Descr
     return np.asarray((2.0 * bits - 1.0) / 16.0, dtype=np.float32)
 
 
+def _describe_surf(image: Image, uv: Array, axes: Array, size_px: float) -> Descriptors:
+    """SURF (Bay et al., 2008), with its own dominant direction; the scale is that of the map, rounded.
+
+    At scales that are no whole numbers mahotas (1.4) describes a texture differently when it is turned.
+    """
+    with needs("surf"):
+        from mahotas.features import surf
+    if len(uv) == 0:
+        return np.empty((0, 64), dtype=np.float32)
+    _, scale = _angle_scale(axes)
+    scales = np.clip(np.round(scale * size_px / _SURF_SUPPORT), 1.0, 4.0)
+    border = math.ceil(_SURF_SUPPORT * float(scales.max()))
+    crop, points = _crop(image, uv, border)
+    padded = cv2.copyMakeBorder(crop, border, border, border, border, cv2.BORDER_REPLICATE)
+    places = np.column_stack([points[:, ::-1] + border, scales, np.ones((len(uv), 2))])
+    return np.asarray(surf.descriptors(padded, places, descriptor_only=True), dtype=np.float32)
+
+
 DESCRIPTORS: dict[str, Callable[[Image, Array, Array, float], Descriptors]] = {
     "warped-sift": describe_warped,
     "sift": _describe_sift,
     "orb": _describe_orb,
+    "surf": _describe_surf,
 }

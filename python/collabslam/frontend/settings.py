@@ -139,8 +139,8 @@ class WornSettings:
     tries: int = _number(6, 1, 100, "", "New corners tried for each feature that the view lacks.")
     descriptor: str = _name(
         "warped-sift",
-        ("warped-sift", "sift", "orb"),
-        "Descriptor: SIFT on windows warped as Cf sees them, OpenCV's SIFT, or ORB.",
+        ("warped-sift", "sift", "orb", "surf"),
+        "Descriptor: SIFT on windows warped as Cf sees them, OpenCV's SIFT, ORB, or SURF (extra surf).",
     )
     support: float = _number(36.0, 12, 128, "pixel", "Side of the window that a descriptor covers.")
     ratio: float = _number(
