@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collabslam.worn_pose.config import AHEAD_LEFT_UP, AhrsErrors, Person, WornPoseConfig, scanner_pose
+from collabslam.worn_pose.estimator import WornPoseEstimator
 from collabslam.worn_pose.readings import AhrsReading, Diagnostics, LaserScan, WornPoseEstimate
+from collabslam.worn_pose.replay import estimates_at
 
 __all__ = [
     "AHEAD_LEFT_UP",
@@ -14,5 +16,7 @@ __all__ = [
     "Person",
     "WornPoseConfig",
     "WornPoseEstimate",
+    "WornPoseEstimator",
+    "estimates_at",
     "scanner_pose",
 ]

@@ -58,8 +58,9 @@ class Person:
         Of a shin with its trouser leg, metres.
     acceleration_density : float
         Of the walk over the floor, m/s^1.5.
-    gait_sd, gait_time : float
-        The middle of both shins swings about the trunk: metres along each axis, and the time constant, s.
+    gait_sd, step_rate : float
+        The middle of both shins swings about the trunk (while both feet are on the floor it stands still):
+        metres along each axis, and steps a second.
     one_leg_sd : float
         Of the trunk about one shin along each axis, metres.
     """
@@ -72,8 +73,8 @@ class Person:
     sway_sd: float = 0.02
     leg_radius: float = 0.06
     acceleration_density: float = 0.4
-    gait_sd: float = 0.03
-    gait_time: float = 0.2
+    gait_sd: float = 0.04
+    step_rate: float = 1.8
     one_leg_sd: float = 0.15
 
 

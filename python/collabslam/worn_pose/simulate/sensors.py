@@ -211,7 +211,7 @@ def _axes(m: AhrsModel) -> Sequence[tuple[float, tuple[float, float]]]:
 def _sines(times: Array, sd: float, periods: tuple[float, float], rng: np.random.Generator) -> Array:
     """A smooth random function that is normal with standard deviation ``sd`` at every instant."""
     count = 6
-    rates = 2.0 * np.pi / np.exp(rng.uniform(*np.log(periods), count))
+    rates = 2.0 * np.pi / np.exp(rng.uniform(np.log(periods[0]), np.log(periods[1]), count))
     sizes = rng.normal(0.0, sd / np.sqrt(count), (2, count))
     angle = times[:, None] * rates
     return np.asarray((sizes[0] * np.sin(angle) + sizes[1] * np.cos(angle)).sum(axis=1))
