@@ -92,7 +92,7 @@ def test_the_number_of_processes_changes_nothing(tmp_path: Path) -> None:
 
 def test_every_figure_writes_its_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     windows = "first_window_start=1 first_window_end=1.5 second_window_start=2 second_window_end=3"
-    changes = ["duration=4", "path=2", *windows.split(), "cloud_runs=2"]
+    changes = ["duration=4", "path=2", *windows.split(), "cloud_runs=2", "worn_runs=2", "worn_duration=4"]
     short = [word for change in changes for word in ("--set", change)]
     assert cli.main(["reproduce", "all", "--runs", "4", "--jobs", "1", "--out", str(tmp_path), *short]) == 0
     shown = capsys.readouterr().out

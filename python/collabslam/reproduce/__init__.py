@@ -18,8 +18,9 @@ EXPERIMENTS = {
     "fig9": "error of position over time for several sigma_r",
     "fig10": "average error against sigma_r",
     "consistency": "not in the paper: NEES of the 6-DoF filter, without and with the gauge transport",
+    "worn-pose": "not in the paper: error and NEES of the worn camera's pose from laser scans and AHRSs",
 }
-"""Name (also of its module) and what it shows."""
+"""Name (also of its module, with _ for -) and what it shows."""
 
 
 def reproduce(
@@ -76,7 +77,7 @@ def reproduce(
     overrides = "".join(f" --set {key}={value}" for key, value in (changes or {}).items())
     with Study(SimulationSettings(changes), runs=runs, seed=seed, jobs=jobs, progress=progress) as study:
         for name in names:
-            finding = importlib.import_module(f"collabslam.reproduce.{name}").make(study)
+            finding = importlib.import_module(f"collabslam.reproduce.{name.replace('-', '_')}").make(study)
             how = f"collabslam reproduce {name} --runs {runs} --seed {seed}{overrides}"
             write_finding(out, name, finding, how)
             print(finding.markdown(name, how), flush=True)

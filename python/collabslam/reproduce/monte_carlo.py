@@ -22,6 +22,7 @@ MODELS = {
     "wall": ("wall_run", "run_wall", 50),
     "core": ("wall_core", "run_wall_core", 10),
     "cloud": ("cloud", "run_cloud", 4),
+    "worn": ("worn_run", "run_worn", 2),
 }
 """Module, function and runs per task of each simulation."""
 _THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS")
@@ -96,7 +97,8 @@ class Study:
         return {request: self._done[request] for request in wanted}
 
     def _count(self, request: Request) -> int:
-        return int(self.settings.cloud_runs) if request.model == "cloud" else self.runs
+        own = {"cloud": self.settings.cloud_runs, "worn": self.settings.worn_runs}
+        return int(own.get(request.model, self.runs))
 
     def _results(self, tasks: list[tuple[Request, range]]) -> Iterable[tuple[Request, range, Any]]:
         arguments = [(request, self.settings.values, self.seed, chunk) for request, chunk in tasks]

@@ -60,6 +60,9 @@ SIMULATION = {
         _float("cloud_density", 1.2, "1/m^2", 0.1, 20.0, "landmarks on the wall of that check"),
         _float("cloud_relief", 0.5, "m", 0.0, 3.0, "of the wall of that check"),
         _int("cloud_in_view", 12, 5, 100, "features in view that its filter asks for"),
+        _int("worn_runs", 100, 2, 100000, "walks of the check of the worn camera's pose"),
+        _float("worn_duration", 14.0, "s", 2.0, 300.0, "of such a walk"),
+        _int("worn_told", 1, 0, 1, "1 if that estimator is told where the person starts, 0 if not"),
     )
 }
 

@@ -1,0 +1,22 @@
+"""Where the worn camera is, from a robot's laser scanners and two AHRSs (METHOD 11)."""
+
+from __future__ import annotations
+
+from collabslam.worn_pose.config import AHEAD_LEFT_UP, AhrsErrors, Person, WornPoseConfig, scanner_pose
+from collabslam.worn_pose.estimator import WornPoseEstimator
+from collabslam.worn_pose.readings import AhrsReading, Diagnostics, LaserScan, WornPoseEstimate
+from collabslam.worn_pose.replay import estimates_at
+
+__all__ = [
+    "AHEAD_LEFT_UP",
+    "AhrsErrors",
+    "AhrsReading",
+    "Diagnostics",
+    "LaserScan",
+    "Person",
+    "WornPoseConfig",
+    "WornPoseEstimate",
+    "WornPoseEstimator",
+    "estimates_at",
+    "scanner_pose",
+]

@@ -1,0 +1,186 @@
+"""Everybody on legs about the robot, and which of them wears the camera."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from collabslam.types import Array, Mask
+from collabslam.worn_pose.config import WornPoseConfig
+from collabslam.worn_pose.track import Candidates, LegTrack, new_track
+
+_MOST_OTHERS = 3
+_CONFIRM_TIME, _CONFIRM_QUALITY, _CONFIRM_WAY, _CONFIRM_SPEED = 1.3, 0.8, 0.5, 0.25
+_CONFIRM_MOVING = 0.6
+_COMPANY_SPEED, _PARTING_SPEED = 1.3, 0.6
+"""Metres a second by which the velocity of somebody who comes along differs from the robot's at most, and by
+which the distance between the two changes."""
+_COMPANY = 5.0
+"""Metres from the robot within which a person is first looked for."""
+_HINT_REACH = 0.8
+_DROP_TIME, _KEEP_TIME = 0.3, 1.5
+_REACH_AT_ONCE, _WALK = 1.0, 1.5
+"""Metres from where the person was lost, and metres a second since, within which somebody is the person."""
+_STRANGER_SD = 0.5
+_TRIAL = 2.0
+"""Seconds in which a new track must have walked."""
+
+View = Callable[[Array], bool]
+
+
+class Crowd:
+    """Tracks of people; ``person`` is the one who wears the camera, None while unknown."""
+
+    def __init__(self, config: WornPoseConfig) -> None:
+        self._config = config
+        self._hint = config.start
+        self.person: LegTrack | None = None
+        self.others: list[LegTrack] = []
+        self.lost: tuple[float, Array] | None = None
+
+    def predict(self, dt: float, robot: Array, drift: float) -> None:
+        """Carry everybody on; ``drift`` (rad^2/s) is how fast the robot's heading error changes."""
+        for track in self._all():
+            away = track.x[:2] - robot
+            track.predict(dt, drift * dt * float(away @ away))
+
+    def update(
+        self,
+        t: float,
+        c: Candidates,
+        robot: Array,
+        motion: Array,
+        heading: float,
+        hint: Array | None,
+        view: View,
+    ) -> None:
+        """Take the candidates of a scan.
+
+        Parameters
+        ----------
+        t : float
+            Seconds.
+        c : Candidates
+        robot : (2,) array
+            Position of Cs.
+        motion : (2,) array
+            Its velocity, m/s.
+        heading : float
+            Variance of the white part of its heading, rad^2.
+        hint : (2,) array or None
+            Where the person was said to start.
+        view : callable
+            Whether the scanner looks at a place.
+        """
+        tracks = [track for track in self._all() if view(track.x[:2])]
+        densities = [track.density(c.centre) for track in tracks]
+        whole = sum(densities, np.zeros(len(c)))
+        for track, own in zip(tracks, densities, strict=True):
+            away = track.x[:2] - robot
+            track.update(t, c, heading * float(away @ away) + 0.01**2, whole - own)
+        self._retire(t)
+        self._recruit(t, c, robot, hint)
+        self._choose(t, robot, motion)
+
+    def claimed(self, points: Array) -> Mask:
+        """Which of points (n, 2) may be somebody's legs, so that they are not surroundings."""
+        out = np.zeros(len(points), np.bool_)
+        for track in self._all():
+            if track is self.person or _walks(track):
+                d = points - track.x[:2]
+                out |= (d * d).sum(axis=1) < (0.4 + min(track.position_sd, 0.3)) ** 2
+        return out
+
+    def _all(self) -> list[LegTrack]:
+        return self.others if self.person is None else [self.person, *self.others]
+
+    def _retire(self, t: float) -> None:
+        limit = self._config
+        person = self.person
+        if person is not None and (
+            person.doubtful or t - person.seen > limit.max_gap or person.position_sd > limit.max_position_sd
+        ):
+            self.lost = (t, person.x[:2].copy())
+            self.person = None
+        self.others = [
+            o
+            for o in self.others
+            if t - o.seen <= (_KEEP_TIME if _walks(o) else _DROP_TIME)
+            and (_walks(o) or t - o.born < _TRIAL)
+            and o.position_sd < _STRANGER_SD
+            and not o.doubtful
+            and not self._same(o)
+        ]
+
+    def _same(self, other: LegTrack) -> bool:
+        """Whether a track has fallen together with the person's, or an older one."""
+        for track in self._all():
+            if track is other:
+                return False
+            if float(np.hypot(*(track.x[:2] - other.x[:2]))) < 0.2:
+                return True
+        return False
+
+    def _recruit(self, t: float, c: Candidates, robot: Array, hint: Array | None) -> None:
+        if not len(c):
+            return
+        person = self._config.person
+        if self._hint is not None and hint is not None and self.person is None:
+            distance = np.hypot(*(c.centre - hint).T)
+            order = np.argsort(distance)[: int((distance < _HINT_REACH).sum())]
+            told = c.some(order)
+            found = new_track(t, told, np.ones(len(order), np.bool_), person)
+            if found is not None:
+                self.person, self._hint = found, None
+                return
+        if len(self.others) >= _MOST_OTHERS:
+            return
+        free = np.hypot(*(c.centre - robot).T) < _COMPANY
+        for track in self._all():
+            d = c.centre - track.x[:2]
+            reach = 0.6 + 2.0 * track.position_sd
+            free &= (d * d).sum(axis=1) > reach**2
+        found = new_track(t, c, free & c.moving, person)
+        if found is not None:
+            found.distance = float(np.hypot(*(found.start - robot)))
+            self.others.append(found)
+
+    def _choose(self, t: float, robot: Array, motion: Array) -> None:
+        """Whoever walks along, nearest to the robot; after a loss only somebody who can have come there."""
+        if self.person is not None:
+            return
+        ready = [o for o in self.others if _confirmed(o, t) and _accompanies(o, t, robot, motion)]
+        place = robot
+        if self.lost is not None:
+            since, place = self.lost
+            reach = _REACH_AT_ONCE + _WALK * (t - since + self._config.max_gap)
+            ready = [o for o in ready if float(np.hypot(*(o.x[:2] - place))) < reach]
+        if ready:
+            best = min(ready, key=lambda o: float(np.hypot(*(o.x[:2] - place))))
+            self.others.remove(best)
+            self.person = best
+
+
+def _accompanies(track: LegTrack, t: float, robot: Array, motion: Array) -> bool:
+    """Whether somebody keeps up with the robot, other than who comes towards it or stays behind."""
+    change = abs(float(np.hypot(*(track.x[:2] - robot))) - track.distance)
+    apart = float(np.hypot(*(track.x[2:4] - motion)))
+    return apart < _COMPANY_SPEED and change < _PARTING_SPEED * (t - track.born)
+
+
+def _walks(track: LegTrack) -> bool:
+    """Whether a track has left the place where it began."""
+    return float(np.hypot(*(track.x[:2] - track.start))) >= _CONFIRM_WAY
+
+
+def _confirmed(track: LegTrack, t: float) -> bool:
+    """Whether a track is a person beyond doubt: seen for a while, and walking."""
+    age = t - track.born
+    way = float(np.hypot(*(track.x[:2] - track.start)))
+    return (
+        age >= _CONFIRM_TIME
+        and track.quality >= _CONFIRM_QUALITY
+        and track.moving >= _CONFIRM_MOVING
+        and way >= max(_CONFIRM_WAY, min(age, _TRIAL) * _CONFIRM_SPEED)
+    )

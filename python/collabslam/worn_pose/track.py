@@ -1,0 +1,255 @@
+"""A person on two legs, tracked by probabilistic data association.
+
+State: position p and velocity v of the trunk over the floor, and the swing g of the middle of both shins
+about the trunk with its rate, which a gait makes anything but white: a damped oscillator at the frequency of
+steps, driven by white noise. A scan shows p + g, by a pair of leg-like things, by one wide one, by one leg
+alone, or not at all; every such reading that passes the gate is a hypothesis, weighed by its likelihood
+against clutter and against other people, and the posterior is the moment-matched mixture: doubt between
+readings shows in the covariance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from math import cos, exp, pi, sin, sqrt
+
+import numpy as np
+
+from collabslam.types import Array, Indices, Mask
+from collabslam.worn_pose.config import Person
+
+_GATE = 16.0
+_PAIR, _WIDE, _ONE, _NONE = 0.6, 0.35, 0.3, 0.05
+"""Prior weights of how a person shows."""
+_NEAREST_LEGS, _FARTHEST_LEGS = 0.10, 0.65
+_START_SPEED = 0.8
+_WIDE_SD = 0.05
+_NONE_AFTER = 0.5
+"""The same once the person was hidden."""
+_HIDDEN = 0.3
+"""Seconds without legs from which the person counts as hidden."""
+_SEEN = 0.5
+_MOVING_TIME, _WALKED, _DOUBTFUL = 0.5, 0.6, 0.05
+"""Memory, in seconds, of whether the legs are where beams went through before, and its levels."""
+_MEMORY = 0.1
+_DAMPING = 0.2
+"""Of the swing: cadence and gait are not known, and change."""
+_ONE_LEG_TIME = 0.3
+"""Seconds over which readings of one leg share their error; as white noise they get its spectral density."""
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Leg-like things that are not surroundings.
+
+    Attributes
+    ----------
+    centre : (n, 2) array
+        Metres.
+    covariance : (n, 2, 2) array
+    wide : (n,) bool
+    clutter : (n,) array
+        Density of things that look so and are no legs, per square metre.
+    moving : (n,) bool
+        Where nothing stood before.
+    """
+
+    centre: Array
+    covariance: Array
+    wide: Mask
+    clutter: Array
+    moving: Mask
+
+    def __len__(self) -> int:
+        return len(self.centre)
+
+    def some(self, index: Indices) -> Candidates:
+        """These candidates, in this order."""
+        return Candidates(*(getattr(self, f.name)[index] for f in fields(self)))
+
+
+class LegTrack:
+    """One person.
+
+    Parameters
+    ----------
+    t : float
+        Seconds.
+    at : (2,) array
+        Metres.
+    covariance : (2, 2) array
+        Of ``at``.
+    person : Person
+    """
+
+    def __init__(self, t: float, at: Array, covariance: Array, person: Person) -> None:
+        self._person = person
+        self.x = np.concatenate([at, np.zeros(6)])
+        self.p = np.zeros((8, 8))
+        self.p[:2, :2] = covariance + person.gait_sd**2 * np.eye(2)
+        self.p[[2, 3], [2, 3]] = _START_SPEED**2
+        self.p[[4, 5], [4, 5]] = person.gait_sd**2
+        self.p[[6, 7], [6, 7]] = (2.0 * np.pi * person.step_rate * person.gait_sd) ** 2
+        # The swing was part of what was seen first.
+        self.p[[0, 1, 4, 5], [4, 5, 0, 1]] = -(person.gait_sd**2)
+        self.born, self.seen, self._updated = t, t, t
+        self.start = self.x[:2].copy()
+        self.distance = 0.0
+        self.quality = 0.5
+        self.moving = 0.5
+        self._walked = False
+
+    @property
+    def position_sd(self) -> float:
+        """Along the worst axis, metres."""
+        a, b, c = self.p[0, 0], self.p[1, 1], self.p[0, 1]
+        return float(np.sqrt(0.5 * (a + b) + np.hypot(0.5 * (a - b), c)))
+
+    def predict(self, dt: float, jitter: float) -> None:
+        """Carry on for ``dt`` seconds; ``jitter`` (m^2) is what the robot's heading adds meanwhile."""
+        self.x, self.p = carried(self.x, self.p, dt, jitter, self._person)
+
+    def density(self, points: Array) -> Array:
+        """Expected number of this person's legs per square metre at points (n, 2)."""
+        s = self.p[:2, :2] + self._person.one_leg_sd**2 * np.eye(2)
+        d = points - self.x[:2]
+        mahalanobis = (d * np.linalg.solve(s, d.T).T).sum(axis=1)
+        return np.asarray(2.0 * np.exp(-0.5 * mahalanobis) / (2.0 * np.pi * np.sqrt(np.linalg.det(s))))
+
+    def update(self, t: float, c: Candidates, noise: float, elsewhere: Array) -> float:
+        """Take the candidates of a scan.
+
+        Parameters
+        ----------
+        t : float
+            Seconds.
+        c : Candidates
+        noise : float
+            Further variance of their positions, m^2: heading and motion of the robot.
+        elsewhere : (n,) array
+            Density of other people's legs at each candidate, per square metre.
+
+        Returns
+        -------
+        float
+            Probability that the person was seen.
+        """
+        dt = max(t - self._updated, 5e-3)
+        self._updated = t
+        hidden = t - self.seen > _HIDDEN
+        seen = 0.0
+        hypotheses = self._hypotheses(c, noise, elsewhere, hidden) if len(c) else None
+        if hypotheses is not None:
+            z, spread, swing, weight, moving = hypotheses
+            total = (_NONE_AFTER if hidden else _NONE) + weight.sum()
+            seen = float(weight.sum() / total)
+            self._mix(z, spread, swing * max(1.0, _ONE_LEG_TIME / dt), weight / total)
+            share = float(weight @ moving / total)
+            self.moving += min(dt / _MOVING_TIME, 1.0) * (share - seen * self.moving)
+            self._walked |= self.moving > _WALKED
+        if seen > _SEEN:
+            self.seen = t
+        self.quality += _MEMORY * (seen - self.quality)
+        return seen
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether what is tracked has stood for long where beams never went through: furniture."""
+        return self._walked and self.moving < _DOUBTFUL
+
+    def _hypotheses(
+        self, c: Candidates, noise: float, elsewhere: Array, hidden: bool
+    ) -> tuple[Array, Array, Array, Array, Array] | None:
+        """Readings (h, 2), their covariance (h, 2, 2), the variance (h,) of what gait adds to a reading of
+        less than two legs, likelihood ratios to nothing but clutter (h,), and which share of them moves (h,);
+        None without any.  A person who was hidden comes back as something that moves."""
+        person = self._person
+        pzz = self.p[:2, :2] + self.p[4:6, 4:6] + self.p[:2, 4:6] + self.p[4:6, :2]
+        reach = 4.0 * np.sqrt(max(pzz[0, 0], pzz[1, 1])) + 0.5
+        d = c.centre - self.x[:2] - self.x[4:6]
+        near = np.flatnonzero(np.hypot(d[:, 0], d[:, 1]) < reach)
+        if not len(near):
+            return None
+        centre, cov, wide = c.centre[near], c.covariance[near], c.wide[near]
+        clutter = c.clutter[near] + elsewhere[near]
+        moves = c.moving[near].astype(np.float64)
+        single = np.where(wide, _WIDE_SD, person.one_leg_sd) ** 2
+        i, j = np.triu_indices(len(near), 1)
+        gap = np.hypot(*(centre[i] - centre[j]).T)
+        legs = ~wide[i] & ~wide[j] & (gap > _NEAREST_LEGS) & (gap < _FARTHEST_LEGS)
+        i, j = i[legs], j[legs]
+        z = np.concatenate([centre, 0.5 * (centre[i] + centre[j])])
+        spread = np.concatenate([cov, 0.25 * (cov[i] + cov[j])]) + noise * np.eye(2)
+        swing = np.concatenate([single, np.zeros(len(i))])
+        apart = 1.0 / (np.pi * (_FARTHEST_LEGS**2 - _NEAREST_LEGS**2))
+        prior = np.concatenate(
+            [np.where(wide, _WIDE, _ONE) / clutter, _PAIR * apart / (clutter[i] * clutter[j])]
+        )
+        moving = np.concatenate([moves, 0.5 * (moves[i] + moves[j])])
+        s = pzz + spread + swing[:, None, None] * np.eye(2)
+        innovation = z - self.x[:2] - self.x[4:6]
+        det = s[:, 0, 0] * s[:, 1, 1] - s[:, 0, 1] ** 2
+        a, b = innovation.T
+        distance = (s[:, 1, 1] * a * a - 2.0 * s[:, 0, 1] * a * b + s[:, 0, 0] * b * b) / det
+        inside = (distance < _GATE) & ((moving > 0.0) | (not hidden))
+        if not inside.any():
+            return None
+        weight = prior * np.exp(-0.5 * distance) / (2.0 * np.pi * np.sqrt(det))
+        return z[inside], spread[inside], swing[inside], weight[inside], moving[inside]
+
+    def _mix(self, z: Array, spread: Array, swing: Array, w: Array) -> None:
+        """Moment-matched mixture of the updates by each reading, of probability ``w``, and of none."""
+        cross = self.p[:, :2] + self.p[:, 4:6]
+        pzz = cross[:2] + cross[4:6]
+        s = pzz + spread + swing[:, None, None] * np.eye(2)
+        gain = cross @ np.linalg.inv(s)
+        moved = (gain @ (z - self.x[:2] - self.x[4:6])[:, :, None])[:, :, 0]
+        mean = w @ moved
+        shrunk = np.tensordot(w, gain @ cross.T, axes=1)
+        apart = (moved * w[:, None]).T @ moved - np.outer(mean, mean)
+        self.x = self.x + mean
+        p = self.p - shrunk + apart
+        self.p = 0.5 * (p + p.T)
+
+
+def carried(x: Array, p: Array, dt: float, jitter: float, person: Person) -> tuple[Array, Array]:
+    """State and covariance ``dt`` seconds later."""
+    f, q = _motion(round(dt * 1e6), person)
+    out = f @ p @ f.T + q
+    out[0, 0] += jitter
+    out[1, 1] += jitter
+    return f @ x, out
+
+
+@lru_cache(maxsize=256)
+def _motion(microseconds: int, person: Person) -> tuple[Array, Array]:
+    """Transition and noise (8, 8) of a walk and its swing."""
+    dt = 1e-6 * microseconds
+    w = 2.0 * pi * person.step_rate
+    decay, turn = exp(-_DAMPING * w * dt), w * sqrt(1.0 - _DAMPING**2)
+    c, s = decay * cos(turn * dt), decay * sin(turn * dt) / turn
+    swing = np.array([[c + _DAMPING * w * s, s], [-w * w * s, c - _DAMPING * w * s]])
+    stationary = person.gait_sd**2 * np.diag([1.0, w * w])
+    q = person.acceleration_density**2
+    f, noise = np.zeros((4, 4)), np.zeros((4, 4))
+    f[:2, :2] = [[1.0, dt], [0.0, 1.0]]
+    f[2:, 2:] = swing
+    noise[:2, :2] = q * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
+    noise[2:, 2:] = stationary - swing @ stationary @ swing.T
+    return np.kron(f, np.eye(2)), np.kron(noise, np.eye(2))
+
+
+def new_track(t: float, c: Candidates, which: Mask, person: Person) -> LegTrack | None:
+    """A track from some of the candidates: the first two legs or wide thing among them; None without."""
+    index = np.flatnonzero(which)
+    for a in range(len(index)):
+        i = index[a]
+        if c.wide[i]:
+            return LegTrack(t, c.centre[i], c.covariance[i] + _WIDE_SD**2 * np.eye(2), person)
+        for j in index[a + 1 :]:
+            gap = float(np.hypot(*(c.centre[i] - c.centre[j])))
+            if not c.wide[j] and _NEAREST_LEGS < gap < _FARTHEST_LEGS:
+                middle = 0.5 * (c.centre[i] + c.centre[j])
+                return LegTrack(t, middle, 0.25 * (c.covariance[i] + c.covariance[j]), person)
+    return None
