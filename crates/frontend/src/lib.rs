@@ -14,6 +14,12 @@ pub mod describe;
 pub mod search;
 pub mod warp;
 
+/// Fractional bits of a coordinate in fixed point, and the same as a number.
+const BITS: u32 = 16;
+const ONE: f64 = 65536.0;
+/// Coordinates that fit.
+const LARGEST: f64 = 32_000.0;
+
 /// A grey image.
 #[derive(Clone, Copy, Debug)]
 pub struct Image<'a> {
@@ -63,24 +69,40 @@ impl<'a> Image<'a> {
 }
 
 impl Image<'_> {
-    /// Whether a place has four pixels around it.
-    fn holds(&self, uv: Vector2<f64>) -> bool {
-        let last = Vector2::new(self.width as f64 - 2.0, self.height as f64 - 2.0);
-        uv.x >= 0.0 && uv.y >= 0.0 && uv.x <= last.x && uv.y <= last.y
+    /// Bilinear values at equal steps along a line; beyond the edge the edge repeats.
+    #[inline(always)]
+    fn sample_line(&self, start: Vector2<f64>, step: Vector2<f64>, out: &mut [f32]) {
+        let end = start + step * (out.len().max(1) - 1) as f64;
+        if !(self.holds(start) && self.holds(end)) {
+            for (i, value) in out.iter_mut().enumerate() {
+                let at = start + step * i as f64;
+                *value = self.bilinear(at.x, at.y) as f32;
+            }
+            return;
+        }
+        // Fixed point: far cheaper than turning each coordinate into a whole number.
+        let fixed = |x: f64| (x * ONE).round() as i32;
+        let (mut u, mut v) = (fixed(start.x), fixed(start.y));
+        let (du, dv) = (fixed(step.x), fixed(step.y));
+        for value in out {
+            let begin = (v >> BITS) as usize * self.width + (u >> BITS) as usize;
+            let fraction = |x: i32| (x & (ONE as i32 - 1)) as f32 * (1.0 / ONE as f32);
+            let (fu, fv) = (fraction(u), fraction(v));
+            let mix = |at: usize| {
+                let pair = &self.pixels[at..at + 2];
+                let (a, b) = (f32::from(pair[0]), f32::from(pair[1]));
+                a + fu * (b - a)
+            };
+            let (above, below) = (mix(begin), mix(begin + self.width));
+            *value = above + fv * (below - above);
+            (u, v) = (u + du, v + dv);
+        }
     }
 
-    /// [`Image::bilinear`] where the image [holds](Self::holds) the place.
-    fn bilinear_inside(&self, u: f64, v: f64) -> f64 {
-        let (u0, v0) = (u as usize, v as usize);
-        let (fu, fv) = (u - u0 as f64, v - v0 as f64);
-        let begin = v0 * self.width + u0;
-        let (above, below) = (&self.pixels[begin..], &self.pixels[begin + self.width..]);
-        let mix = |row: &[u8]| {
-            let (a, b) = (f64::from(row[0]), f64::from(row[1]));
-            a + fu * (b - a)
-        };
-        let (above, below) = (mix(&above[..2]), mix(&below[..2]));
-        above + fv * (below - above)
+    /// Whether a place lies so far inside that rounding keeps four pixels around it.
+    fn holds(&self, uv: Vector2<f64>) -> bool {
+        let last = |size: usize| (size as f64 - 1.01).min(LARGEST);
+        uv.x >= 0.01 && uv.y >= 0.01 && uv.x <= last(self.width) && uv.y <= last(self.height)
     }
 }
 

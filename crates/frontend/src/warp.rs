@@ -80,31 +80,23 @@ pub fn sample(
     } else {
         1
     };
-    let samples = side * factor;
     let place = |i: usize| (i as f64 + 0.5) / factor as f64 - 0.5 * side as f64;
-    let reach = inverse.abs() * Vector2::repeat(0.5 * (side - 1) as f64);
     let step = inverse.column(0) / factor as f64;
-    let shares = (factor * factor) as f64;
-    // Samples of a shrunk template reach half a step further.
-    let far = reach + inverse.abs() * Vector2::repeat(1.0);
-    let inside = image.holds(centre - far) && image.holds(centre + far);
-    let mut line = vec![0.0; side];
+    let share = 1.0 / (factor * factor) as f32;
+    let mut line = vec![0.0_f32; side * factor];
+    let mut sums = vec![0.0_f32; side];
     for y in 0..side {
-        line.fill(0.0);
+        sums.fill(0.0);
         for v in factor * y..factor * (y + 1) {
-            let first = inverse * Vector2::new(place(0), place(v)) + centre;
-            for u in 0..samples {
-                let at = first + step * u as f64;
-                line[u / factor] += if inside {
-                    image.bilinear_inside(at.x, at.y)
-                } else {
-                    image.bilinear(at.x, at.y)
-                };
+            let start = inverse * Vector2::new(place(0), place(v)) + centre;
+            image.sample_line(start, step, &mut line);
+            for (sum, values) in sums.iter_mut().zip(line.chunks_exact(factor)) {
+                *sum += values.iter().sum::<f32>();
             }
         }
-        out.extend(line.iter().map(|sum| (sum / shares + 0.5) as u8));
+        out.extend(sums.iter().map(|sum| (sum * share + 0.5) as u8));
     }
-    Some(reach)
+    Some(inverse.abs() * Vector2::repeat(0.5 * (side - 1) as f64))
 }
 
 /// Largest singular value.
