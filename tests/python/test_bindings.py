@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -226,6 +227,22 @@ def test_a_candidate_given_twice_does_not_panic_at_its_birth() -> None:
         core.observe_candidates(np.repeat(candidates, 2), np.repeat(uv[:1], 2, axis=0))
     outcome, _ = core.observe_candidates(candidates, uv[:1])
     assert outcome == ["born"]
+
+
+def _wander(seed: int) -> tuple[object, ...]:
+    core, rng = _started(), np.random.Generator(np.random.PCG64(seed))
+    for frame in range(30):
+        core.predict(0.2 + 0.1 * frame)
+        seen = core.predict_pixels()
+        core.update(seen["ids"], seen["ids"], seen["uv"] + rng.normal(0.0, 0.5, seen["uv"].shape))
+    return _state(core)
+
+
+def test_two_threads_run_two_filters_as_one_does() -> None:
+    alone = [_wander(seed) for seed in (1, 2)]
+    with ThreadPoolExecutor(2) as threads:
+        assert list(threads.map(_wander, (1, 2))) == alone
+    assert alone[0] != alone[1]
 
 
 def test_before_the_start() -> None:

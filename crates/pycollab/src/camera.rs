@@ -99,14 +99,19 @@ impl PyCamera {
         points: Argument<'py>,
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<bool>>)> {
         let points = rows::<3>("points", &points)?;
-        let uv: Vec<Option<Vector2<f64>>> = points.iter().map(|p| self.0.project(p)).collect();
-        let ok = uv
-            .iter()
-            .map(|uv| uv.is_some_and(|uv| self.0.in_image(&uv, 0.0)));
         let nan = Vector2::repeat(f64::NAN);
+        let (uv, ok): (Vec<Vector2<f64>>, Vec<bool>) = py.detach(|| {
+            let pixels = points.iter().map(|p| self.0.project(p));
+            let pixels = pixels.map(|uv| {
+                let inside = uv.is_some_and(|uv| self.0.in_image(&uv, 0.0));
+                (uv.unwrap_or(nan), inside)
+            });
+            pixels.unzip()
+        });
+        let number = uv.len();
         Ok((
-            vectors(py, uv.iter().map(|uv| uv.unwrap_or(nan)), uv.len()),
-            PyArray1::from_iter(py, ok),
+            vectors(py, uv.into_iter(), number),
+            PyArray1::from_vec(py, ok),
         ))
     }
 
@@ -128,8 +133,11 @@ impl PyCamera {
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let uv = pixels("uv", &uv)?;
         let nan = Vector3::repeat(f64::NAN);
-        let rays = uv.iter().map(|uv| self.0.unproject(uv).unwrap_or(nan));
-        Ok(vectors(py, rays, uv.len()))
+        let rays: Vec<Vector3<f64>> = py.detach(|| {
+            let rays = uv.iter().map(|uv| self.0.unproject(uv).unwrap_or(nan));
+            rays.collect()
+        });
+        Ok(vectors(py, rays.into_iter(), uv.len()))
     }
 
     fn __repr__(&self) -> String {
