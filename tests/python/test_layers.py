@@ -25,6 +25,7 @@ FORBIDDEN = {
     "formats": TOP | {"frontend", "demo"},
     "viz": {"engine", "cli", "commands", "datasets", "frontend"},
     "reproduce": {"engine", "runner", "cli", "commands", "demo_run", "table", "viz", "frontend", "datasets"},
+    "worn_pose": TOP | {"frontend", "datasets", "evaluation", "results", "demo", "settings"},
     "engine.py": {"runner", "commands", "cli", "datasets", "evaluation", "results", "viz", "demo"},
     "depth_input.py": TOP | {"datasets", "evaluation", "results", "demo"},
     "features.py": TOP | {"datasets", "evaluation", "results", "demo"},
