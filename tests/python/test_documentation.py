@@ -16,6 +16,7 @@ import yaml
 from conftest import Clip
 from test_bags import Maker
 from test_viewing import Short
+from test_worn_pose import write_sensor_bag
 
 import collabslam
 from collabslam import cli, demo_run
@@ -93,6 +94,8 @@ def place(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "times.txt").write_text("".join(f"{f.t}\n" for f in short.frames))
     (folder / "DATA").mkdir()
     make_bag(folder / "walk.bag", short)
+    write_sensor_bag(folder / "lasers.bag")
+    (folder / "sensors.yaml").write_text(blocks(ROOT / "docs" / "own-worn-camera.md", "yaml")[0])
     make_camchain(folder / "camchain.yaml", short)
     collabslam.run(folder / "walk", out=folder / "results" / "walk")
     return folder

@@ -35,6 +35,7 @@ FORBIDDEN = {
         "frontend",
         "datasets",
     },
+    "worn_pose": TOP | {"frontend", "datasets", "evaluation", "results", "demo", "settings"},
     "engine.py": {"runner", "commands", "cli", "datasets", "evaluation", "results", "viz", "demo"},
     "depth_input.py": TOP | {"datasets", "evaluation", "results", "demo"},
     "features.py": TOP | {"datasets", "evaluation", "results", "demo"},

@@ -51,6 +51,7 @@ def describe(recording: Recording) -> dict[str, str]:
         "first stamp": f"{times[0]:.9f} s",
         "camera Cs": _camera(recording.camera),
         "worn camera Cf": "none recorded (see --worn)" if worn is None else _camera(worn),
+        "worn pose": "none" if worn is None else getattr(recording, "worn_pose", "measured"),
         "second camera of the rig": "none"
         if rig is None
         else f"{_camera(rig.camera)}, {len(rig.paths)} images",

@@ -15,6 +15,7 @@ from collabslam.datasets.given import Given
 from collabslam.datasets.poses import interpolate_track, seconds
 from collabslam.datasets.stamped import match_stamps
 from collabslam.datasets.stream import StreamRecording
+from collabslam.datasets.worn_sensors import EstimatedPoses
 from collabslam.errors import DataError
 from collabslam.types import Array, WornView
 
@@ -46,10 +47,11 @@ def open(path: Path, given: Given) -> StreamRecording:
     images = BagImages(bag, topic)
     times = np.asarray([seconds(s) for s in images.stamps])
     camera = load_camera(given.camera) if given.camera else _camera(bag, topic, topics.get("cs_info"))
-    worn_camera = None
+    worn_camera, worn_pose = None, "measured"
     read_worn = partial(_no_view)
     if "cf" in topics:
         poses = worn_poses(bag, topics.get("t_cf"), given.camera)
+        worn_pose = "estimated" if isinstance(poses, EstimatedPoses) else "measured"
         worn_camera = poses.camera or _camera(bag, topics["cf"], topics.get("cf_info"))
         worn_images = BagImages(bag, topics["cf"])
         views = _views(bag, images.stamps, worn_images.stamps, poses)
@@ -62,6 +64,7 @@ def open(path: Path, given: Given) -> StreamRecording:
         read=images.read,
         worn_camera=worn_camera,
         read_worn=read_worn,
+        worn_pose=worn_pose,
         truth=_truth(bag, topics["truth"], times) if "truth" in topics else None,
     )
 
@@ -104,7 +107,7 @@ def _camera(bag: Bag, images: str, info: str | None) -> Camera:
 
 
 def _views(
-    bag: Bag, stamps: list[int], worn_stamps: list[int], poses: WornPoses
+    bag: Bag, stamps: list[int], worn_stamps: list[int], poses: WornPoses | EstimatedPoses
 ) -> dict[int, tuple[int, Array, Array]]:
     """For each frame with a view of Cf and a pose: the view's number, ``T_CF`` and its covariance."""
     shift = round(poses.shift * 10**9)

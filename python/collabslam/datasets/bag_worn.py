@@ -8,17 +8,21 @@ from typing import NamedTuple
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.bag import POSE_TYPES, Bag
+from collabslam.datasets.bag import IMU_TYPE, POSE_TYPES, SCAN_TYPE, Bag
 from collabslam.datasets.calibration import load_rig
 from collabslam.datasets.pose_noise import RIG_NOISE, PoseNoise
 from collabslam.datasets.poses import interpolate_track
+from collabslam.datasets.worn_sensors import EstimatedPoses, bag_sensors, read_sensors
 from collabslam.errors import DataError, SettingsError
 from collabslam.types import Array
 
 T_CF_ROLE = (
-    "measured pose of Cf in Cs: a PoseWithCovarianceStamped, or tf:CS:CF:METRES:DEGREES (two frames and the "
-    "standard deviations that tf does not carry), or rig (cam1 of the Kalibr camchain given with --camera)"
+    "pose of Cf in Cs: a PoseWithCovarianceStamped, or tf:CS:CF:METRES:DEGREES (two frames and the standard "
+    "deviations that tf does not carry), or rig (cam1 of the Kalibr camchain given with --camera), or "
+    "sensors:FILE (estimated from laser scans and AHRSs, where FILE says how they are mounted)"
 )
+ESTIMATED = "sensors:"
+"""What a source begins with whose poses are estimated."""
 
 
 class WornPoses(NamedTuple):
@@ -53,7 +57,7 @@ class WornPoses(NamedTuple):
         return interpolate_track(self.times, self.poses, times), self.covariances[rows]
 
 
-def worn_poses(bag: Bag, source: str | None, calibration: Path | None) -> WornPoses:
+def worn_poses(bag: Bag, source: str | None, calibration: Path | None) -> WornPoses | EstimatedPoses:
     """``T_CF`` of a bag.
 
     Parameters
@@ -71,6 +75,8 @@ def worn_poses(bag: Bag, source: str | None, calibration: Path | None) -> WornPo
     SettingsError
         If the standard deviations are not allowed.
     """
+    if source is not None and source.startswith(ESTIMATED):
+        return bag_sensors(bag, read_sensors(Path(source.removeprefix(ESTIMATED))))
     if source == "rig":
         if calibration is None:
             raise DataError("t_cf=rig needs the Kalibr camchain of both cameras; give it with --camera FILE.")
@@ -102,6 +108,12 @@ def _only_poses(bag: Bag) -> str:
     if len(found) != 1:
         raise DataError(
             f"The bag {bag.path} has {len(found)} topics of poses with covariance; say which measures the "
-            f"worn camera with --topics t_cf=TOPIC, or take it from tf: {', '.join(found) or 'none'}."
+            f"worn camera with --topics t_cf=TOPIC, or take it from tf{_sensors(bag)}: "
+            f"{', '.join(found) or 'none'}."
         )
     return found[0]
+
+
+def _sensors(bag: Bag) -> str:
+    there = bag.of_type(SCAN_TYPE) and bag.of_type(IMU_TYPE)
+    return ", or estimate it from its laser scans and AHRSs with t_cf=sensors:FILE" if there else ""

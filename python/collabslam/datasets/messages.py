@@ -44,12 +44,15 @@ class Scans:
     ranges : (N, K) metres, NaN where a beam saw nothing within the sensor's limits
     frame : str
         The sensor's frame.
+    time_increment : float
+        Seconds from beam to beam.
     """
 
     times: Array
     angles: Array
     ranges: Array
     frame: str
+    time_increment: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -180,7 +183,8 @@ def scans_of(messages: Iterable[tuple[float, Any]]) -> Scans:
     if first is None:
         return Scans(np.empty(0), np.empty(0), np.empty((0, 0)), "")
     angles = first.angle_min + first.angle_increment * np.arange(len(ranges[0]))
-    return Scans(np.asarray(times), angles, np.asarray(ranges), str(first.header.frame_id))
+    frame = str(first.header.frame_id)
+    return Scans(np.asarray(times), angles, np.asarray(ranges), frame, float(first.time_increment))
 
 
 def imu_of(messages: Iterable[tuple[float, Any]]) -> ImuSamples:

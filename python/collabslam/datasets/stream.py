@@ -21,6 +21,8 @@ class StreamRecording:
         Image of Cs in a frame, (H, W) uint8; quick if the frames are asked for in order.
     read_worn : callable
         Worn view of a frame, or None.
+    worn_pose : str
+        Whether its pose was ``measured``, or ``estimated`` from laser scans and AHRSs.
 
     Raises
     ------
@@ -35,6 +37,7 @@ class StreamRecording:
     read: Callable[[int], Image]
     worn_camera: Camera | None = None
     read_worn: Callable[[int], WornView | None] = lambda i: None
+    worn_pose: str = "measured"
     truth: Array | None = None
     target: Target | None = None
 

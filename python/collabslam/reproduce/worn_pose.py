@@ -56,9 +56,9 @@ def make(study: Study) -> Finding:
         figure=figure,
         tables=_tables(numbers),
         verdict=(
-            "The paper states no error of this pose. The simulation knows nothing of the estimator's models: "
-            "feet rest on the floor while they bear weight, heads sway with the steps, attitudes drift as sums "
-            "of sines, and nobody is built exactly as measured."
+            "The paper states no error of this pose. The simulation knows nothing of the estimator's "
+            "models: feet rest on the floor while they bear weight, heads sway with the steps, attitudes "
+            "drift as sums of sines, and nobody is built exactly as measured."
         ),
         numbers=numbers,
         columns=["t_s", *curves],

@@ -110,9 +110,9 @@ def _corner(rng: np.random.Generator) -> tuple[Line, Array, float]:
 
 
 def _room(rng: np.random.Generator) -> tuple[Line, Array, float]:
-    a, b = rng.uniform(2.4, 3.2), rng.uniform(1.8, 2.4)
+    a, b = rng.uniform(2.2, 2.8, 2)
     angle = np.linspace(0.0, 20.0 * np.pi, 8001)
-    x, y = a * np.cos(angle), b * np.sin(angle) + 0.4 * np.sin(2.0 * angle)
+    x, y = a * np.cos(angle), b * np.sin(angle)
     length = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     tangent = np.unwrap(np.arctan2(np.gradient(y), np.gradient(x)))
 

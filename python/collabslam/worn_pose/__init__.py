@@ -5,7 +5,7 @@ from __future__ import annotations
 from collabslam.worn_pose.config import AHEAD_LEFT_UP, AhrsErrors, Person, WornPoseConfig, scanner_pose
 from collabslam.worn_pose.estimator import WornPoseEstimator
 from collabslam.worn_pose.readings import AhrsReading, Diagnostics, LaserScan, WornPoseEstimate
-from collabslam.worn_pose.replay import estimates_at
+from collabslam.worn_pose.replay import ahrs_readings, estimates_at, laser_scans
 
 __all__ = [
     "AHEAD_LEFT_UP",
@@ -17,6 +17,8 @@ __all__ = [
     "WornPoseConfig",
     "WornPoseEstimate",
     "WornPoseEstimator",
+    "ahrs_readings",
     "estimates_at",
+    "laser_scans",
     "scanner_pose",
 ]

@@ -53,11 +53,12 @@ class Person:
         Of what stays for the whole walk: of that height, and of the neck over the legs' centre along each
         horizontal axis (build, lean, how the camera is fastened), metres.
     bob_sd, sway_sd : float
-        Of what each step does to the head, up and down and along each horizontal axis, metres.
+        Of what each step does to the head, up and down and along each horizontal axis, walking at 1.3 m/s,
+        metres; they are in proportion to the speed.
     leg_radius : float
         Of a shin with its trouser leg, metres.
     acceleration_density : float
-        Of the walk over the floor, m/s^1.5.
+        Of the walk over the floor, m/s^1.5: 0.6 is a corner of 1.3 m taken at 1.3 m/s, or a stop.
     gait_sd, step_rate : float
         The middle of both shins swings about the trunk (while both feet are on the floor it stands still):
         metres along each axis, and steps a second.
@@ -69,10 +70,10 @@ class Person:
     neck_to_camera: tuple[float, float, float] = (0.0, -0.10, 0.10)
     height_sd: float = 0.02
     lever_sd: float = 0.03
-    bob_sd: float = 0.018
-    sway_sd: float = 0.02
+    bob_sd: float = 0.016
+    sway_sd: float = 0.016
     leg_radius: float = 0.06
-    acceleration_density: float = 0.4
+    acceleration_density: float = 0.6
     gait_sd: float = 0.04
     step_rate: float = 1.8
     one_leg_sd: float = 0.15

@@ -18,9 +18,10 @@ _COMPANY_SPEED, _PARTING_SPEED = 1.3, 0.6
 which the distance between the two changes."""
 _COMPANY = 5.0
 """Metres from the robot within which a person is first looked for."""
-_HINT_REACH = 0.8
+_HINT_REACH, _HINT_WAIT = 0.8, 0.5
+"""Metres from where the person was said to start, and seconds after which one leg will do."""
 _DROP_TIME, _KEEP_TIME = 0.3, 1.5
-_REACH_AT_ONCE, _WALK = 1.0, 1.5
+_REACH_AT_ONCE, _WALK = 1.0, 1.0
 """Metres from where the person was lost, and metres a second since, within which somebody is the person."""
 _STRANGER_SD = 0.5
 _TRIAL = 2.0
@@ -38,6 +39,7 @@ class Crowd:
         self.person: LegTrack | None = None
         self.others: list[LegTrack] = []
         self.lost: tuple[float, Array] | None = None
+        self._began = np.inf
 
     def predict(self, dt: float, robot: Array, drift: float) -> None:
         """Carry everybody on; ``drift`` (rad^2/s) is how fast the robot's heading error changes."""
@@ -73,12 +75,14 @@ class Crowd:
         view : callable
             Whether the scanner looks at a place.
         """
-        tracks = [track for track in self._all() if view(track.x[:2])]
+        self._began = min(self._began, t)
+        tracks = self._all()
         densities = [track.density(c.centre) for track in tracks]
         whole = sum(densities, np.zeros(len(c)))
         for track, own in zip(tracks, densities, strict=True):
             away = track.x[:2] - robot
-            track.update(t, c, heading * float(away @ away) + 0.01**2, whole - own)
+            noise = heading * float(away @ away) + 0.01**2
+            track.update(t, c, noise, whole - own, in_view=view(track.x[:2]))
         self._retire(t)
         self._recruit(t, c, robot, hint)
         self._choose(t, robot, motion)
@@ -103,6 +107,8 @@ class Crowd:
         ):
             self.lost = (t, person.x[:2].copy())
             self.person = None
+            for other in self.others:  # was there beside the person, so is somebody else
+                other.stranger |= other.born < person.seen
         self.others = [
             o
             for o in self.others
@@ -131,6 +137,8 @@ class Crowd:
             order = np.argsort(distance)[: int((distance < _HINT_REACH).sum())]
             told = c.some(order)
             found = new_track(t, told, np.ones(len(order), np.bool_), person)
+            if found is None and len(order) and t - self._began > _HINT_WAIT:  # one leg hides the other
+                found = LegTrack(t, told.centre[0], person.one_leg_sd**2 * np.eye(2), person)
             if found is not None:
                 self.person, self._hint = found, None
                 return
@@ -154,8 +162,8 @@ class Crowd:
         place = robot
         if self.lost is not None:
             since, place = self.lost
-            reach = _REACH_AT_ONCE + _WALK * (t - since + self._config.max_gap)
-            ready = [o for o in ready if float(np.hypot(*(o.x[:2] - place))) < reach]
+            reach = _REACH_AT_ONCE + _WALK * (t - since)
+            ready = [o for o in ready if not o.stranger and float(np.hypot(*(o.x[:2] - place))) < reach]
         if ready:
             best = min(ready, key=lambda o: float(np.hypot(*(o.x[:2] - place))))
             self.others.remove(best)

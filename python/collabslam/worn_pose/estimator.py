@@ -127,7 +127,7 @@ class WornPoseEstimator:
         if len(beams) < 3:
             return False
         ranges = scan.ranges[beams]
-        angles = scan.angle_min + scan.angle_increment * beams + self._turned(scan, t, beams)
+        angles = scan.angle_min + scan.angle_increment * beams + self._turns(scan, t, beams)
         r_ns = r_nc @ t_cs[:3, :3]
         lever = r_nc @ t_cs[:3, 3]
         flat = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
@@ -159,18 +159,12 @@ class WornPoseEstimator:
         self._remember(t, float(lever[2]), len(candidates))
         return True
 
-    def _turned(self, scan: LaserScan, t: float, beams: Indices) -> Array | float:
-        """How much the robot turned between each beam and the middle of the scan, radians."""
-        if scan.time_increment == 0.0:
-            return 0.0
+    def _turns(self, scan: LaserScan, t: float, beams: Indices) -> Array | float:
         half = 0.5 * scan.time_increment * (len(scan.ranges) - 1)
-        a, b = self._robot.at(t - half), self._robot.at(t + half)
-        if a is None or b is None:
+        before, after = self._robot.at(t - half), self._robot.at(t + half)
+        if half == 0.0 or before is None or after is None:
             return 0.0
-        mount = self._scanners[scan.scanner][:3, :3]
-        turn = mount.T @ a.T @ b @ mount
-        rate = float(np.arctan2(turn[1, 0], turn[0, 0])) / (2.0 * half)
-        return np.asarray(rate * (scan.time_increment * beams - half))
+        return turned(scan, beams, self._scanners[scan.scanner][:3, :3], before, after)
 
     def _candidates(
         self, scan: LaserScan, beams: Indices, ranges: Array, world: Array, origin: Array
@@ -261,7 +255,24 @@ class WornPoseEstimator:
             return _none(t, f"the legs were not seen for {since:.1f} s", d)
         if sd > c.max_position_sd:
             return _none(t, f"the legs are known to {sd:.2f} m only", d)
-        return WornPoseEstimate(t, *worn_pose(c, r_nc, r_nf, away, legs, m.plane), None, d)
+        return WornPoseEstimate(t, *worn_pose(c, r_nc, r_nf, away, legs, m.plane, d.speed), None, d)
+
+
+def turned(scan: LaserScan, beams: Indices, mount: Array, before: Array, after: Array) -> Array:
+    """How much the scanner had turned at each beam since the middle of its scan, radians.
+
+    Parameters
+    ----------
+    scan : LaserScan
+    beams : (N,) int
+    mount : (3, 3) array
+        Turns the scanner's axes into C's.
+    before, after : (3, 3) array
+        R_NC at the scan's first and last beam.
+    """
+    turn = mount.T @ before.T @ after @ mount
+    share = beams / (len(scan.ranges) - 1) - 0.5
+    return np.asarray(float(np.arctan2(turn[1, 0], turn[0, 0])) * share)
 
 
 def _none(t: float, reason: str, diagnostics: Diagnostics) -> WornPoseEstimate:

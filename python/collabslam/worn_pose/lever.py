@@ -18,9 +18,18 @@ import numpy as np
 from collabslam.types import Array
 from collabslam.worn_pose.config import WornPoseConfig
 
+_WALK, _FASTEST = 1.3, 1.5
+"""Speed at which sway and bob are stated, m/s, and the largest multiple of it that still adds to them."""
+
 
 def worn_pose(
-    config: WornPoseConfig, r_nc: Array, r_nf: Array, legs: Array, legs_covariance: Array, plane: float
+    config: WornPoseConfig,
+    r_nc: Array,
+    r_nf: Array,
+    legs: Array,
+    legs_covariance: Array,
+    plane: float,
+    speed: float,
 ) -> tuple[Array, Array, Array]:
     """``T_CF``, its covariance, and the part of it that is bias.
 
@@ -34,6 +43,8 @@ def worn_pose(
     legs_covariance : (2, 2) array
     plane : float
         Height of the scanner's plane over Cs, metres (negative below).
+    speed : float
+        Of the person, m/s: the head moves with the steps.
 
     Returns
     -------
@@ -68,10 +79,11 @@ def worn_pose(
     slow[range(2, 12), range(2, 12)] = (
         *(person.lever_sd**2,) * 2, person.height_sd**2, tilt, tilt, yaw, 0.0, tilt, tilt, yaw,
     )  # fmt: skip
+    pace = min(speed / _WALK, _FASTEST)
     white = np.zeros((12, 12))
     white[:2, :2] = legs_covariance
     white[range(2, 12), range(2, 12)] = (
-        *(person.sway_sd**2,) * 2, person.bob_sd**2, *(ahrs.tilt_white_sd**2,) * 2, 0.0,
+        *((pace * person.sway_sd) ** 2,) * 2, (pace * person.bob_sd) ** 2, *(ahrs.tilt_white_sd**2,) * 2, 0.0,
         ahrs.yaw_white_sd**2, *(ahrs.tilt_white_sd**2,) * 2, ahrs.yaw_white_sd**2,
     )  # fmt: skip
     bias = j @ slow @ j.T

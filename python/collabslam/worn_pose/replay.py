@@ -4,8 +4,60 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
+from numpy.typing import ArrayLike
+
+from collabslam.errors import InputError
 from collabslam.worn_pose.estimator import WornPoseEstimator
-from collabslam.worn_pose.readings import AhrsReading, LaserScan, WornPoseEstimate
+from collabslam.worn_pose.readings import AhrsReading, LaserScan, Wearer, WornPoseEstimate
+
+
+def laser_scans(
+    times: ArrayLike,
+    ranges: ArrayLike,
+    angle_min: float,
+    angle_increment: float,
+    *,
+    scanner: str = "front",
+    range_min: float = 0.0,
+    range_max: float = 1e3,
+    time_increment: float = 0.0,
+) -> list[LaserScan]:
+    """Scans of one scanner from arrays.
+
+    Parameters
+    ----------
+    times : (N,) array
+        Of the first beams, seconds.
+    ranges : (N, K) array
+        Metres; NaN where a beam saw nothing.
+    angle_min, angle_increment, scanner, range_min, range_max, time_increment
+        As in `LaserScan`.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not fit or a value is not possible.
+    """
+    stamps, rows = np.asarray(times, np.float64), np.asarray(ranges, np.float64)
+    if stamps.ndim != 1 or rows.ndim != 2 or len(stamps) != len(rows):
+        raise InputError(f"Scans need times (N,) and ranges (N, K); got {stamps.shape} and {rows.shape}.")
+    rest = (angle_min, angle_increment, scanner, range_min, range_max, time_increment)
+    return [LaserScan(t, row, *rest) for t, row in zip(stamps.tolist(), rows, strict=True)]
+
+
+def ahrs_readings(times: ArrayLike, q_xyzw: ArrayLike, where: Wearer) -> list[AhrsReading]:
+    """Readings of one AHRS from arrays: times (N,), seconds, and quaternions (N, 4), x y z w as in ROS.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not fit or a quaternion is not a unit one.
+    """
+    stamps, rows = np.asarray(times, np.float64), np.asarray(q_xyzw, np.float64)
+    if stamps.ndim != 1 or rows.shape != (len(stamps), 4):
+        raise InputError(f"Attitudes need times (N,) and q_xyzw (N, 4); got {stamps.shape} and {rows.shape}.")
+    return [AhrsReading(t, row, where) for t, row in zip(stamps.tolist(), rows, strict=True)]
 
 
 def estimates_at(

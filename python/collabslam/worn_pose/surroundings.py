@@ -120,24 +120,19 @@ class Surroundings:
         inside = _RAY[:, None] * CELL < _SHARE * length - CELL
         x = (np.float32(origin[0] / CELL) + _RAY[:, None] * step[:, 0])[inside]
         y = (np.float32(origin[1] / CELL) + _RAY[:, None] * step[:, 1])[inside]
-        passed = np.zeros(_SIZE * _SIZE, np.bool_)
         i, j = (np.floor(v).astype(np.int32) & (_SIZE - 1) for v in (x, y))
-        passed[(i << _BITS) | j] = True
-        hit = np.zeros(_SIZE * _SIZE, np.bool_)
-        still = still & (length < REACH)
-        hit[_flat(points[still & ~doubted])] = True
-        legs = np.unique(_flat(points[still & doubted]))
-        met = self._met.ravel()
+        passed = (i << _BITS) | j
+        near = length < REACH
+        ended, still, doubted = _flat(points[near]), still[near], doubted[near]
+        # Written once however often a cell is named; where a beam ends, nothing is lost.
+        evidence = self._evidence.ravel()
+        gained = evidence[ended] + np.where(still, np.where(doubted, _DOUBTED, _HIT), 0.0)
+        evidence[passed] = np.maximum(evidence[passed] + _PASSED, _LEAST)
+        evidence[ended] = np.minimum(gained, _MOST)
         if self._since is None:
             self._since = t
+        met, legs = self._met.ravel(), ended[still & doubted]
         met[legs] = np.minimum(met[legs], t - self._since)
-        evidence = self._evidence.ravel()
-        evidence[legs[~hit[legs]]] += _DOUBTED
-        evidence[hit] += _HIT
-        hit[_flat(points)] = True
-        passed &= ~hit
-        evidence[passed] += _PASSED
-        np.clip(evidence, _LEAST, _MOST, out=evidence)
         self._refresh(t - self._since)
 
     def standing(self, points: Array) -> tuple[Mask, Mask]:
@@ -189,7 +184,7 @@ def _steady(microseconds: int) -> tuple[Array, Array]:
     dt, q = 1e-6 * microseconds, _ACCELERATION**2
     step = np.array([[1.0, dt], [0.0, 1.0]])
     noise = q * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
-    return np.kron(step, np.eye(2)), np.kron(noise, np.eye(2))
+    return np.asarray(np.kron(step, np.eye(2))), np.asarray(np.kron(noise, np.eye(2)))
 
 
 def _grown(cells: Mask) -> Mask:

@@ -96,6 +96,7 @@ class LegTrack:
         self.born, self.seen, self._updated = t, t, t
         self.start = self.x[:2].copy()
         self.distance = 0.0
+        self.stranger = False
         self.quality = 0.5
         self.moving = 0.5
         self._walked = False
@@ -117,7 +118,7 @@ class LegTrack:
         mahalanobis = (d * np.linalg.solve(s, d.T).T).sum(axis=1)
         return np.asarray(2.0 * np.exp(-0.5 * mahalanobis) / (2.0 * np.pi * np.sqrt(np.linalg.det(s))))
 
-    def update(self, t: float, c: Candidates, noise: float, elsewhere: Array) -> float:
+    def update(self, t: float, c: Candidates, noise: float, elsewhere: Array, *, in_view: bool) -> None:
         """Take the candidates of a scan.
 
         Parameters
@@ -129,11 +130,8 @@ class LegTrack:
             Further variance of their positions, m^2: heading and motion of the robot.
         elsewhere : (n,) array
             Density of other people's legs at each candidate, per square metre.
-
-        Returns
-        -------
-        float
-            Probability that the person was seen.
+        in_view : bool
+            Whether the person should be where the scanner looks.
         """
         dt = max(t - self._updated, 5e-3)
         self._updated = t
@@ -142,7 +140,7 @@ class LegTrack:
         hypotheses = self._hypotheses(c, noise, elsewhere, hidden) if len(c) else None
         if hypotheses is not None:
             z, spread, swing, weight, moving = hypotheses
-            total = (_NONE_AFTER if hidden else _NONE) + weight.sum()
+            total = (_NONE if in_view and not hidden else _NONE_AFTER) + weight.sum()
             seen = float(weight.sum() / total)
             self._mix(z, spread, swing * max(1.0, _ONE_LEG_TIME / dt), weight / total)
             share = float(weight @ moving / total)
@@ -150,8 +148,8 @@ class LegTrack:
             self._walked |= self.moving > _WALKED
         if seen > _SEEN:
             self.seen = t
-        self.quality += _MEMORY * (seen - self.quality)
-        return seen
+        if in_view or seen > _SEEN:
+            self.quality += _MEMORY * (seen - self.quality)
 
     @property
     def doubtful(self) -> bool:
@@ -237,7 +235,7 @@ def _motion(microseconds: int, person: Person) -> tuple[Array, Array]:
     f[2:, 2:] = swing
     noise[:2, :2] = q * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
     noise[2:, 2:] = stationary - swing @ stationary @ swing.T
-    return np.kron(f, np.eye(2)), np.kron(noise, np.eye(2))
+    return np.asarray(np.kron(f, np.eye(2))), np.asarray(np.kron(noise, np.eye(2)))
 
 
 def new_track(t: float, c: Candidates, which: Mask, person: Person) -> LegTrack | None:

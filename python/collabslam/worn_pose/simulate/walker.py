@@ -189,4 +189,4 @@ def _heading(velocity: Array, speed: Array) -> Array:
         return np.zeros(len(speed))
     known = np.unwrap(np.arctan2(velocity[moving, 1], velocity[moving, 0]))
     index = np.arange(len(speed))
-    return np.interp(index, index[moving], known)
+    return np.asarray(np.interp(index, index[moving], known))
