@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 MANYLINUX := $(if $(filter Linux,$(shell uname)),--zig --compatibility manylinux2014)
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock pyproject.toml
 
-.PHONY: demo test check docs wheel bench bench-frames clean
+.PHONY: demo test check docs wheel bench bench-frames audit clean
 
 # The main job on its embedded default: renders the corridor, runs it with and without Cf.
 demo: $(VENV)/.built
@@ -58,6 +58,14 @@ $(VENV)/.installed: pyproject.toml
 $(VENV)/.built: $(VENV)/.installed $(SOURCES)
 	$(BIN)/pip install --quiet --no-build-isolation --editable '.[dev]'
 	touch $@
+
+# Known weaknesses, licences and sources of all dependencies. Needs the network: advisories are fetched.
+audit: $(VENV)/.built
+	command -v cargo-deny > /dev/null || cargo install --locked cargo-deny
+	cargo deny --workspace check
+	$(BIN)/pip install --quiet pip-audit
+	$(BIN)/pip freeze --exclude-editable > target/requirements.txt
+	$(BIN)/pip-audit --strict --no-deps --disable-pip --requirement target/requirements.txt
 
 clean:
 	rm -rf $(VENV) target results dist site python/collabslam/*.so

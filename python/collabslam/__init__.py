@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collabslam._core import Camera, Filter
     from collabslam.datasets import attach_worn, open_recording
     from collabslam.engine import Slam, StepResult
-    from collabslam.runner import RunResult, run
+    from collabslam.runner import RunResult, resume, run
     from collabslam.settings import Settings
     from collabslam.types import Frame, Status, Target, WornView
 
@@ -41,6 +41,7 @@ __all__ = [
     "__version__",
     "attach_worn",
     "open_recording",
+    "resume",
     "run",
 ]
 
@@ -58,6 +59,7 @@ _HOMES = {
     "__version__": "_core",
     "attach_worn": "datasets",
     "open_recording": "datasets",
+    "resume": "runner",
     "run": "runner",
 }
 """Module that each public name is imported from on first use."""

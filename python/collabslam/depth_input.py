@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from collabslam._core import UpdateReport
 from collabslam.errors import InputError
 from collabslam.frontend.detect import Corners
+from collabslam.keeping import Keeper
 from collabslam.tracks import Found
 from collabslam.types import Array, Ids, Indices, Mask
 
@@ -44,7 +45,7 @@ class Depths:
         return report.depth_births[born], self.uv[born]
 
 
-class DepthInput:
+class DepthInput(Keeper):
     """Keeps the depths that are given, and finds the points of the image they belong to.
 
     Parameters
@@ -52,6 +53,8 @@ class DepthInput:
     corners : Corners
         Of the present frame.
     """
+
+    KEPT = ("_given",)
 
     def __init__(self, corners: Corners) -> None:
         self._corners = corners

@@ -7,7 +7,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,11 +18,14 @@ from numpy.typing import ArrayLike
 from collabslam import _core
 from collabslam._core import Camera, UpdateReport
 from collabslam.depth_input import DepthInput, Depths
-from collabslam.errors import InputError, SettingsError
+from collabslam.errors import CollabslamError, DataError, InputError, SettingsError
 from collabslam.features import FrameFeatures, frame_features
+from collabslam.formats.container import read_container, write_container
 from collabslam.frontend.detect import Corners
+from collabslam.frontend.patch import Patch
 from collabslam.frontend.search import SearchCode
 from collabslam.frontend.settings import FrontendSettings
+from collabslam.keeping import parts_of
 from collabslam.modes import MODES, SLAM_STARTS
 from collabslam.overlap import Overlap, WornLook
 from collabslam.settings import Settings
@@ -28,6 +33,11 @@ from collabslam.status import StatusMonitor
 from collabslam.target_start import TargetStart
 from collabslam.tracks import Found, Tracks
 from collabslam.types import Array, Ids, Image, Status, Target, WornView
+
+KIND, VERSION = "engine state", 1
+"""Of the file that `Slam.save` writes; the version counts the changes of what is in it."""
+CLASSES = (Patch, Target)
+"""Dataclasses that are in it."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +121,8 @@ class Slam:
         first depths given with `add_depth`.
     target : Target, optional
         Needed with ``start="target"``.
+    filter : Filter, optional
+        A filter to go on with, made with the same cameras and settings; a new one if left out.
 
     Raises
     ------
@@ -127,6 +139,7 @@ class Slam:
         mode: str | None = None,
         start: str = "worn",
         target: Target | None = None,
+        filter: _core.Filter | None = None,
     ) -> None:
         settings = settings or Settings.default()
         if mode is not None:
@@ -146,7 +159,8 @@ class Slam:
         self._in_view = int(settings["filter.map.in_view"])
         self._reserve = round(self._in_view * float(settings["filter.map.reserve"]))
         self._undelayed = settings["filter.estimator.mode"] == "mono-undelayed"
-        self.filter = _core.Filter(camera, worn_camera, settings=dict(settings.section("filter")))
+        self._worn_camera, self._target = worn_camera, target
+        self.filter = filter or _core.Filter(camera, worn_camera, settings=dict(settings.section("filter")))
         self._tracks = Tracks(camera, self._options)
         self._corners = Corners(self._options.detect, self._options.patch.size)
         self._look = WornLook(self.filter, camera, worn_camera, settings, self._options, self._corners)
@@ -231,6 +245,7 @@ class Slam:
             **overlap.counts(report),
             **births,
             "accepted": accepted,
+            "refused": int(report.refused is not None),
             "target_residual_px": target_residual,
             "deleted": len(deleted),
             "map_size": self.filter.map_size,
@@ -252,6 +267,66 @@ class Slam:
         """The map with its uncertainty."""
         found = self.filter.landmarks()
         return Landmarks(found["ids"], found["points"], found["covariance"])
+
+    def save(self, path: str | Path) -> None:
+        """Writes all that the engine knows into one file, for `load`: map, covariance, patches, settings.
+
+        Raises
+        ------
+        DataError
+            If the file cannot be written.
+        """
+        write_container(Path(path), KIND, VERSION, self.state(), CLASSES)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Slam:
+        """The engine that `save` wrote, which goes on bit for bit as that one would have.
+
+        Raises
+        ------
+        DataError
+            If the file cannot be read, is cut short, altered, or of another version.
+        """
+        return cls.from_state(read_container(Path(path), KIND, VERSION, CLASSES))
+
+    def state(self) -> dict[str, Any]:
+        """What `save` writes, to be written before the next frame."""
+        return {
+            "camera": self._camera.__getnewargs__(),
+            "worn_camera": None if self._worn_camera is None else self._worn_camera.__getnewargs__(),
+            "settings": dict(self._settings.values),
+            "start": self._start,
+            "target": self._target,
+            "filter": self.filter.snapshot(),
+            "parts": {name: part.state() for name, part in parts_of(self).items()},
+        }
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, Any]) -> Slam:
+        """The engine of a `state`; raises DataError if it is none."""
+        try:
+            worn = state["worn_camera"]
+            slam = cls(
+                Camera(*state["camera"]),
+                None if worn is None else Camera(*worn),
+                settings=Settings.from_flat(state["settings"]),
+                start=state["start"],
+                target=state["target"],
+                filter=_core.Filter.restore(state["filter"]),
+            )
+            parts = parts_of(slam)
+            if set(state["parts"]) != set(parts):
+                raise DataError("The file holds other parts of an engine; take an earlier one.")
+            for name, part in parts.items():
+                part.restore(state["parts"][name])
+            features = [i for i, kind, _, _ in slam.filter.blocks if kind == "Feature"]
+            if not slam._tracks.knows(np.array(features, np.int64)):
+                raise DataError("The file lacks a feature's patch; take an earlier one.")
+        except CollabslamError as error:
+            raise DataError(f"The state cannot be used. {error}") from error
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise DataError("The file holds no state of an engine; take an earlier one.") from error
+        return slam
 
     def _start_from_target(self, image: Image) -> int:
         """First features from the known target (METHOD 10); returns their number."""

@@ -23,6 +23,8 @@ class Progress:
     stream : text stream, optional
         Standard error by default.
     unit : str
+    done : int
+        Frames that were done before, by a run that this one goes on with.
     """
 
     def __init__(
@@ -33,17 +35,20 @@ class Progress:
         enabled: bool = True,
         stream: TextIO | None = None,
         unit: str = "frame",
+        done: int = 0,
     ) -> None:
         self._total, self._label, self._unit = total, label, unit
         self._stream = sys.stderr if stream is None else stream
         self._lines = enabled and not self._stream.isatty()
-        self._done = 0
+        self._done = done
         self._said = self._began = time.monotonic()
         self._bar: Any = None
         if enabled and not self._lines:
             from tqdm import tqdm
 
-            self._bar = tqdm(total=total, desc=label, unit=unit, file=self._stream, dynamic_ncols=True)
+            self._bar = tqdm(
+                initial=done, total=total, desc=label, unit=unit, file=self._stream, dynamic_ncols=True
+            )
 
     def __enter__(self) -> Progress:
         return self

@@ -1,33 +1,48 @@
 """The one writer of every result file.
 
-A result folder holds ``config.yaml`` (the settings as used), ``frames.csv`` (every frame, written as it
-comes), ``trajectory.tum`` and ``trajectory.cov`` (valid poses only), ``groundtruth.tum``, ``map.ply``,
-``trajectory.png`` and ``summary.json``.  Whole files are written beside their place and then moved into it,
-so that a reader never meets half a file.
+A result folder holds ``config.yaml`` (the settings as used), ``frames.csv`` (every frame), ``trajectory.tum``
+and ``trajectory.cov`` (valid poses only), ``groundtruth.tum``, ``map.ply``, ``trajectory.png`` and
+``summary.json``; ``checkpoint.bin`` while a run is under way that keeps one.  The first three grow line by
+line, each line in one piece as soon as its frame is done.  Whole files are written beside their place and
+then moved into it, so that a reader never meets half a file.
 """
 
 from __future__ import annotations
 
 import csv
+import io
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from collabslam.errors import DataError
-from collabslam.evaluation.record import Landmarks, RunRecord, Step, status_name
-from collabslam.formats.files import write_text
+from collabslam.evaluation.record import Landmarks, RunRecord, status_name
+from collabslam.formats.files import remove_parts, write_text
 from collabslam.formats.landmarks import write_ply
-from collabslam.formats.trajectory import METRES, position_quaternion, write_covariances, write_tum
+from collabslam.formats.trajectory import (
+    METRES,
+    covariance_line,
+    position_quaternion,
+    tum_line,
+    write_covariances,
+    write_tum,
+)
 from collabslam.types import Array
 
 CONFIG, FRAMES, TRAJECTORY, COVARIANCE = "config.yaml", "frames.csv", "trajectory.tum", "trajectory.cov"
 GROUND_TRUTH, MAP, PICTURE, SUMMARY = "groundtruth.tum", "map.ply", "trajectory.png", "summary.json"
-RESULT_FILES = (CONFIG, FRAMES, TRAJECTORY, COVARIANCE, GROUND_TRUTH, MAP, PICTURE, SUMMARY)
+CHECKPOINT = "checkpoint.bin"
+LINES = (FRAMES, COVARIANCE, TRAJECTORY)
+"""Files that grow line by line; a pose's covariance comes before the pose."""
+AT_THE_END = (GROUND_TRUTH, MAP, PICTURE, SUMMARY)
+RESULT_FILES = (CONFIG, FRAMES, TRAJECTORY, COVARIANCE, *AT_THE_END)
+_OWN = (*RESULT_FILES, CHECKPOINT)
 MARK = "# collabslam settings"
 """How the first line of a result folder's ``config.yaml`` begins."""
 
@@ -37,6 +52,7 @@ DIAGNOSTICS = (
     "searched",
     "found",
     "accepted",
+    "refused",
     "rejected_low_score",
     "rejected_ambiguous",
     "rejected_hohct",
@@ -77,7 +93,7 @@ LEADING = ("index", "t", "status", "valid", "started", "worn")
 class ResultWriter:
     """Writes the files of one run into a folder; use it as a context manager.
 
-    Leaving the block, even by an exception, writes the trajectory as far as it came.
+    What was written stays, however the run ends; leaving the block closes the files.
 
     Parameters
     ----------
@@ -87,6 +103,8 @@ class ResultWriter:
         Content of ``config.yaml``.
     unit : str
         Of lengths, for the trajectory's header.
+    resumed : RunRecord, optional
+        Frames of the same run until its checkpoint: their lines are kept, what came later is cut off.
 
     Raises
     ------
@@ -94,14 +112,20 @@ class ResultWriter:
         If the folder holds something that is no result of collabslam, or cannot be written.
     """
 
-    def __init__(self, folder: Path, config: str, unit: str = METRES) -> None:
+    def __init__(
+        self, folder: Path, config: str, unit: str = METRES, resumed: RunRecord | None = None
+    ) -> None:
         self.folder = folder
         self._unit = unit
-        claim_folder(folder)
-        write_text(folder / CONFIG, config)
-        self._frames: IO[str] = (folder / FRAMES).open("w", encoding="utf-8", newline="")
-        self._columns: tuple[str, ...] = ()
-        self._record: RunRecord | None = None
+        self._record = resumed or RunRecord()
+        if resumed is None:
+            claim_folder(folder)
+            write_text(folder / CONFIG, config)
+        else:
+            clear_folder(folder, AT_THE_END)
+        self._columns = self._write_lines()
+        self._count = len(self._record)
+        self._frames, self._covariances, self._poses = (_Lines(folder / name) for name in LINES)
 
     def __enter__(self) -> ResultWriter:
         return self
@@ -109,21 +133,30 @@ class ResultWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._frames.close()
-        if self._record is not None:
-            write_trajectory(self.folder, self._record, self._unit)
+        for lines in (self._frames, self._covariances, self._poses):
+            lines.close()
+        if self._count != len(self._record):  # stopped between two lines of a frame
+            self._write_lines()
 
     def frame(self, record: RunRecord) -> None:
-        """Append the record's last frame to ``frames.csv``, and flush it."""
+        """Append the record's last frame to the files that grow."""
         self._record = record
         index = len(record) - 1
         step = record.steps[index]
-        rows = csv.writer(self._frames, lineterminator="\n")
         if not self._columns:
             self._columns = frame_columns(step.diagnostics)
-            rows.writerow(self._columns)
-        rows.writerow(_cell(v) for v in _frame_row(index, step, record.worn[index], self._columns))
-        self._frames.flush()
+            self._frames.append(_csv_line(self._columns))
+        self._frames.append(_csv_line(_frame_cells(record, index, self._columns)))
+        if record.valid_at(index):
+            self._covariances.append(covariance_line(step.t, step.covariance))
+            self._poses.append(tum_line(step.t, step.pose))
+        self._count = len(record)
+
+    def checkpoint(self, write: Callable[[Path], None]) -> None:
+        """Bring what was written to the disk, then let ``write`` write the checkpoint into its place."""
+        for lines in (self._frames, self._covariances, self._poses):
+            lines.sync()
+        write(self.folder / CHECKPOINT)
 
     def finish(
         self, record: RunRecord, landmarks: Landmarks | None, truth: Array | None, summary: Mapping[str, Any]
@@ -138,7 +171,6 @@ class ResultWriter:
             In W, NaN where missing.
         summary : mapping
         """
-        write_trajectory(self.folder, record, self._unit)
         if truth is not None:
             write_tum(
                 self.folder / GROUND_TRUTH,
@@ -149,6 +181,36 @@ class ResultWriter:
         if landmarks is not None:
             write_ply(self.folder / MAP, landmarks)
         write_summary(self.folder / SUMMARY, summary)
+
+    def complete(self) -> None:
+        """Nothing is left to do: the checkpoint is removed."""
+        (self.folder / CHECKPOINT).unlink(missing_ok=True)
+
+    def _write_lines(self) -> tuple[str, ...]:
+        """The files that grow, as whole files from the record; returns the columns of frames.csv."""
+        record = self._record
+        columns = frame_columns(record.steps[0].diagnostics) if record.steps else ()
+        rows = (_frame_cells(record, i, columns) for i in range(len(record)))
+        text = "".join(_csv_line(row) + "\n" for row in ((columns, *rows) if columns else ()))
+        write_text(self.folder / FRAMES, text)
+        write_trajectory(self.folder, record, self._unit)
+        return columns
+
+
+class _Lines:
+    """A text file that grows: each line goes to the system in one piece, and nothing is held back."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("ab", buffering=0)
+
+    def append(self, line: str) -> None:
+        self._file.write(f"{line}\n".encode())
+
+    def sync(self) -> None:
+        os.fsync(self._file.fileno())
+
+    def close(self) -> None:
+        self._file.close()
 
 
 def is_result_folder(folder: Path) -> bool:
@@ -174,11 +236,23 @@ def claim_folder(folder: Path) -> None:
             raise DataError(
                 f"The folder {folder} is not empty and holds no collabslam result; give another --out."
             )
-        for name in RESULT_FILES:
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+    clear_folder(folder, _OWN)
+
+
+def clear_folder(folder: Path, names: Iterable[str]) -> None:
+    """Remove these files, and what a killed process left of them; raises DataError if it cannot be done."""
+    try:
+        remove_parts(folder, _OWN)
+        for name in names:
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
-        text = f"The folder {folder} cannot be written ({error.strerror}); give another --out."
-        raise DataError(text) from error
+        raise _unwritable(folder, error) from error
+
+
+def _unwritable(folder: Path, error: OSError) -> DataError:
+    return DataError(f"The folder {folder} cannot be written ({error.strerror}); give another --out.")
 
 
 def write_trajectory(folder: Path, record: RunRecord, unit: str = METRES) -> None:
@@ -216,14 +290,21 @@ def frame_columns(diagnostics: Mapping[str, Any]) -> tuple[str, ...]:
     return (*LEADING, *POSE_COLUMNS, *DIAGNOSTICS, *(k for k in diagnostics if k not in known))
 
 
-def _frame_row(index: int, step: Step, worn: bool, columns: Iterable[str]) -> list[Any]:
+def _frame_cells(record: RunRecord, index: int, columns: Iterable[str]) -> list[str]:
+    step = record.steps[index]
     row: dict[str, Any] = dict(step.diagnostics)
-    row.update(index=index, t=f"{step.t:.9f}", status=status_name(step.status), worn=worn)
+    row.update(index=index, t=f"{step.t:.9f}", status=status_name(step.status), worn=record.worn[index])
     row.update(valid=bool(step.valid), started=bool(step.started))
     finite = bool(np.isfinite(step.pose).all())
     numbers = [f"{v:.9f}" for v in position_quaternion(step.pose)] if finite else [""] * len(POSE_COLUMNS)
     row.update(zip(POSE_COLUMNS, numbers, strict=True))
-    return [row.get(column) for column in columns]
+    return [_cell(row.get(column)) for column in columns]
+
+
+def _csv_line(cells: Iterable[str]) -> str:
+    line = io.StringIO()
+    csv.writer(line, lineterminator="").writerow(cells)
+    return line.getvalue()
 
 
 def _cell(value: Any) -> str:

@@ -11,14 +11,15 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from collabslam.errors import SettingsError
+from collabslam.checkpoint import Checkpoint, Interval, fingerprint
+from collabslam.errors import DataError, SettingsError
 from collabslam.evaluation.record import Landmarks, RunRecord, Step, status_name
 from collabslam.evaluation.scoring import AlignedTruth, align_truth, score
 from collabslam.extras import drawing
 from collabslam.formats.trajectory import ARBITRARY, METRES
 from collabslam.modes import STARTS
 from collabslam.progress import Progress
-from collabslam.results import PICTURE, ResultWriter
+from collabslam.results import PICTURE, ResultWriter, jsonable
 from collabslam.settings import Settings
 from collabslam.types import Frame, Image, Recording, WornView
 from collabslam.version import version
@@ -76,10 +77,13 @@ def run(
     options: Mapping[str, Any] | None = None,
     slam: SlamLike | None = None,
     watch: Watch | None = None,
+    checkpoint_every: int | str | None = None,
+    reopen: Mapping[str, Any] | None = None,
 ) -> RunResult:
     """Run a recording through the filter and score it.
 
     Ctrl-C ends the run early; what was done until then is scored and written, and marked ``interrupted``.
+    With ``checkpoint_every`` a run that was stopped, whatever stopped it, goes on with `resume`.
 
     Parameters
     ----------
@@ -109,6 +113,11 @@ def run(
         An engine of one's own in place of `collabslam.engine.Slam`.
     watch : callable, optional
         Is given each frame, the engine's answer and the engine, as `viz.rerun_log.RerunLog.frame` is.
+    checkpoint_every : int or str, optional
+        Write a checkpoint into ``out`` before the first frame and after so many (``100``), or seconds of the
+        clock (``"30s"``).
+    reopen : mapping, optional
+        Kept in the checkpoint for whoever opens the recording again; how ``source`` is opened if left out.
 
     Raises
     ------
@@ -117,28 +126,131 @@ def run(
     SettingsError
         If an option is not allowed.
     """
+    if reopen is None and isinstance(source, str | Path):
+        path = str(Path(source).resolve())
+        reopen = {"source": path, "worn": worn, "available": available, "seed": seed}
     recording = _recording(source, worn, available, seed)
-    settings, out = settings or Settings.default(), None if out is None else Path(out)
+    settings = settings or Settings.default()
     mode = mode or default_mode(recording, settings)
     start = start or default_start(recording)
     settings = settings.replace({MODE_KEY: mode})
-    frames = _frame_count(len(recording), max_frames)
+    plan = {
+        "mode": mode,
+        "start": start,
+        "settings": dict(settings.values),
+        "frames": _frame_count(len(recording), max_frames),
+        "seed": seed,
+        "options": jsonable(options or {}),
+        "every": None if checkpoint_every is None else str(checkpoint_every),
+    }
     engine = slam or make_engine(recording, mode=mode, start=start, settings=settings)
-    record, interrupted = RunRecord(), False
-    unit = ARBITRARY if start == "scale-free" else METRES
+    if checkpoint_every is not None and (out is None or slam is not None):
+        raise SettingsError(
+            "A checkpoint needs a result folder, and an engine of collabslam's own; give --out."
+        )
+    folder = None if out is None else Path(out)
+    stopped = _Stopped(plan, dict(reopen or {}), engine, RunRecord())
+    return _go(recording, stopped, folder, resumed=False, progress=progress, watch=watch)
+
+
+def resume(
+    out: str | Path,
+    recording: Recording | None = None,
+    *,
+    checkpoint_every: int | str | None = None,
+    progress: bool = False,
+    watch: Watch | None = None,
+) -> RunResult:
+    """Go on with a run that was stopped, from its last checkpoint; the results are those of one that was not.
+
+    Parameters
+    ----------
+    out : str or Path
+        Its result folder.
+    recording : Recording, optional
+        The same recording; opened as `run` did if left out.
+    checkpoint_every : int or str, optional
+        As for `run`; as before if left out.
+    progress, watch
+        As for `run`.
+
+    Raises
+    ------
+    DataError
+        If there is no checkpoint, it is cut short, altered or of another version, or the recording is
+        another.
+    """
+    folder = Path(out)
+    checkpoint = Checkpoint.read(folder)
+    plan = checkpoint.plan | ({} if checkpoint_every is None else {"every": str(checkpoint_every)})
+    if recording is None:
+        if set(checkpoint.reopen) != {"source", "worn", "available", "seed"}:
+            raise DataError("The run does not know how its recording was opened; give the recording.")
+        recording = _recording(**checkpoint.reopen)
+    checkpoint.check_recording(recording)
+    from collabslam.engine import Slam
+
+    engine, record = Slam.from_state(checkpoint.engine), RunRecord.from_state(checkpoint.record)
+    stopped = _Stopped(plan, checkpoint.reopen, engine, record)
+    return _go(recording, stopped, folder, resumed=True, progress=progress, watch=watch)
+
+
+@dataclass
+class _Stopped:
+    """A run between two frames."""
+
+    plan: dict[str, Any]
+    reopen: dict[str, Any]
+    engine: Any
+    record: RunRecord
+
+    def checkpoint(self, recording: Recording) -> Checkpoint:
+        return Checkpoint(
+            program=version(),
+            recording=fingerprint(recording),
+            plan=self.plan,
+            reopen=self.reopen,
+            record=self.record.state(),
+            engine=self.engine.state(),
+        )
+
+
+def _go(
+    recording: Recording,
+    run: _Stopped,
+    out: Path | None,
+    *,
+    resumed: bool,
+    progress: bool,
+    watch: Watch | None,
+) -> RunResult:
+    """From where the run stands to its end."""
+    plan, engine, record = run.plan, run.engine, run.record
+    mode, start, frames = plan["mode"], plan["start"], plan["frames"]
+    settings = Settings.from_flat(plan["settings"])
+    every = None if plan["every"] is None else Interval.parse(plan["every"])
+    unit, interrupted = ARBITRARY if start == "scale-free" else METRES, False
     title = f"as used by {recording.name}, mode {mode}"
     with contextlib.ExitStack() as stack:
-        config = settings.dump(title=title)
-        writer = stack.enter_context(ResultWriter(out, config, unit)) if out else None
-        bar = stack.enter_context(Progress(frames, f"{recording.name} {mode}", enabled=progress))
+        writer = None
+        if out:
+            config = settings.dump(title=title)
+            writer = stack.enter_context(ResultWriter(out, config, unit, record if resumed else None))
+        saver = _Saver(writer, every, run, recording) if writer and every else None
+        label = f"{recording.name} {mode}"
+        bar = stack.enter_context(Progress(frames, label, enabled=progress, done=len(record)))
         try:
-            for i in range(frames):
+            if saver and not resumed:
+                saver.save()
+            for i in range(len(record), frames):
                 frame = recording.frame(i)
                 began = time.perf_counter()
                 step = engine.step(frame.t, frame.image, frame.worn)
                 record.append(step, worn=frame.worn is not None, seconds=time.perf_counter() - began)
                 if writer:
                     writer.frame(record)
+                if saver:
+                    saver.frame()
                 if watch is not None:
                     watch(frame, step, engine)
                 bar.update(_note(step))
@@ -153,22 +265,45 @@ def run(
             "unit": unit,
             "recording": recording.name,
             "source": recording.source,
-            "seed": seed,
+            "seed": plan["seed"],
             "version": version(),
             "interrupted": interrupted,
             "frames_available": len(recording),
             "map_size_final": len(landmarks.ids),
             "settings_hash": settings.hash(),
-            "options": dict(options or {}),
+            "options": plan["options"],
         }
+        result = RunResult(summary, record, truth, landmarks)
         if writer:
             writer.finish(record, landmarks, None if truth is None else truth.poses, summary)
-    result = RunResult(summary, record, truth, landmarks)
-    if out and drawing():
-        from collabslam.viz.plot import plot_run
+            if drawing():
+                from collabslam.viz.plot import plot_run
 
-        plot_run(result, out / PICTURE)
+                plot_run(result, writer.folder / PICTURE)
+            if not interrupted:
+                writer.complete()
     return result
+
+
+class _Saver:
+    """Writes a run's checkpoint when it is time."""
+
+    def __init__(self, writer: ResultWriter, every: Interval, run: _Stopped, recording: Recording) -> None:
+        self._writer, self._every, self._run, self._recording = writer, every, run, recording
+        self._begin()
+
+    def _begin(self) -> None:
+        self._frames, self._time = len(self._run.record), time.monotonic()
+
+    def frame(self) -> None:
+        """A frame is done."""
+        if self._every.is_over(len(self._run.record) - self._frames, time.monotonic() - self._time):
+            self.save()
+
+    def save(self) -> None:
+        """Write a checkpoint now."""
+        self._writer.checkpoint(self._run.checkpoint(self._recording).write)
+        self._begin()
 
 
 def default_mode(recording: Recording, settings: Settings) -> str:

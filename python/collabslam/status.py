@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collabslam.keeping import Keeper
 from collabslam.types import Status
 
 MIN_MATCHES = 8
@@ -10,9 +11,11 @@ MAX_COASTING = 1.0
 """Seconds without an OK frame after which the camera is lost."""
 
 
-class StatusMonitor:
+class StatusMonitor(Keeper):
     """OK: at least :data:`MIN_MATCHES` accepted matches in this frame; COASTING: fewer, for at most
     :data:`MAX_COASTING` seconds; LOST: longer."""
+
+    KEPT = ("_last_ok",)
 
     def __init__(self) -> None:
         self._last_ok: float | None = None

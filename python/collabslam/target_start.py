@@ -13,10 +13,11 @@ from collabslam.frontend.search import FOUND, active_search
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.frontend.target import find_target
 from collabslam.geometry import pose_inverse, skew
+from collabslam.keeping import Keeper
 from collabslam.types import Array, Ids, Image, Mask, Target
 
 
-class TargetStart:
+class TargetStart(Keeper):
     """Known points as first features, with one shared error of the target's pose.
 
     Parameters
@@ -26,6 +27,8 @@ class TargetStart:
     target : Target
     options : FrontendSettings
     """
+
+    KEPT = ("_points_w", "_patches")
 
     def __init__(self, core: Filter, camera: Camera, target: Target, options: FrontendSettings) -> None:
         self._core, self._camera, self._target, self._options = core, camera, target, options

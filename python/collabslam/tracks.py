@@ -12,6 +12,7 @@ from collabslam.frontend.flow import FlowImage, flow_guess, motion_of
 from collabslam.frontend.patch import Patch, capture, warp_templates
 from collabslam.frontend.search import FOUND, SearchResult, active_search, wide_ellipses
 from collabslam.frontend.settings import FrontendSettings
+from collabslam.keeping import Keeper
 from collabslam.types import Array, Ids, Image, Mask
 
 
@@ -59,8 +60,10 @@ class Found:
         return self.result.uv[self.hit]
 
 
-class Tracks:
+class Tracks(Keeper):
     """Patches and last pixels of features and candidates."""
+
+    KEPT = ("_features", "_candidates", "_last", "_candidate_last", "_previous")
 
     def __init__(self, camera: Camera, settings: FrontendSettings) -> None:
         self._camera = camera
@@ -160,6 +163,10 @@ class Tracks:
     def pixels(self) -> Array:
         """(N, 2) float64: pixels of all features and candidates found in the last frame."""
         return np.reshape([*self._last.values(), *self._candidate_last.values()], (-1, 2))
+
+    def knows(self, ids: Ids) -> bool:
+        """Whether there is a patch of each of these features."""
+        return all(i in self._features for i in ids.tolist())
 
     @property
     def candidate_count(self) -> int:

@@ -7,11 +7,13 @@
 mod births;
 mod cameras;
 mod gauge;
+mod guards;
 mod jacobians;
 mod local;
 mod long_run;
 mod overlap;
 mod scene;
+mod snapshot;
 mod threads;
 mod update;
 mod validate;

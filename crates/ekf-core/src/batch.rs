@@ -5,6 +5,7 @@
 
 use crate::error::EkfError;
 use crate::gauge::{GAUGES, Gauge};
+use crate::guard;
 use crate::kernel::{self, Panels};
 use crate::observe::Rows;
 use crate::state::{POSE_DIM, State};
@@ -44,6 +45,8 @@ pub struct Workspace {
     moved: Vec<f64>,
     /// `y`, and with the gauge `C = L^-1 H P B`.
     along: Vec<f64>,
+    /// Diagonal of `V V^T`.
+    squares: Vec<f64>,
     s: Vec<f64>,
     l: Vec<f64>,
     g: Vec<f64>,
@@ -114,6 +117,11 @@ impl Workspace {
     pub(crate) fn moved_by(&self) -> f64 {
         let pose = self.moved.iter().take(POSE_DIM);
         pose.fold(0.0, |largest, x| largest.max(x.abs()))
+    }
+
+    /// Takes over what [`Self::moved_by`] said of an update that another filter made.
+    pub(crate) fn remember_move(&mut self, largest: f64) {
+        self.moved = vec![largest];
     }
 
     /// What a test may look at, once S is factored.
@@ -323,25 +331,42 @@ impl Workspace {
         news
     }
 
-    /// The update itself: `x += V y`, `P -= V V^T` with `V = P H^T L^-T`; quaternions are left to be normalised.
-    /// A gauge carries P along in the same pass: it needs `P B` after the update, `P B - V C` with `C = L^-1 H P B`.
+    /// Works out the update, `V = P H^T L^-T` and `V y`, and whether it may be made. To be called once, after
+    /// [`Self::factor`] and before [`Self::apply`]. A gauge carries P along in the same pass: it needs `P B` after the
+    /// update, `P B - V C` with `C = L^-1 H P B`.
+    ///
+    /// # Errors
+    /// `Unsound` if the state would not be one afterwards.
+    pub(crate) fn solve(
+        &mut self,
+        state: &State,
+        gauge: Option<&mut Gauge>,
+    ) -> Result<(), EkfError> {
+        if self.rows() == 0 {
+            return Ok(());
+        }
+        self.along.clear();
+        self.along.extend_from_slice(&self.y);
+        if let Some(gauge) = gauge {
+            gauge.note(state);
+            self.look_along(gauge, state.p.stored().slots);
+        }
+        let products = self.along.len() / self.rows();
+        resize(&mut self.moved, state.p.stored().n * products);
+        let (moved, packed) = (&mut self.moved, &mut self.packed);
+        kernel::solve(&mut self.pht, &self.l, &self.along, moved, packed);
+        self.pht.row_squares(&mut self.squares);
+        guard::update_is_sane(state, &self.moved, &self.squares)
+    }
+
+    /// The update itself: `x += V y`, `P -= V V^T`, with the gauge that [`Self::solve`] had; quaternions are left to be
+    /// normalised.
     pub(crate) fn apply(&mut self, state: &mut State, gauge: Option<&mut Gauge>) {
         if self.rows() == 0 {
             return;
         }
         state.camera_moved();
-        let n = state.p.stored().n;
-        self.along.clear();
-        self.along.extend_from_slice(&self.y);
-        let gauge = gauge.map(|gauge| {
-            gauge.note(state);
-            self.look_along(gauge, state.p.stored().slots);
-            gauge
-        });
-        let products = self.along.len() / self.rows();
-        resize(&mut self.moved, n * products);
-        let (moved, packed) = (&mut self.moved, &mut self.packed);
-        kernel::solve(&mut self.pht, &self.l, &self.along, moved, packed);
+        let (n, moved) = (state.p.stored().n, &self.moved);
         for (x, &slot) in state.x.iter_mut().zip(state.p.stored().slots) {
             *x += moved[slot];
         }

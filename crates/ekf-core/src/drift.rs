@@ -22,7 +22,7 @@ fn seen_from_camera(pose: &CameraPose) -> Matrix6<f64> {
 
 /// Covariance of the world frame's drift since the start.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct FrameDrift(Matrix6<f64>);
+pub(crate) struct FrameDrift(pub(crate) Matrix6<f64>);
 
 impl FrameDrift {
     /// Grows over `dt` seconds and `distance` metres; the noise is that of the camera where it is now.

@@ -37,6 +37,18 @@ pub enum EkfError {
         /// The row at which the factorisation failed.
         pivot: usize,
     },
+    /// A measurement that would break the filter, or a filter that is broken.
+    #[error("the filter would not be sound: {why}")]
+    Unsound {
+        /// What is wrong.
+        why: String,
+    },
+    /// Bytes that are no snapshot of a filter.
+    #[error("the snapshot cannot be used: {why}")]
+    BadSnapshot {
+        /// What is wrong with it.
+        why: String,
+    },
     /// A time stamp does not follow its predecessor.
     #[error("time {t} s does not follow the last one, {last} s; time stamps must increase")]
     BadTime {

@@ -11,6 +11,7 @@ use crate::drift::FrameDrift;
 use crate::error::EkfError;
 use crate::frame::{self, check_pose};
 use crate::gauge::Gauge;
+use crate::guard;
 use crate::kernel::Panels;
 use crate::local::Far;
 use crate::map::{Candidate, FeatureRecord};
@@ -27,7 +28,7 @@ use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
 /// Largest time stamp, seconds: some thousand years; nanoseconds since 1970 are far beyond.
-const LAST_TIME: f64 = 1e11;
+pub(crate) const LAST_TIME: f64 = 1e11;
 /// Longest time that one prediction bridges, seconds.
 const LONGEST_GAP: f64 = 3600.0;
 
@@ -49,15 +50,17 @@ pub struct Filter {
     pub(crate) gauge: Gauge,
     pub(crate) scratch: frame::Scratch,
     /// Room for the next list of features that the gauge follows.
-    in_view: Vec<u64>,
+    pub(crate) in_view: Vec<u64>,
     /// What is outside of the working state `state`, with `map.local`.
     pub(crate) far: Option<Far>,
     /// Room for the next whole covariance of `map.local`.
-    spare: Option<Covariance>,
+    pub(crate) spare: Option<Covariance>,
     /// The whole state, if it was asked for since the last change.
-    shown: OnceLock<Box<State>>,
+    pub(crate) shown: OnceLock<Box<State>>,
 }
 
+/// Features for which there is room before the first one is born.
+const AT_FIRST: usize = 500;
 /// With `map.local`: pixels out of the image within which a feature's mean of some frames ago may be while it is in view...
 const MAYBE: f64 = 200.0;
 /// ...unless an update has moved the camera by as much (metres or quaternion entries): the map may have moved as well.
@@ -100,7 +103,9 @@ impl Filter {
     ///
     /// `worn_camera` is the model of Cf, needed only to take its pixels.
     pub fn new(settings: Settings, camera: Camera, worn_camera: Option<Camera>) -> Self {
-        let capacity = crate::state::CAMERA_DIM + 6 * settings.map.max_features + 64;
+        // More is taken when it is needed.
+        let features = settings.map.max_features.min(AT_FIRST);
+        let capacity = crate::state::CAMERA_DIM + 6 * features + 64;
         Self {
             state: State::at_origin(capacity),
             settings,
@@ -143,6 +148,28 @@ impl Filter {
         self.shown.take();
     }
 
+    /// Whether the filter is sound (METHOD 3): mean and P finite, quaternions of unit length, the least eigenvalue of the
+    /// diagonal-scaled P above -1e-10. O(n^3): a monitor, not part of a step.
+    ///
+    /// # Errors
+    /// `Unsound`, saying what is wrong.
+    pub fn check(&self) -> Result<(), EkfError> {
+        let unsound = |why: String| EkfError::Unsound { why };
+        let state = self.state();
+        guard::state_is_sane(state).map_err(unsound)?;
+        let q = self.state.camera_pose().q;
+        if (q.norm() - 1.0).abs() > 1e-9 {
+            let why = format!("the camera's quaternion has the norm {}", q.norm());
+            return Err(unsound(why));
+        }
+        let least = state.p.least_scaled_eigenvalue();
+        if least.is_nan() || least < -guard::ROUNDING {
+            let why = format!("the least eigenvalue of the scaled P is {least:e}");
+            return Err(unsound(why));
+        }
+        Ok(())
+    }
+
     /// `v_W`, m/s.
     pub fn velocity(&self) -> Vector3<f64> {
         self.state.velocity()
@@ -178,7 +205,8 @@ impl Filter {
     ///
     /// # Errors
     /// `NonFinite`; `InvalidInput` if `t` cannot be in seconds; `BadTime` if it is not after the last frame;
-    /// `LongGap` if it is more than an hour after it.
+    /// `LongGap` if it is more than an hour after it, `InvalidInput` if P would leave all bounds (after years of gaps
+    /// without a measurement). Nothing changes then.
     pub fn predict(&mut self, t: f64) -> Result<(), EkfError> {
         if !t.is_finite() {
             return Err(EkfError::NonFinite { what: "time" });
@@ -195,6 +223,7 @@ impl Filter {
                 if t - last > LONGEST_GAP {
                     return Err(EkfError::LongGap { t, last });
                 }
+                guard::prediction(&self.state, t - last, &self.settings.process)?;
                 self.predict_by(t - last);
             }
         }

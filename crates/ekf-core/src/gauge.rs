@@ -63,6 +63,20 @@ impl Gauge {
         self.followed.push(id);
     }
 
+    /// Features that were born with this id or a later one were taken back.
+    pub(crate) fn forget_from(&mut self, id: u64) {
+        let kept = self.followed.partition_point(|&other| other < id);
+        self.followed.truncate(kept);
+    }
+
+    /// Follows what another filter's gauge followed, increasing.
+    pub(crate) fn following(followed: Vec<u64>) -> Self {
+        Self {
+            followed,
+            ..Self::default()
+        }
+    }
+
     /// Exchanges the list of those that are followed, increasing.
     pub(crate) fn swap_followed(&mut self, list: &mut Vec<u64>) {
         std::mem::swap(&mut self.followed, list);

@@ -24,6 +24,7 @@ pub mod error;
 pub mod filter;
 pub mod frame;
 pub mod gauge;
+mod guard;
 mod kernel;
 mod local;
 pub mod map;
@@ -34,6 +35,7 @@ pub mod overlap;
 pub mod performance;
 pub mod predict;
 pub mod settings;
+pub mod snapshot;
 pub mod state;
 pub mod validate;
 

@@ -5,15 +5,18 @@ use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
 use crate::filter::Filter;
 use crate::frame::check_once;
+use crate::guard;
 use crate::math::pose::Pose;
 use crate::math::quat;
 use crate::observe::point::CameraPose;
 use crate::settings::FirstPose;
-use crate::state::{Block, BlockKind, LinearPart, POSE_DIM};
+use crate::snapshot::bad;
+use crate::state::{Block, BlockKind, Layout, LinearPart, POSE_DIM};
 use nalgebra::{SMatrix, SVector, Vector2};
+use serde::{Deserialize, Serialize};
 
 /// How a feature has done so far.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FeatureRecord {
     /// Frames in which it was searched.
     pub searched: usize,
@@ -39,6 +42,62 @@ enum FirstView {
     Clone(u64),
     /// The pose and its covariance were noted.
     Noted(CameraPose, Box<SMatrix<f64, 7, 7>>),
+}
+
+/// A candidate in a snapshot.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct CandidateImage {
+    uv: [f64; 2],
+    since: f64,
+    /// The block of the first pose, or the pose and its covariance.
+    first: Result<u64, Vec<f64>>,
+}
+
+impl Candidate {
+    pub(crate) fn image(&self) -> CandidateImage {
+        let Self { uv, since, first } = self;
+        CandidateImage {
+            uv: [uv.x, uv.y],
+            since: *since,
+            first: match first {
+                FirstView::Clone(block) => Ok(*block),
+                FirstView::Noted(CameraPose { r, q }, covariance) => {
+                    let numbers = r.iter().chain(q.iter()).chain(covariance.iter());
+                    Err(numbers.copied().collect())
+                }
+            },
+        }
+    }
+
+    pub(crate) fn from_image(image: CandidateImage, layout: &Layout) -> Result<Self, EkfError> {
+        let CandidateImage { uv, since, first } = image;
+        let first = match first {
+            Ok(id) => {
+                let block = layout.find(id);
+                if block.is_some_and(|block| block.kind != BlockKind::Clone) {
+                    return Err(bad("a candidate's first pose is something else"));
+                }
+                FirstView::Clone(id)
+            }
+            Err(numbers) if numbers.len() == POSE_DIM + POSE_DIM * POSE_DIM => {
+                if !numbers.iter().all(|v| v.is_finite()) {
+                    return Err(bad("a candidate's first pose is not finite"));
+                }
+                let (pose, covariance) = numbers.split_at(POSE_DIM);
+                let pose = CameraPose {
+                    r: SVector::from_column_slice(&pose[..3]),
+                    q: SVector::from_column_slice(&pose[3..]),
+                };
+                FirstView::Noted(pose, Box::new(SMatrix::from_column_slice(covariance)))
+            }
+            Err(_) => return Err(bad("a candidate's first pose has not 56 numbers")),
+        };
+        let uv = Vector2::from(uv);
+        if !since.is_finite() || check_pixels(std::iter::once(&uv)).is_err() {
+            return Err(bad("a candidate's pixel or time is impossible"));
+        }
+        Ok(Self { uv, since, first })
+    }
 }
 
 /// What became of an observed candidate.
@@ -176,7 +235,10 @@ impl Filter {
         }
         let mut new = NewFeature::from_two_views(&now, &view, sigma, sigma);
         new.depend_on_first_pose(&now, &first, &view, covariance);
-        CandidateOutcome::Born(self.append_feature(&new).id)
+        match self.append_feature(&new) {
+            Some(block) => CandidateOutcome::Born(block.id),
+            None => CandidateOutcome::Dropped,
+        }
     }
 
     /// Starts features at first sight with the vague depth of `birth.undelayed_rho` (METHOD 5, undelayed).
@@ -199,13 +261,16 @@ impl Filter {
             .iter()
             .map(|uv| {
                 NewFeature::with_prior_depth(&self.camera, &pose, uv, sigma, rho, sd)
-                    .map(|new| self.append_feature(&new).id)
+                    .and_then(|new| self.append_feature(&new).map(|block| block.id))
             })
             .collect())
     }
 
-    /// Puts a newborn feature into the state.
-    pub(crate) fn append_feature(&mut self, new: &NewFeature) -> Block {
+    /// Puts a newborn feature into the state, if its numbers are ones that the state may hold.
+    pub(crate) fn append_feature(&mut self, new: &NewFeature) -> Option<Block> {
+        if !guard::newborn_is_sane(new) {
+            return None;
+        }
         let mut parts = vec![LinearPart {
             offset: 0,
             width: POSE_DIM,
@@ -225,7 +290,7 @@ impl Filter {
         };
         self.records.insert(block.id, record);
         self.gauge.follow(block.id);
-        block
+        Some(block)
     }
 
     /// Ids of the candidates that wait, increasing.
@@ -282,7 +347,7 @@ impl Filter {
             let record = &self.records[&block.id];
             let failing = record.searched >= map.min_searches
                 && (record.found as f64) < map.min_found_share * record.searched as f64;
-            if failing || feature.rho() <= 0.0 {
+            if failing || feature.point().is_none() {
                 gone.push(block.id);
             } else {
                 kept.push((record.last_found, block.id));
@@ -342,8 +407,5 @@ impl Filter {
 pub(crate) fn check_pixels<'a>(
     mut pixels: impl Iterator<Item = &'a Vector2<f64>>,
 ) -> Result<(), EkfError> {
-    if pixels.all(|uv| uv.iter().all(|x| x.is_finite())) {
-        return Ok(());
-    }
-    Err(EkfError::NonFinite { what: "pixel" })
+    pixels.try_for_each(|uv| guard::pixel(uv))
 }

@@ -4,9 +4,10 @@
 //! documentation are generated from [`schema`].
 
 use crate::error::EkfError;
+use serde::{Deserialize, Serialize};
 
 /// A setting's value on its way in or out.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Value {
     /// A real number.
     Float(f64),
@@ -231,6 +232,30 @@ macro_rules! settings {
         }
 
         impl Settings {
+            /// Every value by its dotted key, in the order of [`schema`].
+            pub fn values(&self) -> Vec<(String, Value)> {
+                vec![ $( $( (
+                    concat!(stringify!($group), ".", stringify!($field)).into(),
+                    Setting::to_value(&self.$group.$field),
+                ), )* )* ]
+            }
+
+            /// Settings of what [`Self::values`] gave.
+            ///
+            /// # Errors
+            /// `InvalidSetting` if a key is missing or unknown, or a value is impossible.
+            pub fn from_values(values: &[(String, Value)]) -> Result<Self, EkfError> {
+                let mut settings = Self::default();
+                let keys = settings.values().into_iter().map(|(key, _)| key);
+                if let Some(key) = keys.into_iter().find(|key| values.iter().all(|(k, _)| k != key)) {
+                    return Err(EkfError::InvalidSetting { key, why: "it is missing".into() });
+                }
+                for (key, value) in values {
+                    settings.set(key, value)?;
+                }
+                Ok(settings)
+            }
+
             /// Sets one value by its dotted key.
             ///
             /// # Errors

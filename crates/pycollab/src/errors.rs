@@ -18,7 +18,8 @@ fn class<'py>(py: Python<'py>, name: &'static str) -> PyResult<Bound<'py, PyType
 pub(crate) fn to_python(error: EkfError) -> PyErr {
     let name = match &error {
         EkfError::InvalidSetting { .. } => "SettingsError",
-        EkfError::NotPositiveDefinite { .. } => "FilterError",
+        EkfError::NotPositiveDefinite { .. } | EkfError::Unsound { .. } => "FilterError",
+        EkfError::BadSnapshot { .. } => "DataError",
         EkfError::BadShape { .. }
         | EkfError::NonFinite { .. }
         | EkfError::InvalidInput { .. }

@@ -8,10 +8,10 @@ use crate::convert::{
 use crate::errors::to_python;
 use crate::settings;
 use ekf_core::frame::{Bearing, DepthObservation, Measurements, WornObservation, WornPair};
-use ekf_core::{CandidateOutcome, Filter, Outcome, UpdateReport};
+use ekf_core::{CandidateOutcome, EkfError, Filter, Outcome, UpdateReport};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 
 /// ``(t_cf (4, 4), covariance (6, 6), ids (M,), uv (M, 2), uv_f (M, 2))``
 type WornArgument<'py> = (
@@ -41,6 +41,7 @@ fn outcome_name(outcome: &Outcome) -> &'static str {
         Outcome::RejectedConditional => "rejected-conditional",
         Outcome::Born(_) => "born",
         Outcome::Unused => "unused",
+        Outcome::Refused => "refused",
     }
 }
 
@@ -90,6 +91,12 @@ impl PyUpdateReport {
     #[getter]
     fn depth_births<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
         born_ids(py, &self.0.depths)
+    }
+
+    /// Why the whole frame was refused, or None: its update would have broken the filter, which is as it was before.
+    #[getter]
+    fn refused(&self) -> Option<String> {
+        self.0.refused.as_ref().map(ToString::to_string)
     }
 
     /// Number of linearisations of the update.
@@ -241,12 +248,46 @@ impl PyFilter {
         py.detach(|| self.0.state().covariance().least_scaled_eigenvalue())
     }
 
+    /// Checks that the filter is sound (METHOD 3): mean and P finite, variances positive, quaternions of unit length,
+    /// and `soundness` above -1e-10. O(n^3).
+    ///
+    /// Raises
+    /// ------
+    /// FilterError
+    ///     Saying what is wrong.
+    fn check(&self, py: Python<'_>) -> PyResult<()> {
+        py.detach(|| self.0.check()).map_err(to_python)
+    }
+
+    /// The filter as bytes, for :meth:`restore`: cameras, settings, mean, P, candidates and counters, with version and
+    /// checksum. The filter restored goes on bit for bit as this one does.
+    fn snapshot<'py>(&self, py: Python<'py>) -> Bound<'py, PyBytes> {
+        let bytes = py.detach(|| self.0.snapshot());
+        PyBytes::new(py, &bytes)
+    }
+
+    /// A new filter from the bytes of :meth:`snapshot`.
+    ///
+    /// Parameters
+    /// ----------
+    /// data : bytes
+    ///
+    /// Raises
+    /// ------
+    /// DataError
+    ///     If the bytes are cut short, altered or of another version.
+    #[staticmethod]
+    fn restore(py: Python<'_>, data: &[u8]) -> PyResult<Self> {
+        let filter = py.detach(|| Filter::restore(data));
+        filter.map(Self).map_err(to_python)
+    }
+
     /// Predicts to time ``t`` (seconds). Before the start only the time is noted.
     ///
     /// Raises
     /// ------
     /// InputError
-    ///     If ``t`` does not follow the last time.
+    ///     If ``t`` does not follow the last time (a step of zero is none), or is more than an hour after it.
     fn predict(&mut self, py: Python<'_>, t: f64) -> PyResult<()> {
         let filter = &mut self.0;
         py.detach(|| filter.predict(t)).map_err(to_python)
@@ -276,6 +317,9 @@ impl PyFilter {
     }
 
     /// Validates a frame's matches, updates once, and starts features that have depth (METHOD 5-8).
+    ///
+    /// Measurements that would break the filter (S not positive definite, a result that is not finite, a negative
+    /// variance) are refused: the report says so and the filter stays as it was.
     ///
     /// Parameters
     /// ----------
@@ -311,9 +355,13 @@ impl PyFilter {
             depths: depths.map_or(Ok(Vec::new()), |d| depth_observations(&d))?,
         };
         let filter = &mut self.0;
-        py.detach(|| filter.update(&measurements))
-            .map(PyUpdateReport)
-            .map_err(to_python)
+        match py.detach(|| filter.update(&measurements)) {
+            Ok(report) => Ok(PyUpdateReport(report)),
+            Err(error @ (EkfError::NotPositiveDefinite { .. } | EkfError::Unsound { .. })) => {
+                Ok(PyUpdateReport(UpdateReport::refused(&measurements, error)))
+            }
+            Err(error) => Err(to_python(error)),
+        }
     }
 
     /// Starts candidates for delayed births at pixels of the present view; returns their ids, (N,) int64.

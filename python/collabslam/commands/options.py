@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from collabslam.errors import DataError
+
 if TYPE_CHECKING:
     from collabslam.runner import Watch
     from collabslam.settings import Settings
@@ -20,9 +22,15 @@ NOISE_HELP = (
 )
 
 
-def add_source(parser: argparse.ArgumentParser) -> None:
+def add_source(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
     """SOURCE, and the files that may lie beside it."""
-    parser.add_argument("source", metavar="SOURCE", type=Path, help="folder or file of the recording")
+    parser.add_argument(
+        "source",
+        metavar="SOURCE",
+        type=Path,
+        nargs="?" if optional else None,
+        help="folder or file of the recording",
+    )
     group = parser.add_argument_group("files beside the recording")
     group.add_argument(
         "--camera", metavar="FILE", type=Path, help="calibration of Cs (Kalibr or OpenCV YAML)"
@@ -133,6 +141,43 @@ def open_with_worn(arguments: argparse.Namespace) -> Recording:
         seed=arguments.seed,
         bias_per_block=arguments.worn_bias_per_block,
     )
+
+
+def opened_with(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What `open_with_worn` needs, for a checkpoint: paths are made absolute."""
+    kept: dict[str, Any] = {}
+    for name, value in _opening().items():
+        value = getattr(arguments, name, value)
+        if isinstance(value, Path):
+            value = {"path": str(value.resolve())}
+        elif name == "worn" and value is not None and value.startswith("views:"):
+            value = "views:" + str(Path(value.removeprefix("views:")).resolve())
+        kept[name] = value
+    return kept
+
+
+def open_again(kept: dict[str, Any], source: Path | None) -> Recording:
+    """The recording of `opened_with`; ``source`` says where it lies now, if it was moved.
+
+    Raises
+    ------
+    DataError
+        If it was not a command that opened it, or as `open_with_worn` does.
+    """
+    if set(kept) != set(_opening()):
+        raise DataError("The run was not started by a command; go on with it by collabslam.resume.")
+    paths = {k: Path(v["path"]) if isinstance(v, dict) and set(v) == {"path"} else v for k, v in kept.items()}
+    if source is not None:
+        paths["source"] = source
+    return open_with_worn(argparse.Namespace(**paths))
+
+
+def _opening() -> dict[str, Any]:
+    """The arguments by which a recording is opened, with their defaults."""
+    parser = argparse.ArgumentParser(add_help=False)
+    add_source(parser, optional=True)
+    add_worn(parser)
+    return vars(parser.parse_args([]))
 
 
 def worn_options(arguments: argparse.Namespace) -> dict[str, Any]:

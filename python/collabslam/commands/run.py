@@ -5,14 +5,18 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 from collabslam.commands import INTERRUPTED, options
+from collabslam.errors import SettingsError
 from collabslam.modes import MODES, STARTS
+
+Summary = dict[str, Any]
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    options.add_source(parser)
+    options.add_source(parser, optional=True)
     options.add_worn(parser)
     parser.add_argument(
         "--mode", choices=MODES, help="default: the setting's, or mono where there is no worn camera"
@@ -24,14 +28,34 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", metavar="DIR", type=Path, help="result folder (default: results/NAME-MODE)")
     parser.add_argument("--max-frames", metavar="N", type=int, help="stop after so many frames")
+    group = parser.add_argument_group("stop and go on")
+    group.add_argument(
+        "--checkpoint-every",
+        metavar="N",
+        help="write a checkpoint into the result folder after N frames, or after Ns, N seconds, as 30s",
+    )
+    group.add_argument(
+        "--resume",
+        metavar="DIR",
+        type=Path,
+        help="go on with the run of this result folder, with the options it had; SOURCE only if it was moved",
+    )
     options.add_settings(parser)
     options.add_view(parser)
+    parser.set_defaults(refuse=parser.error)
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Run the recording, print its summary."""
+    """Run the recording, or go on with a run, and print its summary."""
+    if arguments.resume is not None:
+        return _resume(arguments)
+    if arguments.source is None:
+        arguments.refuse("there is no SOURCE; give a recording, or --resume DIR to go on with a run")
+    return _run(arguments)
+
+
+def _run(arguments: argparse.Namespace) -> int:
     from collabslam import runner
-    from collabslam.report import lost_text, summary_text
 
     settings = options.read_settings(arguments)
     recording = options.open_with_worn(arguments)
@@ -51,7 +75,47 @@ def main(arguments: argparse.Namespace) -> int:
             progress=True,
             options=options.worn_options(arguments),
             watch=watch,
+            checkpoint_every=arguments.checkpoint_every,
+            reopen=options.opened_with(arguments),
         ).summary
+    return _report(summary, out)
+
+
+def _resume(arguments: argparse.Namespace) -> int:
+    from collabslam import runner
+    from collabslam.checkpoint import Checkpoint
+    from collabslam.formats.run_folder import RunFolder
+    from collabslam.results import CHECKPOINT, SUMMARY
+
+    out: Path = arguments.resume
+    _check_alone(arguments)
+    if (out / SUMMARY).is_file() and not (out / CHECKPOINT).is_file():
+        print(f"The run in {out} is finished; nothing is left to do.", file=sys.stderr)
+        return _report(RunFolder(out).summary(), out)
+    recording = options.open_again(Checkpoint.read(out).reopen, arguments.source)
+    with options.watching(recording, arguments) as watch:
+        every = arguments.checkpoint_every
+        result = runner.resume(out, recording, checkpoint_every=every, progress=True, watch=watch)
+    return _report(result.summary, out)
+
+
+def _check_alone(arguments: argparse.Namespace) -> None:
+    """Raises SettingsError if an option is given that the run has from its start."""
+    parser = argparse.ArgumentParser(add_help=False)
+    configure(parser)
+    defaults = vars(parser.parse_args([]))
+    allowed = ("source", "resume", "checkpoint_every", "view", "save", "refuse")
+    extra = [k for k, v in defaults.items() if k not in allowed and getattr(arguments, k) != v]
+    if extra:
+        names = ", ".join("--" + name.replace("_", "-") for name in extra)
+        raise SettingsError(f"A run goes on with the options it was started with; leave out {names}.")
+
+
+def _report(summary: Summary, out: Path) -> int:
+    """Print what came out, and say it as an exit status."""
+    from collabslam import runner
+    from collabslam.report import lost_text, summary_text
+
     print(summary_text(summary))
     print(f"  results are in {out}")
     if summary["interrupted"]:

@@ -71,7 +71,10 @@ def _read_name(path: Path) -> str:
             f"{header} is of version {content.get('version')}, this program reads version {VERSION}; "
             "update the program."
         )
-    return str(content.get("name", path.name))
+    name = str(content.get("name", path.name))
+    if not name or set(name) & set("/\\\0") or name.startswith("."):
+        raise DataError(f"The name '{name}' in {header} is no name of a folder; results would go elsewhere.")
+    return name
 
 
 def _read_relative_poses(path: Path) -> tuple[list[int], list[tuple[Array, Array]]]:

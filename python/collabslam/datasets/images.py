@@ -97,6 +97,22 @@ def list_images(folder: Path) -> list[Path]:
     return found
 
 
+def named_file(folder: Path, name: str, where: str) -> Path:
+    """The file that a list of the recording names.
+
+    Raises
+    ------
+    DataError
+        Naming ``where``, if the name leads out of the folder: it is absolute, or goes up.
+    """
+    parts = name.replace("\\", "/").split("/")
+    if "\0" in name or ".." in parts or not parts[0] or ":" in parts[0]:
+        raise DataError(
+            f"The file name '{name}' in {where} leads out of the recording; name files below {folder}."
+        )
+    return folder / name
+
+
 def require_files(paths: list[Path]) -> None:
     """Check that every listed image exists.
 

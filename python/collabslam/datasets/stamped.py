@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from collabslam.datasets.images import list_images, require_files
+from collabslam.datasets.images import list_images, named_file, require_files
 from collabslam.datasets.poses import data_lines, nanoseconds
 from collabslam.errors import DataError
 
@@ -28,7 +28,8 @@ def read_stream(folder: Path) -> tuple[list[int], list[Path]]:
                 raise DataError(
                     f"Line {number} of {listing} needs two columns: the stamp in nanoseconds, the file name."
                 )
-            pairs.append((nanoseconds(fields[0], f"line {number} of {listing}"), folder / "data" / fields[1]))
+            where = f"line {number} of {listing}"
+            pairs.append((nanoseconds(fields[0], where), named_file(folder / "data", fields[1], where)))
     else:
         pairs = [(nanoseconds(p.stem, str(p)), p) for p in list_images(folder / "data")]
     pairs.sort(key=lambda pair: pair[0])

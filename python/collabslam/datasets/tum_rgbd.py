@@ -15,7 +15,7 @@ from collabslam._core import Camera
 from collabslam.datasets.base import ImageRecording
 from collabslam.datasets.calibration import load_camera
 from collabslam.datasets.given import Given
-from collabslam.datasets.images import require_files
+from collabslam.datasets.images import named_file, require_files
 from collabslam.datasets.poses import data_lines, interpolate_track, parse_stamp, read_track
 from collabslam.errors import DataError
 
@@ -39,7 +39,7 @@ def open(path: Path, given: Given) -> ImageRecording:
     short = next((n for n, fields in rows if len(fields) < 2), None)
     if short is not None:
         raise DataError(f"Line {short} of {listing} needs two columns: the stamp in seconds, the image file.")
-    paths = [path / fields[1] for _, fields in rows]
+    paths = [named_file(path, fields[1], f"line {n} of {listing}") for n, fields in rows]
     require_files(paths)
     times = np.asarray([parse_stamp(fields[0], f"line {n} of {listing}") for n, fields in rows])
     truth = path / "groundtruth.txt"

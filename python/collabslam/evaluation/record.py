@@ -8,7 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from collabslam.types import Array, Ids, Mask
+from collabslam.errors import DataError
+from collabslam.types import Array, Ids, Mask, Status
 
 
 class Step(Protocol):
@@ -57,6 +58,19 @@ class Landmarks(Protocol):
     def covariance(self) -> Array: ...
 
 
+@dataclass(frozen=True)
+class RecordedStep:
+    """A `Step` read back from a checkpoint."""
+
+    t: float
+    pose: Array
+    covariance: Array
+    status: Any
+    valid: bool
+    started: bool
+    diagnostics: Mapping[str, Any]
+
+
 @dataclass
 class RunRecord:
     """Every frame of one run, in order.
@@ -83,6 +97,51 @@ class RunRecord:
     def __len__(self) -> int:
         return len(self.steps)
 
+    def state(self) -> dict[str, Any]:
+        """All of it, column by column, for a checkpoint."""
+        keys = dict.fromkeys(k for s in self.steps for k in s.diagnostics)
+        return {
+            "times": self.times,
+            "poses": self.poses,
+            "covariances": self.covariances,
+            "statuses": self.statuses,
+            "usable": np.array([bool(s.valid) for s in self.steps], bool),
+            "started": self.started,
+            "worn": np.array(self.worn, bool),
+            "seconds": np.array(self.seconds, np.float64),
+            "diagnostics": {k: _column([s.diagnostics.get(k) for s in self.steps]) for k in keys},
+        }
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, Any]) -> RunRecord:
+        """The record of a `state`.
+
+        Raises
+        ------
+        DataError
+            If it is none.
+        """
+        try:
+            columns = {k: v if isinstance(v, list) else v.tolist() for k, v in state["diagnostics"].items()}
+            rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+            frames = zip(
+                state["times"].tolist(),
+                state["poses"],
+                state["covariances"],
+                map(Status, state["statuses"]),
+                state["usable"].tolist(),
+                state["started"].tolist(),
+                rows or [{} for _ in state["statuses"]],
+                strict=True,
+            )
+            record = cls([RecordedStep(*frame) for frame in frames])
+            record.worn, record.seconds = state["worn"].tolist(), state["seconds"].tolist()
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise DataError("The file holds no record of a run; take an earlier one.") from error
+        if not len(record.worn) == len(record.seconds) == len(record):
+            raise DataError("The file holds half a record of a run; take an earlier one.")
+        return record
+
     @property
     def times(self) -> Array:
         """(N,) seconds."""
@@ -103,11 +162,16 @@ class RunRecord:
         """OK, COASTING or LOST per frame."""
         return [status_name(s.status) for s in self.steps]
 
+    def valid_at(self, index: int) -> bool:
+        """Whether the pose of one frame may be used, as `valid` says of all."""
+        step = self.steps[index]
+        finite = np.isfinite(step.pose).all() and np.isfinite(step.covariance).all()
+        return bool(step.valid and step.started and finite)
+
     @property
     def valid(self) -> Mask:
         """(N,) whether the pose may be used: started, not lost, and finite."""
-        flags = np.array([bool(s.valid and s.started) for s in self.steps], bool)
-        return flags & self.finite
+        return np.array([self.valid_at(i) for i in range(len(self))], bool)
 
     @property
     def finite(self) -> Mask:
@@ -131,6 +195,14 @@ class RunRecord:
         """(N,) values of a numeric diagnostic; NaN where it is absent."""
         values = [s.diagnostics.get(key) for s in self.steps]
         return np.array([np.nan if v is None else float(v) for v in values], np.float64)
+
+
+def _column(values: list[Any]) -> Any:
+    """Values of a diagnostic as an array where they are all floats or all whole numbers, else as they are."""
+    kinds = {type(v) for v in values}
+    if kinds == {float}:
+        return np.array(values, np.float64)
+    return np.array(values, np.int64) if kinds == {int} else values
 
 
 def status_name(status: Any) -> str:

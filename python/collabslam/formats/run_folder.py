@@ -38,6 +38,8 @@ class RunFolder:
         """Times (N,), poses ``T_WC`` (N, 4, 4) and covariances (N, 6, 6) of the valid frames."""
         times, poses = read_track(self.path / TRAJECTORY)
         _, covariances = read_covariances(self.path / COVARIANCE)
+        if len(covariances) == len(poses) + 1:  # killed between the two
+            covariances = covariances[:-1]
         if len(covariances) != len(poses):
             raise DataError(
                 f"{self.path / COVARIANCE} has {len(covariances)} rows for {len(poses)} poses; run the "

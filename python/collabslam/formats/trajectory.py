@@ -24,6 +24,7 @@ _COV_HEADER = """\
 # Tangent on the right, in the camera's frame C: T_WC = T_WC_hat Exp(xi).
 #%TANGENT_CONVENTION right_perturbation
 #%TANGENT_ORDER translation_rotation"""
+_TRIANGLE = np.tril_indices(6)
 _EUROC_HEADER = (
     "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []"
 )
@@ -35,23 +36,36 @@ def position_quaternion(t_wc: Array) -> list[float]:
     return [*(float(v) for v in t_wc[:3, 3]), float(x), float(y), float(z), float(w)]
 
 
+def tum_line(t: float, t_wc: Array) -> str:
+    """A pose in the TUM format, without an end of line."""
+    return f"{t:.9f} " + " ".join(f"{v:.9f}" for v in position_quaternion(t_wc))
+
+
+def covariance_line(t: float, covariance: Array) -> str:
+    """A covariance (6, 6) as its lower triangle, without an end of line."""
+    return f"{t:.9f} " + " ".join(f"{v:.12e}" for v in covariance[_TRIANGLE])
+
+
+def tum_header(unit: str = METRES, note: str = "") -> str:
+    """First lines of a TUM file, with an end of line; ``note`` is a comment for the very first."""
+    return "".join(line + "\n" for line in (note, _TUM_HEADER.format(unit)) if line)
+
+
+def covariance_header() -> str:
+    """First lines of a covariance file, with an end of line: frame and order."""
+    return _COV_HEADER + "\n"
+
+
 def write_tum(path: Path, times: ArrayLike, poses: ArrayLike, note: str = "", unit: str = METRES) -> None:
     """Poses (N, 4, 4) in the TUM format; ``note`` is a comment for the file's first line."""
-    lines = [line for line in (note, _TUM_HEADER.format(unit)) if line]
-    lines += [
-        f"{t:.9f} " + " ".join(f"{v:.9f}" for v in position_quaternion(t_wc))
-        for t, t_wc in _finite(times, poses)
-    ]
-    write_text(path, "\n".join(lines) + "\n")
+    lines = (tum_line(t, t_wc) + "\n" for t, t_wc in _finite(times, poses))
+    write_text(path, tum_header(unit, note) + "".join(lines))
 
 
 def write_covariances(path: Path, times: ArrayLike, covariances: ArrayLike) -> None:
     """Covariances (N, 6, 6) as lower triangles; the header states frame and order."""
-    rows, columns = np.tril_indices(6)
-    lines = [_COV_HEADER] + [
-        f"{t:.9f} " + " ".join(f"{v:.12e}" for v in p[rows, columns]) for t, p in _finite(times, covariances)
-    ]
-    write_text(path, "\n".join(lines) + "\n")
+    lines = (covariance_line(t, p) + "\n" for t, p in _finite(times, covariances))
+    write_text(path, covariance_header() + "".join(lines))
 
 
 def write_euroc(path: Path, times: ArrayLike, poses: ArrayLike) -> None:
@@ -93,7 +107,7 @@ def read_covariances(path: Path) -> tuple[Array, Array]:
             f"The covariances {path} cannot be read ({error}); run the recording again."
         ) from error
     out = np.zeros((len(rows), 6, 6))
-    i, j = np.tril_indices(6)
+    i, j = _TRIANGLE
     out[:, i, j] = out[:, j, i] = rows[:, 1:]
     return rows[:, 0], out
 

@@ -8,9 +8,10 @@ use crate::birth::new_feature::NewFeature;
 use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
 use crate::filter::Filter;
+use crate::guard;
 use crate::math::pose::Pose;
 use crate::settings::WornErrors;
-use crate::state::{BlockKind, LinearPart};
+use crate::state::{Block, BlockKind, LinearPart};
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
 
 impl Filter {
@@ -101,8 +102,7 @@ impl Filter {
                 NewFeature::with_prior_depth(&self.camera, &pose, &pair.uv, sigma, view.rho, sd)
             });
             report.pairs[i] = Outcome::NotVisible;
-            if let Some(new) = new {
-                let id = self.append_feature(&new).id;
+            if let Some(Block { id, .. }) = new.and_then(|new| self.append_feature(&new)) {
                 newborn.push((i, id));
                 report.pairs[i] = Outcome::Born(id);
             }
@@ -158,7 +158,8 @@ impl Filter {
                     new.noise[(5, 5)] += own[(0, 0)];
                 }
             }
-            report.pairs[i] = Outcome::Born(self.append_feature(&new).id);
+            let born = self.append_feature(&new);
+            report.pairs[i] = born.map_or(Outcome::NotVisible, |block| Outcome::Born(block.id));
         }
     }
 
@@ -170,7 +171,9 @@ impl Filter {
             }
             if let Some((point, noise)) = self.point_at_depth(depth) {
                 let new = NewFeature::from_point(&pose, &point, &noise, None);
-                report.depths[i] = Outcome::Born(self.append_feature(&new).id);
+                let born = self.append_feature(&new);
+                report.depths[i] =
+                    born.map_or(Outcome::NotVisible, |block| Outcome::Born(block.id));
             }
         }
     }
@@ -232,19 +235,29 @@ impl Filter {
                 why: "each must be symmetric positive semi-definite".into(),
             });
         }
+        guard::lengths("points", points.iter().flat_map(|p| p.iter()))?;
         check_pose(&Pose::identity(), covariance)?;
         self.changes();
+        let mark = self.state.mark();
         let error =
             self.state
                 .append::<6>(BlockKind::WornError, &Vector6::zeros(), &[], covariance);
         let pose = self.state.camera_pose();
-        let ids = (0..points.len())
+        let born: Option<Vec<u64>> = (0..points.len())
             .map(|i| {
                 let shared = Some((error.offset, &shared[i]));
                 let new = NewFeature::from_point(&pose, &points[i], &noise[i], shared);
-                self.append_feature(&new).id
+                self.append_feature(&new).map(|block| block.id)
             })
             .collect();
+        let born = born.filter(|_| guard::state_is_sane(&self.state).is_ok());
+        let Some(ids) = born else {
+            self.take_back(&mark);
+            return Err(EkfError::InvalidInput {
+                what: "noise, shared or covariance",
+                why: "its numbers are out of all bounds; give metres".into(),
+            });
+        };
         self.state.remove(|b| b.kind == BlockKind::WornError);
         self.start();
         Ok(ids)

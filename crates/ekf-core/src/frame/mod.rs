@@ -7,10 +7,11 @@ mod units;
 use crate::batch::Workspace;
 use crate::error::EkfError;
 use crate::filter::Filter;
+use crate::guard;
 use crate::map::check_pixels;
 use crate::math::pose::Pose;
 use crate::settings::{BatchTestKind, Mode, WornErrors};
-use crate::state::{BlockKind, POSE_DIM};
+use crate::state::{BlockKind, Mark, POSE_DIM};
 use crate::validate::{self, BatchTest};
 
 use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, Vector2, Vector6};
@@ -96,6 +97,8 @@ pub enum Outcome {
     Born(u64),
     /// Not used in this mode.
     Unused,
+    /// Refused with the whole frame: the update would have broken the filter.
+    Refused,
 }
 
 /// What one update did.
@@ -119,9 +122,22 @@ pub struct UpdateReport {
     pub iterations: usize,
     /// Estimated error of T_CF after the update, tangent (m, rad).
     pub worn_error: Vector6<f64>,
+    /// Why the frame was refused, if it was: the filter is as it was before.
+    pub refused: Option<EkfError>,
 }
 
 impl UpdateReport {
+    /// What there is to say of measurements that [`Filter::update`] answered with `NotPositiveDefinite` or `Unsound`.
+    pub fn refused(z: &Measurements, error: EkfError) -> Self {
+        let mut report = Self::default();
+        report.start(z);
+        for list in [&mut report.bearings, &mut report.pairs, &mut report.depths] {
+            list.fill(Outcome::Refused);
+        }
+        report.refused = Some(error);
+        report
+    }
+
     /// As before anything is done with the measurements; the lists keep their room.
     fn start(&mut self, z: &Measurements) {
         let lists = [&mut self.bearings, &mut self.pairs, &mut self.depths].map(std::mem::take);
@@ -183,7 +199,11 @@ enum WornForm {
 }
 
 impl Filter {
-    /// Bad input (`NonFinite`, `UnknownFeature`, `InvalidInput`, `NotPositiveDefinite`): the filter stays as it was.
+    /// Validates a frame's measurements, updates once, and starts the features that its matches allow.
+    ///
+    /// # Errors
+    /// Bad input (`NonFinite`, `UnknownFeature`, `InvalidInput`), or measurements that would break the filter
+    /// (`NotPositiveDefinite`, `Unsound`): the filter stays as it was.
     pub fn update(&mut self, z: &Measurements) -> Result<UpdateReport, EkfError> {
         let mut report = UpdateReport::default();
         self.update_into(z, &mut report)?;
@@ -212,10 +232,10 @@ impl Filter {
         report: &mut UpdateReport,
         scratch: &mut Scratch,
     ) -> Result<(), EkfError> {
-        self.check(z, scratch)?;
+        self.check_measurements(z, scratch)?;
         self.changes();
         self.fetch(z, &mut scratch.ids);
-        let before = self.state.layout.dim();
+        let mark = self.state.mark();
         let form = self.worn_form(z);
         let worn = z.worn.as_ref().filter(|_| form != WornForm::Unused);
         if let Some(worn) = worn
@@ -229,12 +249,8 @@ impl Filter {
             _ => Vec::new(),
         };
         if let Err(error) = self.measure(z, form, &newborn, report, scratch) {
-            // Only blocks at the end were added: taking them away restores the state.
-            self.state.remove(|b| b.offset >= before);
-            let (state, far) = (&self.state, &self.far);
-            self.records.retain(|&id, _| {
-                state.layout.find(id).is_some() || far.as_ref().is_some_and(|far| far.has(id))
-            });
+            // Only blocks at the end were added.
+            self.take_back(&mark);
             return Err(error);
         }
         match form {
@@ -256,7 +272,7 @@ impl Filter {
     /// As [`Self::update`]; the state stays as it is in any case.
     pub fn innovation(&mut self, z: &Measurements) -> Result<&Workspace, EkfError> {
         let mut scratch = Scratch::default();
-        self.check(z, &mut scratch)?;
+        self.check_measurements(z, &mut scratch)?;
         self.changes();
         self.fetch(z, &mut scratch.ids);
         let mut report = UpdateReport::default();
@@ -272,6 +288,16 @@ impl Filter {
         Ok(&self.batch)
     }
 
+    /// Takes away what was appended since `mark`.
+    pub(crate) fn take_back(&mut self, mark: &Mark) {
+        self.state.take_back(mark);
+        self.gauge.forget_from(self.state.layout.next_id());
+        let (state, far) = (&self.state, &self.far);
+        self.records.retain(|&id, _| {
+            state.layout.find(id).is_some() || far.as_ref().is_some_and(|far| far.has(id))
+        });
+    }
+
     /// Brings what is measured or was looked for into the working set of the local update.
     fn fetch(&mut self, z: &Measurements, ids: &mut Vec<u64>) {
         let Some(far) = &mut self.far else { return };
@@ -283,7 +309,7 @@ impl Filter {
         far.enter(&mut self.state, |id| ids.binary_search(&id).is_ok());
     }
 
-    fn check(&self, z: &Measurements, scratch: &mut Scratch) -> Result<(), EkfError> {
+    fn check_measurements(&self, z: &Measurements, scratch: &mut Scratch) -> Result<(), EkfError> {
         let pairs = z.pairs();
         let pixels = z.bearings.iter().map(|b| &b.uv);
         let pixels = pixels.chain(pairs.iter().flat_map(|p| [&p.uv, &p.uv_f]));
@@ -297,6 +323,7 @@ impl Filter {
         check_once("bearings", bearings(), &mut scratch.ids)?;
         check_once("worn pairs and depths", others(), &mut scratch.ids)?;
         for depth in &z.depths {
+            guard::lengths("depth", [depth.depth, depth.sigma].iter())?;
             let good = |x: f64| x.is_finite() && x > 0.0;
             if !good(depth.depth) || !good(depth.sigma) {
                 return Err(EkfError::InvalidInput {
@@ -365,6 +392,8 @@ impl Filter {
         report.dof = self.batch.rows();
         self.iterate(z, &scratch.sources, report)?;
         let carries = self.carries() && report.dof > 0;
+        self.batch
+            .solve(&self.state, carries.then_some(&mut self.gauge))?;
         let gauge = carries.then_some(&mut self.gauge);
         self.batch.apply(&mut self.state, gauge);
         self.state.normalise_quaternions();
@@ -515,6 +544,7 @@ pub(crate) fn check_pose(pose: &Pose, covariance: &Matrix6<f64>) -> Result<(), E
             what: "T_CF or its covariance",
         });
     }
+    guard::lengths("T_CF", pose.translation.iter())?;
     let off = pose.rotation * pose.rotation.transpose() - Matrix3::identity();
     if off.abs().max() > 1e-6 || pose.rotation.determinant() < 0.0 {
         return Err(EkfError::InvalidInput {

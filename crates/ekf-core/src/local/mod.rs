@@ -22,7 +22,10 @@
 //! rows of its own (`Phi = I`, `Psi = 0`). That is O(n) a feature, where writing all of `P_BB` is O(n^2). When dual rows
 //! have become too many, [`Far::settle`] writes the whole state once and a new working set is chosen.
 
+mod image;
 mod settle;
+
+pub(crate) use image::FarImage;
 
 use crate::kernel::{LINE, dot};
 use crate::observe::point::FeatureState;
@@ -134,6 +137,11 @@ impl Far {
             first,
         };
         (near, far)
+    }
+
+    /// Ids of the features outside.
+    pub(crate) fn ids(&self) -> impl Iterator<Item = u64> {
+        self.outside.iter().map(|o| o.block.id)
     }
 
     /// Number of features outside.

@@ -3,6 +3,9 @@
 use crate::math::{inverse_depth, quat};
 use nalgebra::{Matrix3, SMatrix, Vector3, Vector6};
 
+/// Range beyond which there are no points, metres: their numbers would leave f64 when they are squared and divided.
+pub const FARTHEST: f64 = 1e9;
+
 /// Camera pose as the state holds it.
 #[derive(Clone, Copy, Debug)]
 pub struct CameraPose {
@@ -22,9 +25,9 @@ impl FeatureState {
         self.0[5]
     }
 
-    /// Point in W, metres; `None` for `rho <= 0`.
+    /// Point in W, metres; `None` for `rho <= 0`, and past [`FARTHEST`].
     pub fn point(&self) -> Option<Vector3<f64>> {
-        (self.rho() > 0.0).then(|| self.anchor() + self.ray() / self.rho())
+        (self.rho() > 1.0 / FARTHEST).then(|| self.anchor() + self.ray() / self.rho())
     }
 
     /// Derivative of the point with respect to the six numbers.

@@ -1,12 +1,14 @@
 //! The only owner of offsets: which block of the state lives where.
 
+use serde::{Deserialize, Serialize};
+
 /// Dimension of the camera's block `[r(3) q(4) v(3) w(3)]` (METHOD 2).
 pub const CAMERA_DIM: usize = 13;
 /// Dimension of its pose part `[r(3) q(4)]`.
 pub const POSE_DIM: usize = 7;
 
 /// What a block of the state is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum BlockKind {
     /// A landmark in inverse depth, 6 numbers.
     Feature,
@@ -91,6 +93,16 @@ impl Layout {
             next_id: self.next_id,
             ..Self::default()
         }
+    }
+
+    /// The id that the next block will have.
+    pub(crate) fn next_id(&self) -> u64 {
+        self.next_id
+    }
+
+    /// Lets ids go on from here.
+    pub(crate) fn set_next_id(&mut self, id: u64) {
+        self.next_id = id;
     }
 
     /// Appends a block that has an id.

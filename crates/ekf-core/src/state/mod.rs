@@ -6,9 +6,11 @@
 //! ```
 
 pub mod cov;
+mod image;
 pub mod layout;
 
 pub use cov::{Covariance, LinearPart};
+pub(crate) use image::StateImage;
 pub use layout::{Block, BlockKind, CAMERA_DIM, Layout, POSE_DIM};
 
 use crate::math::quat;
@@ -29,6 +31,15 @@ pub struct State {
     /// Stationary covariance of the worn camera's bias, if there is one.
     pub(crate) bias_stationary: SMatrix<f64, 6, 6>,
     /// A feature whose anchor is the camera's position now.
+    newborn: Option<u64>,
+}
+
+/// Where a state stands before blocks are appended.
+#[derive(Clone, Debug)]
+pub(crate) struct Mark {
+    dim: usize,
+    next_id: u64,
+    bias_stationary: SMatrix<f64, 6, 6>,
     newborn: Option<u64>,
 }
 
@@ -165,6 +176,24 @@ impl State {
         self.p.place(slots);
         self.x.extend_from_slice(mean);
         self.reference.extend_from_slice(reference);
+    }
+
+    /// What blocks that are appended from here on change beside the end of the state, for [`Self::take_back`].
+    pub(crate) fn mark(&self) -> Mark {
+        Mark {
+            dim: self.layout.dim(),
+            next_id: self.layout.next_id(),
+            bias_stationary: self.bias_stationary,
+            newborn: self.newborn,
+        }
+    }
+
+    /// Takes away what was appended since `mark`, ids included; nothing else may have changed since.
+    pub(crate) fn take_back(&mut self, mark: &Mark) {
+        self.remove(|b| b.offset >= mark.dim);
+        self.layout.set_next_id(mark.next_id);
+        self.bias_stationary = mark.bias_stationary;
+        self.newborn = mark.newborn;
     }
 
     /// To be called when the camera has moved or the state was corrected: what is born next has another anchor.

@@ -1,0 +1,143 @@
+//! What may enter the filter: finite numbers of sizes that a robot can meet, and updates after which P is still one.
+//!
+//! Everything is asked before anything changes. The bounds are far beyond any use, and far within f64: products of
+//! three such numbers are finite, so what passes here cannot turn into an infinity later.
+
+use crate::birth::new_feature::NewFeature;
+use crate::error::EkfError;
+use crate::observe::point::FARTHEST;
+use crate::predict;
+use crate::settings::ProcessSettings;
+use crate::state::{BlockKind, CAMERA_DIM, State};
+use nalgebra::{SMatrix, Vector2};
+
+/// Largest coordinate of a pixel.
+const LARGEST_PIXEL: f64 = 1e6;
+/// Largest number in the mean; its square is the largest variance.
+const LARGEST: f64 = 1e12;
+/// Least norm of a quaternion after an update, before it is normalised.
+const LEAST_QUATERNION: f64 = 0.1;
+/// By how much, relative to what it was, rounding may take a variance below zero (METHOD 3)...
+pub(crate) const ROUNDING: f64 = 1e-10;
+/// ...and absolutely: a quaternion's direction, and an anchor just born, have none.
+const SLACK: f64 = 1e-15;
+
+/// A finite pixel, not farther off than any image is large.
+pub(crate) fn pixel(uv: &Vector2<f64>) -> Result<(), EkfError> {
+    let largest = uv.abs().max();
+    if !(uv.x.is_finite() && uv.y.is_finite()) {
+        return Err(EkfError::NonFinite { what: "pixel" });
+    }
+    if largest > LARGEST_PIXEL {
+        let why = format!("{largest} px is far out of any image; give pixels of the image");
+        return Err(EkfError::InvalidInput { what: "pixel", why });
+    }
+    Ok(())
+}
+
+/// Lengths in metres, finite already, within [`FARTHEST`].
+pub(crate) fn lengths<'a>(
+    what: &'static str,
+    mut values: impl Iterator<Item = &'a f64>,
+) -> Result<(), EkfError> {
+    match values.find(|v| v.abs() > FARTHEST) {
+        Some(v) => {
+            let why = format!("{v} m is beyond any map; give metres");
+            Err(EkfError::InvalidInput { what, why })
+        }
+        None => Ok(()),
+    }
+}
+
+fn within(mut values: impl Iterator<Item = f64>, bound: f64) -> bool {
+    // NaN is not within.
+    values.all(|v| v.abs() <= bound)
+}
+
+/// Whether the numbers of a newborn feature may join the state.
+pub(crate) fn newborn_is_sane(new: &NewFeature) -> bool {
+    let by_other = new.by_other.iter().flat_map(|(_, by, _)| by.iter());
+    let jacobians = new.by_pose.iter().chain(by_other);
+    within(new.mean.iter().copied(), LARGEST)
+        && within(jacobians.copied(), LARGEST)
+        && within(new.noise.iter().copied(), LARGEST * LARGEST)
+}
+
+/// Whether the camera's block stays finite when it is predicted by `dt` seconds.
+pub(crate) fn prediction(
+    state: &State,
+    dt: f64,
+    process: &ProcessSettings,
+) -> Result<(), EkfError> {
+    let mut x = [0.0; CAMERA_DIM];
+    x.copy_from_slice(&state.mean()[..CAMERA_DIM]);
+    let f = predict::transition(&mut x, dt);
+    let p: SMatrix<f64, CAMERA_DIM, CAMERA_DIM> = state.covariance().block(0, 0);
+    let q = SMatrix::from_column_slice(&x[3..7]);
+    let p = f * p * f.transpose() + predict::process_noise(&q, dt, process);
+    if within(x.iter().copied(), LARGEST) && within(p.iter().copied(), LARGEST * LARGEST) {
+        return Ok(());
+    }
+    let why = format!(
+        "after {dt} s more without a measurement nothing is known of the pose; start a new filter"
+    );
+    Err(EkfError::InvalidInput { what: "time", why })
+}
+
+/// Whether `x + moved` and `P - V V^T` are a state, from the diagonal of `V V^T`; both by stored rows.
+pub(crate) fn update_is_sane(
+    state: &State,
+    moved: &[f64],
+    squares: &[f64],
+) -> Result<(), EkfError> {
+    let slots = state.p.stored().slots;
+    let value = |i: usize| state.x[i] + moved[slots[i]];
+    let variance = |i: usize| {
+        let before = state.p.stored_entry(slots[i], slots[i]);
+        (before, before - squares[slots[i]])
+    };
+    rows_are_sane(state, value, variance).map_err(|why| EkfError::Unsound { why })
+}
+
+/// The same of the state as it is.
+pub(crate) fn state_is_sane(state: &State) -> Result<(), String> {
+    let variance = |i: usize| (state.p.get(i, i), state.p.get(i, i));
+    rows_are_sane(state, |i| state.x[i], variance)
+}
+
+/// Whether means and variances are a state's; a variance comes with what it was before.
+fn rows_are_sane(
+    state: &State,
+    value: impl Fn(usize) -> f64,
+    variance: impl Fn(usize) -> (f64, f64),
+) -> Result<(), String> {
+    let is_good = |i: usize| {
+        let (before, now) = variance(i);
+        now >= -(ROUNDING * before.abs() + SLACK) && now <= LARGEST * LARGEST
+    };
+    let norm = |at: usize| (at..at + 4).map(|i| value(i).powi(2)).sum::<f64>().sqrt();
+    if !within((0..state.x.len()).map(&value), LARGEST) {
+        return Err("a number of the mean is out of all bounds".into());
+    }
+    if !(0..CAMERA_DIM).all(is_good) {
+        return Err("a variance of the camera is negative or out of all bounds".into());
+    }
+    let mut turned = norm(3) < LEAST_QUATERNION;
+    for block in state.layout.blocks() {
+        // Rows of the local update have the diagonal of -Psi; the error of a frame's T_CF is gone after it.
+        if matches!(block.kind, BlockKind::Dual(_) | BlockKind::WornError) {
+            continue;
+        }
+        turned |= block.kind == BlockKind::Clone && norm(block.offset + 3) < LEAST_QUATERNION;
+        if !block.range().all(is_good) {
+            let (kind, id) = (block.kind, block.id);
+            return Err(format!(
+                "a variance of {kind:?} {id} is negative or out of all bounds"
+            ));
+        }
+    }
+    if turned {
+        return Err("a quaternion is near zero".into());
+    }
+    Ok(())
+}

@@ -1,0 +1,93 @@
+//! What is outside of the working set, in a snapshot: as it is, not settled, since settling would round.
+
+use super::{Duals, Far, Outside};
+use crate::error::EkfError;
+use crate::snapshot::bad;
+use crate::state::{BlockKind, State, StateImage};
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+#[derive(Serialize, Deserialize)]
+pub(crate) struct FarImage {
+    then: StateImage,
+    /// Id and late point of each feature outside.
+    outside: Vec<(u64, [f64; 3])>,
+    age: usize,
+    columns: Vec<usize>,
+    /// `R`, a row for each dual row, column-major.
+    r: Vec<f64>,
+    first: usize,
+}
+
+impl Far {
+    pub(crate) fn image(&self, near: &State) -> FarImage {
+        let Self {
+            then,
+            outside,
+            age,
+            column: _, // the inverse of `columns`
+            columns,
+            r,
+            ld,
+            first,
+        } = self;
+        let depth = Duals::of(near).rows.len();
+        let outside = outside.iter().map(|o| (o.block.id, o.lately.into()));
+        FarImage {
+            then: then.image(),
+            outside: outside.collect(),
+            age: *age,
+            columns: columns.clone(),
+            r: r.chunks_exact(*ld)
+                .flat_map(|c| &c[..depth])
+                .copied()
+                .collect(),
+            first: *first,
+        }
+    }
+
+    pub(crate) fn from_image(image: FarImage, near: &State) -> Result<Self, EkfError> {
+        let wrong = || bad("what is outside of its working set is impossible");
+        let depth = Duals::of(near).rows.len();
+        let then = State::from_image(&image.then)?;
+        let n = then.p.stored().n;
+        let increasing = image.columns.windows(2).all(|w| w[0] < w[1]);
+        let within = image.columns.last().is_none_or(|&row| row < n);
+        let entries = image.columns.len().checked_mul(depth);
+        let finite = image.r.iter().all(|v| v.is_finite());
+        let sized = depth > 0 && (1..=depth).contains(&image.first);
+        if !(increasing && within && finite && sized && entries == Some(image.r.len())) {
+            return Err(wrong());
+        }
+        let mut column = vec![None; n];
+        for (k, &row) in image.columns.iter().enumerate() {
+            column[row] = Some(k);
+        }
+        let mut outside: Vec<Outside> = Vec::with_capacity(image.outside.len());
+        for (id, lately) in image.outside {
+            let block = then.layout.find(id).copied().ok_or_else(wrong)?;
+            let has_columns = block.range().all(|i| column[then.p.slot(i)].is_some());
+            let in_order = outside.last().is_none_or(|before| before.block.id < id);
+            if block.kind != BlockKind::Feature || !has_columns || !in_order {
+                return Err(wrong());
+            }
+            let lately = Vector3::from(lately);
+            outside.push(Outside { block, lately });
+        }
+        let ld = 2 * depth;
+        let mut r = vec![0.0; ld * image.columns.len()];
+        for (to, from) in r.chunks_exact_mut(ld).zip(image.r.chunks_exact(depth)) {
+            to[..depth].copy_from_slice(from);
+        }
+        Ok(Self {
+            then,
+            outside,
+            age: image.age,
+            column,
+            columns: image.columns,
+            r,
+            ld,
+            first: image.first,
+        })
+    }
+}

@@ -1,0 +1,221 @@
+//! What a snapshot holds. Every struct is taken apart field by field: one that grows does not compile until it says here
+//! whether the new field is kept.
+
+use super::bad;
+use crate::batch::Workspace;
+use crate::camera::Camera;
+use crate::drift::FrameDrift;
+use crate::error::EkfError;
+use crate::filter::{Filter, LAST_TIME};
+use crate::gauge::Gauge;
+use crate::guard;
+use crate::local::{Far, FarImage};
+use crate::map::{Candidate, CandidateImage, FeatureRecord};
+use crate::settings::{Settings, Value};
+use crate::state::{BlockKind, Layout, State, StateImage};
+use crate::{frame, validate};
+use nalgebra::Matrix6;
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::OnceLock;
+
+#[derive(Serialize, Deserialize)]
+pub(super) struct FilterImage {
+    settings: Vec<(String, Value)>,
+    camera: CameraImage,
+    worn_camera: Option<CameraImage>,
+    state: StateImage,
+    time: Option<f64>,
+    started: bool,
+    records: Vec<(u64, FeatureRecord)>,
+    candidates: Vec<(u64, CandidateImage)>,
+    next_candidate: u64,
+    drift: Vec<f64>,
+    moved_by: f64,
+    /// Features that the gauge follows.
+    followed: Vec<u64>,
+    far: Option<FarImage>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct CameraImage {
+    model: String,
+    size: (u32, u32),
+    intrinsics: [f64; 4],
+    distortion: Vec<f64>,
+}
+
+impl CameraImage {
+    fn of(camera: &Camera) -> Self {
+        Self {
+            model: camera.model().into(),
+            size: (camera.width, camera.height),
+            intrinsics: [camera.fx, camera.fy, camera.cx, camera.cy],
+            distortion: camera.distortion_parameters().to_vec(),
+        }
+    }
+
+    fn camera(&self) -> Result<Camera, EkfError> {
+        let (width, height) = self.size;
+        let made = Camera::new(
+            &self.model,
+            width,
+            height,
+            self.intrinsics,
+            &self.distortion,
+        );
+        made.map_err(|error| bad(format!("a camera in it is impossible ({error})")))
+    }
+}
+
+impl Filter {
+    pub(super) fn image(&self) -> FilterImage {
+        let Self {
+            settings,
+            camera,
+            worn_camera,
+            state,
+            time,
+            started,
+            records,
+            candidates,
+            next_candidate,
+            batch,
+            drift,
+            gauge,
+            far,
+            // Buffers, and what is worked out again when it is asked for.
+            test: _,
+            in_view: _,
+            scratch: _,
+            spare: _,
+            shown: _,
+        } = self;
+        FilterImage {
+            settings: settings.values(),
+            camera: CameraImage::of(camera),
+            worn_camera: worn_camera.as_ref().map(CameraImage::of),
+            state: state.image(),
+            time: *time,
+            started: *started,
+            records: records.iter().map(|(&id, r)| (id, r.clone())).collect(),
+            candidates: candidates.iter().map(|(&id, c)| (id, c.image())).collect(),
+            next_candidate: *next_candidate,
+            drift: drift.0.as_slice().to_vec(),
+            moved_by: batch.moved_by(),
+            followed: gauge.followed().to_vec(),
+            far: far.as_ref().map(|far| far.image(state)),
+        }
+    }
+
+    pub(super) fn from_image(image: FilterImage) -> Result<Self, EkfError> {
+        let FilterImage {
+            settings,
+            camera,
+            worn_camera,
+            state,
+            time,
+            started,
+            records,
+            candidates,
+            next_candidate,
+            drift,
+            moved_by,
+            followed,
+            far,
+        } = image;
+        let settings = Settings::from_values(&settings)
+            .map_err(|error| bad(format!("its settings are not this program's ({error})")))?;
+        let worn_camera = worn_camera.map(|c| c.camera()).transpose()?;
+        let state = State::from_image(&state)?;
+        let far = far.map(|far| Far::from_image(far, &state)).transpose()?;
+        if far.is_some() != has_duals(&state.layout) || (far.is_some() && !settings.map.local) {
+            return Err(bad("its working set and its settings disagree"));
+        }
+        let increasing = followed.windows(2).all(|w| w[0] < w[1]);
+        if !increasing
+            || followed
+                .last()
+                .is_some_and(|&id| id >= state.layout.next_id())
+        {
+            return Err(bad("the features that it follows are impossible"));
+        }
+        if time.is_some_and(|t| !t.is_finite() || t.abs() > LAST_TIME) || !moved_by.is_finite() {
+            return Err(bad("its time is impossible"));
+        }
+        let records = records_of(records, &state.layout, far.as_ref())?;
+        let candidates = candidates_of(candidates, next_candidate, &state.layout)?;
+        let drift = match <[f64; 36]>::try_from(drift) {
+            Ok(entries) if entries.iter().all(|v| v.is_finite()) => {
+                Matrix6::from_column_slice(&entries)
+            }
+            _ => return Err(bad("its drift is no 6x6 matrix")),
+        };
+        let mut batch = Workspace::default();
+        batch.remember_move(moved_by);
+        let filter = Self {
+            camera: camera.camera()?,
+            worn_camera,
+            settings,
+            state,
+            time,
+            started,
+            records,
+            candidates,
+            next_candidate,
+            batch,
+            test: validate::Workspace::default(),
+            drift: FrameDrift(drift),
+            gauge: Gauge::following(followed),
+            in_view: Vec::new(),
+            scratch: frame::Scratch::default(),
+            far,
+            spare: None,
+            shown: OnceLock::new(),
+        };
+        guard::state_is_sane(&filter.state).map_err(bad)?;
+        Ok(filter)
+    }
+}
+
+fn has_duals(layout: &Layout) -> bool {
+    let mut blocks = layout.blocks().iter();
+    blocks.any(|b| matches!(b.kind, BlockKind::Dual(_)))
+}
+
+/// Each feature has its record, and nothing else has one.
+fn records_of(
+    records: Vec<(u64, FeatureRecord)>,
+    layout: &Layout,
+    far: Option<&Far>,
+) -> Result<BTreeMap<u64, FeatureRecord>, EkfError> {
+    let outside: BTreeSet<u64> = far.iter().flat_map(|far| far.ids()).collect();
+    let inside: BTreeSet<u64> = layout.of_kind(BlockKind::Feature).map(|b| b.id).collect();
+    let count = records.len();
+    let sane = records.iter().all(|(_, r)| r.last_found.is_finite());
+    let records: BTreeMap<u64, FeatureRecord> = records.into_iter().collect();
+    let known = |id: &u64| inside.contains(id) != outside.contains(id);
+    if !sane
+        || records.len() != count
+        || count != inside.len() + outside.len()
+        || !records.keys().all(known)
+    {
+        return Err(bad("its features and their records disagree"));
+    }
+    Ok(records)
+}
+
+fn candidates_of(
+    candidates: Vec<(u64, CandidateImage)>,
+    next: u64,
+    layout: &Layout,
+) -> Result<BTreeMap<u64, Candidate>, EkfError> {
+    let mut out = BTreeMap::new();
+    for (id, image) in candidates {
+        let candidate = Candidate::from_image(image, layout)?;
+        if id >= next || out.insert(id, candidate).is_some() {
+            return Err(bad("a candidate's id is impossible"));
+        }
+    }
+    Ok(out)
+}

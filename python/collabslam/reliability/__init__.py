@@ -1,0 +1,1 @@
+"""What the project promises of its reliability, measured: faults in the stream, fuzzing, endurance."""
