@@ -97,7 +97,9 @@ class Tracks(Keeper):
         alive = (result.code[n:] == FOUND) & usable[n:]
         found = Found(
             searched=ids[seen],
-            result=SearchResult(*(values[:n][seen] for values in result)),
+            result=SearchResult(
+                result.uv[:n][seen], result.score[:n][seen], result.second[:n][seen], result.code[:n][seen]
+            ),
             rho=expected["rho"][seen],
             rho_sd=expected["rho_sd"][seen],
             candidates=waiting[alive],
