@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -73,6 +74,18 @@ class Tracks(Keeper):
         self._last: dict[int, Array] = {}
         self._candidate_last: dict[int, Array] = {}
         self._previous: FlowImage | None = None
+
+    def state(self) -> dict[str, Any]:
+        """As `Keeper.state`; of the last image, what the flow works on."""
+        last = self._previous
+        return {**super().state(), "_previous": None if last is None else (last.image, last.factor)}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """As `Keeper.restore`."""
+        last: Any = state.get("_previous")
+        if last is not None:
+            last = FlowImage.again(last[0], last[1], self._settings.flow)
+        super().restore({**state, "_previous": last})
 
     def search(self, image: Image, pose: Array, expected: dict[str, Any]) -> Found:
         """Active search of the expected features; candidates are followed into this frame (METHOD 7.3)."""

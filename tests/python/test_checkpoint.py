@@ -91,8 +91,8 @@ def differences(a: Any, b: Any, path: str, seen: set[int]) -> list[str]:
     return [] if a == b or (a != a and b != b) else [f"{path}: {a!r} and {b!r}"]
 
 
-FOR_ONE_FRAME = {"Corners": ("_image", "_peaks")}
-"""Attributes that each frame sets anew before anything reads them."""
+FOR_ONE_FRAME = {"Corners": ("_image", "_peaks"), "FlowImage": ("small",)}
+"""Attributes that each frame sets anew before anything reads them, or that are worked out from the others."""
 
 
 @pytest.mark.parametrize("mode", ["collab", "collab-tight", "mono", "mono-undelayed"])

@@ -407,5 +407,5 @@ impl Filter {
 pub(crate) fn check_pixels<'a>(
     mut pixels: impl Iterator<Item = &'a Vector2<f64>>,
 ) -> Result<(), EkfError> {
-    pixels.try_for_each(|uv| guard::pixel(uv))
+    pixels.try_for_each(guard::pixel)
 }

@@ -49,6 +49,13 @@ class FlowImage:
         self.image = build_pyramid(image, self.factor - 1)[-1]
         self._small_width = settings.small_width
 
+    @classmethod
+    def again(cls, image: Image, factor: int, settings: FlowSettings) -> FlowImage:
+        """One whose attributes ``image`` and ``factor`` were kept."""
+        made = cls.__new__(cls)
+        made.image, made.factor, made._small_width = image, factor, settings.small_width
+        return made
+
     @cached_property
     def small(self) -> tuple[Small, Small, int]:
         """For the global motion: strongly reduced, the same without its slow changes, full pixels in one."""
