@@ -17,7 +17,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from collabslam._core import Camera, Filter
+from collabslam._core import Camera, Filter, epipolar_residuals
 from collabslam.benchmark.pairs import Pair, Scene, choose_pairs, true_inverse_ranges
 from collabslam.benchmark.plan import Entry, Plan
 from collabslam.benchmark.store import KEY, Row, code_hash, files_hash, slug
@@ -25,7 +25,6 @@ from collabslam.datasets.worn import RIG_NOISE, SENSOR_NOISE, PoseErrors, PoseNo
 from collabslam.errors import CollabslamError
 from collabslam.frontend.describe import DESCRIPTORS, describe
 from collabslam.frontend.detect import detect_corners
-from collabslam.frontend.epipolar import epipolar_residuals
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import pose_inverse
