@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 MANYLINUX := $(if $(filter Linux,$(shell uname)),--zig --compatibility manylinux2014)
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock pyproject.toml
 
-.PHONY: demo test check docs wheel bench bench-frames audit clean
+.PHONY: demo test check docs wheel bench bench-frames reliability audit clean
 
 # The main job on its embedded default: renders the corridor, runs it with and without Cf.
 demo: $(VENV)/.built
@@ -30,6 +30,12 @@ bench: $(VENV)/.built
 # What a frame costs on one core, stage by stage, on the demo; and results/frames.json. About a minute.
 bench-frames: $(VENV)/.built
 	$(BIN)/python benches/frames.py
+
+# Faults in the stream, fuzzing (10 million inputs) and endurance (an hour of frames): results/reliability.json and the
+# tables of docs/reliability.md. SHORT=1 takes minutes.
+reliability: $(VENV)/.built
+	cargo build --release --locked -p collabslam-fuzz
+	$(BIN)/collabslam reliability --driver target/release/fuzz $(if $(SHORT),,--full)
 
 check: $(VENV)/.built
 	cargo fmt --all --check

@@ -77,6 +77,10 @@ class DepthInput(Keeper):
             )
         self._given.append((pixels, z.copy(), sd.copy()))
 
+    def forget(self) -> None:
+        """Drop what was given: the frame it was for cannot be used."""
+        self._given = []
+
     def take(self, found: Found, used: Ids, missing: int) -> Depths:
         """The depths given since the last frame, at the points of this one.
 

@@ -19,12 +19,13 @@ from collabslam import _core
 from collabslam._core import Camera, UpdateReport
 from collabslam.depth_input import DepthInput, Depths
 from collabslam.errors import CollabslamError, DataError, InputError, SettingsError
-from collabslam.features import FrameFeatures, frame_features
+from collabslam.features import FrameFeatures, frame_features, unsearched_features
 from collabslam.formats.container import read_container, write_container
 from collabslam.frontend.detect import Corners
 from collabslam.frontend.patch import Patch
 from collabslam.frontend.search import SearchCode
 from collabslam.frontend.settings import FrontendSettings
+from collabslam.frontend.sight import Sight
 from collabslam.keeping import parts_of
 from collabslam.modes import MODES, SLAM_STARTS
 from collabslam.overlap import Overlap, WornLook
@@ -168,6 +169,7 @@ class Slam:
         if start == "target" and target is not None:
             self._target_start = TargetStart(self.filter, camera, target, self._options)
         self._depth = DepthInput(self._corners)
+        self._sight = Sight(self._options.sight)
         self._monitor = StatusMonitor()
 
     def add_depth(self, uv: ArrayLike, depth: ArrayLike, sigma: ArrayLike) -> None:
@@ -195,6 +197,9 @@ class Slam:
     def step(self, t: float, image: Image, worn: WornView | None = None) -> StepResult:
         """Takes one frame (METHOD section 7).
 
+        An image without contrast, or one that repeats the last to the bit, measures nothing: the frame is
+        only predicted, and the diagnostic ``unseen`` is 1.
+
         Parameters
         ----------
         t : float
@@ -213,9 +218,11 @@ class Slam:
         _check_image(image, self._camera, "image")
         self._look.check(worn)
         stages = _Stages()
-        self._corners.look_at(image)
         was_started = self.filter.started
         self.filter.predict(t)  # 1
+        if self._sight.judge(image):
+            return self._coast(t, stages)
+        self._corners.look_at(image)
         expected = self.filter.predict_pixels()  # 2
         stages.done("predict")
         found = self._tracks.search(image, self.filter.pose, expected)  # 3
@@ -246,6 +253,7 @@ class Slam:
             **births,
             "accepted": accepted,
             "refused": int(report.refused is not None),
+            "unseen": 0,
             "target_residual_px": target_residual,
             "deleted": len(deleted),
             "map_size": self.filter.map_size,
@@ -261,6 +269,28 @@ class Slam:
             started=self.filter.started,
             diagnostics=diagnostics,
             features=frame_features(expected, found, report),
+        )
+
+    def _coast(self, t: float, stages: _Stages) -> StepResult:
+        """A frame that was predicted and shows nothing; depths given for it are gone."""
+        self._depth.forget()
+        stages.done("predict")
+        status = self._monitor.update(t, 0) if self.filter.started else Status.COASTING
+        return StepResult(
+            t=t,
+            pose=self.filter.pose,
+            covariance=self.filter.pose_covariance,
+            status=status,
+            valid=self.filter.started and status is not Status.LOST,
+            started=self.filter.started,
+            diagnostics={
+                "accepted": 0,
+                "unseen": 1,
+                "map_size": self.filter.map_size,
+                "candidates": self.filter.candidate_count,
+                **stages.all(),
+            },
+            features=unsearched_features(self.filter.predict_pixels()),
         )
 
     def landmarks(self) -> Landmarks:

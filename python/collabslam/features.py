@@ -59,3 +59,15 @@ def frame_features(expected: dict[str, Any], found: Found, report: UpdateReport)
         place,
         [states.get(i, "not searched") for i in ids.tolist()],
     )
+
+
+def unsearched_features(expected: dict[str, Any]) -> FrameFeatures:
+    """The features of a frame in which none was searched."""
+    count = len(expected["ids"])
+    return FrameFeatures(
+        expected["ids"],
+        expected["uv"],
+        expected["s"],
+        np.full((count, 2), np.nan),
+        ["not searched"] * count,
+    )

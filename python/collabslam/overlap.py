@@ -31,8 +31,14 @@ class Overlap:
     uv, uv_f : (M, 2) float64
         Pixels in Cs and Cf.
     worn : WornView or None
-        None where there is no overlap.
+        None where there is no overlap, or it was refused.
     matches : WornMatches or None
+    correction : (6,) float64
+        By which the matches correct T_CF, tangent on the right; NaN without matches.
+    sigmas : float
+        The same in standard deviations (RMS over its six numbers).
+    refused : bool
+        The view contradicts T_CF or the map: it is not used.
     baseline : float
         |t_CF|, metres; NaN without overlap.
     """
@@ -44,6 +50,9 @@ class Overlap:
     worn: WornView | None = None
     matches: WornMatches | None = None
     points: int = 0
+    correction: Array = field(default_factory=lambda: np.full(6, np.nan))
+    sigmas: float = float("nan")
+    refused: bool = False
     baseline: float = float("nan")
 
     @property
@@ -72,7 +81,10 @@ class Overlap:
         return {
             "overlap": int(self.worn is not None),
             "baseline_m": self.baseline,
-            **self._correction(),
+            "cf_refused": int(self.refused),
+            "t_cf_correction_m": float(np.linalg.norm(self.correction[:3])),
+            "t_cf_correction_deg": float(np.degrees(np.linalg.norm(self.correction[3:]))),
+            "t_cf_correction_sigmas": self.sigmas,
             "cf_points": self.points,
             "cf_matches": len(self.ids),
             "cf_rejected_region": rejected.get("region", 0),
@@ -87,17 +99,17 @@ class Overlap:
             "cf_pixel_rows": pairs.count("pixel"),
         }
 
-    def _correction(self) -> dict[str, float]:
-        """By how much the matches correct T_CF, also in standard deviations (RMS over its six numbers)."""
-        xi, sigmas = np.full(6, np.nan), np.nan
-        if self.worn is not None and self.matches is not None and len(self.matches.index):
-            xi = se3_log(pose_inverse(self.worn.t_cf) @ self.matches.t_cf)
-            sigmas = float(np.sqrt(xi @ np.linalg.solve(self.worn.covariance, xi) / 6.0))
-        return {
-            "t_cf_correction_m": float(np.linalg.norm(xi[:3])),
-            "t_cf_correction_deg": float(np.degrees(np.linalg.norm(xi[3:]))),
-            "t_cf_correction_sigmas": sigmas,
-        }
+
+ENOUGH = 5
+"""Points tried, and matched, from which on shares of them mean something."""
+
+
+def _correction(worn: WornView, matches: WornMatches) -> tuple[Array, float]:
+    """By how much the matches correct T_CF, also in standard deviations; NaN without matches."""
+    if not len(matches.index):
+        return np.full(6, np.nan), float("nan")
+    xi = se3_log(pose_inverse(worn.t_cf) @ matches.t_cf)
+    return xi, float(np.sqrt(xi @ np.linalg.solve(worn.covariance, xi) / 6.0))
 
 
 class WornLook:
@@ -134,6 +146,12 @@ class WornLook:
                 f"({camera.height}, {camera.width}) uint8; scale the calibration or the images."
             )
         self._filter.predict_overlap(worn.t_cf, worn.covariance)  # raises for an impossible pose
+        try:
+            np.linalg.cholesky(worn.covariance)
+        except np.linalg.LinAlgError as error:
+            raise InputError(
+                "the covariance of T_CF is singular; give every direction a standard deviation."
+            ) from error
 
     def match(self, image: Image, worn: WornView | None, found: Found, missing: int) -> Overlap:
         """Pairs of this frame; known features first, then as many new points as the view is missing."""
@@ -165,6 +183,16 @@ class WornLook:
             np.concatenate([found.rho_sd[known], unknown]),
             options,
         )
+        correction, sigmas = _correction(worn, matches)
+        if sigmas > options.worn.max_correction or self._contradicts(len(known), len(uv), matches):
+            return Overlap(
+                matches=matches,
+                points=len(uv),
+                correction=correction,
+                sigmas=sigmas,
+                refused=True,
+                baseline=float(overlap["baseline"]),
+            )
         ids = np.concatenate([found.searched[known], np.full(len(unknown), -1)])
         candidates = np.concatenate([np.full(len(known), -1), found.candidates, np.full(len(fresh), -1)])
         chosen = self._choose(ids[matches.index], matches, missing)
@@ -177,8 +205,22 @@ class WornLook:
             worn=worn,
             matches=matches,
             points=len(uv),
+            correction=correction,
+            sigmas=sigmas,
             baseline=float(overlap["baseline"]),
         )
+
+    def _contradicts(self, known: int, tried: int, matches: WornMatches) -> bool:
+        """Whether new points match and the map's do not, so that T_CF cannot be right for both.
+
+        The map's points come first; they are searched at their depth, new ones along their whole line.
+        """
+        of_map = int(np.sum(matches.index < known))
+        new = len(matches.index) - of_map
+        if known < ENOUGH or new < ENOUGH:
+            return False
+        least = self._options.worn.least_known * new / (tried - known)
+        return of_map < least * known
 
     @staticmethod
     def _choose(ids: Ids, matches: WornMatches, missing: int) -> Ids:

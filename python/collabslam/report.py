@@ -68,6 +68,16 @@ def summary_text(summary: Summary) -> str:
     return head + "\n" + text_table([[label, text(summary)] for label, text in LINES])
 
 
+def unused_text(summary: Summary) -> str:
+    """Which frames of the stream could not be used, empty if all could."""
+    counts = (
+        ("frames_out_of_order", "left out, whose time stamps repeat or go back"),
+        ("frames_unseen", "only predicted, whose image is blank or repeats the last"),
+    )
+    parts = [f"{summary[key]} frames {what}" for key, what in counts if summary.get(key)]
+    return "; ".join(parts)
+
+
 def lost_text(summary: Summary) -> str:
     """Why a run counts as having lost the camera."""
     if summary["start_frame"] is None:

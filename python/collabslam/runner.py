@@ -21,6 +21,7 @@ from collabslam.modes import STARTS
 from collabslam.progress import Progress
 from collabslam.results import PICTURE, ResultWriter, jsonable
 from collabslam.settings import Settings
+from collabslam.stamps import usable_frames
 from collabslam.types import Frame, Image, Recording, WornView
 from collabslam.version import version
 
@@ -84,6 +85,8 @@ def run(
 
     Ctrl-C ends the run early; what was done until then is scored and written, and marked ``interrupted``.
     With ``checkpoint_every`` a run that was stopped, whatever stopped it, goes on with `resume`.
+    Frames whose time stamps repeat or go back are left out and counted as ``frames_out_of_order``; a clock
+    that was set back is set forward again (see `collabslam.stamps.usable_frames`).
 
     Parameters
     ----------
@@ -229,6 +232,8 @@ def _go(
     mode, start, frames = plan["mode"], plan["start"], plan["frames"]
     settings = Settings.from_flat(plan["settings"])
     every = None if plan["every"] is None else Interval.parse(plan["every"])
+    usable, times = usable_frames(recording.times[:frames])
+    truth_of_usable = None if recording.truth is None else recording.truth[usable]
     unit, interrupted = ARBITRARY if start == "scale-free" else METRES, False
     title = f"as used by {recording.name}, mode {mode}"
     with contextlib.ExitStack() as stack:
@@ -238,14 +243,15 @@ def _go(
             writer = stack.enter_context(ResultWriter(out, config, unit, record if resumed else None))
         saver = _Saver(writer, every, run, recording) if writer and every else None
         label = f"{recording.name} {mode}"
-        bar = stack.enter_context(Progress(frames, label, enabled=progress, done=len(record)))
+        bar = stack.enter_context(Progress(len(usable), label, enabled=progress, done=len(record)))
         try:
             if saver and not resumed:
                 saver.save()
-            for i in range(len(record), frames):
+            left = slice(len(record), None)
+            for i, t in zip(usable[left].tolist(), times[left].tolist(), strict=True):
                 frame = recording.frame(i)
                 began = time.perf_counter()
-                step = engine.step(frame.t, frame.image, frame.worn)
+                step = engine.step(t, frame.image, frame.worn)
                 record.append(step, worn=frame.worn is not None, seconds=time.perf_counter() - began)
                 if writer:
                     writer.frame(record)
@@ -256,9 +262,9 @@ def _go(
                 bar.update(_note(step))
         except KeyboardInterrupt:
             interrupted = True
-        truth, landmarks = align_truth(record, recording.truth), engine.landmarks()
+        truth, landmarks = align_truth(record, truth_of_usable), engine.landmarks()
         summary: Summary = {
-            **score(record, recording.truth, metric=unit == METRES),
+            **score(record, truth_of_usable, metric=unit == METRES),
             **_timing(record),
             "mode": mode,
             "start": start,
@@ -269,6 +275,8 @@ def _go(
             "version": version(),
             "interrupted": interrupted,
             "frames_available": len(recording),
+            "frames_out_of_order": frames - len(usable),
+            "frames_unseen": int(np.nansum(record.diagnostic("unseen"))),
             "map_size_final": len(landmarks.ids),
             "settings_hash": settings.hash(),
             "options": plan["options"],

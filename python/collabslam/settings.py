@@ -20,6 +20,7 @@ import yaml
 
 from collabslam.entry import Entry, Value, find, shown
 from collabslam.errors import SettingsError
+from collabslam.formats.yaml_text import load_yaml
 
 Flat = dict[str, Value]
 
@@ -77,7 +78,7 @@ class Settings:
             If the file cannot be read, is no YAML, or has faults; all faults are named at once.
         """
         try:
-            tree = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+            tree = load_yaml(Path(path).read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError) as error:
             raise SettingsError(f"The settings file {path} cannot be read: {error}.") from error
         except yaml.YAMLError as error:
@@ -185,7 +186,7 @@ def parse_assignments(texts: list[str]) -> dict[str, Any]:
                 f"'{text}' is no setting; write key=value, as in filter.process.acceleration_density=0.5."
             )
         try:
-            out[key.strip()] = yaml.safe_load(value)
+            out[key.strip()] = load_yaml(value)
         except yaml.YAMLError as error:
             raise SettingsError(
                 f"The value in '{text}' cannot be read; write a number, a name, true or false."

@@ -12,6 +12,8 @@ mod jacobians;
 mod local;
 mod long_run;
 mod overlap;
+mod properties;
+mod reference;
 mod scene;
 mod snapshot;
 mod threads;

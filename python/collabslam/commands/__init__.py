@@ -21,6 +21,7 @@ COMMANDS = {
     "settings": "list, write or check settings",
     "record": "write a recording in the two-camera layout",
     "evaluate": "measure a set of recordings: accuracy, honesty, cost, levers",
+    "reliability": "measure faults in the stream, fuzzing and endurance",
     "reproduce": "redo the paper's simulation and observability, corrected",
 }
 """Every command with its help, in the order of ``collabslam --help``."""

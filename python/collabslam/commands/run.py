@@ -114,10 +114,12 @@ def _check_alone(arguments: argparse.Namespace) -> None:
 def _report(summary: Summary, out: Path) -> int:
     """Print what came out, and say it as an exit status."""
     from collabslam import runner
-    from collabslam.report import lost_text, summary_text
+    from collabslam.report import lost_text, summary_text, unused_text
 
     print(summary_text(summary))
     print(f"  results are in {out}")
+    if unused := unused_text(summary):
+        print(f"collabslam: warning: {unused}.", file=sys.stderr)
     if summary["interrupted"]:
         return INTERRUPTED
     status = runner.exit_status(summary)

@@ -18,6 +18,7 @@ import yaml
 from collabslam._core import Camera
 from collabslam.datasets.poses import rigid
 from collabslam.errors import DataError
+from collabslam.formats.yaml_text import load_yaml
 from collabslam.geometry import pose_inverse
 from collabslam.types import Array, Image
 
@@ -39,6 +40,7 @@ _DISTORTION_NAMES = {
 }
 _COEFFICIENTS = {"pinhole": (0,), "radtan": (4, 5), "fisheye": (4,), "wideangle": (1,)}
 _OPENCV_MATRICES = ("camera_matrix", "distortion_coefficients")
+_MOST_ENTRIES = 64
 _OPENCV_SCALARS = ("image_width", "image_height", "fisheye")
 
 
@@ -58,7 +60,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         return _read_file_storage(path, text)
     body = "\n".join(line for line in text.splitlines() if not line.startswith("%"))
     try:
-        content = yaml.safe_load(body)
+        content = load_yaml(body)
     except yaml.YAMLError as error:
         reason = " ".join(str(error).split())
         raise DataError(f"The file {path} is not valid YAML ({reason}); correct it.") from error
@@ -72,14 +74,21 @@ def _read_file_storage(path: Path, text: str) -> dict[str, Any]:
     flags = cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY | cv2.FILE_STORAGE_FORMAT_YAML
     try:
         storage = cv2.FileStorage(content, flags)
-    except cv2.error as error:
+        return _file_storage_content(storage)
+    except (cv2.error, SystemError, TypeError, ValueError, OverflowError) as error:
         raise DataError(
             f"The file {path} is not a valid OpenCV YAML file; write it again with OpenCV."
         ) from error
+
+
+def _file_storage_content(storage: cv2.FileStorage) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for key in _OPENCV_MATRICES:
         node = storage.getNode(key)
         if not node.empty():
+            # OpenCV takes the memory that rows and columns ask for before it looks at the data.
+            if node.getNode("rows").real() * node.getNode("cols").real() > _MOST_ENTRIES:
+                raise ValueError(f"{key} is too large")
             out[key] = {"data": np.asarray(node.mat(), dtype=np.float64).ravel().tolist()}
     for key in _OPENCV_SCALARS:
         node = storage.getNode(key)
@@ -173,7 +182,7 @@ def camera_from_mapping(content: Mapping[str, Any], path: Path | str, name: str 
     model, coefficients = _distortion(block, path)
     try:
         return Camera(model, int(resolution[0]), int(resolution[1]), intrinsics, coefficients)
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         raise DataError(f"The calibration {path} is not usable: {error}") from error
 
 
@@ -207,7 +216,7 @@ def pinhole_camera(k: Array, size: tuple[int, int], path: Path | str) -> Camera:
         raise DataError(f"The last row of the 3x3 matrix in {path} is not 0 0 1; give K row by row.")
     try:
         return Camera("pinhole", *size, (k[0, 0], k[1, 1], k[0, 2], k[1, 2]), [])
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         raise DataError(f"The calibration {path} is not usable: {error}") from error
 
 

@@ -35,14 +35,15 @@ def matches(path: Path) -> bool:
 def _read_json(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise DataError(f"The file {path} is not readable JSON; restore it.") from error
     if not isinstance(content, dict):
         raise DataError(f"The file {path} holds no JSON object; restore it.")
     return content
 
 
-def _camera(path: Path) -> Camera:
+def read_calibration(path: Path) -> Camera:
+    """The camera of a SceneLib2 sequence; raises DataError if the file is not usable."""
     c = _read_json(path)
     try:
         if c["model"] != "wideangle":
@@ -60,7 +61,7 @@ def _camera(path: Path) -> Camera:
         raise DataError(f"The calibration {path} lacks the key {error}; add it.") from error
     except DataError:
         raise
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise DataError(f"The calibration {path} is not usable: {error}") from error
 
 
@@ -105,7 +106,7 @@ def open(path: Path) -> ImageRecording:
     return ImageRecording(
         name=path.name,
         source=str(path),
-        camera=_camera(calibration),
+        camera=read_calibration(calibration),
         paths=tuple(paths),
         times=times_at_rate(paths, RATE),
         target=_target(path / "init", start),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from pathlib import Path
 
 import cv2
@@ -12,6 +14,8 @@ from collabslam.datasets.calibration import check_resolution
 from collabslam.errors import DataError
 from collabslam.types import Image
 
+SMALL, DENSEST = 1 << 24, 1100
+"""Pixels that any header may promise, and so many more for each byte of the file (DEFLATE's best is 1032)."""
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".pgm", ".bmp", ".tif", ".tiff"})
 
 
@@ -19,6 +23,47 @@ def _is_cut_short(data: bytes) -> bool:
     """Whether a JPEG lacks its end marker; OpenCV 4 fills the missing part with grey and says nothing."""
     end = data.rstrip(b"\0")[-64:]  # Some cameras pad their files.
     return data.startswith(b"\xff\xd8") and b"\xff\xd9" not in end
+
+
+def _claims_too_much(data: bytes) -> bool:
+    """Whether a header promises more pixels than the file can hold; decoders take the memory first.
+
+    Compressed formats store a byte for at most :data:`DENSEST` pixels or so.
+    """
+    if data.startswith(b"\x89PNG"):
+        if not _png_is_whole(data):
+            return True
+        sides = [int.from_bytes(data[at : at + 4], "big") for at in (16, 20)]
+    elif data.startswith(b"BM"):
+        sides = [abs(int.from_bytes(data[at : at + 4], "little", signed=True)) for at in (18, 22)]
+    elif data[:1] == b"P" and data[1:2] in b"123456":
+        text = re.sub(rb"#[^\n]*", b" ", data[2:512]).split()
+        sides = [int(word) if word.isdigit() and len(word) < 12 else 1 << 40 for word in text[:2]]
+    else:
+        sides = _jpeg_sides(data) if data.startswith(b"\xff\xd8") else [0]
+    return math.prod(sides) > SMALL + DENSEST * len(data)
+
+
+def _png_is_whole(data: bytes) -> bool:
+    """Whether every chunk of a PNG, up to its end, is as long as it says."""
+    at = 8
+    while at + 12 <= len(data):
+        length, kind = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
+        at += 12 + length
+        if kind == b"IEND":
+            return at <= len(data)
+    return False
+
+
+def _jpeg_sides(data: bytes) -> list[int]:
+    """Sides that the frame header of a JPEG names: the segments before it are skipped by their lengths."""
+    at = 2
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        marker = data[at + 1]
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            return [int.from_bytes(data[at + k : at + k + 2], "big") for k in (5, 7)]
+        at += 1 if marker == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    return [0]
 
 
 def decode_grey(path: Path) -> Image:
@@ -48,7 +93,7 @@ def decode(data: bytes, where: str) -> Image:
         Naming ``where``, if it is empty, cut short or no image.
     """
     image = None
-    if data and not _is_cut_short(data):
+    if data and not _is_cut_short(data) and not _claims_too_much(data):
         flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
         try:
             image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)

@@ -65,10 +65,15 @@ def read_ply(path: Path) -> MapPoints:
             f"The map {path} cannot be read ({error.strerror}); run the recording again."
         ) from error
     fields = [line.split()[1:] for line in head.decode("ascii", "replace").splitlines() if "property" in line]
-    names = {name for _, name in (f for f in fields if len(f) == 2)}
-    if not end or not {"id", "x", "y", "z", *(f"cov_{name}" for name, _, _ in _UPPER)} <= names:
+    known = all(len(f) == 2 and f[0] in _PLY_TYPES for f in fields)
+    names = [f[1] for f in fields if len(f) == 2]
+    wanted = {"id", "x", "y", "z", *(f"cov_{name}" for name, _, _ in _UPPER)}
+    if not end or not known or not wanted <= set(names) or len(set(names)) < len(names):
         raise DataError(f"The map {path} was not written by collabslam; give its own map.ply.")
-    table = np.frombuffer(body, dtype=[(name, _PLY_TYPES[kind]) for kind, name in fields])
+    row = np.dtype([(name, _PLY_TYPES[kind]) for kind, name in fields])
+    if len(body) % row.itemsize:
+        raise DataError(f"The map {path} is cut off or too long; run the recording again.")
+    table = np.frombuffer(body, dtype=row)
     covariance = np.empty((len(table), 3, 3))
     for name, i, j in _UPPER:
         covariance[:, i, j] = covariance[:, j, i] = table[f"cov_{name}"]

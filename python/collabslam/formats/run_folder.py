@@ -53,16 +53,28 @@ class RunFolder:
 
     def frames(self) -> list[dict[str, str]]:
         """Rows of ``frames.csv`` by column."""
-        try:
-            with (self.path / FRAMES).open(newline="", encoding="utf-8") as lines:
-                return list(csv.DictReader(lines))
-        except OSError as error:
-            raise DataError(f"{self.path / FRAMES} cannot be read; run the recording again.") from error
+        return read_frames(self.path / FRAMES)
 
     def summary(self) -> dict[str, Any]:
         """``summary.json``."""
-        try:
-            summary: dict[str, Any] = json.loads((self.path / SUMMARY).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise DataError(f"{self.path / SUMMARY} cannot be read; run the recording again.") from error
-        return summary
+        return read_summary(self.path / SUMMARY)
+
+
+def read_frames(path: Path) -> list[dict[str, str]]:
+    """Rows of a ``frames.csv`` by column; raises DataError if it cannot be read."""
+    try:
+        with path.open(newline="", encoding="utf-8") as lines:
+            return list(csv.DictReader(lines))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise DataError(f"{path} cannot be read; run the recording again.") from error
+
+
+def read_summary(path: Path) -> dict[str, Any]:
+    """A ``summary.json``; raises DataError if it cannot be read."""
+    try:
+        summary = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise DataError(f"{path} cannot be read; run the recording again.") from error
+    if not isinstance(summary, dict):
+        raise DataError(f"{path} holds no summary; run the recording again.")
+    return summary

@@ -57,6 +57,20 @@ class DetectSettings:
 
 
 @dataclass(frozen=True)
+class SightSettings:
+    """Images that show nothing new are not searched: the frame is only predicted."""
+
+    min_contrast: float = _number(
+        1.5,
+        0,
+        255,
+        "grey levels",
+        "Least standard deviation of an image averaged over squares of 8 pixels; others are black or white.",
+    )
+    frozen: bool = _flag(True, "Leave out an image that equals the one before to the bit.")
+
+
+@dataclass(frozen=True)
 class PatchSettings:
     """Landmark patches and their warping to another view."""
 
@@ -182,6 +196,22 @@ class WornSettings:
     min_matches: int = _number(
         8, 1, 100, "", "Fewest matches that agree on a pose; fewer vouch for nothing and are dropped."
     )
+    max_correction: float = _number(
+        2.5,
+        0.5,
+        100,
+        "",
+        "Largest correction of T_CF that the matches may ask for, in its standard deviations (RMS over its "
+        "six numbers); a view that asks for more is not used.",
+    )
+    least_known: float = _number(
+        0.2,
+        0,
+        1,
+        "",
+        "Least share of the map's points matched in Cf, relative to that of new points; where new ones match "
+        "and those of the map do not, T_CF contradicts the map and the view is not used.",
+    )
 
 
 @dataclass(frozen=True)
@@ -216,6 +246,7 @@ class TargetSettings:
 class FrontendSettings:
     """All settings of the front end, by group: the attribute ``search.min_score`` has the same key."""
 
+    sight: SightSettings = field(default_factory=SightSettings)
     detect: DetectSettings = field(default_factory=DetectSettings)
     patch: PatchSettings = field(default_factory=PatchSettings)
     search: SearchSettings = field(default_factory=SearchSettings)

@@ -1,0 +1,17 @@
+//! What fuzzing does with the core: strings of bytes become calls, and after each call the promises are checked.
+//!
+//! The same targets serve libFuzzer (`fuzz_targets`), the seeded driver without coverage (`fuzz`, which counts
+//! executions) and the property tests of `ekf-core`, which shrink what they find.
+
+mod bytes;
+mod camera;
+pub mod endurance;
+mod filter;
+mod sound;
+
+pub use camera::camera;
+pub use filter::{Calls, filter};
+pub use sound::check_filter;
+
+/// Which promise was broken, and by which call.
+pub type Broken = String;

@@ -1,0 +1,164 @@
+"""Measures what is promised of reliability: one file of results, one page of tables."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from collabslam.errors import DataError
+from collabslam.reliability.endurance import endure_session, many_dropped
+from collabslam.reliability.kills import run_kills
+from collabslam.reliability.readers import fuzz_readers
+from collabslam.reliability.table import faults_markdown, measure_faults
+from collabslam.results import write_summary
+
+PARTS = ("faults", "fuzz", "endurance", "kills")
+
+
+@dataclass(frozen=True)
+class Amounts:
+    """How much is measured.
+
+    Attributes
+    ----------
+    seeds : int
+        Seeds of each fault.
+    core_inputs, reader_inputs : int
+        Inputs to the core's targets and to the readers of files.
+    steps : int
+        Steps of a filter alone.
+    session_s : float
+        Length of the session of frames, seconds.
+    kills : int
+        Kills of running processes.
+    """
+
+    seeds: int
+    core_inputs: int
+    reader_inputs: int
+    steps: int
+    session_s: float
+    kills: int
+
+
+SHORT = Amounts(1, 20_000, 2_000, 20_000, 60.0, 3)
+FULL = Amounts(5, 10_000_000, 200_000, 1_000_000, 3600.0, 50)
+
+
+def measure(
+    parts: Sequence[str], out: Path, *, full: bool = False, seed: int = 0, driver: Path | None = None
+) -> bool:
+    """Measures the parts, and adds them to the results in ``out``.
+
+    Parameters
+    ----------
+    parts : sequence of str
+        Of `PARTS`.
+    out : Path
+        ``reliability.json``; what it holds of other parts is kept.
+    full : bool
+        `FULL` amounts in place of the `SHORT` ones.
+    seed : int
+    driver : Path, optional
+        The built ``fuzz`` program; without it the core is not fuzzed and no filter runs alone.
+
+    Returns
+    -------
+    bool
+        Whether nothing was found and P was sound.
+    """
+    amounts = FULL if full else SHORT
+    results: dict[str, Any] = {}
+    with contextlib.suppress(OSError, ValueError):
+        results = dict(json.loads(out.read_text(encoding="utf-8")))
+    for part in parts:
+        if part == "faults":
+            results.update(_faults(amounts, seed))
+        elif part == "fuzz":
+            results.update(_fuzz(amounts, seed, driver))
+        elif part == "kills":
+            results["kills_survived"] = run_kills(amounts.kills, seed)
+        else:
+            results.update(_endurance(amounts, seed, driver))
+        write_summary(out, results)
+    print(figures_markdown(results))
+    print(f"results are in {out}")
+    return not results.get("fuzz_findings") and results.get("endurance_sound", True) is True
+
+
+def _faults(amounts: Amounts, seed: int) -> dict[str, Any]:
+    rows = measure_faults(range(seed, seed + amounts.seeds), progress=True)
+    print(faults_markdown(rows))
+    return {"faults": [row.jsonable() for row in rows], "fault_seeds": amounts.seeds}
+
+
+def _fuzz(amounts: Amounts, seed: int, driver: Path | None) -> dict[str, Any]:
+    found = fuzz_readers(amounts.reader_inputs, seed)
+    for finding in found.findings:
+        print(finding)
+    executions, findings = found.executions, len(found.findings)
+    if driver is not None:
+        core = _drive(driver, "inputs", amounts.core_inputs, seed, 2)
+        executions, findings = executions + int(core["executions"]), findings + int(core["findings"])
+    return {"fuzz_executions": executions, "fuzz_findings": findings, "fuzz_readers": found.executions}
+
+
+def _endurance(amounts: Amounts, seed: int, driver: Path | None) -> dict[str, Any]:
+    session = endure_session(amounts.session_s, seed)
+    growth = [session.memory_growth_mb, many_dropped()]
+    out: dict[str, Any] = {
+        "session": session.jsonable(),
+        "dropped_growth_mb": growth[1],
+        "endurance_sound": session.sound,
+    }
+    if driver is not None:
+        core = _drive(driver, "endure", amounts.steps, seed)
+        growth += [float(core["memory_growth_mb"]), float(core["dropped_growth_mb"])]
+        out |= {"endurance_steps": core["steps"], "filter_alone": core}
+        out["endurance_sound"] = session.sound and bool(core["threads_equal"])
+    finite = [g for g in growth if math.isfinite(g)]
+    return out | {"memory_growth_mb": max(finite, default=None)}
+
+
+def _drive(driver: Path, *words: object) -> dict[str, Any]:
+    """What the core's driver answers; its findings go to standard error."""
+    try:
+        done = subprocess.run([str(driver), *map(str, words)], stdout=subprocess.PIPE, text=True, check=False)
+        answer: dict[str, Any] = json.loads(done.stdout)
+    except (OSError, ValueError) as error:
+        raise DataError(
+            f"The program {driver} cannot be run; build it with cargo build --release -p collabslam-fuzz."
+        ) from error
+    return answer
+
+
+def figures_markdown(results: dict[str, Any]) -> str:
+    """The figures beside the faults, as a table."""
+    session, alone = results.get("session", {}), results.get("filter_alone", {})
+    rows = [
+        ("kills survived", results.get("kills_survived")),
+        ("inputs to fuzz targets", results.get("fuzz_executions")),
+        ("promises broken by them", results.get("fuzz_findings")),
+        ("steps of a filter alone", results.get("endurance_steps")),
+        ("its time a step, last tenth over second", alone.get("step_time_ratio")),
+        ("frames of one session", session.get("frames")),
+        ("its time a frame, last fifth over second", session.get("time_ratio")),
+        ("least eigenvalue of the scaled P", session.get("least_eigenvalue")),
+        ("largest growth of memory, MB", results.get("memory_growth_mb")),
+        ("of which 100 engines made and dropped, MB", results.get("dropped_growth_mb")),
+    ]
+    lines = ["| figure | value |", "| --- | ---: |"]
+    lines += [f"| {name} | {_shown(value)} |" for name, value in rows if value is not None]
+    return "\n".join(lines)
+
+
+def _shown(value: float) -> str:
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", " ")
+    return f"{value:.1e}" if abs(value) < 1e-3 else f"{value:.2f}"

@@ -1,0 +1,49 @@
+"""Which frames of a broken stream are used."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from collabslam.stamps import usable_frames
+
+
+@pytest.mark.parametrize(
+    ("times", "expected"),
+    [
+        ([0.0, 0.1, 0.2], [0, 1, 2]),
+        ([0.0, 0.1, 0.1, 0.2], [0, 1, 3]),  # repeated: either would do, as long as it is one of them
+        ([0.0, 0.2, 0.1, 0.3, 0.4], [0, 2, 3, 4]),
+        ([0.0, 0.1, 1000.0, 0.3, 0.4, 0.5, 0.6], [0, 1, 3, 4, 5, 6]),
+        ([0.0, np.nan, 0.2, np.inf, 0.4], [0, 2, 4]),
+        ([5.0], [0]),
+        ([], []),
+        ([1.0, 1.0, 1.0, 1.0], [3]),
+    ],
+)
+def test_as_few_frames_as_can_be_are_left_out(times: list[float], expected: list[int]) -> None:
+    chosen, used = usable_frames(times)
+    if times == [0.0, 0.1, 0.1, 0.2]:
+        assert chosen.tolist() in ([0, 1, 3], [0, 2, 3])
+    else:
+        assert chosen.tolist() == expected
+    assert used.tolist() == [times[i] for i in chosen]
+
+
+@pytest.mark.parametrize("back", [0.35, 0.5, 3.0, 1e9])
+def test_a_clock_that_was_set_back_is_set_forward_again(back: float) -> None:
+    times = 0.1 * np.arange(50) + 100.0
+    times[20:] -= back
+    chosen, used = usable_frames(times)
+    assert chosen.tolist() == list(range(50))
+    np.testing.assert_allclose(np.diff(used), 0.1, atol=1e-6)
+
+
+def test_twice_set_back_and_a_repeated_stamp() -> None:
+    times = 0.1 * np.arange(60)
+    times[20:] -= 1.0
+    times[40:] -= 2.0
+    times[50] = times[49]
+    chosen, used = usable_frames(times)
+    assert len(chosen) == 59
+    assert np.all(np.diff(used) > 0.0)
