@@ -213,7 +213,7 @@ def _add_reflection(canvas: _Canvas, mirrored: _Things, lens: _Lens) -> None:
     shining = canvas.gloss
     if shining is None or not shining.any():
         return
-    dull = np.flatnonzero(mirrored.gloss == 0.0)
+    dull = np.flatnonzero(mirrored.gloss == 0.0).tolist()
     things = _Things(
         mirrored.frames[dull], [mirrored.maps[k] for k in dull], mirrored.texels[dull], mirrored.gloss[dull]
     )

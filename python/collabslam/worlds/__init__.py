@@ -1,4 +1,4 @@
-"""Rendered worlds in which the paper's experiments are done again: two cameras, exact truth, one recipe each."""
+"""Rendered worlds for the paper's experiments: two cameras, exact truth, a recipe for each."""
 
 from collabslam.worlds.catalogue import SETS, Recipe, recipe
 from collabslam.worlds.recording import WorldRecording, world_recording

@@ -16,6 +16,8 @@ HIP = 0.86
 """Height of the joints on which the legs swing, metres."""
 HIP_SIDE = 0.10
 """Distance of each from the middle, metres."""
+SHIN = 0.3
+"""Height at which a laser sees the legs, metres."""
 
 
 @dataclass(frozen=True)
@@ -33,9 +35,11 @@ class Person:
         leg = box(rng, (0, 0), (0.15, 0.15, HIP), floor=-HIP, face=lambda w, h: _plain(rng, w, h, 60.0))
         return cls(Renderer([*shirt, *head], scale=scale), Renderer(leg, scale=scale))
 
-    def movers(self, body: Array, swing: float) -> list[Mover]:
-        """The parts, where `body` (4, 4) stands in the world and the left leg is `swing` radians ahead."""
-        legs = [(self.leg, body @ _leg(side, swing)) for side in (1.0, -1.0)]
+    def movers(self, place: Array, heading: float, shins: Array) -> list[Mover]:
+        """The parts of somebody whose trunk is at `place` (2,), with both shins (2, 2) at `SHIN`'s height."""
+        body = upright(place, heading)
+        sides = (HIP_SIDE, -HIP_SIDE)
+        legs = [(self.leg, _leg(body, side, shin)) for side, shin in zip(sides, shins, strict=True)]
         return [(self.trunk, body), *legs]
 
 
@@ -46,18 +50,25 @@ def robot(rng: Rng, scale: float) -> Renderer:
     return Renderer([*hull, *mast], scale=scale)
 
 
-def leg_places(body: Array, swing: float, height: float) -> Array:
-    """(2, 2) metres: where the legs' axes cross a plane at `height` above the floor, left one first."""
-    reach = (HIP - height) * np.tan(swing)
-    local = np.array([[reach, HIP_SIDE, 0.0], [-reach, -HIP_SIDE, 0.0]])
-    return np.asarray((local @ body[:3, :3].T + body[:3, 3])[:, :2])
-
-
-def _leg(side: float, swing: float) -> Array:
-    c, s = np.cos(side * swing), np.sin(side * swing)
+def upright(place: Array, heading: float) -> Array:
+    """(4, 4): a body that stands on the floor at `place` (2,) and faces `heading`."""
+    c, s = np.cos(heading), np.sin(heading)
     pose = np.eye(4)
-    pose[:3, :3] = [[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]
-    pose[:3, 3] = [0.0, side * HIP_SIDE, HIP]
+    pose[:2, :2] = [[c, -s], [s, c]]
+    pose[:2, 3] = place
+    return pose
+
+
+def _leg(body: Array, side: float, shin: Array) -> Array:
+    """(4, 4): a leg from its hip, `side` metres to the left, down through its shin."""
+    hip = body[:3, :3] @ np.array([0.0, side, HIP]) + body[:3, 3]
+    up = hip - np.array([shin[0], shin[1], SHIN])
+    up /= np.linalg.norm(up)
+    left = np.cross(up, body[:3, 0])
+    left /= np.linalg.norm(left)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([np.cross(left, up), left, up], axis=1)
+    pose[:3, 3] = hip
     return pose
 
 

@@ -137,9 +137,7 @@ def _furniture(
     elif kind == 1:
         height = float(rng.uniform(0.35, 0.6))
         faces = box(rng, place, (*size, height), angle=turn + float(rng.uniform(-0.2, 0.2)))
-        faces += box(
-            rng, place, (0.32, 0.28, 0.3), angle=turn + float(rng.uniform(-0.4, 0.4)), floor=height
-        )
+        faces += box(rng, place, (0.32, 0.28, 0.3), angle=turn + float(rng.uniform(-0.4, 0.4)), floor=height)
     else:
         faces = plant(rng, place)
     corners = [face.origin[:2] for face in faces[:4]]

@@ -17,6 +17,8 @@ BEHIND: tuple[Station, ...] = ((0.0, 0.0, 0.7), (0.2, -0.9, 0.5))
 ROUND: tuple[Station, ...] = ((0.0, 0.0, 0.7), (0.3, 1.6, 0.65), (0.65, -0.8, 0.55))
 """The person walks beside the robot, goes ahead and gets into its view, falls behind, or does all three."""
 
+PLAIN = Style()
+
 
 @dataclass(frozen=True)
 class Recipe:
@@ -56,7 +58,7 @@ class Recipe:
     side: int = 1
     stations: tuple[Station, ...] = BESIDE
     along: float = 0.4
-    style: Style = Style()
+    style: Style = PLAIN
     light: float = 1.0
     exposure: float = 0.008
     shutter_lag: float = 0.0
@@ -81,7 +83,7 @@ def _corridors() -> list[Recipe]:
 
 
 def _turns(angle: int) -> list[Recipe]:
-    """Ten close turns at 0.8 m/s (section 5.3): to the left and to the right, the person inside or outside."""
+    """Ten close turns at 0.8 m/s (section 5.3): to either side, the person inside or outside."""
     out = []
     for k in range(10):
         way = "L" if k % 2 == 0 else "R"

@@ -13,16 +13,16 @@ import numpy as np
 
 from collabslam.demo.walk import camera_pose, smooth_step, waves
 from collabslam.types import Array
+from collabslam.worlds.bodies import upright
 from collabslam.worlds.route import Route
+from collabslam.worn_pose.simulate import Build, Walker
 
 ROBOT_CAMERA_HEIGHT = 0.95
-PERSON_CAMERA_HEIGHT = 1.70
 """Metres above the floor."""
-STRIDE_HZ = 0.95
-"""Strides a second: two steps each."""
 
 _START_SECONDS = 1.2
 _DT = 0.002
+_WALK_DT = 0.02
 _ANTICIPATION = 0.4
 _CHANGE_SECONDS = 3.0
 _GLANCE_PERIOD = 4.2
@@ -123,37 +123,32 @@ class Walk:
     along: float
     seed: int
 
-    def place(self, t: float) -> tuple[Array, float]:
-        """Position (2,) on the floor and heading of the way there, radians."""
-        ahead, left = self._station(t)
-        a, b, c, *_ = self._sway
-        ahead += waves(t, [(0.12, 0.11, a), (0.02, 2.0 * STRIDE_HZ, b)])
-        left += waves(t, [(0.05, 0.17, c), (0.015, STRIDE_HZ, a)])
-        place, heading = self.drive.route.along(self.drive.progress(t) + ahead, self.drive.lane + left)
-        return place, float(heading)
+    @cached_property
+    def walker(self) -> Walker:
+        """Legs and worn camera, with the gait of somebody drawn by the seed."""
+        moments = np.arange(0.0, self.drive.duration + 1.0, _WALK_DT)
+        rows = [self._intent(float(t)) for t in moments]
+        build = Build.drawn(np.random.Generator(np.random.PCG64((self.seed, 4))))
+        return Walker(moments, np.array([r[:2] for r in rows]), np.array([r[2:] for r in rows]), build)
 
     def camera(self, t: float) -> Array:
         """T_WF (4, 4): Cf on the head, with the walk's bob and sway."""
-        place, heading = self.place(t)
-        ahead, _ = self._station(t)
+        return self.walker.camera(t)
+
+    def heading(self, t: float) -> float:
+        """Of the way where the person is, radians."""
+        return float(self.drive.route.along(self.drive.progress(t) + self._station(t)[0])[1])
+
+    def _intent(self, t: float) -> tuple[float, float, float, float]:
+        """Where the person means to be (x, y) and to look (heading, pitch)."""
+        ahead, left = self._station(t)
+        a, b, c, d = self._sway
+        s = self.drive.progress(t) + ahead + waves(t, [(0.12, 0.11, a)])
+        place, _ = self.drive.route.along(s, self.drive.lane + left + waves(t, [(0.05, 0.17, b)]))
         _, coming = self.drive.route.along(self.drive.progress(t) + ahead + _ANTICIPATION)
-        _, _, _, d, e, f, g = self._sway
         yaw, pitch = self._gaze(t)
-        height = PERSON_CAMERA_HEIGHT + waves(t, [(0.018, 2.0 * STRIDE_HZ, d)])
-        yaw += float(coming) + waves(t, [(0.03, 0.37, e), (0.012, STRIDE_HZ, f)])
-        pitch += waves(t, [(0.02, 0.29, g), (0.008, 2.0 * STRIDE_HZ, d)])
-        roll = waves(t, [(0.02, 0.41, f), (0.006, STRIDE_HZ, e)])
-        return camera_pose([place[0], place[1], height], yaw, pitch, roll)
-
-    def body(self, t: float) -> Array:
-        """(4, 4): the person's body, x ahead, z up, its origin on the floor."""
-        place, heading = self.place(t)
-        return upright(place, heading)
-
-    def swing(self, t: float) -> float:
-        """Angle by which the left leg is ahead and the right one behind, radians."""
-        pace = smooth_step(t / _START_SECONDS)
-        return float(0.42 * pace * np.sin(2.0 * np.pi * STRIDE_HZ * t + self._sway[0]))
+        yaw += float(coming) + waves(t, [(0.03, 0.37, c)])
+        return float(place[0]), float(place[1]), yaw, pitch + waves(t, [(0.02, 0.29, d)])
 
     def _station(self, t: float) -> tuple[float, float]:
         ahead, left = self.stations[0][1:]
@@ -176,7 +171,7 @@ class Walk:
 
     @cached_property
     def _sway(self) -> list[float]:
-        return _phases(np.random.Generator(np.random.PCG64((self.seed, 2))), 7)
+        return _phases(np.random.Generator(np.random.PCG64((self.seed, 2))), 4)
 
     @cached_property
     def _glances(self) -> list[tuple[float, float, float, float]]:
@@ -193,12 +188,3 @@ class Walk:
             turn = abs(np.deg2rad(yaw) - out[-1][1])
             out.append((t, float(np.deg2rad(yaw)), float(np.deg2rad(pitch)), 0.25 + 0.2 * float(turn)))
         return out
-
-
-def upright(place: Array, heading: float) -> Array:
-    """(4, 4): a body that stands on the floor at `place` (2,) and faces `heading`."""
-    c, s = np.cos(heading), np.sin(heading)
-    pose = np.eye(4)
-    pose[:2, :2] = [[c, -s], [s, c]]
-    pose[:2, 3] = place
-    return pose

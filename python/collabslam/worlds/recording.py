@@ -85,7 +85,7 @@ class WorldRecording:
     def building(self) -> Building:
         """The scene's panels, and its floor plan."""
         moments = np.arange(0.0, self.drive.duration + 0.1, 0.1)
-        places = [self.drive.base(t)[:2, 3] for t in moments] + [self.walk.place(t)[0] for t in moments]
+        places = [self.drive.base(t)[:2, 3] for t in moments] + [self.walk.walker.trunk(t) for t in moments]
         return build(self._scene(0), self.drive.route.cells, self.recipe.style, np.array(places))
 
     @cached_property
@@ -137,7 +137,8 @@ class WorldRecording:
     def _movers(self, which: int, t: float) -> list[Mover]:
         """Whom the camera may see: Cs the person, Cf the robot."""
         if which == 0:
-            return self._person.movers(self.walk.body(t), self.walk.swing(t))
+            walker = self.walk.walker
+            return self._person.movers(walker.trunk(t), self.walk.heading(t), walker.legs(t)[:, :2])
         return [(self._robot, self.drive.base(t))]
 
     def _brightness(self, which: int, t: float) -> float:

@@ -75,13 +75,13 @@ class Route:
             at = at + ahead
         return list(dict.fromkeys(cells))
 
-    def bend(self, s: npt.ArrayLike) -> Array:
+    def bend(self, s: Array) -> Array:
         """Curvature at arc lengths `s`, 1 / m, positive to the left."""
         grid, bend, *_ = self._line
         return np.asarray(np.interp(s, grid, bend))
 
     def along(self, s: npt.ArrayLike, left: npt.ArrayLike = 0.0) -> tuple[Array, Array]:
-        """Positions (..., 2) beside the centre line, `left` metres to its left, and headings (...), radians."""
+        """Positions (..., 2), `left` metres to the left of the centre line, and headings (...), radians."""
         grid, _, x, y, heading = self._line
         at = np.asarray(s, float)
         h = np.interp(at, grid, heading)
