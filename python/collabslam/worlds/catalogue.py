@@ -117,11 +117,18 @@ def _general() -> list[Recipe]:
     return out
 
 
+def _study() -> list[Recipe]:
+    """Ten corridors with a person who always looks along: what varies is up to the study."""
+    straight = Recipe("study", "S6", 0, speed=1.5, length=15.0, along=1.0)
+    return [replace(straight, name=f"study-{k}", seed=500 + k, side=(1, -1)[k % 2]) for k in range(10)]
+
+
 SETS: dict[str, tuple[Recipe, ...]] = {
     "corridor": tuple(_corridors()),
     "turn90": tuple(_turns(90)),
     "turn180": tuple(_turns(180)),
     "general": tuple(_general()),
+    "study": tuple(_study()),
 }
 """Every recording by set."""
 

@@ -178,7 +178,7 @@ class Walk:
         """(start, yaw, pitch, seconds of turning the head) in order; the first one is along the way."""
         rng = np.random.Generator(np.random.PCG64((self.seed, 3)))
         out, t, along = [(0.0, 0.0, np.deg2rad(-9.0), 0.4)], 0.0, True
-        while t < self.drive.duration + 1.0:
+        while t < self.drive.duration + 1.0 and self.along < 1.0:
             share = self.along if along else 1.0 - self.along
             t += max(0.5, _GLANCE_PERIOD * share * float(rng.uniform(0.5, 1.5)))
             along = not along
