@@ -32,6 +32,8 @@ LANE = 0.35
 """Metres between the robot's lane and the middle of the corridor; the person has the other side."""
 SCALE = 1.5
 """Samples per pixel along each axis."""
+LEAD = 2.0
+"""Stamp of the first frame, seconds: robot and person stand still before, while other sensors run already."""
 
 
 class WorldRecording:
@@ -58,8 +60,8 @@ class WorldRecording:
         self.drive = Drive(route, recipe.speed, -recipe.side * LANE, length, recipe.seed)
         stations = tuple((share, ahead, recipe.side * left) for share, ahead, left in recipe.stations)
         self.walk = Walk(self.drive, stations, recipe.along, recipe.seed)
-        self.times = np.arange(int(self.drive.duration * RATE) + 1) / RATE
-        self.truth = np.stack([self.drive.camera(float(t)) for t in self.times])
+        self.times = LEAD + np.arange(int(self.drive.duration * RATE) + 1) / RATE
+        self.truth = np.stack([self.robot(float(t)) for t in self.times])
         self._seed = seed
         self._gains = [vignette(self.camera), vignette(self.worn_camera)]
         self._robot_image = lru_cache(maxsize=8)(self._take_robot_image)
@@ -67,6 +69,18 @@ class WorldRecording:
 
     def __len__(self) -> int:
         return len(self.times)
+
+    def robot(self, t: float) -> Array:
+        """True T_WC (4, 4) at the stamp `t`, seconds."""
+        return self.drive.camera(max(t - LEAD, 0.0))
+
+    def person(self, t: float) -> Array:
+        """True T_WF (4, 4) at the stamp `t`, seconds."""
+        return self.walk.camera(max(t - LEAD, 0.0))
+
+    def shins(self, t: float) -> Array:
+        """(2, 3): x, y and radius of the person's shins in the lasers' plane at the stamp `t`, metres."""
+        return self.walk.walker.legs(max(t - LEAD, 0.0))
 
     def image(self, i: int) -> Image:
         """The picture (H, W) uint8 of Cs in frame `i`; raises InputError if there is none such."""
@@ -79,7 +93,7 @@ class WorldRecording:
     def true_t_cf(self, i: int) -> Array:
         """True T_CF (4, 4) of frame `i`, at Cs's shutter. For scoring, never for the filter."""
         i = self._check(i)
-        return np.asarray(pose_inverse(self.truth[i]) @ self.walk.camera(float(self.times[i])))
+        return np.asarray(pose_inverse(self.truth[i]) @ self.person(float(self.times[i])))
 
     @cached_property
     def building(self) -> Building:
@@ -124,10 +138,10 @@ class WorldRecording:
 
     def _expose(self, which: int, t: float, generator: np.random.Generator) -> Image:
         """What Cs (0) or Cf (1) delivers at time `t`, with noise."""
-        path = (self.drive.camera, self.walk.camera)[which]
+        path = (self.robot, self.person)[which]
         camera = (self.camera, self.worn_camera)[which]
         half = 0.5 * self.recipe.exposure
-        shutter = pose_inverse(path(max(t - half, 0.0))) @ path(t + half)
+        shutter = pose_inverse(path(t - half)) @ path(t + half)
         clean = self.renderer.render(path(t), camera, self._movers(which, t), shutter)
         noise = generator.standard_normal(clean.shape, dtype=np.float32)
         noise *= np.float32(PIXEL_NOISE)
@@ -137,9 +151,10 @@ class WorldRecording:
     def _movers(self, which: int, t: float) -> list[Mover]:
         """Whom the camera may see: Cs the person, Cf the robot."""
         if which == 0:
-            walker = self.walk.walker
-            return self._person.movers(walker.trunk(t), self.walk.heading(t), walker.legs(t)[:, :2])
-        return [(self._robot, self.drive.base(t))]
+            now = max(t - LEAD, 0.0)
+            place, heading = self.walk.walker.trunk(now), self.walk.heading(now)
+            return self._person.movers(place, heading, self.shins(t)[:, :2])
+        return [(self._robot, self.drive.base(max(t - LEAD, 0.0)))]
 
     def _brightness(self, which: int, t: float) -> float:
         """Level of a picture: light, and the wandering of the camera's own exposure control."""

@@ -6,10 +6,11 @@ Table C1). Nothing true reaches the estimate but where the person stands at the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from collabslam.geometry import pose_inverse, se3_log
 from collabslam.types import Array
 from collabslam.worlds.recording import WorldRecording
 from collabslam.worn_pose import (
@@ -29,8 +30,6 @@ from collabslam.worn_pose.simulate import (
     simulate_scans,
 )
 
-BEFORE = 2.0
-"""Seconds for which the sensors run before the first frame."""
 AFTER = 0.3
 """Seconds for which they run on after the last one."""
 
@@ -60,18 +59,19 @@ def readings_of(recording: WorldRecording, seed: int) -> Readings:
     """Simulated readings; `seed` is that of their noise."""
     rng = np.random.Generator(np.random.PCG64((seed, recording.recipe.seed, 7)))
     config, plan = config_of(recording), FloorPlan(recording.building.plan)
-    start, stop = -BEFORE, float(recording.times[-1]) + AFTER
-    robot, walker = recording.drive.camera, recording.walk.walker
+    start, stop = 0.0, float(recording.times[-1]) + AFTER
+    robot = recording.robot
     scans: list[LaserScan] = []
     for name, pose in config.scanners.items():
         laser = LaserModel()
         times = sensor_times(start, stop, laser.rate, float(rng.uniform(0.0, 1.0 / laser.rate)))
-        scans += simulate_scans(plan, times, robot, pose, walker.legs, rng=rng, scanner=name, model=laser)
+        scans += simulate_scans(plan, times, robot, pose, recording.shins, rng=rng, scanner=name, model=laser)
     model = AhrsModel()
     times = sensor_times(start, stop, model.rate)
     attitudes = simulate_ahrs(times, robot, config.r_c_ahrs, rng=rng, where="robot", model=model)
-    attitudes += simulate_ahrs(times, walker.camera, config.r_f_ahrs, rng=rng, where="worn", model=model)
-    return Readings(scans, attitudes)
+    attitudes += simulate_ahrs(times, recording.person, config.r_f_ahrs, rng=rng, where="worn", model=model)
+    kept = [replace(s, ranges=s.ranges.astype(np.float32)) for s in scans]  # as a scanner delivers them
+    return Readings(kept, attitudes)
 
 
 def estimated_poses(recording: WorldRecording, readings: Readings) -> list[WornPoseEstimate]:
@@ -82,8 +82,6 @@ def estimated_poses(recording: WorldRecording, readings: Readings) -> list[WornP
 
 def pose_errors(recording: WorldRecording, estimates: list[WornPoseEstimate]) -> Array:
     """(N, 6) errors of the estimates on their right tangent, metres and radians; NaN where there is none."""
-    from collabslam.geometry import pose_inverse, se3_log
-
     out = np.full((len(estimates), 6), np.nan)
     for i, e in enumerate(estimates):
         if e.t_cf is not None:
