@@ -11,11 +11,14 @@ from collabslam.errors import InputError
 from collabslam.worlds.building import Style
 from collabslam.worlds.motion import Station
 
-BESIDE: tuple[Station, ...] = ((0.0, 0.0, 0.7),)
-AHEAD: tuple[Station, ...] = ((0.0, 0.3, 0.7), (0.2, 1.9, 0.6))
-BEHIND: tuple[Station, ...] = ((0.0, 0.0, 0.7), (0.2, -0.9, 0.5))
-ROUND: tuple[Station, ...] = ((0.0, 0.0, 0.7), (0.3, 1.6, 0.65), (0.65, -0.8, 0.55))
-"""The person walks beside the robot, goes ahead and gets into its view, falls behind, or does all three."""
+BESIDE: tuple[Station, ...] = ((0.0, 0.4, 0.7),)
+AHEAD: tuple[Station, ...] = ((0.0, 0.4, 0.7), (0.2, 1.9, 0.6))
+BEHIND: tuple[Station, ...] = ((0.0, 0.4, 0.7), (0.2, -0.9, 0.5))
+ROUND: tuple[Station, ...] = ((0.0, 0.4, 0.7), (0.3, 1.6, 0.65), (0.65, -0.8, 0.55))
+"""The person walks beside the robot, goes ahead and gets into its view, falls behind, or does all three.
+
+Beside means half a step ahead of Cs: right beside it, between the arcs of both scanners, no laser sees legs.
+"""
 
 PLAIN = Style()
 
