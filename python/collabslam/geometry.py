@@ -246,7 +246,7 @@ def rounded_covariance(covariance: ArrayLike) -> Array:
     if not largest > 0.0:
         return c.copy()
     step = 2.0 ** (np.floor(np.log2(largest * (1.0 + 1e-9))) - 40.0)
-    return np.asarray(np.round(c / step) * step)
+    return np.asarray(np.round(c / step) * step, dtype=np.float64)
 
 
 def interpolate_pose(t0: ArrayLike, t1: ArrayLike, share: float) -> Array:

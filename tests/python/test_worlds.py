@@ -132,9 +132,7 @@ def test_a_glossy_floor_mirrors_the_scene() -> None:
     edge = np.array([-8.0, 0.0, 0.0])
 
     def floor(gloss: float) -> Panel:
-        return Panel(
-            np.array([8.0, 3.0, 0.0]), np.array([0.0, -6.0, 0.0]), np.array([-8.0, 0, 0]), grey, gloss
-        )
+        return Panel(np.array([8.0, 3.0, 0.0]), np.array([0.0, -6.0, 0.0]), edge, grey, gloss)
 
     pose = camera_pose([0.0, 0.0, 1.0], 0.0, -0.2, 0.0)
     dull, shining = (Renderer([wall, floor(g)]).render(pose, PINHOLE).astype(int) for g in (0.0, 0.5))

@@ -44,21 +44,23 @@ def main(arguments: argparse.Namespace) -> int:
 def _write_bag(recording: Recording, arguments: argparse.Namespace) -> int:
     from collabslam.formats.bag_recording import TOPICS, write_bag
     from collabslam.progress import Progress
+    from collabslam.worn_pose import AhrsReading, LaserScan
 
-    sensors = {}
+    scans, attitudes = list[LaserScan](), list[AhrsReading]()
     if recording.source.startswith("world:"):
         from collabslam.worlds import world_recording
         from collabslam.worlds.sensors import readings_of
 
         read = readings_of(world_recording(recording.name, arguments.seed), arguments.seed)
-        sensors = {"scans": read.scans, "attitudes": read.attitudes}
+        scans, attitudes = read.scans, read.attitudes
     with Progress(len(recording), f"{recording.name} writing") as bar:
         write_bag(
             recording,
             arguments.out,
+            scans=scans,
+            attitudes=attitudes,
             storage=arguments.bag,
             progress=lambda done, total: bar.update(),
-            **sensors,
         )
     roles = ",".join(f"{role}={topic}" for role, topic in TOPICS.items())
     print(f"{len(recording)} frames are in {arguments.out}; read it with --topics {roles}")

@@ -12,6 +12,7 @@ from collabslam.experiments.tables import (
     Aim,
     aims_numbers,
     aims_table,
+    all_started,
     cases_of,
     cells,
     chosen,
@@ -51,7 +52,7 @@ def make(results: Sequence[CaseResult]) -> Finding:
                 [turn, mode, SOURCES[poses], *_line(chosen(group, mode, poses))] for mode in modes_in(rows)
             ]
             aims[poses] += _aims(turn, chosen(group, "collab", poses))
-        aims[poses] += no_strawman(rows, poses)
+        aims[poses] += [all_started(rows, poses), *no_strawman(rows, poses)]
     figure, panels = style.canvas(
         2, 2, (11.0, 8.0), "Figure 13: turns of 90 and 180 degrees, the first of each"
     )

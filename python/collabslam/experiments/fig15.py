@@ -12,6 +12,7 @@ from collabslam.experiments.tables import COLUMNS, SOURCES, cells, chosen, rows_
 from collabslam.report import number
 from collabslam.reproduce import style
 from collabslam.reproduce.outputs import Finding, Table
+from collabslam.types import Array
 
 
 def cases(quick: bool) -> list[Case]:
@@ -57,7 +58,7 @@ def make(results: Sequence[CaseResult]) -> Finding:
     )
 
 
-def _correlation(x: np.ndarray, y: np.ndarray) -> float | None:  # type: ignore[type-arg]
+def _correlation(x: Array, y: Array) -> float | None:
     if len(x) < 3 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         return None
     return float(np.corrcoef(x, y)[0, 1])

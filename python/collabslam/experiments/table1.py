@@ -12,6 +12,7 @@ from collabslam.experiments.tables import (
     Aim,
     aims_numbers,
     aims_table,
+    all_started,
     average_share,
     cases_of,
     cells,
@@ -96,5 +97,6 @@ def _aims(rows: Sequence[Row], poses: str) -> list[Aim]:
         ("average error, collab over mono", ratio, "<=", 0.4),
         ("average error of collab, % of the path", share, "<=", 3.0),
         ("largest error of collab at the end, % of the path", last, "<=", 6.0),
+        all_started(rows, poses),
         *no_strawman(rows, poses),
     ]

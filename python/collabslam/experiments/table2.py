@@ -12,6 +12,7 @@ from collabslam.experiments.tables import (
     Aim,
     aims_numbers,
     aims_table,
+    all_started,
     cases_of,
     cells,
     chosen,
@@ -101,5 +102,6 @@ def _aims(rows: Sequence[Row], poses: str) -> list[Aim]:
     return [
         ("ways on which collab is better than mono, of all", better / max(len(collab), 1), ">=", 1.0),
         ("mean error of collab at the end, % of the path", mean(collab, "final_error_pct"), "<=", 3.0),
+        all_started(rows, poses),
         *no_strawman(rows, poses),
     ]

@@ -39,8 +39,10 @@ def cells(rows: Sequence[Row], columns: Sequence[str] = COLUMNS) -> list[list[An
 
 
 def chosen(rows: Sequence[Row], mode: str, poses: str) -> list[Row]:
-    """Rows of a mode and a source of poses that did not fail."""
-    return [r for r in rows if r["mode"] == mode and r["poses"] == poses and "error" not in r]
+    """Rows of a mode and a source of poses whose filter started."""
+    return [
+        r for r in rows if r["mode"] == mode and r["poses"] == poses and r.get("final_error_pct") is not None
+    ]
 
 
 def mean(rows: Sequence[Row], key: str) -> float:
@@ -90,6 +92,12 @@ def aims_numbers(aims: dict[str, list[Aim]]) -> list[dict[str, Any]]:
         for poses, entries in aims.items()
         for what, value, relation, bound in entries
     ]
+
+
+def all_started(rows: Sequence[Row], poses: str) -> Aim:
+    """Whether `collab` started on every recording: one that did not is in none of the means."""
+    asked = sum(r["mode"] == "collab" and r["poses"] == poses for r in rows)
+    return "sequences on which collab started, of all", len(chosen(rows, "collab", poses)) / asked, ">=", 1.0
 
 
 def no_strawman(rows: Sequence[Row], poses: str) -> list[Aim]:
