@@ -32,7 +32,7 @@ LANE = 0.35
 """Metres between the robot's lane and the middle of the corridor; the person has the other side."""
 SCALE = 1.5
 """Samples per pixel along each axis."""
-LEAD = 2.0
+LEAD = 0.6
 """Stamp of the first frame, seconds: robot and person stand still before, while other sensors run already."""
 
 
