@@ -236,6 +236,19 @@ def fixed_to_tangent(t_ab: ArrayLike, covariance: ArrayLike) -> Array:
     return tangent_to_fixed(turn, covariance)
 
 
+def rounded_covariance(covariance: ArrayLike) -> Array:
+    """A covariance rounded to 2^-40 (1e-12) of about its largest variance.
+
+    So files that state it along other axes still give the same bits when they are read.
+    """
+    c = np.asarray(covariance, dtype=np.float64)
+    largest = float(np.max(np.diag(c)))
+    if not largest > 0.0:
+        return c.copy()
+    step = 2.0 ** (np.floor(np.log2(largest * (1.0 + 1e-9))) - 40.0)
+    return np.asarray(np.round(c / step) * step, dtype=np.float64)
+
+
 def interpolate_pose(t0: ArrayLike, t1: ArrayLike, share: float) -> Array:
     """Pose between two poses: straight in translation, constant rate in rotation.
 

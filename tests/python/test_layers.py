@@ -14,7 +14,10 @@ import collabslam
 
 PACKAGE = Path(collabslam.__file__).parent
 ROOT = PACKAGE.parents[1]
-TOP = {"engine", "runner", "cli", "commands", "checks", "demo_run", "reproduce", "benchmark", "report", "viz"}
+TOP = {
+    "engine", "runner", "cli", "commands", "checks", "demo_run", "reproduce", "benchmark", "report", "viz",
+    "experiments",
+}  # fmt: skip
 
 FORBIDDEN = {
     "frontend": TOP | {"datasets", "evaluation", "results", "demo"},
@@ -36,6 +39,8 @@ FORBIDDEN = {
         "datasets",
     },
     "worn_pose": TOP | {"frontend", "datasets", "evaluation", "results", "demo", "settings"},
+    "experiments": {"cli", "commands", "benchmark", "frontend"},
+    "worlds": TOP | {"frontend", "evaluation", "results", "datasets"},
     "engine.py": {"runner", "commands", "cli", "datasets", "evaluation", "results", "viz", "demo"},
     "depth_input.py": TOP | {"datasets", "evaluation", "results", "demo"},
     "features.py": TOP | {"datasets", "evaluation", "results", "demo"},

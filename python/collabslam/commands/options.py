@@ -29,7 +29,7 @@ def add_source(parser: argparse.ArgumentParser, *, optional: bool = False) -> No
         metavar="SOURCE",
         type=Path,
         nargs="?" if optional else None,
-        help="folder or file of the recording",
+        help="folder or file of the recording, or world:NAME for a rendered one",
     )
     group = parser.add_argument_group("files beside the recording")
     group.add_argument(
@@ -113,7 +113,11 @@ def read_settings(arguments: argparse.Namespace) -> Settings:
 
 
 def open_source(arguments: argparse.Namespace) -> Recording:
-    """The recording that `add_source` names, as it is."""
+    """The recording that `add_source` names, as it is; ``world:NAME`` is a rendered one."""
+    if str(arguments.source).startswith("world:"):
+        from collabslam.worlds import world_recording
+
+        return world_recording(str(arguments.source).removeprefix("world:"), getattr(arguments, "seed", 0))
     from collabslam.datasets import open_recording
 
     return open_recording(

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from collabslam.commands import OK, options
+
+if TYPE_CHECKING:
+    from collabslam.types import Recording
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -13,6 +17,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     options.add_source(parser)
     options.add_worn(parser)
     parser.add_argument("out", metavar="OUT", type=Path, help="new folder")
+    parser.add_argument(
+        "--bag",
+        choices=("sqlite3", "mcap"),
+        help="write a ROS 2 bag; of a world:NAME also its laser scans and attitudes",
+    )
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier recording")
 
 
@@ -22,9 +31,37 @@ def main(arguments: argparse.Namespace) -> int:
     from collabslam.progress import Progress
 
     recording = options.open_with_worn(arguments)
+    if arguments.bag is not None:
+        return _write_bag(recording, arguments)
     with Progress(len(recording), f"{recording.name} writing") as bar:
         folder = write_recording(
             recording, arguments.out, overwrite=arguments.overwrite, progress=lambda done, total: bar.update()
         )
     print(f"{len(recording)} frames are in {folder}")
+    return OK
+
+
+def _write_bag(recording: Recording, arguments: argparse.Namespace) -> int:
+    from collabslam.formats.bag_recording import TOPICS, write_bag
+    from collabslam.progress import Progress
+    from collabslam.worn_pose import AhrsReading, LaserScan
+
+    scans, attitudes = list[LaserScan](), list[AhrsReading]()
+    if recording.source.startswith("world:"):
+        from collabslam.worlds import world_recording
+        from collabslam.worlds.sensors import readings_of
+
+        read = readings_of(world_recording(recording.name, arguments.seed), arguments.seed)
+        scans, attitudes = read.scans, read.attitudes
+    with Progress(len(recording), f"{recording.name} writing") as bar:
+        write_bag(
+            recording,
+            arguments.out,
+            scans=scans,
+            attitudes=attitudes,
+            storage=arguments.bag,
+            progress=lambda done, total: bar.update(),
+        )
+    roles = ",".join(f"{role}={topic}" for role, topic in TOPICS.items())
+    print(f"{len(recording)} frames are in {arguments.out}; read it with --topics {roles}")
     return OK

@@ -11,25 +11,41 @@ from collabslam.commands import OK, options
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    from collabslam.reproduce import EXPERIMENTS
+    from collabslam import experiments, reproduce
     from collabslam.reproduce.settings import SIMULATION
 
-    lines = [f"  {name:14} {text}" for name, text in EXPERIMENTS.items()]
+    simulated = [f"  {name:14} {text}" for name, text in reproduce.EXPERIMENTS.items()]
+    rendered = [f"  {name:14} {text}" for name, text in experiments.EXPERIMENTS.items()]
     settings = [
         f"  {key}={entry.default:g}{' ' + entry.unit if entry.unit else ''}: {entry.doc}"
         for key, entry in SIMULATION.items()
     ]
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = "\n".join(["names:", *lines, "", "settings of the simulation:", *settings])
-    parser.add_argument(
-        "names", metavar="NAME", nargs="+", choices=[*EXPERIMENTS, "all"], help="see below, or all"
+    parser.epilog = "\n".join(
+        [
+            "names of simulations, all of them: all",
+            *simulated,
+            "",
+            "names of experiments in rendered worlds, all of them: paper",
+            *rendered,
+            "",
+            "settings of the simulation:",
+            *settings,
+        ]
     )
+    names = [*reproduce.EXPERIMENTS, *experiments.EXPERIMENTS, "all", "paper"]
+    parser.add_argument("names", metavar="NAME", nargs="+", choices=names, help="see below, or all, or paper")
     parser.add_argument(
         "--out", metavar="DIR", type=Path, default=Path("results/reproduce"), help=options.OUT_HELP
     )
-    parser.add_argument("--runs", metavar="N", type=int, default=200, help="Monte Carlo runs (default 200)")
+    parser.add_argument(
+        "--runs", metavar="N", type=int, default=200, help="Monte Carlo runs of a simulation (default 200)"
+    )
     parser.add_argument("--seed", metavar="N", type=int, default=0, help="of all noise (default 0)")
     parser.add_argument("--jobs", metavar="N", type=int, help="processes at a time (default: all cores)")
+    parser.add_argument(
+        "--quick", action="store_true", help="few recordings of each experiment: to see that it works"
+    )
     parser.add_argument(
         "--set",
         metavar="NAME=VALUE",
@@ -40,16 +56,29 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Run the experiments, write their files, print their pages."""
-    from collabslam.reproduce import EXPERIMENTS, reproduce
+    """Run simulations and experiments, write their files, print their pages."""
+    from collabslam import experiments, reproduce
     from collabslam.settings import parse_assignments
 
-    reproduce(
-        list(EXPERIMENTS) if "all" in arguments.names else list(dict.fromkeys(arguments.names)),
-        arguments.out,
-        runs=arguments.runs,
-        seed=arguments.seed,
-        jobs=(os.cpu_count() or 1) if arguments.jobs is None else arguments.jobs,
-        changes=parse_assignments(arguments.set),
-    )
+    jobs = (os.cpu_count() or 1) if arguments.jobs is None else arguments.jobs
+    simulations = _asked(arguments.names, list(reproduce.EXPERIMENTS), "all")
+    if simulations:
+        reproduce.reproduce(
+            simulations,
+            arguments.out,
+            runs=arguments.runs,
+            seed=arguments.seed,
+            jobs=jobs,
+            changes=parse_assignments(arguments.set),
+        )
+    in_worlds = _asked(arguments.names, list(experiments.EXPERIMENTS), "paper")
+    if in_worlds:
+        experiments.run_experiments(
+            in_worlds, arguments.out, seed=arguments.seed, jobs=jobs, quick=arguments.quick
+        )
     return OK
+
+
+def _asked(names: list[str], known: list[str], every: str) -> list[str]:
+    """Those of `known` that are asked for, in the order given; all if `every` is."""
+    return known if every in names else [n for n in dict.fromkeys(names) if n in known]

@@ -54,7 +54,10 @@ class WornPoses(NamedTuple):
             return np.repeat(self.poses, len(times), axis=0), np.repeat(self.covariances, len(times), axis=0)
         nearest = np.argmin(np.abs(self.times - times[:, None]), axis=1)
         rows = nearest if len(self.covariances) > 1 else np.zeros_like(nearest)
-        return interpolate_track(self.times, self.poses, times), self.covariances[rows]
+        poses = interpolate_track(self.times, self.poses, times)
+        exact = self.times[nearest] == times  # then not even the rounding of an interpolation
+        poses[exact] = self.poses[nearest[exact]]
+        return poses, self.covariances[rows]
 
 
 def worn_poses(bag: Bag, source: str | None, calibration: Path | None) -> WornPoses | EstimatedPoses:

@@ -39,7 +39,7 @@ from collabslam.datasets.poses import (
 )
 from collabslam.datasets.stamped import match_stamps, read_stream
 from collabslam.errors import DataError
-from collabslam.geometry import pose_from_quaternion, quaternion_wxyz
+from collabslam.geometry import pose_from_quaternion, quaternion_wxyz, rounded_covariance
 from collabslam.types import Array, Image, Recording, WornView
 
 LAYOUT = "a two-camera recording (recording.yaml, cam0/, cam1/, relpose/data.csv)"
@@ -152,7 +152,7 @@ def open(path: Path) -> ImageRecording:
 # --- writing ----------------------------------------------------------------------------------
 
 
-def _stable_quaternion(rotation: Array) -> list[float]:
+def stable_quaternion(rotation: Array) -> list[float]:
     """Quaternion w x y z that comes out the same when its own rotation matrix is written again.
 
     Three parts are rounded to 14 decimals (1e-14 rad), far more coarsely than arithmetic disturbs them; the
@@ -168,7 +168,7 @@ def _stable_quaternion(rotation: Array) -> list[float]:
 
 
 def _pose_fields(t: Array) -> list[str]:
-    return [repr(float(x) + 0.0) for x in t[:3, 3]] + [repr(x) for x in _stable_quaternion(t[:3, :3])]
+    return [repr(float(x) + 0.0) for x in t[:3, 3]] + [repr(x) for x in stable_quaternion(t[:3, :3])]
 
 
 def _write_lines(path: Path, header: str, lines: Iterable[str]) -> None:
@@ -202,7 +202,7 @@ def _integer_stamps(times: Sequence[float] | Array) -> list[int]:
 
 
 def _relative_pose_line(stamp: int, worn: WornView) -> str:
-    triangle = [repr(float(x) + 0.0) for x in np.asarray(worn.covariance, dtype=np.float64)[_TRIANGLE]]
+    triangle = [repr(float(x) + 0.0) for x in rounded_covariance(worn.covariance)[_TRIANGLE]]
     return ",".join([str(stamp), *_pose_fields(worn.t_cf), *triangle])
 
 
@@ -239,9 +239,9 @@ def write_recording(
 ) -> Path:
     """Write any recording in this layout; reading it back gives the same frames.
 
-    Images are lossless PNG.  Stamps are rounded to the nanosecond, rotations to 1e-14 rad; writing again what
-    was read gives identical files.  A recording's target is not written.  The folder appears only when it is
-    complete.
+    Images are lossless PNG.  Stamps are rounded to the nanosecond, rotations to 1e-14 rad, covariances to
+    1e-12 of their largest variance; writing again what was read gives identical files.  A recording's target
+    is not written.  The folder appears only when it is complete.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ from collabslam._core import Camera
 from collabslam.datasets.calibration import camera_from_mapping
 from collabslam.datasets.images import decode
 from collabslam.errors import DataError
-from collabslam.geometry import fixed_to_tangent, pose_from_quaternion
+from collabslam.geometry import fixed_to_tangent, pose_from_quaternion, rounded_covariance
 from collabslam.types import Array, Image
 
 _CHANNELS = {
@@ -164,7 +164,7 @@ def pose_and_covariance_of(message: Any, where: str) -> tuple[Array, Array]:
         raise DataError(
             f"The covariance of {where} is not positive definite; fill it in where the pose is measured."
         )
-    return pose, fixed_to_tangent(pose, 0.5 * (covariance + covariance.T))
+    return pose, rounded_covariance(fixed_to_tangent(pose, 0.5 * (covariance + covariance.T)))
 
 
 def scans_of(messages: Iterable[tuple[float, Any]]) -> Scans:

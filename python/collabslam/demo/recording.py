@@ -62,8 +62,7 @@ class DemoRecording:
         self.renderer = renderer
         self._walk = walk
         self._seed = seed
-        self._sd = np.concatenate([np.full(3, POSITION_SD), np.deg2rad(ROTATION_SD)])
-        self._gains = [_vignette(self.camera), _vignette(self.worn_camera)]
+        self._gains = [vignette(self.camera), vignette(self.worn_camera)]
         self._robot_image = lru_cache(maxsize=8)(self._take_robot_image)
         self._frame = lru_cache(maxsize=8)(self._take_frame)
 
@@ -99,13 +98,8 @@ class DemoRecording:
         worn = None
         if self._walk.looks_ahead(t):
             generator = self._noise(i)
-            error = se3_exp(self._sd * generator.standard_normal(6))
-            true = self.true_t_cf(i)
-            measured = np.eye(4)
-            measured[:3, :3] = true[:3, :3] @ error[:3, :3].T
-            measured[:3, 3] = true[:3, 3] - measured[:3, :3] @ error[:3, 3]
-            image = self._expose(self._walk.person(t), 1, generator.spawn(2)[1])
-            worn = WornView(image, measured, np.diag(self._sd**2))
+            t_cf, covariance = measured_pose(self.true_t_cf(i), generator)
+            worn = WornView(self._expose(self._walk.person(t), 1, generator.spawn(2)[1]), t_cf, covariance)
         return Frame(i, t, self.image(i), worn)
 
     def _expose(self, pose: Array, which: int, generator: np.random.Generator) -> Image:
@@ -117,7 +111,17 @@ class DemoRecording:
         return np.clip(np.rint(noise, out=noise), 0, 255, out=noise).astype(np.uint8)
 
 
-def _vignette(camera: Camera) -> npt.NDArray[np.float32]:
+def measured_pose(true: Array, generator: np.random.Generator) -> tuple[Array, Array]:
+    """A measured T_CF (4, 4) with white noise, and its covariance (6, 6), tangent on the right."""
+    sd = np.concatenate([np.full(3, POSITION_SD), np.deg2rad(ROTATION_SD)])
+    error = se3_exp(sd * generator.standard_normal(6))
+    measured = np.eye(4)
+    measured[:3, :3] = true[:3, :3] @ error[:3, :3].T
+    measured[:3, 3] = true[:3, 3] - measured[:3, :3] @ error[:3, 3]
+    return measured, np.diag(sd**2)
+
+
+def vignette(camera: Camera) -> npt.NDArray[np.float32]:
     """Gain (H, W) that falls with the square of the distance from the principal point."""
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
     r2 = (u - camera.intrinsics[2]) ** 2 + (v - camera.intrinsics[3]) ** 2

@@ -6,7 +6,8 @@ little, each cell is clipped at the near plane, and its texture is warped by the
 affine in the pixel, so the depth test is exact. Textures are prefiltered apart along their rows and columns
 (a rip-map), with the level chosen per cell, so that walls seen at a grazing angle neither alias nor blur.
 The picture is then smoothed by a Gaussian, which stands for the blur of lens and pixel, and resampled
-through the camera's own distortion. There is no motion blur: the shutter is short.
+through the camera's own distortion. A shutter that stays open blurs it along each pixel's own motion, which
+follows from its depth; a glossy floor (z = 0) adds the scene's mirror image.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.demo.textures import Grey, Shade
 from collabslam.demo.world import Panel
+from collabslam.geometry import pose_inverse
 from collabslam.types import Array, Indices
 
 SCALE = 2
@@ -32,6 +34,12 @@ NEAR = 0.05
 _DEPTH_RATIO = 1.7
 _MAX_CUTS = 5
 _EDGE = 1e-3
+_MOST_SHUTTER_STEPS = 8
+_COARSE = 4
+_GLOSS_BLUR = 2.5
+
+Mover = tuple["Renderer", Array]
+"""A body that moves, and its pose (4, 4) in the world."""
 
 
 class RipMap:
@@ -57,23 +65,49 @@ class _Lens:
 
     width: int
     height: int
+    scale: float
     matrix: Array
     map_u: Shade
     map_v: Shade
     rays: Array = field(repr=False)
 
     @classmethod
-    def of(cls, camera: Camera) -> _Lens:
+    def of(cls, camera: Camera, scale: float) -> _Lens:
         v, u = np.mgrid[0 : camera.height, 0 : camera.width]
         rays = camera.unproject(np.stack([u.ravel(), v.ravel()], axis=1).astype(float))
         xy = (rays[:, :2] / rays[:, 2:]).reshape(camera.height, camera.width, 2)
-        focal = SCALE * np.array(camera.intrinsics[:2])
+        focal = scale * np.array(camera.intrinsics[:2])
         low = np.floor(xy.min(axis=(0, 1)) * focal) - 3
         size = np.ceil(xy.max(axis=(0, 1)) * focal) + 3 - low + 1
         matrix = np.array([[focal[0], 0, -low[0]], [0, focal[1], -low[1]], [0, 0, 1.0]])
         maps = (xy * focal - low).astype(np.float32)
         unit = np.concatenate([xy, np.ones((*xy.shape[:2], 1))], axis=2)
-        return cls(int(size[0]), int(size[1]), matrix, maps[..., 0].copy(), maps[..., 1].copy(), unit)
+        return cls(int(size[0]), int(size[1]), scale, matrix, maps[..., 0].copy(), maps[..., 1].copy(), unit)
+
+
+@dataclass
+class _Canvas:
+    """What is drawn: grey, 1 / z, and where a glossy panel is seen, how glossy it is."""
+
+    picture: Grey
+    inverse_depth: Shade
+    gloss: Shade | None
+
+    @classmethod
+    def blank(cls, lens: _Lens, *, glossy: bool) -> _Canvas:
+        shape = (lens.height, lens.width)
+        gloss = np.zeros(shape, np.float32) if glossy else None
+        return cls(np.zeros(shape, np.uint8), np.zeros(shape, np.float32), gloss)
+
+
+@dataclass(frozen=True)
+class _Things:
+    """Panels to draw: columns [u, v, origin] in the camera (N, 3, 3), texture, texels (N, 2), gloss (N,)."""
+
+    frames: Array
+    maps: Sequence[RipMap]
+    texels: Array
+    gloss: Array
 
 
 class Renderer:
@@ -83,20 +117,24 @@ class Renderer:
     ----------
     panels : sequence of Panel
         The scene, world frame, metres.
+    scale : float
+        Samples per pixel along each axis: fewer are quicker, more smooth the panels' edges better.
     """
 
-    def __init__(self, panels: Sequence[Panel]) -> None:
+    def __init__(self, panels: Sequence[Panel], *, scale: float = SCALE) -> None:
+        self._scale = scale
         self._maps = [RipMap(p.image) for p in panels]
         self._texels = np.array([p.image.shape[::-1] for p in panels], float).reshape(-1, 2)
         self._origin = np.array([p.origin for p in panels]).reshape(-1, 3)
         self._u = np.array([p.u for p in panels]).reshape(-1, 3)
         self._v = np.array([p.v for p in panels]).reshape(-1, 3)
+        self._gloss = np.array([p.gloss for p in panels], float)
         self._lenses: dict[tuple[object, ...], _Lens] = {}
 
     def _lens(self, camera: Camera) -> _Lens:
         key = (camera.model, camera.width, camera.height, tuple(camera.intrinsics), tuple(camera.distortion))
         if key not in self._lenses:
-            self._lenses[key] = _Lens.of(camera)
+            self._lenses[key] = _Lens.of(camera, self._scale)
         return self._lenses[key]
 
     def _in_camera(self, pose: Array) -> Array:
@@ -104,19 +142,52 @@ class Renderer:
         r, c = pose[:3, :3], pose[:3, 3]
         return np.stack([self._u @ r, self._v @ r, (self._origin - c) @ r], axis=2)
 
-    def render(self, pose: Array, camera: Camera) -> Grey:
-        """The picture (H, W) uint8 that `camera` takes at `pose` (4, 4; T_WC), free of noise.
+    def _mapped(self, transform: Array) -> Array:
+        """(N, 3, 3): the columns [u, v, origin] of each panel after an affine transform (4, 4)."""
+        a, b = transform[:3, :3], transform[:3, 3]
+        return np.stack([self._u @ a.T, self._v @ a.T, self._origin @ a.T + b], axis=2)
+
+    def render(
+        self, pose: Array, camera: Camera, movers: Sequence[Mover] = (), shutter: Array | None = None
+    ) -> Grey:
+        """The picture (H, W) uint8 that `camera` takes, free of noise.
 
         A point of the scene appears at `camera.project` of its coordinates in C; uncovered pixels are black.
+
+        Parameters
+        ----------
+        pose : (4, 4) float64
+            T_WC, at the middle of the exposure.
+        camera : Camera
+        movers : sequence of (Renderer, (4, 4) float64)
+            Bodies that move, each with its pose in the world.
+        shutter : (4, 4) float64, optional
+            Pose of C when the shutter closes in C when it opens; the shutter is short if left out.
         """
         lens = self._lens(camera)
-        frames = self._in_camera(pose)
-        picture = np.zeros((lens.height, lens.width), np.uint8)
-        inverse_depth = np.zeros((lens.height, lens.width), np.float32)
-        for k, bounds in _cells(frames, lens):
-            self._draw(k, bounds, frames[k], lens, picture, inverse_depth)
-        picture = cv2.GaussianBlur(picture, (0, 0), BLUR * SCALE)  # type: ignore[assignment]
+        canvas = _Canvas.blank(lens, glossy=bool(self._gloss.any()))
+        things = self._things(self._in_camera(pose), [(m, pose_inverse(pose) @ t) for m, t in movers])
+        _draw_all(things, lens, canvas)
+        if canvas.gloss is not None:
+            mirror = pose_inverse(pose) @ np.diag([1.0, 1.0, -1.0, 1.0])
+            dull = self._things(self._mapped(mirror), [(m, mirror @ t) for m, t in movers])
+            _add_reflection(canvas, dull, lens)
+        picture = cv2.GaussianBlur(canvas.picture, (0, 0), BLUR * lens.scale)
+        if shutter is not None:
+            return _swept(np.asarray(picture, np.uint8), canvas.inverse_depth, lens, shutter)
         return cv2.remap(picture, lens.map_u, lens.map_v, cv2.INTER_LINEAR).astype(np.uint8, copy=False)
+
+    def _things(self, frames: Array, movers: Sequence[Mover]) -> _Things:
+        """This scene's panels and those of the bodies, whose transforms map into the camera's frame."""
+        if not movers:
+            return _Things(frames, self._maps, self._texels, self._gloss)
+        bodies = [m for m, _ in movers]
+        return _Things(
+            np.concatenate([frames, *(m._mapped(t) for m, t in movers)]),
+            [*self._maps, *(x for m in bodies for x in m._maps)],
+            np.concatenate([self._texels, *(m._texels for m in bodies)]),
+            np.concatenate([self._gloss, *(m._gloss for m in bodies)]),
+        )
 
     def depth(self, pose: Array, camera: Camera) -> Array:
         """Depth z (H, W), metres, of what each pixel's centre sees, by casting rays; inf for nothing."""
@@ -131,51 +202,98 @@ class Renderer:
         with np.errstate(divide="ignore"):
             return np.asarray(1.0 / nearest)
 
-    def _draw(
-        self, k: int, bounds: Array, frame: Array, lens: _Lens, picture: Grey, inverse_depth: Shade
-    ) -> None:
-        """Draw the part [s0, s1] x [t0, t1] of panel `k` where it is in front of what is there."""
-        s0, s1, t0, t1 = bounds
-        corners = np.array([[s0, t0, 1], [s1, t0, 1], [s1, t1, 1], [s0, t1, 1.0]]) @ frame.T
-        polygon = _clip(corners)
-        if len(polygon) < 3:
-            return
-        image = polygon @ lens.matrix.T
-        image = image[:, :2] / image[:, 2:]
-        low, high = image.min(axis=0), image.max(axis=0)
-        x0, y0 = max(0, int(np.ceil(low[0] - _EDGE))), max(0, int(np.ceil(low[1] - _EDGE)))
-        x1, y1 = min(lens.width - 1, int(high[0] + _EDGE)), min(lens.height - 1, int(high[1] + _EDGE))
-        if x0 > x1 or y0 > y1:
-            return
-        homography = lens.matrix @ frame
-        if abs(np.linalg.det(homography)) < 1e-9:
-            return
-        back = np.asarray(np.linalg.inv(homography), np.float64)  # pixel -> (s, t, 1) / z
-        q = back[2]
-        xs, ys = np.arange(x0, x1 + 1), np.arange(y0, y1 + 1)
-        here = np.add.outer((q[1] * ys + q[2]).astype(np.float32), (q[0] * xs).astype(np.float32))
-        window = (slice(y0, y1 + 1), slice(x0, x1 + 1))
-        visible = here > inverse_depth[window]
-        left, right = _spans(image, ys)
-        columns = xs.astype(np.float32)
-        visible &= columns >= left[:, None]
-        visible &= columns <= right[:, None]
-        if not visible.any():
-            return
-        inside = np.clip(image, 0.0, np.array([lens.width - 1.0, lens.height - 1.0]))
-        level = _levels(back, inside, self._texels[k])
-        texture = self._maps[k].level(*level)
-        h, w = texture.shape
-        to_texel = np.array([[w, 0, -0.5], [0, h, -0.5], [0, 0, 1.0]]) @ back @ _shift(x0, y0)
-        warped = cv2.warpPerspective(
-            texture,
-            to_texel,
-            (len(xs), len(ys)),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
-        np.copyto(picture[window], warped, where=visible)
-        np.copyto(inverse_depth[window], here, where=visible)
+
+def _draw_all(things: _Things, lens: _Lens, canvas: _Canvas) -> None:
+    for k, bounds in _cells(things.frames, lens):
+        _draw(things, k, bounds, lens, canvas)
+
+
+def _add_reflection(canvas: _Canvas, mirrored: _Things, lens: _Lens) -> None:
+    """Mix the mirror image of all panels that do not shine themselves into those that do, in place."""
+    shining = canvas.gloss
+    if shining is None or not shining.any():
+        return
+    dull = np.flatnonzero(mirrored.gloss == 0.0).tolist()
+    things = _Things(
+        mirrored.frames[dull], [mirrored.maps[k] for k in dull], mirrored.texels[dull], mirrored.gloss[dull]
+    )
+    below = _Canvas.blank(lens, glossy=False)
+    _draw_all(things, lens, below)
+    image = cv2.GaussianBlur(below.picture, (0, 0), _GLOSS_BLUR * lens.scale)
+    where = (shining > 0.0) & (below.inverse_depth > 0.0)
+    mixed = canvas.picture + shining * (image.astype(np.float32) - 128.0)
+    np.copyto(canvas.picture, np.clip(mixed, 0, 255).astype(np.uint8), where=where)
+
+
+def _swept(picture: Grey, inverse_depth: Shade, lens: _Lens, shutter: Array) -> Grey:
+    """Mean of the picture over the exposure: each pixel is followed along its own motion."""
+    h, w = lens.map_u.shape
+    coarse = (w // _COARSE, h // _COARSE)
+    rays = cv2.resize(lens.rays.astype(np.float32), coarse, interpolation=cv2.INTER_AREA)
+    near = cv2.remap(inverse_depth, lens.map_u, lens.map_v, cv2.INTER_NEAREST)
+    near = cv2.resize(near, coarse, interpolation=cv2.INTER_AREA)
+    back = pose_inverse(shutter)
+    ends = rays @ back[:3, :3].T.astype(np.float32) + near[..., None] * back[:3, 3].astype(np.float32)
+    focal = np.array([lens.matrix[0, 0], lens.matrix[1, 1]], np.float32)
+    flow = (ends[..., :2] / ends[..., 2:] - rays[..., :2] / rays[..., 2:]) * focal
+    longest = float(np.abs(flow).max()) / lens.scale
+    steps = min(_MOST_SHUTTER_STEPS, 1 + int(np.ceil(longest)))
+    flow_u, flow_v = (cv2.resize(np.ascontiguousarray(flow[..., k]), (w, h)) for k in (0, 1))
+    total = np.zeros((h, w), np.float32)
+    for share in (np.arange(steps) + 0.5) / steps - 0.5:
+        f = np.float32(share)
+        moved = cv2.remap(picture, lens.map_u + f * flow_u, lens.map_v + f * flow_v, cv2.INTER_LINEAR)
+        cv2.accumulate(moved, total)
+    total /= np.float32(steps)
+    return np.rint(total, out=total).astype(np.uint8)
+
+
+def _draw(things: _Things, k: int, bounds: Array, lens: _Lens, canvas: _Canvas) -> None:
+    """Draw the part [s0, s1] x [t0, t1] of panel `k` where it is in front of what is there."""
+    frame = things.frames[k]
+    s0, s1, t0, t1 = bounds
+    corners = np.array([[s0, t0, 1], [s1, t0, 1], [s1, t1, 1], [s0, t1, 1.0]]) @ frame.T
+    polygon = _clip(corners)
+    if len(polygon) < 3:
+        return
+    image = polygon @ lens.matrix.T
+    image = image[:, :2] / image[:, 2:]
+    low, high = image.min(axis=0), image.max(axis=0)
+    x0, y0 = max(0, int(np.ceil(low[0] - _EDGE))), max(0, int(np.ceil(low[1] - _EDGE)))
+    x1, y1 = min(lens.width - 1, int(high[0] + _EDGE)), min(lens.height - 1, int(high[1] + _EDGE))
+    if x0 > x1 or y0 > y1:
+        return
+    homography = lens.matrix @ frame
+    if abs(np.linalg.det(homography)) < 1e-9:
+        return
+    back = np.asarray(np.linalg.inv(homography), np.float64)  # pixel -> (s, t, 1) / z
+    q = back[2]
+    xs, ys = np.arange(x0, x1 + 1), np.arange(y0, y1 + 1)
+    here = np.add.outer((q[1] * ys + q[2]).astype(np.float32), (q[0] * xs).astype(np.float32))
+    window = (slice(y0, y1 + 1), slice(x0, x1 + 1))
+    visible = here > canvas.inverse_depth[window]
+    left, right = _spans(image, ys)
+    columns = xs.astype(np.float32)
+    visible &= columns >= left[:, None]
+    visible &= columns <= right[:, None]
+    if not visible.any():
+        return
+    inside = np.clip(image, 0.0, np.array([lens.width - 1.0, lens.height - 1.0]))
+    level = _levels(back, inside, things.texels[k])
+    texture = things.maps[k].level(*level)
+    h, w = texture.shape
+    to_texel = np.array([[w, 0, -0.5], [0, h, -0.5], [0, 0, 1.0]]) @ back @ _shift(x0, y0)
+    warped = cv2.warpPerspective(
+        texture,
+        to_texel,
+        (len(xs), len(ys)),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    np.copyto(canvas.picture[window], warped, where=visible)
+    np.copyto(canvas.inverse_depth[window], here, where=visible)
+    if canvas.gloss is not None:
+        np.copyto(canvas.gloss[window], np.float32(things.gloss[k]), where=visible)
 
 
 def _shift(x: float, y: float) -> Array:

@@ -55,12 +55,13 @@ FITTINGS: tuple[Callable[[Rng, Grey, float, float], None], ...] = (_with_door, _
 """What a stretch of wall carries, in turn."""
 
 
-def wall(rng: Rng, width: float, height: float, kind: int) -> Grey:
+def wall(rng: Rng, width: float, height: float, kind: int, *, fitted: bool = True) -> Grey:
     """A stretch of wall 2 m wide or more: plaster with a dado or brick, and fittings, by number `kind`."""
     if kind % 4 == 3:
         image = blocks(rng, width, height, block=(0.25, 0.1), level=135.0, spread=14.0, bond=True)
     else:
         image = plaster(rng, width, height, float(rng.integers(150, 190)))
         _dado(rng, image, height)
-    FITTINGS[kind % len(FITTINGS)](rng, image, width, height)
+    if fitted:
+        FITTINGS[kind % len(FITTINGS)](rng, image, width, height)
     return image

@@ -5,6 +5,7 @@ World axes of every scene: x along the way, y to the left, z up; z = 0 is the fl
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -36,12 +37,15 @@ class Panel:
         Full edges, metres, along the texture's rows (to the right) and columns (downwards).
     image : (h, w) uint8
         The texture.
+    gloss : float
+        Share of the scene's mirror image at the plane z = 0 that it shows: 0 dull, 1 a mirror.
     """
 
     origin: Vector
     u: Vector
     v: Vector
     image: Grey
+    gloss: float = 0.0
 
 
 def panel(origin: tuple[float, ...], u: tuple[float, ...], v: tuple[float, ...], image: Grey) -> Panel:
@@ -57,6 +61,7 @@ def box(
     angle: float = 0.0,
     floor: float = 0.0,
     column: bool = False,
+    face: Callable[[float, float], Grey] | None = None,
 ) -> list[Panel]:
     """A box standing on height `floor`: four sides and a lid, of cardboard or (`column`) of brick.
 
@@ -68,13 +73,17 @@ def box(
         Metres.
     size : (along x, along y, height)
         Metres, before it is turned by `angle` radians about the vertical.
+    face : callable, optional
+        Draws a side of the given width and height in place of cardboard or brick.
     """
     c, s = np.cos(angle), np.sin(angle)
     half = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * np.array(size[:2]) / 2
     corners = half @ np.array([[c, s], [-s, c]]) + np.array(centre)
     top = floor + size[2]
 
-    def face(width: float, height: float) -> Grey:
+    def skin(width: float, height: float) -> Grey:
+        if face is not None:
+            return face(width, height)
         if column:
             return textures.blocks(rng, width, height, block=(0.2, 0.1), level=120.0, spread=16.0, bond=True)
         return textures.cardboard(rng, width, height)
@@ -85,11 +94,11 @@ def box(
     faces = []
     for k in range(4):
         a, b = np.array(corner(k)), np.array(corner(k + 1))
-        image = face(float(np.linalg.norm(b - a)), size[2])
+        image = skin(float(np.linalg.norm(b - a)), size[2])
         faces.append(Panel(b, a - b, np.array([0.0, 0.0, -size[2]]), image))
     if not column:
         a, b, d = (np.array(corner(k)) for k in (0, 1, 3))
-        faces.append(Panel(a, b - a, d - a, face(size[1], size[0])))
+        faces.append(Panel(a, b - a, d - a, skin(size[1], size[0])))
     return faces
 
 

@@ -1,0 +1,224 @@
+"""One recording, every mode: what a process does in one go, and what is kept of it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+import os
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from collabslam.demo_run import HeldRecording
+from collabslam.errors import CollabslamError
+from collabslam.experiments.poses import sensed
+from collabslam.experiments.variants import Variant, varied
+from collabslam.formats.files import write_text
+from collabslam.progress import Progress
+from collabslam.runner import RunResult, run
+from collabslam.settings import Settings
+from collabslam.types import Recording
+from collabslam.version import version
+from collabslam.worlds import WorldRecording, world_recording
+
+Row = dict[str, Any]
+
+SENSORS, DIRECT = "sensors", "direct"
+"""Where the worn camera's pose comes from: laser and AHRS, or measured directly with Table C1's errors."""
+MODES = ("mono", "mono-undelayed", "collab-init", "collab")
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Case:
+    """What to run on one recording.
+
+    Attributes
+    ----------
+    name : str
+        Of the recipe.
+    modes : tuple of str
+    poses : tuple of str
+        `SENSORS`, `DIRECT` or both.
+    variants : tuple of Variant
+        Changes to the worn camera, each run on its own (for the study); the recording as it is if empty.
+    """
+
+    name: str
+    modes: tuple[str, ...] = MODES
+    poses: tuple[str, ...] = (SENSORS, DIRECT)
+    variants: tuple[Variant, ...] = ()
+
+    def key(self, seed: int) -> str:
+        """Changes with everything that the result depends on."""
+        text = f"{self!r} {seed} {version()} {Settings.default().hash()}"
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """Attributes
+    ----------
+    case : Case
+    rows : list of dict
+        One for each mode, pose source and variant.
+    tracks : dict
+        Positions x, y (N, 2), metres: ``"truth"``, and ``"MODE/POSES"`` in the truth's frame.
+    """
+
+    case: Case
+    rows: list[Row]
+    tracks: dict[str, list[list[float]]]
+
+    def row(self, mode: str, poses: str) -> Row:
+        """The row of a mode and a source of poses."""
+        return next(r for r in self.rows if r["mode"] == mode and r["poses"] == poses)
+
+
+def gather(
+    cases: Iterable[Case], folder: Path, *, seed: int, jobs: int, progress: bool
+) -> dict[Case, CaseResult]:
+    """Results of the cases; those that `folder` already holds are not run again."""
+    wanted = list(dict.fromkeys(cases))
+    done: dict[Case, CaseResult] = {}
+    waiting = []
+    for case in wanted:
+        found = _read(folder, case, seed)
+        if found is None:
+            waiting.append(case)
+        else:
+            done[case] = found
+    if progress and done:
+        print(f"{len(done)} of {len(wanted)} recordings are there already", flush=True)
+    with Progress(len(waiting), "experiments", enabled=progress and bool(waiting), unit="recording") as bar:
+        for case, text in _texts(waiting, seed, jobs):
+            write_text(_path(folder, case, seed), text)
+            done[case] = _parsed(case, json.loads(text))
+            bar.update(f"{case.name}, {_worst(done[case].rows)}")
+    return done
+
+
+def run_case(case: Case, seed: int) -> str:
+    """Render a recording once and run all that is asked for; also the work of a child process."""
+    _one_thread()
+    world = world_recording(case.name, seed)
+    held = HeldRecording(world, progress=False)
+    rows: list[Row] = []
+    tracks = {"truth": _rounded(world.truth[:, :2, 3])}
+    if case.variants:
+        for variant in case.variants:
+            recording = varied(world, held, variant, seed)
+            row, _ = _scored(world, recording, variant.mode, "direct", {})
+            rows.append({**row, "factor": variant.factor, "value": variant.value})
+        return json.dumps({"rows": rows, "tracks": tracks})
+    for poses in case.poses:
+        recording, changes = (held, {}) if poses == DIRECT else sensed(world, held, seed)
+        for mode in case.modes:
+            row, positions = _scored(world, recording, mode, poses, changes)
+            rows.append(row)
+            tracks[f"{mode}/{poses}"] = positions
+    return json.dumps({"rows": _shared_overlap(rows), "tracks": tracks})
+
+
+def _scored(
+    world: WorldRecording, recording: Recording, mode: str, poses: str, changes: dict[str, Any]
+) -> tuple[Row, list[list[float]]]:
+    """One run: its row, and its positions in the truth's frame."""
+    row: Row = {"sequence": world.name, "mode": mode, "poses": poses}
+    try:
+        result = run(recording, mode=mode, start="worn", settings=Settings.default().replace(changes))
+    except CollabslamError as error:
+        return {**row, "error": str(error)}, []
+    row.update(_numbers(result, mode))
+    start = 0 if result.truth is None else result.truth.start
+    first = world.truth[start] @ np.linalg.inv(result.record.poses[start])
+    positions = result.record.poses[:, :3, 3] @ first[:3, :3].T + first[:3, 3]
+    return row, _rounded(positions[:, :2])
+
+
+def _numbers(result: RunResult, mode: str) -> Row:
+    s, record = result.summary, result.record
+    total, cf = record.diagnostic("ms_total"), record.diagnostic("ms_cf")
+    overlap = np.nan_to_num(record.diagnostic("overlap")) > 0.0
+    heading = s["heading_error_final_deg"]
+    return {
+        "path_length_m": s["path_length_m"],
+        "avg_position_error_m": s["avg_position_error_all_m"],
+        "sum_position_error_m": s["sum_position_error_m"],
+        "final_position_error_m": s["final_position_error_m"],
+        "final_error_pct": s["final_error_pct"],
+        "heading_error_deg": None if heading is None else abs(heading),
+        "overlap_ratio": s["overlap_ratio"],
+        "tau": s["overlap_tau_s"],
+        "kappa": s["overlap_kappa_s2"],
+        "U": s["overhead_u"] if mode.startswith("collab") else None,
+        "frames": s["frames"],
+        "frames_ok": s["frames_ok"],
+        "frames_ok_reported": s["frames_ok_reported"],
+        "frames_lost": s["frames_lost"],
+        "features_per_frame": s["features_per_frame"],
+        "scale_error": s["scale_error"],
+        "nees_mean": s["nees_mean"],
+        "ms_per_frame": float(np.nanmean(total)),
+        "ms_pseudo_stereo": float(np.nansum(cf) / len(record)),
+        "ms_pseudo_stereo_overlap": float(cf[overlap].mean()) if overlap.any() else None,
+        "ms_per_frame_overlap": float(total[overlap].mean()) if overlap.any() else None,
+    }
+
+
+def _shared_overlap(rows: list[Row]) -> list[Row]:
+    """Overlap is the recording's: the modes that do not look for it get what `collab` found."""
+    for row in rows:
+        twin = next((r for r in rows if r["mode"] == "collab" and r["poses"] == row["poses"]), None)
+        if twin is not None and "error" not in twin:
+            row.update({key: twin[key] for key in ("overlap_ratio", "tau", "kappa")})
+    return rows
+
+
+def _texts(cases: Sequence[Case], seed: int, jobs: int) -> Iterable[tuple[Case, str]]:
+    if jobs == 1:
+        for case in cases:
+            yield case, run_case(case, seed)
+        return
+    for variable in _THREAD_VARIABLES:
+        os.environ[variable] = "1"
+    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+        futures = {pool.submit(run_case, case, seed): case for case in cases}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+
+
+def _one_thread() -> None:
+    import cv2
+
+    cv2.setNumThreads(1)
+
+
+def _path(folder: Path, case: Case, seed: int) -> Path:
+    return folder / f"{case.name}-{case.key(seed)}.json"
+
+
+def _read(folder: Path, case: Case, seed: int) -> CaseResult | None:
+    try:
+        return _parsed(case, json.loads(_path(folder, case, seed).read_text(encoding="utf-8")))
+    except (OSError, ValueError, KeyError):
+        return None
+
+
+def _parsed(case: Case, content: dict[str, Any]) -> CaseResult:
+    return CaseResult(case, content["rows"], content["tracks"])
+
+
+def _rounded(positions: Any) -> list[list[float]]:
+    return np.round(np.asarray(positions, float), 4).tolist()  # type: ignore[no-any-return]
+
+
+def _worst(rows: list[Row]) -> str:
+    errors = [r.get("final_error_pct") for r in rows if r["mode"] == "collab"]
+    known = [e for e in errors if e is not None]
+    return f"collab up to {max(known):.1f} % off at the end" if known else "no collab"

@@ -1,0 +1,60 @@
+"""A recording whose worn camera has other poses than the measured ones it was made with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from collabslam.datasets.wrapped import WrappedRecording
+from collabslam.types import Array, Frame, Recording, WornView
+from collabslam.worlds import WorldRecording
+
+
+class WithPoses(WrappedRecording):
+    """A recording with given poses of Cf; frames without one have no worn view.
+
+    Parameters
+    ----------
+    base : Recording
+    poses : mapping of frame index to (T_CF (4, 4), covariance (6, 6))
+    """
+
+    def __init__(self, base: Recording, poses: Mapping[int, tuple[Array, Array]]) -> None:
+        super().__init__(base)
+        self._poses = poses
+
+    def frame(self, i: int) -> Frame:
+        """Frame ``i``, its worn view with the given pose."""
+        frame = self._base.frame(i)
+        if frame.worn is None or i not in self._poses:
+            return Frame(frame.index, frame.t, frame.image)
+        t_cf, covariance = self._poses[i]
+        return Frame(frame.index, frame.t, frame.image, WornView(frame.worn.image, t_cf, covariance))
+
+
+def sensed(world: WorldRecording, held: Recording, seed: int) -> tuple[Recording, dict[str, Any]]:
+    """The recording with poses from laser and AHRS, and what the sensors say of the kind of their errors.
+
+    Returns
+    -------
+    recording, settings
+        The settings are ``filter.worn.bias_share`` and ``bias_time``: how much of the variance lasts.
+    """
+    from collabslam.worlds.sensors import config_of, estimated_poses, readings_of
+
+    estimates = estimated_poses(world, readings_of(world, seed))
+    poses = {
+        i: (e.t_cf, e.covariance)
+        for i, e in enumerate(estimates)
+        if e.t_cf is not None and e.covariance is not None
+    }
+    shares = [e.bias_share for e in estimates if e.t_cf is not None]
+    changes: dict[str, Any] = {}
+    if shares:
+        changes = {
+            "filter.worn.bias_share": round(float(np.mean(shares)), 3),
+            "filter.worn.bias_time": config_of(world).ahrs.drift_time,
+        }
+    return WithPoses(held, poses), changes

@@ -1,0 +1,85 @@
+"""The paper's future work: error against availability, overlap, and the noise of the worn camera's pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from collabslam.experiments.cases import Case, CaseResult
+from collabslam.experiments.tables import COLUMNS, average_share, cells, rows_of
+from collabslam.experiments.variants import ANGLE_SD, AVAILABLE, POSITION_SD, Variant
+from collabslam.report import number
+from collabslam.reproduce import style
+from collabslam.reproduce.outputs import Finding, Table
+from collabslam.worlds import SETS
+
+POINTS = {
+    "availability": (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0),
+    "overlap": (0.3, 0.45, 0.6, 0.8, 1.0),
+    "position_sd": (0.01, 0.02, 0.05, 0.1, 0.2),
+    "angle_sd": (0.2, 0.5, 1.0, 2.0, 5.0),
+}
+LABELS = {
+    "availability": "share of time in which the worn camera is there",
+    "overlap": "share of each side of its picture that is left",
+    "position_sd": "sd of its position (m)",
+    "angle_sd": "sd of its heading (degrees; half of it in roll and pitch)",
+}
+_QUICK = 2
+
+
+def cases(quick: bool) -> list[Case]:
+    """Ten corridors with a person who always looks along; two, and the ends of each curve, with `quick`."""
+    points = {k: (v[0], v[-1]) if quick else v for k, v in POINTS.items()}
+    variants = tuple(Variant(factor, value) for factor, values in points.items() for value in values)
+    recipes = SETS["study"][:_QUICK] if quick else SETS["study"]
+    return [Case(r.name, variants=variants) for r in recipes]
+
+
+def make(results: Sequence[CaseResult]) -> Finding:
+    """A curve for each factor."""
+    rows = rows_of(results)
+    figure, panels = style.canvas(2, 2, (11.0, 8.0), "Error against what the worn camera gives", sharey=True)
+    lines, numbers = [], dict[str, list[dict[str, Any]]]()
+    for axes, (factor, label) in zip(panels.flat, LABELS.items(), strict=True):
+        values = sorted({float(r["value"]) for r in rows if r["factor"] == factor})
+        curve = []
+        for value in values:
+            group = [r for r in rows if r["factor"] == factor and r["value"] == value and "error" not in r]
+            shares = np.array([average_share(r) for r in group])
+            low, middle, high = np.percentile(shares, [10, 50, 90]) if len(shares) else [np.nan] * 3
+            point = {"value": value, "runs": len(group), "median": middle, "p10": low, "p90": high}
+            curve.append({**point, "mean": float(shares.mean()) if len(shares) else None})
+            lines.append(
+                [label, f"{value:g}", str(len(group)), *(number(float(x), 2) for x in (middle, low, high))]
+            )
+        numbers[factor] = [{k: _plain(v) for k, v in point.items()} for point in curve]
+        axes.fill_between(
+            values, [p["p10"] for p in curve], [p["p90"] for p in curve], color=style.COLLAB, alpha=0.2
+        )
+        axes.plot(values, [p["median"] for p in curve], color=style.COLLAB, marker="o")
+        if factor.endswith("_sd"):
+            axes.set_xscale("log")
+        axes.set_xlabel(label)
+        axes.set_ylabel("average error, % of the path")
+    panels[0, 0].set_ylim(bottom=0.0)
+    header = ("factor", "value", "runs", "median average error, % of the path", "10th percentile", "90th")
+    return Finding(
+        title="Error against availability, overlap and noise of the worn camera",
+        figure=figure,
+        tables=[Table("`collab` in corridors of 15 m, each its own scene and noise:", header, lines)],
+        verdict=(
+            f"One factor varies at a time; the others stay at {100 * AVAILABLE:.0f} % availability, the "
+            f"whole picture, {100 * POSITION_SD:.0f} cm and {ANGLE_SD:g} degree, independent in each frame. "
+            "Availability 0 is `mono`, which has Cf in the first frame only."
+        ),
+        numbers={"rows": rows, "curves": numbers},
+        columns=("factor", "value", *COLUMNS),
+        rows=cells(rows, ("factor", "value", *COLUMNS)),
+    )
+
+
+def _plain(value: Any) -> Any:
+    return None if isinstance(value, float) and not np.isfinite(value) else value

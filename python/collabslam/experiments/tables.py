@@ -1,0 +1,133 @@
+"""What the experiments' pages share: rows as CSV columns, means over recordings, aims reached or missed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from collabslam.experiments.cases import DIRECT, MODES, SENSORS, Case, CaseResult, Row
+from collabslam.report import number
+from collabslam.reproduce.outputs import Table
+from collabslam.worlds import SETS
+
+COLUMNS = (
+    "sequence", "mode", "poses", "path_length_m", "avg_position_error_m", "sum_position_error_m",
+    "final_position_error_m", "final_error_pct", "heading_error_deg", "overlap_ratio", "tau", "kappa", "U",
+    "frames", "frames_ok", "frames_ok_reported", "frames_lost", "features_per_frame", "scale_error",
+    "nees_mean", "ms_per_frame", "ms_pseudo_stereo", "ms_pseudo_stereo_overlap", "ms_per_frame_overlap",
+)  # fmt: skip
+SOURCES = {SENSORS: "laser and AHRS", DIRECT: "measured directly"}
+QUICK_COUNT = 2
+
+
+def cases_of(name: str, quick: bool) -> list[Case]:
+    """The recordings of a set; with `quick` the first ones, without the modes that take no part in an aim."""
+    recipes = SETS[name][:QUICK_COUNT] if quick else SETS[name]
+    return [Case(r.name, ("mono", "collab") if quick else MODES) for r in recipes]
+
+
+def rows_of(results: Sequence[CaseResult]) -> list[Row]:
+    """All rows, recording after recording."""
+    return [row for result in results for row in result.rows]
+
+
+def cells(rows: Sequence[Row], columns: Sequence[str] = COLUMNS) -> list[list[Any]]:
+    """The rows of the CSV file."""
+    return [["" if row.get(c) is None else row[c] for c in columns] for row in rows]
+
+
+def chosen(rows: Sequence[Row], mode: str, poses: str) -> list[Row]:
+    """Rows of a mode and a source of poses whose filter started."""
+    return [
+        r for r in rows if r["mode"] == mode and r["poses"] == poses and r.get("final_error_pct") is not None
+    ]
+
+
+def mean(rows: Sequence[Row], key: str) -> float:
+    """Over the rows that have it; NaN if none has."""
+    values = [float(r[key]) for r in rows if r.get(key) is not None]
+    return float(np.mean(values)) if values else float("nan")
+
+
+def average_share(row: Row) -> float:
+    """Average position error as a share of the path, percent."""
+    if row.get("avg_position_error_m") is None:
+        return float("nan")
+    return 100.0 * float(row["avg_position_error_m"]) / float(row["path_length_m"])
+
+
+def modes_in(rows: Sequence[Row]) -> list[str]:
+    """The modes that were run, in the usual order."""
+    return [m for m in MODES if any(r["mode"] == m for r in rows)]
+
+
+Aim = tuple[str, float, str, float]
+"""(what, value reached, "<=" or ">=", bound)."""
+
+
+def aims_table(aims: dict[str, list[Aim]]) -> Table:
+    """Aims by source of poses, with what was reached."""
+    lines = []
+    for poses, entries in aims.items():
+        for what, value, relation, bound in entries:
+            met = value <= bound if relation == "<=" else value >= bound
+            text = "not run" if not np.isfinite(value) else ("yes" if met else "NO")
+            lines.append([what, SOURCES[poses], f"{relation} {bound:g}", number(value, 2), text])
+    return Table("Aims:", ("aim", "pose of the worn camera", "bound", "reached", "met"), lines)
+
+
+def aims_numbers(aims: dict[str, list[Aim]]) -> list[dict[str, Any]]:
+    """The same for the JSON file."""
+    return [
+        {
+            "aim": what,
+            "poses": poses,
+            "relation": relation,
+            "bound": bound,
+            "reached": value if np.isfinite(value) else None,
+            "met": bool(value <= bound if relation == "<=" else value >= bound),
+        }
+        for poses, entries in aims.items()
+        for what, value, relation, bound in entries
+    ]
+
+
+def all_started(rows: Sequence[Row], poses: str) -> Aim:
+    """Whether `collab` started on every recording: one that did not is in none of the means."""
+    asked = sum(r["mode"] == "collab" and r["poses"] == poses for r in rows)
+    return "sequences on which collab started, of all", len(chosen(rows, "collab", poses)) / asked, ">=", 1.0
+
+
+def no_strawman(rows: Sequence[Row], poses: str) -> list[Aim]:
+    """`mono` tracks as much as `collab`, and is no worse than `mono-undelayed`."""
+    mono, collab = chosen(rows, "mono", poses), chosen(rows, "collab", poses)
+    features = mean(mono, "features_per_frame") / mean(collab, "features_per_frame")
+    undelayed = mean(chosen(rows, "mono-undelayed", poses), "avg_position_error_m")
+    return [
+        ("features a frame, mono over collab", features, ">=", 0.9),
+        (
+            "average error, mono over mono-undelayed",
+            mean(mono, "avg_position_error_m") / undelayed,
+            "<=",
+            1.0,
+        ),
+    ]
+
+
+def each_row_table(rows: Sequence[Row], caption: str) -> Table:
+    """Every recording and mode."""
+    columns: list[tuple[str, Callable[[Row], str]]] = [
+        ("sequence", lambda r: str(r["sequence"])),
+        ("mode", lambda r: str(r["mode"])),
+        ("pose of the worn camera", lambda r: SOURCES[r["poses"]]),
+        ("path, m", lambda r: number(r.get("path_length_m"), 2)),
+        ("average error, m", lambda r: number(r.get("avg_position_error_m"), 3)),
+        ("error at the end, m", lambda r: number(r.get("final_position_error_m"), 3)),
+        ("% of the path", lambda r: number(r.get("final_error_pct"), 2)),
+        ("heading error, degrees", lambda r: number(r.get("heading_error_deg"), 2)),
+        ("frames OK", lambda r: f"{r.get('frames_ok', '-')} of {r.get('frames', '-')}"),
+        ("ms a frame", lambda r: number(r.get("ms_per_frame"), 1)),
+    ]
+    return Table(caption, [c for c, _ in columns], [[text(r) for _, text in columns] for r in rows])

@@ -1,0 +1,89 @@
+"""What the sensors of a world's recording say of the worn camera, and the pose that follows from it.
+
+The robot's two scanners see walls, furniture and the person's legs; both cameras carry an AHRS (METHOD 11,
+Table C1). Nothing true reaches the estimate but where the person stands at the start, to half a metre.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from collabslam.geometry import pose_inverse, se3_log
+from collabslam.types import Array
+from collabslam.worlds.recording import WorldRecording
+from collabslam.worn_pose import (
+    AhrsReading,
+    LaserScan,
+    WornPoseConfig,
+    WornPoseEstimate,
+    WornPoseEstimator,
+    estimates_at,
+)
+from collabslam.worn_pose.simulate import (
+    AhrsModel,
+    FloorPlan,
+    LaserModel,
+    sensor_times,
+    simulate_ahrs,
+    simulate_scans,
+)
+
+AFTER = 0.3
+"""Seconds for which they run on after the last one."""
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Attributes
+    ----------
+    scans : list of LaserScan
+        Of the front and of the back scanner.
+    attitudes : list of AhrsReading
+        Of the robot's AHRS and of the worn one.
+    """
+
+    scans: list[LaserScan]
+    attitudes: list[AhrsReading]
+
+
+def config_of(recording: WorldRecording) -> WornPoseConfig:
+    """What the estimator is told: where the sensors sit, and about where the person starts."""
+    _, ahead, left = recording.recipe.stations[0]
+    right = -recording.recipe.side * left
+    return WornPoseConfig(start=(0.5 * round(2.0 * right), 0.5 * round(2.0 * ahead)))
+
+
+def readings_of(recording: WorldRecording, seed: int) -> Readings:
+    """Simulated readings; `seed` is that of their noise."""
+    rng = np.random.Generator(np.random.PCG64((seed, recording.recipe.seed, 7)))
+    config, plan = config_of(recording), FloorPlan(recording.building.plan)
+    start, stop = 0.0, float(recording.times[-1]) + AFTER
+    robot = recording.robot
+    scans: list[LaserScan] = []
+    for name, pose in config.scanners.items():
+        laser = LaserModel()
+        times = sensor_times(start, stop, laser.rate, float(rng.uniform(0.0, 1.0 / laser.rate)))
+        scans += simulate_scans(plan, times, robot, pose, recording.shins, rng=rng, scanner=name, model=laser)
+    model = AhrsModel()
+    times = sensor_times(start, stop, model.rate)
+    attitudes = simulate_ahrs(times, robot, config.r_c_ahrs, rng=rng, where="robot", model=model)
+    attitudes += simulate_ahrs(times, recording.person, config.r_f_ahrs, rng=rng, where="worn", model=model)
+    kept = [replace(s, ranges=s.ranges.astype(np.float32)) for s in scans]  # as a scanner delivers them
+    return Readings(kept, attitudes)
+
+
+def estimated_poses(recording: WorldRecording, readings: Readings) -> list[WornPoseEstimate]:
+    """The worn camera's pose at each frame, from the sensors alone."""
+    estimator = WornPoseEstimator(config_of(recording))
+    return estimates_at(recording.times.tolist(), estimator, readings.scans, readings.attitudes)
+
+
+def pose_errors(recording: WorldRecording, estimates: list[WornPoseEstimate]) -> Array:
+    """(N, 6) errors of the estimates on their right tangent, metres and radians; NaN where there is none."""
+    out = np.full((len(estimates), 6), np.nan)
+    for i, e in enumerate(estimates):
+        if e.t_cf is not None:
+            out[i] = se3_log(pose_inverse(e.t_cf) @ recording.true_t_cf(i))
+    return out
