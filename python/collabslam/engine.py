@@ -10,7 +10,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -130,6 +130,9 @@ class Slam:
     SettingsError
         If the mode or the start does not exist or lacks what it needs.
     """
+
+    KEPT: ClassVar[tuple[str, ...]] = ()
+    """Attributes of its own that frames change; its parts have theirs (see `keeping.Keeper`)."""
 
     def __init__(
         self,
@@ -328,6 +331,7 @@ class Slam:
             "start": self._start,
             "target": self._target,
             "filter": self.filter.snapshot(),
+            "own": {name: getattr(self, name) for name in self.KEPT},
             "parts": {name: part.state() for name, part in parts_of(self).items()},
         }
 
@@ -349,6 +353,8 @@ class Slam:
                 raise DataError("The file holds other parts of an engine; take an earlier one.")
             for name, part in parts.items():
                 part.restore(state["parts"][name])
+            for name in cls.KEPT:
+                setattr(slam, name, state["own"][name])
             features = [i for i, kind, _, _ in slam.filter.blocks if kind == "Feature"]
             if not slam._tracks.knows(np.array(features, np.int64)):
                 raise DataError("The file lacks a feature's patch; take an earlier one.")
