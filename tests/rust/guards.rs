@@ -100,7 +100,7 @@ fn measurements_that_would_break_p_are_refused() {
     let mut far = good.clone();
     far.worn = None;
     for (i, bearing) in far.bearings.iter_mut().enumerate() {
-        bearing.uv = Vector2::new(if i % 2 == 0 { 1e6 } else { -1e6 }, 1e6);
+        bearing.uv = Vector2::new(if i.is_multiple_of(2) { 1e6 } else { -1e6 }, 1e6);
     }
     match filter.update(&far) {
         Err(EkfError::Unsound { .. }) => assert!(filter.snapshot() == before),
