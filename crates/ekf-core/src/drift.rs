@@ -3,6 +3,10 @@
 //! Moving or turning camera and map together changes no measurement, so uncertainty along these directions never
 //! interacts with the filter: it is kept apart, as a 6x6 covariance of the world frame, and added to the pose that is
 //! reported.
+//!
+//! What makes the world frame drift unnoticed (calibration, patches, linearisation, a scene that is not quite still)
+//! also leaves residuals. How large they are beside the noise that the settings claim, NIS per degree of freedom, says
+//! how good camera and scene are, so the drift's variance grows in proportion to it.
 
 use crate::math::quat;
 use crate::observe::point::CameraPose;
@@ -24,17 +28,42 @@ fn seen_from_camera(pose: &CameraPose) -> Matrix6<f64> {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct FrameDrift(pub(crate) Matrix6<f64>);
 
+/// NIS of all updates since the start, and their degrees of freedom.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Misfit {
+    pub(crate) nis: f64,
+    pub(crate) dof: f64,
+}
+
+impl Misfit {
+    /// Adds an update.
+    pub(crate) fn note(&mut self, nis: f64, dof: usize) {
+        self.nis += nis;
+        self.dof += dof as f64;
+    }
+
+    /// NIS per degree of freedom; 1 before any update.
+    pub(crate) fn share(&self) -> f64 {
+        if self.dof > 0.0 {
+            self.nis / self.dof
+        } else {
+            1.0
+        }
+    }
+}
+
 impl FrameDrift {
-    /// Grows over `dt` seconds and `distance` metres; the noise is that of the camera where it is now.
+    /// Grows over `dt` seconds and `distance` metres of a run with that misfit; the noise is that of the camera where it is now.
     pub(crate) fn grow(
         &mut self,
         pose: &CameraPose,
         dt: f64,
         distance: f64,
+        misfit: f64,
         settings: &ProcessSettings,
     ) {
-        let position = settings.position_drift.powi(2) * distance;
-        let attitude = settings.attitude_drift.to_radians().powi(2) * dt;
+        let position = settings.position_drift.powi(2) * distance * misfit;
+        let attitude = settings.attitude_drift.to_radians().powi(2) * dt * misfit;
         // Isotropic noise in C is the same in W, taken about the camera.
         let lever = quat::skew(&pose.r);
         let mut noise = Matrix6::zeros();

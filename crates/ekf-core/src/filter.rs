@@ -7,7 +7,7 @@
 
 use crate::batch::Workspace;
 use crate::camera::Camera;
-use crate::drift::FrameDrift;
+use crate::drift::{FrameDrift, Misfit};
 use crate::error::EkfError;
 use crate::frame::{self, check_pose};
 use crate::gauge::Gauge;
@@ -47,6 +47,7 @@ pub struct Filter {
     pub(crate) batch: Workspace,
     pub(crate) test: validate::Workspace,
     pub(crate) drift: FrameDrift,
+    pub(crate) misfit: Misfit,
     pub(crate) gauge: Gauge,
     pub(crate) scratch: frame::Scratch,
     /// Room for the next list of features that the gauge follows.
@@ -119,6 +120,7 @@ impl Filter {
             batch: Workspace::default(),
             test: validate::Workspace::default(),
             drift: FrameDrift::default(),
+            misfit: Misfit::default(),
             gauge: Gauge::default(),
             scratch: frame::Scratch::default(),
             in_view: Vec::new(),
@@ -238,7 +240,8 @@ impl Filter {
         predict::predict(&mut self.state, dt, process, &self.settings.worn);
         let pose = self.state.camera_pose();
         let distance = (pose.r - before).norm();
-        self.drift.grow(&pose, dt, distance, process);
+        let misfit = self.misfit.share();
+        self.drift.grow(&pose, dt, distance, misfit, process);
         if let Some(far) = &mut self.far {
             // What comes into view joins the working set, and what is about to come with it: to join costs a pass over R.
             far.look_about(&self.state, self.batch.moved_by() > JUMP);

@@ -296,11 +296,12 @@ settings! {
         start_velocity_sd: f64 = 10.0, "m/s", Some(0.0), Some(1e3);
         /// Standard deviation of each component of the angular velocity at the start.
         start_angular_velocity_sd: f64 = 1.0, "rad/s", Some(0.0), Some(1e2);
-        /// Drift of the position that no measurement shows (calibration, patches, linearisation), by distance travelled;
-        /// it enters the reported covariance of the pose only.
-        position_drift: f64 = 0.03, "m/m^0.5", Some(0.0), Some(10.0);
-        /// Drift of the attitude that no measurement shows; it enters the reported covariance of the pose only.
-        attitude_drift: f64 = 0.5, "deg/s^0.5", Some(0.0), Some(90.0);
+        /// Drift of the position that no measurement shows (calibration, patches, linearisation), by distance travelled,
+        /// where residuals are as large as the noise claims (its variance goes with NIS per degree of freedom); it enters
+        /// the reported covariance of the pose only.
+        position_drift: f64 = 0.06, "m/m^0.5", Some(0.0), Some(10.0);
+        /// The same of the attitude, by time.
+        attitude_drift: f64 = 1.0, "deg/s^0.5", Some(0.0), Some(90.0);
     }
     /// Noise of pixel measurements (METHOD 4).
     pixel: PixelSettings {

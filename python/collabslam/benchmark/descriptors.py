@@ -91,7 +91,7 @@ class _Look:
         self._image = scene.image(pair.i)
         self._other = scene.other.image(pair.j)
         self._t_cf = errors.measured(pair.t_cf, pair.i, 0)
-        self._covariance = errors.covariance
+        self._covariance = np.diag(errors.noise.deviations**2)
         self._overlap = core.predict_overlap(self._t_cf, self._covariance)
         border = options.patch.size // 2 + 1
         self._uv = detect_corners(self._image, _NONE, options.worn.new_points, options.detect, border)

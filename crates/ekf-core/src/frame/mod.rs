@@ -396,6 +396,7 @@ impl Filter {
             .solve(&self.state, carries.then_some(&mut self.gauge))?;
         let gauge = carries.then_some(&mut self.gauge);
         self.batch.apply(&mut self.state, gauge);
+        self.misfit.note(report.nis, report.dof);
         self.state.normalise_quaternions();
         if carries {
             self.gauge.settle(&mut self.state);

@@ -4,7 +4,7 @@
 use super::bad;
 use crate::batch::Workspace;
 use crate::camera::Camera;
-use crate::drift::FrameDrift;
+use crate::drift::{FrameDrift, Misfit};
 use crate::error::EkfError;
 use crate::filter::{Filter, LAST_TIME};
 use crate::gauge::Gauge;
@@ -31,6 +31,8 @@ pub(super) struct FilterImage {
     candidates: Vec<(u64, CandidateImage)>,
     next_candidate: u64,
     drift: Vec<f64>,
+    /// NIS of all updates, and their degrees of freedom.
+    misfit: (f64, f64),
     moved_by: f64,
     /// Features that the gauge follows.
     followed: Vec<u64>,
@@ -82,6 +84,7 @@ impl Filter {
             next_candidate,
             batch,
             drift,
+            misfit,
             gauge,
             far,
             // Buffers, and what is worked out again when it is asked for.
@@ -102,6 +105,7 @@ impl Filter {
             candidates: candidates.iter().map(|(&id, c)| (id, c.image())).collect(),
             next_candidate: *next_candidate,
             drift: drift.0.as_slice().to_vec(),
+            misfit: (misfit.nis, misfit.dof),
             moved_by: batch.moved_by(),
             followed: gauge.followed().to_vec(),
             far: far.as_ref().map(|far| far.image(state)),
@@ -120,6 +124,7 @@ impl Filter {
             candidates,
             next_candidate,
             drift,
+            misfit: (nis, dof),
             moved_by,
             followed,
             far,
@@ -151,6 +156,9 @@ impl Filter {
             }
             _ => return Err(bad("its drift is no 6x6 matrix")),
         };
+        if ![nis, dof].iter().all(|v| v.is_finite() && *v >= 0.0) {
+            return Err(bad("its normalised innovations are impossible"));
+        }
         let mut batch = Workspace::default();
         batch.remember_move(moved_by);
         let filter = Self {
@@ -166,6 +174,7 @@ impl Filter {
             batch,
             test: validate::Workspace::default(),
             drift: FrameDrift(drift),
+            misfit: Misfit { nis, dof },
             gauge: Gauge::following(followed),
             in_view: Vec::new(),
             scratch: frame::Scratch::default(),
