@@ -92,7 +92,10 @@ def test_nees_is_in_its_band() -> None:
     n = experiment.make(Study(settings, runs=runs, seed=0, jobs=1, progress=False)).numbers
     low, high = nees_band(6, runs)
     assert low < n["nees"] < high
-    assert n["false_person_share"] < 0.02
+    # Counts every error above 0.5 m: in one walk of the eight that is the right person, predicted for a
+    # second around a corner that hides them. A wrong person for the rest of a walk would be 0.1.
+    assert n["false_person_share"] < 0.05
+    assert n["nees_position"] < nees_band(3, runs)[1]
     assert n["share_with_pose"] > 0.75
     assert n["position_cm"] < 12.0
     assert n["angle_deg"] < 2.5

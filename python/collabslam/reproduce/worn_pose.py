@@ -58,7 +58,9 @@ def make(study: Study) -> Finding:
         verdict=(
             "The paper states no error of this pose. The simulation knows nothing of the estimator's "
             "models: feet rest on the floor while they bear weight, heads sway with the steps, attitudes "
-            "drift as sums of sines, and nobody is built exactly as measured."
+            "drift as sums of sines, and nobody is built exactly as measured. A mean NEES in its band can "
+            "hide two faults that cancel, a few wrong persons and a covariance that is too large for the "
+            "right one: their rows, and the instants, say how much of that there is."
         ),
         numbers=numbers,
         columns=["t_s", *curves],
