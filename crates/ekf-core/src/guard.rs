@@ -15,6 +15,8 @@ use nalgebra::{SMatrix, Vector2};
 const LARGEST_PIXEL: f64 = 1e6;
 /// Largest number in the mean; its square is the largest variance.
 const LARGEST: f64 = 1e12;
+/// Largest variance that is given with a measurement, m^2 or rad^2: a standard deviation of a kilometre.
+const LARGEST_VARIANCE: f64 = 1e6;
 /// Least norm of a quaternion after an update, before it is normalised.
 const LEAST_QUATERNION: f64 = 0.1;
 /// By how much, relative to what it was, rounding may take a variance below zero (METHOD 3)...
@@ -43,6 +45,20 @@ pub(crate) fn lengths<'a>(
     match values.find(|v| v.abs() > FARTHEST) {
         Some(v) => {
             let why = format!("{v} m is beyond any map; give metres");
+            Err(EkfError::InvalidInput { what, why })
+        }
+        None => Ok(()),
+    }
+}
+
+/// Variances of measured poses, points and depths (m^2 or rad^2), within [`LARGEST_VARIANCE`].
+pub(crate) fn variances<'a>(
+    what: &'static str,
+    mut values: impl Iterator<Item = &'a f64>,
+) -> Result<(), EkfError> {
+    match values.find(|v| v.abs() > LARGEST_VARIANCE) {
+        Some(v) => {
+            let why = format!("a variance of {v} says nothing; leave such a measurement out");
             Err(EkfError::InvalidInput { what, why })
         }
         None => Ok(()),

@@ -6,6 +6,7 @@ Every file is sorted by time and leaves out poses that are not finite.
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -101,7 +102,9 @@ def read_covariances(path: Path) -> tuple[Array, Array]:
         If the file is missing or a line has not 22 numbers.
     """
     try:
-        rows = np.loadtxt(path, comments="#", ndmin=2, dtype=np.float64).reshape(-1, 22)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of a run without a valid pose: there is no line
+            rows = np.loadtxt(path, comments="#", ndmin=2, dtype=np.float64).reshape(-1, 22)
     except (OSError, ValueError) as error:
         raise DataError(
             f"The covariances {path} cannot be read ({error}); run the recording again."

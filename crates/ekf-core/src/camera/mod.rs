@@ -64,6 +64,10 @@ pub struct Camera {
     limit: f64,
 }
 
+/// Least focal length, and largest focal length and coordinate of the principal point, pixels.
+const LEAST_FOCAL: f64 = 1e-3;
+const LARGEST_PIXEL: f64 = 1e7;
+
 impl Camera {
     /// Checks a calibration and builds the camera.
     ///
@@ -141,6 +145,13 @@ impl Camera {
             return Err(EkfError::InvalidInput {
                 what: "camera intrinsics",
                 why: format!("focal lengths must be positive, got fx = {fx}, fy = {fy}"),
+            });
+        }
+        let sizes = intrinsics.map(f64::abs);
+        if fx < LEAST_FOCAL || fy < LEAST_FOCAL || sizes.iter().any(|v| *v > LARGEST_PIXEL) {
+            return Err(EkfError::InvalidInput {
+                what: "camera intrinsics",
+                why: format!("{intrinsics:?} are no camera's; give (fx, fy, cx, cy) in pixels"),
             });
         }
         if width == 0 || height == 0 {

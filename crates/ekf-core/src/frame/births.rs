@@ -236,6 +236,8 @@ impl Filter {
             });
         }
         guard::lengths("points", points.iter().flat_map(|p| p.iter()))?;
+        guard::variances("noise", noise.iter().flat_map(|m| m.iter()))?;
+        guard::variances("shared", shared.iter().flat_map(|m| m.iter()))?;
         check_pose(&Pose::identity(), covariance)?;
         self.changes();
         let mark = self.state.mark();

@@ -324,6 +324,7 @@ impl Filter {
         check_once("worn pairs and depths", others(), &mut scratch.ids)?;
         for depth in &z.depths {
             guard::lengths("depth", [depth.depth, depth.sigma].iter())?;
+            guard::variances("depth", [depth.sigma.powi(2)].iter())?;
             let good = |x: f64| x.is_finite() && x > 0.0;
             if !good(depth.depth) || !good(depth.sigma) {
                 return Err(EkfError::InvalidInput {
@@ -546,6 +547,7 @@ pub(crate) fn check_pose(pose: &Pose, covariance: &Matrix6<f64>) -> Result<(), E
         });
     }
     guard::lengths("T_CF", pose.translation.iter())?;
+    guard::variances("covariance of T_CF", covariance.iter())?;
     let off = pose.rotation * pose.rotation.transpose() - Matrix3::identity();
     if off.abs().max() > 1e-6 || pose.rotation.determinant() < 0.0 {
         return Err(EkfError::InvalidInput {
