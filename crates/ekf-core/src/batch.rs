@@ -325,7 +325,7 @@ impl Workspace {
 
     /// The update itself: `x += V y`, `P -= V V^T` with `V = P H^T L^-T`; quaternions are left to be normalised.
     /// A gauge carries P along in the same pass: it needs `P B` after the update, `P B - V C` with `C = L^-1 H P B`.
-    pub(crate) fn apply(&mut self, state: &mut State, gauge: Option<&mut Gauge>) {
+    pub(crate) fn apply(&mut self, state: &mut State, mut gauge: Option<&mut Gauge>) {
         if self.rows() == 0 {
             return;
         }
@@ -333,11 +333,10 @@ impl Workspace {
         let n = state.p.stored().n;
         self.along.clear();
         self.along.extend_from_slice(&self.y);
-        let gauge = gauge.map(|gauge| {
+        if let Some(gauge) = gauge.as_deref_mut() {
             gauge.note(state);
             self.look_along(gauge, state.p.stored().slots);
-            gauge
-        });
+        }
         let products = self.along.len() / self.rows();
         resize(&mut self.moved, n * products);
         let (moved, packed) = (&mut self.moved, &mut self.packed);
