@@ -125,9 +125,7 @@ def test_the_sensors_give_the_pose_that_they_claim(world: WorldRecording) -> Non
     assert known.mean() > 0.9
     claimed = [e.covariance for e in estimates if e.covariance is not None]
     nees = [e @ np.linalg.solve(c, e) for e, c in zip(errors[known], claimed, strict=True)]
-    assert (
-        np.median(nees) < 16.8
-    )  # 99 % of one draw of six: errors last
+    assert np.median(nees) < 16.8  # 99 % of one draw of six: errors last
     again = pose_errors(world, estimated_poses(world, readings_of(world, 0)))
     assert np.array_equal(errors, again, equal_nan=True)
 
