@@ -36,7 +36,8 @@ def made_up(case: Case, seed: int) -> str:
             "sequence": case.name, "mode": mode, "poses": poses, "path_length_m": 15.0,
             "avg_position_error_m": error, "sum_position_error_m": 100 * error,
             "final_position_error_m": 2 * error, "final_error_pct": 200 * error / 15.0,
-            "heading_error_deg": 2 * error, "overlap_ratio": 0.4, "tau": 1.0, "kappa": 2.0,
+            "heading_error_deg": 2 * error, "overlap_ratio": 0.4, "matched_ratio": 0.3,
+            "tau": 1.0, "kappa": 2.0,
             "U": 3.0 if mode.startswith("collab") else None, "frames": 100, "frames_ok": 100,
             "frames_ok_reported": 100, "frames_lost": 0, "features_per_frame": 40.0, "scale_error": 0.01,
             "nees_mean": 5.0, "ms_per_frame": 30.0, "ms_pseudo_stereo": 6.0,
@@ -125,9 +126,7 @@ def test_the_sensors_give_the_pose_that_they_claim(world: WorldRecording) -> Non
     assert known.mean() > 0.9
     claimed = [e.covariance for e in estimates if e.covariance is not None]
     nees = [e @ np.linalg.solve(c, e) for e, c in zip(errors[known], claimed, strict=True)]
-    assert (
-        np.median(nees) < 16.8
-    )  # 99 % of one draw of six: errors last
+    assert np.median(nees) < 16.8  # 99 % of one draw of six: errors last
     again = pose_errors(world, estimated_poses(world, readings_of(world, 0)))
     assert np.array_equal(errors, again, equal_nan=True)
 

@@ -154,6 +154,7 @@ def _numbers(result: RunResult, mode: str) -> Row:
         "final_error_pct": s["final_error_pct"],
         "heading_error_deg": None if heading is None else abs(heading),
         "overlap_ratio": s["overlap_ratio"],
+        "matched_ratio": float(np.mean(np.nan_to_num(record.diagnostic("cf_matches")) > 0.0)),
         "tau": s["overlap_tau_s"],
         "kappa": s["overlap_kappa_s2"],
         "U": s["overhead_u"] if mode.startswith("collab") else None,

@@ -14,7 +14,8 @@ from collabslam.worlds import SETS
 
 COLUMNS = (
     "sequence", "mode", "poses", "path_length_m", "avg_position_error_m", "sum_position_error_m",
-    "final_position_error_m", "final_error_pct", "heading_error_deg", "overlap_ratio", "tau", "kappa", "U",
+    "final_position_error_m", "final_error_pct", "heading_error_deg", "overlap_ratio", "matched_ratio",
+    "tau", "kappa", "U",
     "frames", "frames_ok", "frames_ok_reported", "frames_lost", "features_per_frame", "scale_error",
     "nees_mean", "ms_per_frame", "ms_pseudo_stereo", "ms_pseudo_stereo_overlap", "ms_per_frame_overlap",
 )  # fmt: skip

@@ -60,7 +60,8 @@ class WorldRecording:
         self.drive = Drive(route, recipe.speed, -recipe.side * LANE, length, recipe.seed)
         stations = tuple((share, ahead, recipe.side * left) for share, ahead, left in recipe.stations)
         self.walk = Walk(self.drive, stations, recipe.along, recipe.seed)
-        self.times = LEAD + np.arange(int(self.drive.duration * RATE) + 1) / RATE
+        count = int(self.drive.duration * RATE) + 1
+        self.times = np.round(LEAD + np.arange(count) / RATE, 9)  # whole nanoseconds, as files hold them
         self.truth = np.stack([self.robot(float(t)) for t in self.times])
         self._seed = seed
         self._gains = [vignette(self.camera), vignette(self.worn_camera)]
