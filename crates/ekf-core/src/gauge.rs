@@ -321,3 +321,117 @@ pub fn coordinates(x: &[f64], layout: &Layout, p: &Covariance, among: &[u64], ou
 fn column(matrix: &[f64], n: usize, j: usize) -> &[f64] {
     &matrix[j * n..(j + 1) * n]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{GAUGES, Gauge, coordinates, directions};
+    use crate::kernel::Panels;
+    use crate::state::{Block, LinearPart, POSE_DIM, State};
+    use nalgebra::{DMatrix, SMatrix, Vector6};
+
+    fn wave(i: usize) -> f64 {
+        ((i * 7919 + 13) % 101) as f64 / 101.0 - 0.5
+    }
+
+    /// An uncertain camera and three features of good depth; the last two share their anchor.
+    fn state() -> (State, [Block; 3]) {
+        let mut state = State::at_origin(64);
+        for i in 0..13 {
+            state.p.set(i, i, 0.01 + 0.002 * i as f64);
+        }
+        let block = |state: &mut State, k: usize| {
+            let r = state.camera_pose().r;
+            let depth = [0.1 * k as f64 - 0.1, 0.05, 0.3 + 0.1 * k as f64];
+            let mean = Vector6::new(r.x, r.y, r.z, depth[0], depth[1], depth[2]);
+            let mut by_pose = SMatrix::<f64, 6, 7>::from_fn(|i, j| 0.1 * wave(7 * k + i + 6 * j));
+            by_pose.fixed_view_mut::<3, 7>(0, 0).fill(0.0);
+            by_pose.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
+            let part = LinearPart {
+                offset: 0,
+                width: POSE_DIM,
+                matrix: by_pose.as_slice(),
+            };
+            let noise = Vector6::new(0.0, 0.0, 0.0, 1e-4, 1e-4, 1e-5);
+            state.append_feature(&mean, &[part], &SMatrix::from_diagonal(&noise))
+        };
+        let first = block(&mut state, 0);
+        state.camera_moved();
+        for i in 0..3 {
+            state.x[i] += 0.2 + 0.1 * i as f64;
+            state.reference[i] = state.x[i];
+        }
+        let second = block(&mut state, 1);
+        let third = block(&mut state, 2);
+        (state, [first, second, third])
+    }
+
+    fn all_directions(x: &[f64], state: &State) -> DMatrix<f64> {
+        let mut out = Vec::new();
+        directions(x, &state.layout, &mut out);
+        DMatrix::from_vec(x.len(), GAUGES, out)
+    }
+
+    /// `T P T^T` with the rows of `D` for which `moves` holds.
+    fn carried(state: &State, among: &[u64], moves: impl Fn(usize) -> bool) -> DMatrix<f64> {
+        let n = state.x.len();
+        let mut d = all_directions(&state.x, state) - all_directions(&state.reference, state);
+        for i in (0..n).filter(|&i| !moves(i)) {
+            d.row_mut(i).fill(0.0);
+        }
+        let mut b = Vec::new();
+        coordinates(&state.reference, &state.layout, &state.p, among, &mut b);
+        let t = DMatrix::identity(n, n) + d * DMatrix::from_vec(n, GAUGES, b).transpose();
+        &t * state.p.to_dense() * t.transpose()
+    }
+
+    fn carry(gauge: &mut Gauge, state: &mut State) {
+        let change = gauge.change(state, None);
+        state.p.downdate(&Panels::default(), Some(change));
+        gauge.settle(state);
+    }
+
+    #[test]
+    fn what_is_out_of_view_is_carried_when_it_comes_back() {
+        let (mut state, [first, second, third]) = state();
+        let mut gauge = Gauge::default();
+        gauge.follow(first.id);
+        gauge.follow(second.id);
+        let followed = [first.id, second.id];
+        gauge.note(&state);
+        let b = &gauge.coordinates[3 * state.x.len()..];
+        assert!(b.iter().any(|&b| b != 0.0), "depths are good enough");
+        for i in 0..state.x.len() {
+            state.x[i] += 0.02 * wave(i);
+        }
+        // One anchor, one value.
+        for k in 0..3 {
+            state.x[third.offset + k] = state.x[second.offset + k];
+        }
+        let own = third.offset + 3..third.offset + 6;
+        let expected = carried(&state, &followed, |i| !own.contains(&i));
+        let before = state.p.to_dense();
+        carry(&mut gauge, &mut state);
+        let off = (state.p.to_dense() - &expected).abs().max();
+        assert!(off < 1e-14, "{off:e}");
+        assert!((&expected - before).abs().max() > 1e-5, "it does something");
+        for i in 0..state.x.len() {
+            let at = if own.contains(&i) { "before" } else { "now" };
+            let is = if state.reference[i] == state.x[i] {
+                "now"
+            } else {
+                "before"
+            };
+            assert_eq!(at, is, "row {i}");
+        }
+        // Back in view: its own three rows move, nothing else.
+        gauge.note(&state);
+        let expected = carried(&state, &followed, |i| own.contains(&i));
+        let before = state.p.to_dense();
+        gauge.follow(third.id);
+        carry(&mut gauge, &mut state);
+        let off = (state.p.to_dense() - &expected).abs().max();
+        assert!(off < 1e-14, "{off:e}");
+        assert!((&expected - before).abs().max() > 1e-5, "it does something");
+        assert_eq!(state.reference, state.x);
+    }
+}

@@ -174,7 +174,8 @@ pub(crate) fn to_ids(
     py: Python<'_>,
     ids: impl Iterator<Item = Option<u64>>,
 ) -> Bound<'_, PyArray1<i64>> {
-    PyArray1::from_iter(py, ids.map(|id| id.map_or(-1, |id| id as i64)))
+    let ids = ids.map(|id| id.map_or(-1, |id| id as i64));
+    PyArray1::from_vec(py, ids.collect())
 }
 
 /// A fixed-size matrix as a 2-D array.
@@ -195,11 +196,8 @@ pub(crate) fn stacked<const R: usize, const C: usize>(
 ) -> Bound<'_, PyArray3<f64>> {
     let mut flat = Vec::with_capacity(n * R * C);
     for m in matrices {
-        for i in 0..R {
-            for j in 0..C {
-                flat.push(m[(i, j)]);
-            }
-        }
+        // Numpy goes row by row.
+        flat.extend_from_slice(m.transpose().as_slice());
     }
     PyArray1::from_vec(py, flat)
         .reshape([n, R, C])
