@@ -12,7 +12,7 @@ demo: $(VENV)/.built
 	$(BIN)/collabslam demo --out results/demo
 
 # Every test, Rust and Python, the lints, and a wheel in an empty environment. (All Rust tests are in the default
-# member, ekf-core; this wheel shares the build above, make wheel makes the one to hand out.)
+# members, ekf-core and frontend; this wheel shares the build above, make wheel makes the one to hand out.)
 test: $(VENV)/.built check
 	cargo test --release --locked
 	$(BIN)/python -m pytest
@@ -52,7 +52,7 @@ wheel: $(VENV)/.installed
 # The documentation site, in site/: Python and Rust references included.
 docs: $(VENV)/.built
 	$(BIN)/mkdocs build --strict
-	cargo doc --release --locked --no-deps --package ekf-core
+	cargo doc --release --locked --no-deps --package ekf-core --package frontend
 	rm -rf site/rust && cp -r target/doc site/rust
 
 $(VENV)/.installed: pyproject.toml

@@ -68,7 +68,7 @@ def test_settings_schema_is_complete_and_checked():
         ("patch.size", 14, "odd"),
         ("patch.size", 15.5, "whole number"),
         ("detect.subpixel", 1, "true or false"),
-        ("worn.descriptor", "surf", "warped-sift"),
+        ("worn.descriptor", "brief", "warped-sift"),
     ],
 )
 def test_settings_refuse_bad_values(key, value, word):

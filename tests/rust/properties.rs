@@ -276,7 +276,7 @@ fn the_sequences_reach_every_kind_of_birth() {
     let mut runner = TestRunner::deterministic();
     let strategy = proptest::collection::vec(call(), 24);
     let (mut delayed, mut removed) = (0, 0);
-    for _ in 0..40 {
+    for _ in 0..80 {
         let calls = strategy.new_tree(&mut runner).unwrap().current();
         let mut pair = Pair::new();
         for call in &calls {

@@ -9,6 +9,7 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 const STEPS: usize = 3;
 const LONGEST: f64 = 0.5; // pixels, a step
 const LEAST_GAIN: f64 = 0.1; // contrast of the image over the template's below which a step says nothing
+const DAMPING: f64 = 1e-6; // of each diagonal element
 const REACH: f64 = 1.0; // pixels from the start that are believed
 
 /// Where the template's middle is, from a position to within about half a pixel; the same position if the steps lead
@@ -36,7 +37,9 @@ pub fn align(image: &Image<'_>, template: &[u8], side: usize, uv: Vector2<f64>) 
         }
     }
     let mut normal = Matrix4::from(normal);
-    normal += Matrix4::identity() * (1e-6 * normal.trace());
+    // In proportion to each number's own weight: a common one pulls the shift along with the mean grey.
+    let weights = normal.diagonal();
+    normal.set_diagonal(&(weights * (1.0 + DAMPING)));
     let Some(inverse) = normal.try_inverse() else {
         return uv;
     };
