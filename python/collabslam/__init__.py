@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collabslam.datasets import attach_worn, open_recording
     from collabslam.engine import Slam, StepResult
     from collabslam.runner import RunResult, resume, run
+    from collabslam.saved_map import SavedMap
     from collabslam.settings import Settings
     from collabslam.types import Frame, Status, Target, WornView
 
@@ -31,6 +32,7 @@ __all__ = [
     "Frame",
     "InputError",
     "RunResult",
+    "SavedMap",
     "Settings",
     "SettingsError",
     "Slam",
@@ -50,6 +52,7 @@ _HOMES = {
     "Filter": "_core",
     "Frame": "types",
     "RunResult": "runner",
+    "SavedMap": "saved_map",
     "Settings": "settings",
     "Slam": "engine",
     "Status": "types",

@@ -25,10 +25,12 @@ from collabslam.frontend.detect import Corners
 from collabslam.frontend.patch import Patch
 from collabslam.frontend.search import SearchCode
 from collabslam.frontend.settings import FrontendSettings
-from collabslam.frontend.sight import Sight
+from collabslam.frontend.sight import FROZEN, Sight
 from collabslam.keeping import parts_of
 from collabslam.modes import MODES, SLAM_STARTS
 from collabslam.overlap import Overlap, WornLook
+from collabslam.relocalise import Relocaliser, searchable
+from collabslam.saved_map import SavedMap
 from collabslam.settings import Settings
 from collabslam.status import StatusMonitor
 from collabslam.target_start import TargetStart
@@ -39,6 +41,7 @@ KIND, VERSION = "engine state", 1
 """Of the file that `Slam.save` writes; the version counts the changes of what is in it."""
 CLASSES = (Patch, Target)
 """Dataclasses that are in it."""
+BIRTHS = ("births_instant", "births_depth", "births_delayed", "births_undelayed")
 
 
 @dataclass(frozen=True)
@@ -117,13 +120,16 @@ class Slam:
         The defaults if left out.
     mode : str, optional
         One of ``modes.MODES``; the settings' ``filter.estimator.mode`` if left out.
-    start : {"worn", "target", "scale-free", "depth"}
-        Where the scale comes from: the first overlap, a known target, nowhere (then it is arbitrary), or the
-        first depths given with `add_depth`.
+    start : {"worn", "target", "scale-free", "depth", "map"}
+        Where the scale comes from: the first overlap, a known target, nowhere (then it is arbitrary), the
+        first depths given with `add_depth`, or a map of an earlier run.  In a map the camera is LOST until it
+        has found itself; W is the earlier run's.
     target : Target, optional
         Needed with ``start="target"``.
     filter : Filter, optional
         A filter to go on with, made with the same cameras and settings; a new one if left out.
+    map : SavedMap, optional
+        Needed with ``start="map"``.  Another camera may have made it.
 
     Raises
     ------
@@ -144,6 +150,7 @@ class Slam:
         start: str = "worn",
         target: Target | None = None,
         filter: _core.Filter | None = None,
+        map: SavedMap | None = None,
     ) -> None:
         settings = settings or Settings.default()
         if mode is not None:
@@ -156,6 +163,12 @@ class Slam:
             raise SettingsError("start='worn' needs worn_camera, the calibration of Cf.")
         if start == "target" and target is None:
             raise SettingsError("start='target' needs a target.")
+        if filter is None and (start == "map") != (map is not None):
+            raise SettingsError("start='map' needs a map, and other starts take none.")
+        if map is not None:  # room for as many new landmarks as without it
+            map = map.seen_by(camera)
+            room = min(int(settings["filter.map.max_features"]) + len(map.landmarks), 10000)
+            settings = settings.replace({"filter.map.max_features": room})
         self._settings = settings
         self._camera = camera
         self._start = start
@@ -173,7 +186,12 @@ class Slam:
             self._target_start = TargetStart(self.filter, camera, target, self._options)
         self._depth = DepthInput(self._corners)
         self._sight = Sight(self._options.sight)
-        self._monitor = StatusMonitor()
+        self._relocaliser = Relocaliser(self.filter, camera, self._tracks, self._options)
+        self._monitor = StatusMonitor(settings.section("filter"), lost=map is not None)
+        self._metric = start != "scale-free" if map is None else map.metric
+        if map is not None:
+            ids = self.filter.start_from_map(map.landmarks, map.covariance, map.drift)
+            self._relocaliser.adopt(ids, map.views)
 
     def add_depth(self, uv: ArrayLike, depth: ArrayLike, sigma: ArrayLike) -> None:
         """Gives depths of another sensor (a range finder, a depth camera) for the frame of the next `step`.
@@ -223,33 +241,56 @@ class Slam:
         stages = _Stages()
         was_started = self.filter.started
         self.filter.predict(t)  # 1
-        if self._sight.judge(image):
-            return self._coast(t, stages)
+        if sight := self._sight.judge(image):
+            return self._coast(t, sight, stages)
         self._corners.look_at(image)
+        was_lost = self._monitor.lost
         expected = self.filter.predict_pixels()  # 2
+        if was_lost:
+            expected = searchable(expected, self._options.search)
         stages.done("predict")
         found = self._tracks.search(image, self.filter.pose, expected)  # 3
         stages.done("search")
-        overlap = self._look.match(image, worn, found, self._missing(found))  # 4
+        missing = 0 if was_lost else self._missing(found)
+        overlap = self._look.match(image, None if was_lost else worn, found, missing)  # 4
         stages.done("cf")
-        depths = self._depth.take(found, overlap.ids, self._missing(found))
+        depths = self._depth.take(found, overlap.ids, missing)
         report = self.filter.update(  # 5, 6, 7
-            found.searched, found.ids, found.uv, worn=overlap.observation, depths=depths.observation
+            found.searched,
+            found.ids,
+            found.uv,
+            worn=overlap.observation,
+            depths=depths.observation,
+            least=self._monitor.least(len(found.searched)),
         )
         stages.done("update")
-        births = self._births(image, found, overlap, depths, report)  # 8
-        deleted = self.filter.manage_map()
-        self._tracks.forget_features(deleted)
-        self._tracks.keep_candidates(self.filter.candidates)
-        births["births_undelayed"] = self._new_points(image, found)
-        births["births_instant"] += self._start_from_target(image)
+        again = None if report.believed or not was_lost else self._relocaliser.attempt(image)
+        stages.done("relocalise")
+        deleted = np.empty(0, np.int64)
+        if report.believed and not was_lost:
+            births = self._births(image, found, overlap, depths, report)  # 8
+            deleted = self.filter.manage_map()
+            self._tracks.forget_features(deleted)
+            self._relocaliser.forget(deleted)
+            self._tracks.keep_candidates(self.filter.candidates)
+            births["births_undelayed"] = self._new_points(image, found)
+            births["births_instant"] += self._start_from_target(image)
+        else:  # the map stays as it is while the camera does not know where it is
+            births = dict.fromkeys(BIRTHS, 0)
+            self.filter.drop_candidates(self.filter.candidates if was_lost else found.lost)
+            self._tracks.keep_candidates(self.filter.candidates)
         target_residual = self._target_residual(image)
-        accepted = sum(o in ("pixel", "replaced") for o in report.bearings)
+        tracked = np.array([o in ("pixel", "replaced") for o in report.bearings], dtype=np.bool_)
+        accepted = int(tracked.sum()) if again is None else len(again[0])
         accepted += births["births_instant"] + births["births_depth"]
         if not was_started:
             accepted += births["births_undelayed"]
+        status = Status.COASTING
+        if self.filter.started:
+            status = self._monitor.update(t, accepted, believed=report.believed or again is not None)
+        if status is Status.OK and again is None:
+            self._relocaliser.remember(t, image, self.filter.pose, found.ids[tracked], found.uv[tracked])
         stages.done("map")
-        status = self._monitor.update(t, accepted) if self.filter.started else Status.COASTING
         diagnostics = {
             **_search_counts(expected["ids"], found, report),
             **overlap.counts(report),
@@ -257,6 +298,7 @@ class Slam:
             "accepted": accepted,
             "refused": int(report.refused is not None),
             "unseen": 0,
+            "relocalised": int(again is not None),
             "target_residual_px": target_residual,
             "deleted": len(deleted),
             "map_size": self.filter.map_size,
@@ -274,11 +316,16 @@ class Slam:
             features=frame_features(expected, found, report),
         )
 
-    def _coast(self, t: float, stages: _Stages) -> StepResult:
-        """A frame that was predicted and shows nothing; depths given for it are gone."""
+    def _coast(self, t: float, sight: str, stages: _Stages) -> StepResult:
+        """A frame that was predicted and shows nothing; depths given for it are gone.
+
+        A blank image says that the camera sees nothing; a frozen one says nothing of the camera.
+        """
         self._depth.forget()
         stages.done("predict")
-        status = self._monitor.update(t, 0) if self.filter.started else Status.COASTING
+        status = Status.COASTING
+        if self.filter.started:
+            status = self._monitor.update(t, 0, believed=sight == FROZEN)
         return StepResult(
             t=t,
             pose=self.filter.pose,
@@ -288,6 +335,7 @@ class Slam:
             started=self.filter.started,
             diagnostics={
                 "accepted": 0,
+                "relocalised": 0,
                 "unseen": 1,
                 "map_size": self.filter.map_size,
                 "candidates": self.filter.candidate_count,
@@ -329,6 +377,7 @@ class Slam:
             "worn_camera": None if self._worn_camera is None else self._worn_camera.__getnewargs__(),
             "settings": dict(self._settings.values),
             "start": self._start,
+            "metric": self._metric,
             "target": self._target,
             "filter": self.filter.snapshot(),
             "own": {name: getattr(self, name) for name in self.KEPT},
@@ -348,6 +397,7 @@ class Slam:
                 target=state["target"],
                 filter=_core.Filter.restore(state["filter"]),
             )
+            slam._metric = bool(state["metric"])
             parts = parts_of(slam)
             if set(state["parts"]) != set(parts):
                 raise DataError("The file holds other parts of an engine; take an earlier one.")
@@ -363,6 +413,26 @@ class Slam:
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise DataError("The file holds no state of an engine; take an earlier one.") from error
         return slam
+
+    def saved_map(self) -> SavedMap:
+        """The map with all its uncertainty, to be kept in a file and started in later.
+
+        Raises
+        ------
+        InputError
+            If there is no map yet.
+        """
+        known = self.filter.known_map()
+        if not len(known["ids"]):
+            raise InputError("There is no map to save yet; run on until the filter has started.")
+        return SavedMap(
+            self._camera,
+            self._metric,
+            known["landmarks"],
+            known["covariance"],
+            known["drift"],
+            self._relocaliser.views(known["ids"]),
+        )
 
     def _start_from_target(self, image: Image) -> int:
         """First features from the known target (METHOD 10); returns their number."""

@@ -244,7 +244,7 @@ def rounded_covariance(covariance: ArrayLike) -> Array:
     c = np.asarray(covariance, dtype=np.float64)
     largest = float(np.max(np.diag(c)))
     if not largest > 0.0:
-        return c.copy()
+        return np.array(c)
     step = 2.0 ** (np.floor(np.log2(largest * (1.0 + 1e-9))) - 40.0)
     return np.asarray(np.round(c / step) * step, dtype=np.float64)
 

@@ -10,5 +10,5 @@ T_CF in the state."""
 STARTS = ("worn", "target", "scale-free")
 """Where the scale comes from: the first overlap with Cf, a known target, or nowhere."""
 
-SLAM_STARTS = (*STARTS, "depth")
-"""The same for `collabslam.Slam`, which is also given depths frame by frame."""
+SLAM_STARTS = (*STARTS, "depth", "map")
+"""The same for `collabslam.Slam`, which is also given depths frame by frame, or a map to find itself in."""

@@ -53,6 +53,7 @@ DIAGNOSTICS = (
     "found",
     "accepted",
     "refused",
+    "relocalised",
     "rejected_low_score",
     "rejected_ambiguous",
     "rejected_hohct",
@@ -84,6 +85,7 @@ DIAGNOSTICS = (
     "ms_search",
     "ms_cf",
     "ms_update",
+    "ms_relocalise",
     "ms_map",
     "ms_total",
 )

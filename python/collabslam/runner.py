@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from collabslam.stamps import usable_frames
 from collabslam.types import Frame, Image, Recording, WornView
 from collabslam.version import version
 
+if TYPE_CHECKING:
+    from collabslam.saved_map import SavedMap
+
 MODE_KEY = "filter.estimator.mode"
 LEAST_OK_SHARE = 0.5
 """A run with a smaller share of OK frames counts as having lost the camera."""
@@ -37,6 +40,13 @@ class SlamLike(Protocol):
 
     def step(self, t: float, image: Image, worn: WornView | None = None) -> Step: ...
     def landmarks(self) -> Landmarks: ...
+
+
+@runtime_checkable
+class MapKeeper(Protocol):
+    """An engine whose map can be saved."""
+
+    def saved_map(self) -> SavedMap: ...
 
 
 Watch = Callable[[Frame, Any, Any], None]
@@ -80,6 +90,8 @@ def run(
     watch: Watch | None = None,
     checkpoint_every: int | str | None = None,
     reopen: Mapping[str, Any] | None = None,
+    map: SavedMap | str | Path | None = None,
+    save_map: str | Path | None = None,
 ) -> RunResult:
     """Run a recording through the filter and score it.
 
@@ -121,11 +133,17 @@ def run(
         clock (``"30s"``).
     reopen : mapping, optional
         Kept in the checkpoint for whoever opens the recording again; how ``source`` is opened if left out.
+    map : SavedMap, str or Path, optional
+        A map of an earlier run, or its file: the run starts in it, ``start`` is ``map``.
+    save_map : str or Path, optional
+        File for the map at the end of the run, to start in later.
 
     Raises
     ------
     DataError
-        If the recording cannot be read or breaks off, or ``out`` cannot be used.
+        If the recording or the map cannot be read, the recording breaks off, or ``out`` cannot be used.
+    InputError
+        If there is no map to save.
     SettingsError
         If an option is not allowed.
     """
@@ -135,18 +153,22 @@ def run(
     recording = _recording(source, worn, available, seed)
     settings = settings or Settings.default()
     mode = mode or default_mode(recording, settings)
-    start = start or default_start(recording)
+    map = map_to_start_in(map, start)
+    start = start or ("map" if map is not None else default_start(recording))
     settings = settings.replace({MODE_KEY: mode})
+    metric = start != "scale-free" if map is None else map.metric
     plan = {
         "mode": mode,
         "start": start,
+        "metric": metric,
         "settings": dict(settings.values),
         "frames": _frame_count(len(recording), max_frames),
         "seed": seed,
         "options": jsonable(options or {}),
         "every": None if checkpoint_every is None else str(checkpoint_every),
+        "save_map": None if save_map is None else str(Path(save_map).resolve()),
     }
-    engine = slam or make_engine(recording, mode=mode, start=start, settings=settings)
+    engine = slam or make_engine(recording, mode=mode, start=start, settings=settings, map=map)
     if checkpoint_every is not None and (out is None or slam is not None):
         raise SettingsError(
             "A checkpoint needs a result folder, and an engine of collabslam's own; give --out."
@@ -234,7 +256,7 @@ def _go(
     every = None if plan["every"] is None else Interval.parse(plan["every"])
     usable, times = usable_frames(recording.times[:frames])
     truth_of_usable = None if recording.truth is None else recording.truth[usable]
-    unit, interrupted = ARBITRARY if start == "scale-free" else METRES, False
+    unit, interrupted = METRES if plan["metric"] else ARBITRARY, False
     title = f"as used by {recording.name}, mode {mode}"
     with contextlib.ExitStack() as stack:
         writer = None
@@ -290,6 +312,8 @@ def _go(
                 plot_run(result, writer.folder / PICTURE)
             if not interrupted:
                 writer.complete()
+    if plan["save_map"] is not None and isinstance(engine, MapKeeper):
+        engine.saved_map().save(plan["save_map"])
     return result
 
 
@@ -327,6 +351,21 @@ def default_start(recording: Recording) -> str:
     return "scale-free" if recording.target is None else "target"
 
 
+def map_to_start_in(map: SavedMap | str | Path | None, start: str | None) -> SavedMap | None:
+    """The map that a run starts in, read if need be; SettingsError if it goes with another start."""
+    if (map is None) != (start != "map") and not (map is not None and start is None):
+        raise SettingsError(
+            "The start 'map' needs a map; give one with --map."
+            if map is None
+            else f"A map was given but the start is '{start}'; leave the start out."
+        )
+    if not isinstance(map, str | Path):
+        return map
+    from collabslam.saved_map import SavedMap
+
+    return SavedMap.load(map)
+
+
 def _recording(source: Recording | str | Path, worn: str | None, available: float, seed: int) -> Recording:
     if not isinstance(source, str | Path) and worn is None:
         return source
@@ -336,9 +375,11 @@ def _recording(source: Recording | str | Path, worn: str | None, available: floa
     return recording if worn is None else attach_worn(recording, worn, available=available, seed=seed)
 
 
-def make_engine(recording: Recording, *, mode: str, start: str, settings: Settings) -> SlamLike:
+def make_engine(
+    recording: Recording, *, mode: str, start: str, settings: Settings, map: SavedMap | None = None
+) -> SlamLike:
     """The engine for a recording; raises SettingsError where mode or start do not fit the recording."""
-    if start not in STARTS:
+    if start not in STARTS and map is None:
         raise SettingsError(f"The start '{start}' does not exist; give one of: {', '.join(STARTS)}.")
     if recording.worn_camera is None and (start == "worn" or mode.startswith("collab")):
         what = "start 'worn'" if start == "worn" else f"mode '{mode}'"
@@ -359,6 +400,7 @@ def make_engine(recording: Recording, *, mode: str, start: str, settings: Settin
         mode=mode,
         start=start,
         target=recording.target if start == "target" else None,
+        map=map,
     )
     return slam
 

@@ -2,29 +2,66 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+
+from collabslam.entry import Value
 from collabslam.keeping import Keeper
 from collabslam.types import Status
 
-MIN_MATCHES = 8
-"""Accepted matches that make a frame OK."""
-MAX_COASTING = 1.0
-"""Seconds without an OK frame after which the camera is lost."""
-
 
 class StatusMonitor(Keeper):
-    """OK: at least :data:`MIN_MATCHES` accepted matches in this frame; COASTING: fewer, for at most
-    :data:`MAX_COASTING` seconds; LOST: longer."""
+    """OK: enough accepted matches in this frame.  COASTING: too few, for a short time.  LOST: for longer, and
+    from then on until enough are accepted again.
 
-    KEPT = ("_last_ok",)
+    Parameters
+    ----------
+    settings : mapping
+        The filter's settings ``lost.*``.
+    lost : bool
+        Whether the camera is lost to begin with.
+    """
 
-    def __init__(self) -> None:
+    KEPT = ("_last_ok", "_failed", "lost")
+
+    def __init__(self, settings: Mapping[str, Value], *, lost: bool = False) -> None:
+        self._min_matches = int(settings["lost.min_matches"])
+        self._min_share = float(settings["lost.min_share"])
+        self._frames = int(settings["lost.frames"])
+        self._seconds = float(settings["lost.seconds"])
         self._last_ok: float | None = None
+        self._failed = 0
+        self.lost = lost
+        """Whether the camera was lost after the last frame."""
 
-    def update(self, t: float, accepted: int) -> Status:
-        """Status of the frame at ``t`` (seconds) with this number of accepted matches."""
+    def least(self, searched: int) -> int:
+        """Fewest accepted matches with which a frame is believed in which so many features were searched.
+
+        A few wrong matches pass any test.  Half of a small number is asked for, and a share of a large one; a
+        camera that is lost must be found by a full set.  Where hardly anything is expected, nothing is asked.
+        """
+        share = math.ceil(self._min_share * searched)
+        if self.lost:
+            return max(self._min_matches, share)
+        if searched < self._min_matches:
+            return 0
+        return max(share, min(self._min_matches, searched // 2))
+
+    def update(self, t: float, accepted: int, *, believed: bool) -> Status:
+        """Status of the frame at ``t`` (seconds).
+
+        Parameters
+        ----------
+        accepted : int
+            Accepted matches, births with depth included.
+        believed : bool
+            Whether as many were accepted as `least` asks for.
+        """
         if self._last_ok is None:
             self._last_ok = t
-        if accepted >= MIN_MATCHES:
-            self._last_ok = t
+        self._failed = 0 if believed else self._failed + 1
+        if believed and accepted >= self._min_matches:
+            self._last_ok, self.lost = t, False
             return Status.OK
-        return Status.COASTING if t - self._last_ok <= MAX_COASTING else Status.LOST
+        self.lost = self.lost or self._failed >= self._frames or t - self._last_ok > self._seconds
+        return Status.LOST if self.lost else Status.COASTING

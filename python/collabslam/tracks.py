@@ -174,6 +174,18 @@ class Tracks(Keeper):
         self._candidates = {i: p for i, p in self._candidates.items() if i in alive}
         self._candidate_last = {i: p for i, p in self._candidate_last.items() if i in alive}
 
+    def patch(self, feature: int) -> Patch:
+        """The patch of a feature."""
+        return self._features[feature]
+
+    def adopt(self, ids: Ids, patches: list[Patch]) -> None:
+        """Takes over patches of features that were not seen in this frame."""
+        self._features.update(zip(ids.tolist(), patches, strict=True))
+
+    def found(self, ids: Ids, uv: Array) -> None:
+        """Features found in this frame in another way, in place of what the search took for them."""
+        self._last = dict(zip(ids.tolist(), uv, strict=True))
+
     @property
     def pixels(self) -> Array:
         """(N, 2) float64: pixels of all features and candidates found in the last frame."""

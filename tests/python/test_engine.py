@@ -114,8 +114,8 @@ def test_in_the_dark_it_coasts_and_then_is_lost(clip: Clip) -> None:
     black = np.zeros_like(clip.frames[0].image)
     t = clip.frames[2].t
     dark = [run.slam.step(t + 0.1 * k, black) for k in range(1, 13)]
-    assert [s.status for s in dark] == [Status.COASTING] * 10 + [Status.LOST] * 2
-    assert [s.valid for s in dark] == [True] * 10 + [False] * 2
+    assert [s.status for s in dark] == [Status.COASTING] * 2 + [Status.LOST] * 10
+    assert [s.valid for s in dark] == [True] * 2 + [False] * 10
     assert all(s.diagnostics["accepted"] == 0 for s in dark)
     traces = [np.trace(s.covariance[:3, :3]) for s in (run.steps[-1], *dark)]
     assert (np.diff(traces) > 0).all()

@@ -14,6 +14,7 @@ mod long_run;
 mod overlap;
 mod properties;
 mod reference;
+mod relocalise;
 mod scene;
 mod snapshot;
 mod threads;

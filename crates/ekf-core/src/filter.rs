@@ -275,7 +275,7 @@ impl Filter {
     }
 
     /// Chooses which features the gauge transport follows; those that come back are carried to the present mean.
-    fn follow_view(&mut self, pose: &CameraPose) {
+    pub(crate) fn follow_view(&mut self, pose: &CameraPose) {
         let State { reference, x, .. } = &mut self.state;
         reference[..CAMERA_DIM].copy_from_slice(&x[..CAMERA_DIM]);
         let seen = sight(&self.camera, pose);
@@ -406,6 +406,14 @@ impl Filter {
         };
         let (state, far) = Far::split(whole, |block| near.binary_search(&block.id).is_ok());
         (self.state, self.far) = (state, Some(far));
+    }
+
+    /// Puts the whole state together, without a working set of `map.local`.
+    pub(crate) fn make_whole(&mut self) {
+        self.changes();
+        if let Some(far) = self.far.take() {
+            self.state = far.settle(&self.state, None);
+        }
     }
 
     /// Whether there is a feature with this id.

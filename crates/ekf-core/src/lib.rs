@@ -26,6 +26,7 @@ pub mod frame;
 pub mod gauge;
 mod guard;
 mod kernel;
+pub mod known_map;
 mod local;
 pub mod map;
 pub mod math;
@@ -45,5 +46,6 @@ pub use filter::{Filter, Landmark, PredictedFeature};
 pub use frame::{
     Bearing, DepthObservation, Measurements, Outcome, UpdateReport, WornObservation, WornPair,
 };
+pub use known_map::KnownMap;
 pub use map::CandidateOutcome;
 pub use settings::Settings;

@@ -376,6 +376,19 @@ settings! {
         /// A candidate that has not been born after so many seconds is dropped.
         candidate_age: f64 = 4.0, "s", Some(0.01), Some(1e4);
     }
+    /// When the camera counts as lost.
+    lost: LostSettings {
+        /// Accepted matches that make a frame OK, and that it takes to find a lost camera: each gives two numbers for the
+        /// pose's six, so that 8 leave ten to check it with.
+        min_matches: usize = 8, "", Some(4.0), Some(1000.0);
+        /// A frame in which a smaller share of the features searched is accepted is not used: a few wrong matches pass any
+        /// test. In sight of the map a third and more are accepted, even in blurred frames; after a jump a twentieth.
+        min_share: f64 = 0.15, "", Some(0.0), Some(0.9);
+        /// The camera is lost after so many such frames in a row...
+        frames: usize = 3, "", Some(1.0), Some(1000.0);
+        /// ...or after so many seconds without a frame that is OK.
+        seconds: f64 = 1.0, "s", Some(0.0), Some(3600.0);
+    }
     /// Prediction of the overlap of both views (METHOD 9).
     overlap: OverlapSettings {
         /// Distance at which a view begins.

@@ -3,7 +3,7 @@
 use crate::errors::{bad_shape, to_python};
 use ekf_core::EkfError;
 use ekf_core::math::pose::Pose;
-use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3};
+use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, Vector2, Vector3};
 use numpy::ndarray::{Dimension, Ix1, Ix2, Ix3};
 use numpy::{Element, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray};
 use pyo3::prelude::*;
@@ -111,6 +111,18 @@ pub(crate) fn matrix<const R: usize, const C: usize>(
         return Err(bad_shape(what, &expected, view.shape()));
     }
     Ok(SMatrix::from_fn(|i, j| view[[i, j]]))
+}
+
+/// `(N, N)` matrix.
+pub(crate) fn square(what: &'static str, value: &Argument<'_>) -> PyResult<DMatrix<f64>> {
+    let array = array::<f64, Ix2>(what, "(N, N)", value)?;
+    let view = array.as_array();
+    if view.nrows() != view.ncols() {
+        return Err(bad_shape(what, "(N, N)", view.shape()));
+    }
+    Ok(DMatrix::from_fn(view.nrows(), view.ncols(), |i, j| {
+        view[[i, j]]
+    }))
 }
 
 /// `(N, R, C)` stack of matrices.

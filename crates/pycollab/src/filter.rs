@@ -2,13 +2,13 @@
 
 use crate::camera::PyCamera;
 use crate::convert::{
-    Argument, covariance6, ids, numbers, optional_ids, pixels, pose, rows, same_length, stack,
-    stacked, to_ids, to_matrix, to_pose, vectors,
+    Argument, covariance6, ids, matrix, numbers, optional_ids, pixels, pose, rows, same_length,
+    square, stack, stacked, to_ids, to_matrix, to_pose, vectors,
 };
 use crate::errors::to_python;
 use crate::settings;
 use ekf_core::frame::{Bearing, DepthObservation, Measurements, WornObservation, WornPair};
-use ekf_core::{CandidateOutcome, EkfError, Filter, Outcome, UpdateReport};
+use ekf_core::{CandidateOutcome, EkfError, Filter, KnownMap, Outcome, UpdateReport};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
@@ -127,6 +127,12 @@ impl PyUpdateReport {
     #[getter]
     fn exact(&self) -> bool {
         self.0.exact
+    }
+
+    /// Whether the frame was used: False if fewer bearings than asked for were accepted.
+    #[getter]
+    fn believed(&self) -> bool {
+        self.0.believed
     }
 
     /// Estimated error of T_CF after the update, (translation m, rotation rad), right tangent.
@@ -333,12 +339,14 @@ impl PyFilter {
     /// depths : tuple, optional
     ///     ``(ids (K,), uv (K, 2), depth (K,), sigma (K,))``: depth along the optical axis from any other sensor,
     ///     metres; id -1 is a new point.
+    /// least : int
+    ///     Fewest accepted bearings with which the frame is believed; with fewer nothing of it is used.
     ///
     /// Raises
     /// ------
     /// InputError
     ///     For wrong shapes, NaN, unknown ids, an impossible pose or covariance; the filter stays as it was.
-    #[pyo3(signature = (searched, ids, uv, *, worn = None, depths = None))]
+    #[pyo3(signature = (searched, ids, uv, *, worn = None, depths = None, least = 0))]
     fn update(
         &mut self,
         py: Python<'_>,
@@ -347,12 +355,14 @@ impl PyFilter {
         uv: Argument<'_>,
         worn: Option<WornArgument<'_>>,
         depths: Option<DepthArgument<'_>>,
+        least: usize,
     ) -> PyResult<PyUpdateReport> {
         let measurements = Measurements {
             searched: self::ids("searched", &searched)?,
             bearings: bearings(&ids, &uv)?,
             worn: worn.map(|w| worn_observation(&w)).transpose()?,
             depths: depths.map_or(Ok(Vec::new()), |d| depth_observations(&d))?,
+            least,
         };
         let filter = &mut self.0;
         match py.detach(|| filter.update(&measurements)) {
@@ -362,6 +372,96 @@ impl PyFilter {
             }
             Err(error) => Err(to_python(error)),
         }
+    }
+
+    /// Puts a lost camera where matches with the map say, and forgets what was believed about it.
+    ///
+    /// The pose gives the point of linearisation only; the covariance is that of the matches and the map. Velocities start
+    /// anew. The pose is taken if ``lost.min_matches`` of the matches pass the batch test.
+    ///
+    /// Parameters
+    /// ----------
+    /// pose : (4, 4) float64
+    ///     T_WC that explains the matches, as PnP gives it.
+    /// ids, uv : (N,) int64, (N, 2) float64
+    ///     Features and their pixels in Cs.
+    ///
+    /// Returns
+    /// -------
+    /// UpdateReport
+    ///     ``believed`` says whether the pose was taken; otherwise the filter is as it was.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For wrong shapes, NaN, unknown ids, an impossible pose, or before the start; the filter stays as it was.
+    fn relocalise(
+        &mut self,
+        py: Python<'_>,
+        pose: Argument<'_>,
+        ids: Argument<'_>,
+        uv: Argument<'_>,
+    ) -> PyResult<PyUpdateReport> {
+        let pose = self::pose("pose", &pose)?;
+        let matches = bearings(&ids, &uv)?;
+        let filter = &mut self.0;
+        py.detach(|| filter.relocalise(&pose, &matches))
+            .map(PyUpdateReport)
+            .map_err(to_python)
+    }
+
+    /// The map to start another filter in.
+    ///
+    /// Returns
+    /// -------
+    /// dict
+    ///     ``ids`` (N,) int64; ``landmarks`` (N, 6) float64, ``x y z theta phi rho`` in W; ``covariance`` (6 N, 6 N), joint;
+    ///     ``drift`` (6, 6), covariance of W's drift, (translation m, rotation rad).
+    fn known_map<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let (ids, map) = py.detach(|| self.0.known_map());
+        let n = ids.len();
+        let out = PyDict::new(py);
+        out.set_item("ids", to_ids(py, ids.into_iter().map(Some)))?;
+        out.set_item("landmarks", vectors(py, map.landmarks.into_iter(), n))?;
+        let flat = PyArray1::from_vec(py, map.covariance.data.into());
+        out.set_item("covariance", flat.reshape([6 * n, 6 * n])?)?;
+        out.set_item("drift", to_matrix(py, &map.drift))?;
+        Ok(out)
+    }
+
+    /// Starts in a map, not knowing where the camera is; :meth:`relocalise` is to follow.
+    ///
+    /// Parameters
+    /// ----------
+    /// landmarks, covariance, drift
+    ///     As :meth:`known_map` gives them.
+    ///
+    /// Returns
+    /// -------
+    /// (N,) int64
+    ///     Feature ids, in the map's order.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For wrong shapes, NaN, a covariance that is none, or a filter that has started; it stays as it was.
+    fn start_from_map<'py>(
+        &mut self,
+        py: Python<'py>,
+        landmarks: Argument<'py>,
+        covariance: Argument<'py>,
+        drift: Argument<'py>,
+    ) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let map = KnownMap {
+            landmarks: rows::<6>("landmarks", &landmarks)?,
+            covariance: square("covariance", &covariance)?,
+            drift: matrix::<6, 6>("drift", &drift)?,
+        };
+        let filter = &mut self.0;
+        let ids = py
+            .detach(|| filter.start_from_map(&map))
+            .map_err(to_python)?;
+        Ok(to_ids(py, ids.into_iter().map(Some)))
     }
 
     /// Starts candidates for delayed births at pixels of the present view; returns their ids, (N,) int64.

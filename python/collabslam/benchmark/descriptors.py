@@ -21,7 +21,8 @@ from collabslam._core import Camera, Filter, epipolar_residuals
 from collabslam.benchmark.pairs import Pair, Scene, choose_pairs, true_inverse_ranges
 from collabslam.benchmark.plan import Entry, Plan
 from collabslam.benchmark.store import KEY, Row, code_hash, files_hash, slug
-from collabslam.datasets.worn import RIG_NOISE, SENSOR_NOISE, PoseErrors, PoseNoise
+from collabslam.datasets.pose_noise import RIG_NOISE, SENSOR_NOISE, PoseNoise
+from collabslam.datasets.worn import PoseErrors
 from collabslam.errors import CollabslamError
 from collabslam.frontend.describe import DESCRIPTORS, describe
 from collabslam.frontend.detect import detect_corners

@@ -83,9 +83,11 @@ def _lost(frames: Frames) -> Iterator[str]:
     if lost.size:
         k = int(lost[0])
         before = frames["accepted"][max(first, k - 10) : k]
+        again = int(frames.total("relocalised"))
+        found = f" It finds itself in its map again {again} times." if again else ""
         yield (
             f"The camera is lost from frame {k} on ({frames['t'][k] - frames['t'][0]:.1f} s), after "
-            f"{float(np.nanmean(before)):.0f} accepted matches a frame in the ten frames before."
+            f"{float(np.nanmean(before)):.0f} accepted matches a frame in the ten frames before.{found}"
         )
     elif coasting:
         yield f"In {coasting} of {len(frames) - first} frames fewer than {FEW_MATCHES} matches were accepted."

@@ -27,6 +27,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="where the scale comes from; default: the first of these that the recording allows",
     )
     parser.add_argument("--out", metavar="DIR", type=Path, help="result folder (default: results/NAME-MODE)")
+    parser.add_argument(
+        "--map", metavar="FILE", type=Path, help="start in the map of an earlier run, of any camera"
+    )
+    parser.add_argument(
+        "--save-map", metavar="FILE", type=Path, help="write the map at the end, to start in with --map"
+    )
     parser.add_argument("--max-frames", metavar="N", type=int, help="stop after so many frames")
     group = parser.add_argument_group("stop and go on")
     group.add_argument(
@@ -77,6 +83,8 @@ def _run(arguments: argparse.Namespace) -> int:
             watch=watch,
             checkpoint_every=arguments.checkpoint_every,
             reopen=options.opened_with(arguments),
+            map=arguments.map,
+            save_map=arguments.save_map,
         ).summary
     return _report(summary, out)
 

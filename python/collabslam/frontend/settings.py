@@ -215,6 +215,50 @@ class WornSettings:
 
 
 @dataclass(frozen=True)
+class RelocaliseSettings:
+    """Finding a lost camera again in its map."""
+
+    every: float = _number(
+        0.5, 0.01, 60, "second", "Time from one frame whose landmarks are kept as views to the next."
+    )
+    views: int = _number(
+        3, 1, 20, "", "Views kept of a landmark beside its first, the latest ones: 2 kB of memory each."
+    )
+    corners: int = _number(1000, 20, 5000, "", "Most corners of an image in which the camera is looked for.")
+    corner_distance: float = _number(
+        0.006, 0.002, 0.1, "image width", "Least distance between them, as a share of the image's width."
+    )
+    support: float = _number(36.0, 12, 128, "pixel", "Side of the window that a view's descriptor covers.")
+    ratio: float = _number(
+        0.9,
+        0.1,
+        1,
+        "",
+        "Largest ratio of the best to the second best descriptor distance; generous, as patches are searched "
+        "afterwards.",
+    )
+    max_distance: float = _number(0.8, 0.1, 2, "", "Largest distance of two descriptors (unit vectors).")
+    iterations: int = _number(2000, 10, 100000, "", "Most samples of RANSAC.")
+    min_descriptors: int = _number(5, 4, 1000, "", "Fewest descriptors that must agree on a pose.")
+    corner_residual: float = _number(
+        6.0, 0.5, 50, "pixel", "Largest distance of a corner from where the pose puts the landmark."
+    )
+    max_residual: float = _number(
+        4.0, 0.5, 50, "pixel", "Largest distance of a patch found from where the pose puts its landmark."
+    )
+    radius: float = _number(
+        10.0, 1, 100, "pixel", "Radius of the patches' search around where the pose puts the landmarks."
+    )
+    min_patches: int = _number(8, 4, 1000, "", "Fewest patches found that make a pose believed...")
+    min_share: float = _number(
+        0.3, 0, 1, "", "...and their least share of those that should be visible from it."
+    )
+    min_spread: float = _number(
+        0.02, 0, 1, "image area", "Least area of the outline of the patches found; a huddle fixes no pose."
+    )
+
+
+@dataclass(frozen=True)
 class TargetSettings:
     """The start from a known target (METHOD section 10)."""
 
@@ -252,6 +296,7 @@ class FrontendSettings:
     search: SearchSettings = field(default_factory=SearchSettings)
     flow: FlowSettings = field(default_factory=FlowSettings)
     worn: WornSettings = field(default_factory=WornSettings)
+    relocalise: RelocaliseSettings = field(default_factory=RelocaliseSettings)
     target: TargetSettings = field(default_factory=TargetSettings)
 
     @classmethod

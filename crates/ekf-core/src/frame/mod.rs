@@ -2,6 +2,7 @@
 //! the update, and the births that the worn camera makes possible.
 
 mod births;
+mod relocalise;
 mod units;
 
 use crate::batch::Workspace;
@@ -72,6 +73,8 @@ pub struct Measurements {
     pub worn: Option<WornObservation>,
     /// Other depths.
     pub depths: Vec<DepthObservation>,
+    /// Fewest accepted bearings with which the frame is believed: with fewer nothing of it is used.
+    pub least: usize,
 }
 
 /// What became of one measurement.
@@ -124,6 +127,8 @@ pub struct UpdateReport {
     pub worn_error: Vector6<f64>,
     /// Why the frame was refused, if it was: the filter is as it was before.
     pub refused: Option<EkfError>,
+    /// Whether [`Measurements::least`] bearings were accepted; otherwise nothing of the frame was used.
+    pub believed: bool,
 }
 
 impl UpdateReport {
@@ -135,6 +140,7 @@ impl UpdateReport {
             list.fill(Outcome::Refused);
         }
         report.refused = Some(error);
+        report.believed = false;
         report
     }
 
@@ -151,6 +157,7 @@ impl UpdateReport {
             depths,
             exact: true,
             iterations: 1,
+            believed: true,
             ..Self::default()
         };
     }
@@ -248,10 +255,12 @@ impl Filter {
             WornForm::Tight => self.start_tight_births(z, report),
             _ => Vec::new(),
         };
-        if let Err(error) = self.measure(z, form, &newborn, report, scratch) {
+        let measured = self.measure(z, form, &newborn, report, scratch);
+        if !matches!(measured, Ok(true)) {
             // Only blocks at the end were added.
             self.take_back(&mark);
-            return Err(error);
+            report.reject_all(z);
+            return measured.map(|_| ());
         }
         match form {
             WornForm::Tight => self.settle_tight_births(&newborn, report),
@@ -361,6 +370,7 @@ impl Filter {
         }
     }
 
+    /// False, and nothing is changed, if too few matches are accepted for the frame to be believed.
     fn measure(
         &mut self,
         z: &Measurements,
@@ -368,7 +378,7 @@ impl Filter {
         newborn: &[(usize, u64)],
         report: &mut UpdateReport,
         scratch: &mut Scratch,
-    ) -> Result<(), EkfError> {
+    ) -> Result<bool, EkfError> {
         // A match whose 3D block is rejected falls back to its bearing (METHOD 6), in another round.
         let blocks = report.pairs.len() + report.depths.len();
         refill(&mut scratch.demoted, false, blocks);
@@ -381,6 +391,10 @@ impl Filter {
                 again |= scratch.note(outcome, report);
                 scratch.leave_out();
                 self.batch.leave_out(&scratch.gone);
+                // Sooner than the costly tests can tell, and no later than they do.
+                if report.located_by() < z.least {
+                    return Ok(false);
+                }
                 if outcome == Outcome::RejectedGate || !scratch.gone.is_empty() {
                     self.batch.factor()?;
                 }
@@ -402,7 +416,7 @@ impl Filter {
         if carries {
             self.gauge.settle(&mut self.state);
         }
-        Ok(())
+        Ok(true)
     }
 
     fn iterate(
@@ -535,30 +549,34 @@ pub(crate) fn check_once(
 
 /// A rotation matrix, a position and a symmetric positive semi-definite covariance, all finite.
 pub(crate) fn check_pose(pose: &Pose, covariance: &Matrix6<f64>) -> Result<(), EkfError> {
-    let finite = pose
-        .rotation
-        .iter()
-        .chain(pose.translation.iter())
-        .chain(covariance.iter())
-        .all(|x| x.is_finite());
-    if !finite {
+    if !covariance.iter().all(|x| x.is_finite()) {
         return Err(EkfError::NonFinite {
             what: "T_CF or its covariance",
         });
     }
-    guard::lengths("T_CF", pose.translation.iter())?;
+    check_rigid("T_CF", pose)?;
     guard::variances("covariance of T_CF", covariance.iter())?;
-    let off = pose.rotation * pose.rotation.transpose() - Matrix3::identity();
-    if off.abs().max() > 1e-6 || pose.rotation.determinant() < 0.0 {
-        return Err(EkfError::InvalidInput {
-            what: "T_CF",
-            why: "its upper left 3x3 is not a rotation matrix".into(),
-        });
-    }
     if !is_covariance(covariance) {
         return Err(EkfError::InvalidInput {
             what: "covariance of T_CF",
             why: "it is not symmetric positive semi-definite".into(),
+        });
+    }
+    Ok(())
+}
+
+/// A rotation matrix and a position, all finite.
+pub(crate) fn check_rigid(what: &'static str, pose: &Pose) -> Result<(), EkfError> {
+    let mut numbers = pose.rotation.iter().chain(pose.translation.iter());
+    if !numbers.all(|x| x.is_finite()) {
+        return Err(EkfError::NonFinite { what });
+    }
+    guard::lengths(what, pose.translation.iter())?;
+    let off = pose.rotation * pose.rotation.transpose() - Matrix3::identity();
+    if off.abs().max() > 1e-6 || pose.rotation.determinant() < 0.0 {
+        return Err(EkfError::InvalidInput {
+            what,
+            why: "its upper left 3x3 is not a rotation matrix".into(),
         });
     }
     Ok(())

@@ -183,6 +183,13 @@ impl Covariance {
         self.set_block(start, start, &((own + own.transpose()) * 0.5));
     }
 
+    /// Makes the camera's rows and columns zero.
+    pub(crate) fn clear_camera(&mut self) {
+        for j in 0..CAMERA_DIM {
+            self.data[j + j * self.ld..self.n + j * self.ld].fill(0.0);
+        }
+    }
+
     /// Adds a symmetric block on the diagonal.
     pub(crate) fn add_block<const K: usize>(&mut self, start: usize, value: &SMatrix<f64, K, K>) {
         let first = self.slots[start];

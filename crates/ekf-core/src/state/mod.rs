@@ -196,9 +196,28 @@ impl State {
         self.newborn = mark.newborn;
     }
 
+    /// Appends a block whose rows are stored already; returns its id.
+    pub(crate) fn push_stored(&mut self, kind: BlockKind, slots: &[usize], mean: &[f64]) -> u64 {
+        debug_assert!(kind.dim() == slots.len() && kind.dim() == mean.len());
+        self.p.place(slots);
+        self.x.extend_from_slice(mean);
+        self.reference.extend_from_slice(mean);
+        self.layout.push(kind).id
+    }
+
     /// To be called when the camera has moved or the state was corrected: what is born next has another anchor.
     pub(crate) fn camera_moved(&mut self) {
         self.newborn = None;
+    }
+
+    /// Puts the camera at a pose, at rest, without uncertainty and without correlation with anything else.
+    pub(crate) fn reset_camera(&mut self, pose: &CameraPose) {
+        self.set_part(0, &pose.r);
+        self.set_part(3, &pose.q);
+        self.x[POSE_DIM..CAMERA_DIM].fill(0.0);
+        self.reference[..CAMERA_DIM].copy_from_slice(&self.x[..CAMERA_DIM]);
+        self.p.clear_camera();
+        self.camera_moved();
     }
 
     /// Removes blocks in one compaction.

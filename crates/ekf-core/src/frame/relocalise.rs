@@ -1,0 +1,174 @@
+//! A lost camera found again: a pose from matches with the map and from nothing else.
+//!
+//! What the filter believed about the camera is thrown away: its rows of P are cut off from the map, which leaves the
+//! map's own marginal as it was. The pose that the matches gave becomes the point of linearisation, with a prior that
+//! says next to nothing; the ordinary update with those matches (METHOD 7, 8) then gives pose, covariance and the
+//! correlation with the map, whose uncertainty is part of S.
+//!
+//! The prior is [`WIDE`] times as wide as what the matches say, `C = (H_p^T S_f^-1 H_p)^-1`, with `H_p` the derivative by
+//! the pose's tangent and `S_f = H_f P_ff H_f^T + R` the innovation covariance if the pose were known: so it is wide in
+//! every direction, whatever the scale of the scene, and never so wide that digits are lost.
+
+use super::{Bearing, Measurements, Outcome, Scratch, UpdateReport, WornForm};
+use super::{check_rigid, refill};
+use crate::error::EkfError;
+use crate::filter::Filter;
+use crate::math::pose::Pose;
+use crate::math::quat;
+use crate::observe::point::CameraPose;
+use nalgebra::{DMatrix, Matrix6, SMatrix};
+
+/// Standard deviation of the prior over that of the matches: it takes part of one in [`WIDE`]^2 in the result.
+const WIDE: f64 = 100.0;
+/// Largest condition number, after scaling by the diagonal, of what the matches say about the pose.
+const MAX_CONDITION: f64 = 1e10;
+
+impl Filter {
+    /// Puts a lost camera where its matches with the map say, and forgets what was believed about it.
+    ///
+    /// `pose` is a first T_WC that explains `matches` to within the range of the linear model, as PnP with the
+    /// landmarks' means gives it; it counts for nothing but as the point of linearisation. Velocities start anew from the
+    /// settings' `process.start_*`. The matches pass the batch test; the pose is taken if `lost.min_matches` of them do:
+    /// [`UpdateReport::believed`] says so. Otherwise the filter is as it was.
+    ///
+    /// # Errors
+    /// `NonFinite`, `UnknownFeature`, `InvalidInput` (before the start, an id given twice, no rotation matrix); the
+    /// filter stays as it was.
+    pub fn relocalise(
+        &mut self,
+        pose: &Pose,
+        matches: &[Bearing],
+    ) -> Result<UpdateReport, EkfError> {
+        self.check_started()?;
+        check_rigid("pose", pose)?;
+        let z = Measurements {
+            searched: matches.iter().map(|b| b.id).collect(),
+            bearings: matches.to_vec(),
+            least: self.settings.lost.min_matches,
+            ..Measurements::default()
+        };
+        self.check_measurements(&z, &mut Scratch::default())?;
+        let mut trial = self.clone();
+        let mut report = UpdateReport::default();
+        report.start(&z);
+        // A covariance that cannot be factored says that these matches are no good, as a failed test does.
+        let taken = trial.put_at(pose, &z, &mut report).unwrap_or(false);
+        if taken {
+            *self = trial;
+        } else {
+            report.reject_all(&z);
+        }
+        Ok(report)
+    }
+
+    fn put_at(
+        &mut self,
+        pose: &Pose,
+        z: &Measurements,
+        report: &mut UpdateReport,
+    ) -> Result<bool, EkfError> {
+        self.make_whole();
+        let pose = CameraPose {
+            r: pose.translation,
+            q: quat::from_rotation(&pose.rotation),
+        };
+        self.state.reset_camera(&pose);
+        if self.carries() {
+            self.follow_view(&pose);
+        }
+        let Some(prior) = self.prior_of_matches(&pose, z, report)? else {
+            return Ok(false);
+        };
+        let lift = by_tangent(&pose);
+        let prior = lift * prior * lift.transpose();
+        self.state
+            .p
+            .set_block(0, 0, &((prior + prior.transpose()) * 0.5));
+        self.start();
+        let mut scratch = Scratch::default();
+        report.start(z);
+        let taken = self.measure(z, WornForm::Unused, &[], report, &mut scratch)?;
+        if taken {
+            self.finish(z, report);
+            self.choose_working_set(&z.searched);
+        }
+        Ok(taken)
+    }
+
+    /// [`WIDE`]^2 times the covariance of the pose's tangent that the matches give, the map's own included; `None` where
+    /// they leave the pose open. The camera's rows of P must be zero.
+    fn prior_of_matches(
+        &mut self,
+        pose: &CameraPose,
+        z: &Measurements,
+        report: &mut UpdateReport,
+    ) -> Result<Option<Matrix6<f64>>, EkfError> {
+        let mut scratch = Scratch::default();
+        refill(&mut scratch.demoted, false, 0);
+        self.collect_units(z, WornForm::Unused, &[], report, &mut scratch);
+        if self.batch.units().len() < z.least {
+            return Ok(None);
+        }
+        self.batch.build(&self.state);
+        self.batch.factor()?;
+        let lift = by_tangent(pose);
+        let m = self.batch.rows();
+        let mut by_pose = DMatrix::<f64>::zeros(m, 6);
+        let units = self.batch.units().iter();
+        for (unit, &at) in units.zip(self.batch.offsets()) {
+            let rows = unit.rows.by_pose * lift;
+            for r in 0..unit.rows.count {
+                by_pose.set_row(at + r, &rows.row(r));
+            }
+        }
+        let l = DMatrix::from_column_slice(m, m, self.batch.l());
+        let Some(whitened) = l.solve_lower_triangular(&by_pose) else {
+            return Ok(None);
+        };
+        let information: Matrix6<f64> = whitened.tr_mul(&whitened).fixed_view::<6, 6>(0, 0).into();
+        Ok(inverse(&information).map(|c| c * (WIDE * WIDE)))
+    }
+}
+
+/// Increment of `(r, q)` from the right tangent of the pose.
+fn by_tangent(pose: &CameraPose) -> SMatrix<f64, 7, 6> {
+    let mut lift = SMatrix::<f64, 7, 6>::zeros();
+    lift.fixed_view_mut::<3, 3>(0, 0)
+        .copy_from(&quat::rotation(&pose.q));
+    lift.fixed_view_mut::<4, 3>(3, 3)
+        .copy_from(&quat::lift(&pose.q));
+    lift
+}
+
+/// Inverse of a symmetric matrix that is well conditioned once scaled by its diagonal.
+fn inverse(information: &Matrix6<f64>) -> Option<Matrix6<f64>> {
+    let scale = information.diagonal().map(|d| 1.0 / d.sqrt());
+    if !scale.iter().all(|s| s.is_finite()) {
+        return None;
+    }
+    let scale = Matrix6::from_diagonal(&scale);
+    let scaled = scale * information * scale;
+    let eigenvalues = scaled.symmetric_eigenvalues();
+    if eigenvalues.min() * MAX_CONDITION < eigenvalues.max() {
+        return None;
+    }
+    let inverse = scaled.cholesky()?.inverse();
+    Some(scale * inverse * scale)
+}
+
+impl UpdateReport {
+    /// Number of features measured in Cs.
+    pub(super) fn located_by(&self) -> usize {
+        let accepted = |o: &&Outcome| matches!(o, Outcome::Pixel | Outcome::Replaced);
+        self.bearings.iter().filter(accepted).count()
+    }
+
+    /// Says that the frame was not believed.
+    pub(super) fn reject_all(&mut self, z: &Measurements) {
+        self.start(z);
+        self.bearings.fill(Outcome::RejectedBatch);
+        self.pairs.fill(Outcome::Unused);
+        self.depths.fill(Outcome::Unused);
+        self.believed = false;
+    }
+}

@@ -1,0 +1,252 @@
+"""A camera that is lost says so, keeps its map, and finds itself in it again: the demo, frames cut out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from collabslam._core import settings_schema
+from collabslam.demo import DemoRecording, corridor_recording
+from collabslam.engine import Slam, StepResult
+from collabslam.frontend.detect import detect_corners
+from collabslam.frontend.patch import capture
+from collabslam.frontend.recall import describe_corners, describe_views, match_descriptors, pose_by_ransac
+from collabslam.frontend.settings import FrontendSettings
+from collabslam.geometry import pose_inverse, se3_exp, se3_log
+from collabslam.status import StatusMonitor
+from collabslam.types import Array, Image, Status
+
+SEEN = 20
+"""Frames before the camera is lost."""
+SECOND = 10
+"""Frames of a second."""
+
+
+@pytest.fixture(scope="module")
+def recording() -> DemoRecording:
+    return corridor_recording()
+
+
+@pytest.fixture(scope="module")
+def images(recording: DemoRecording) -> list[Image]:
+    return [recording.image(i) for i in range(SEEN + 2 * SECOND + 4)]
+
+
+class Walk:
+    """The first frames of the demo through the filter; what follows is up to the test."""
+
+    def __init__(self, recording: DemoRecording, *, mode: str = "mono", seen: int = SEEN) -> None:
+        self.recording = recording
+        self.slam = Slam(recording.camera, recording.worn_camera, mode=mode)
+        for i in range(seen):
+            frame = recording.frame(i)
+            self.last = self.slam.step(frame.t, frame.image, frame.worn)
+        assert self.last.status is Status.OK
+        self.t = self.last.t
+
+    def step(self, image: Image, worn: Any = None) -> StepResult:
+        self.t += 0.1
+        self.last = self.slam.step(self.t, image, worn)
+        return self.last
+
+    def ids(self) -> list[int]:
+        return list(self.slam.landmarks().ids)
+
+    def error(self, i: int) -> Array:
+        """Error of the last pose in its tangent, the truth being that of frame ``i``."""
+        truth = pose_inverse(self.recording.truth[0]) @ self.recording.truth[i]
+        return se3_log(pose_inverse(self.last.pose) @ truth)
+
+    def is_right(self, i: int) -> None:
+        error = self.error(i)
+        assert np.linalg.norm(error[:3]) < 0.3  # a fifth of the way from where it was lost
+        assert np.degrees(np.linalg.norm(error[3:])) < 2.0
+        assert error @ np.linalg.solve(self.last.covariance, error) < 22.5  # 99.9 % of six numbers
+
+
+def _dark(shape: tuple[int, ...]) -> Iterator[Image]:
+    while True:
+        yield np.zeros(shape, np.uint8)
+
+
+def _covered(image: Image) -> Iterator[Image]:
+    """A hand before the lens: dark and without form, but for noise."""
+    generator = np.random.default_rng(0)
+    glow = 0.1 * cv2.GaussianBlur(image, (0, 0), 60.0).astype(np.float64)
+    while True:
+        yield np.clip(glow + generator.normal(0.0, 2.5, image.shape), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("how", ["black", "covered"])
+def test_a_second_in_the_dark(recording: DemoRecording, images: list[Image], how: str) -> None:
+    walk = Walk(recording)
+    before, ids = walk.last, walk.ids()
+    dark = _dark(images[0].shape) if how == "black" else _covered(images[SEEN])
+    blind = [walk.step(next(dark)) for _ in range(SECOND)]
+    assert [s.status for s in blind] == [Status.COASTING] * 2 + [Status.LOST] * (SECOND - 2)
+    assert [s.valid for s in blind] == [True] * 2 + [False] * (SECOND - 2)
+    assert all(s.diagnostics["accepted"] == s.diagnostics.get("deleted", 0) == 0 for s in blind)
+    traces = [np.trace(s.covariance[:3, :3]) for s in (before, *blind)]
+    assert (np.diff(traces) > 0).all()
+    assert walk.ids() == ids
+    assert walk.slam.filter.soundness() > -1e-10
+    again = SEEN + SECOND
+    for i in range(again, again + SECOND):
+        if walk.step(images[i]).status is Status.OK:
+            break
+    assert walk.last.status is Status.OK
+    assert walk.last.valid
+    walk.is_right(i)
+    for later in range(i + 1, i + 4):
+        assert walk.step(images[later]).status is Status.OK
+        walk.is_right(later)
+
+
+def _jump(recording: DemoRecording, images: list[Image]) -> tuple[Walk, list[StepResult]]:
+    """Ten frames cut out: from one frame to the next the camera is a metre and a half farther on."""
+    walk = Walk(recording)
+    steps = []
+    for i in range(SEEN + SECOND, SEEN + 2 * SECOND):
+        steps.append(walk.step(images[i]))
+        if steps[-1].status is Status.OK:
+            break
+    return walk, steps
+
+
+def test_a_jump(recording: DemoRecording, images: list[Image]) -> None:
+    walk, steps = _jump(recording, images)
+    assert [s.status for s in steps[:3]] == [Status.COASTING, Status.COASTING, Status.LOST]
+    assert steps[0].diagnostics["found"] > 0
+    for step in steps[:-1]:  # some wrong matches are found, and none is used
+        assert all(step.diagnostics[k] == 0 for k in ("accepted", "births_delayed", "deleted"))
+    assert len(steps) <= 3 + SECOND
+    last = steps[-1]
+    assert last.status is Status.OK
+    assert last.diagnostics["accepted"] >= 8
+    i = SEEN + SECOND + len(steps) - 1
+    walk.is_right(i)
+    sd = np.sqrt(np.trace(last.covariance[:3, :3]))
+    assert 0.005 < sd < 0.5
+    assert walk.slam.filter.soundness() > -1e-10
+    for later in range(i + 1, i + 4):
+        step = walk.step(images[later])
+        assert step.status is Status.OK
+        walk.is_right(later)
+
+
+def test_a_jump_ends_alike_to_the_bit(recording: DemoRecording, images: list[Image]) -> None:
+    (one, _), (two, _) = _jump(recording, images), _jump(recording, images)
+    assert one.last.pose.tobytes() == two.last.pose.tobytes()
+    assert one.last.covariance.tobytes() == two.last.covariance.tobytes()
+
+
+def test_no_second_map_is_started_from_an_overlap(recording: DemoRecording) -> None:
+    walk = Walk(recording, mode="collab-tight", seen=12)
+    ids = set(walk.ids())
+    statuses = []
+    for i in range(80, 88):  # nine metres on: nothing of the map is in sight, and Cf sees what Cs sees
+        frame = recording.frame(i)
+        worn = frame.worn or recording.frame(82).worn
+        assert worn is not None
+        statuses.append(walk.step(frame.image, worn).status)
+        assert set(walk.ids()) == ids
+        assert all(walk.last.diagnostics[k] == 0 for k in ("accepted", "births_instant", "relocalised"))
+    assert statuses == [Status.COASTING] * 2 + [Status.LOST] * 6
+    assert not walk.last.valid
+
+
+def test_elsewhere_it_stays_lost(recording: DemoRecording, images: list[Image]) -> None:
+    walk = Walk(recording)
+    ids = walk.ids()
+    for i in range(88, 96):
+        walk.step(recording.image(i))
+    assert walk.last.status is Status.LOST
+    turned = np.ascontiguousarray(images[SEEN][::-1, ::-1])
+    assert walk.step(turned).status is Status.LOST
+    assert walk.ids() == ids
+
+
+class TestStatus:
+    def monitor(self, lost: bool = False, **changes: Any) -> StatusMonitor:
+        values = {i["key"]: i["default"] for i in settings_schema() if i["key"].startswith("lost.")}
+        return StatusMonitor({**values, **{f"lost.{k}": v for k, v in changes.items()}}, lost=lost)
+
+    def test_three_frames_that_fail(self) -> None:
+        m = self.monitor()
+        assert m.update(0.0, 8, believed=True) is Status.OK
+        seen = [m.update(0.01 * k, 0, believed=False) for k in range(1, 5)]
+        assert seen == [Status.COASTING, Status.COASTING, Status.LOST, Status.LOST]
+
+    def test_lost_until_a_full_set_is_found(self) -> None:
+        m = self.monitor(lost=True)
+        assert m.least(0) == 8
+        assert m.least(100) == 15
+        assert m.update(0.0, 7, believed=True) is Status.LOST
+        assert m.update(0.1, 8, believed=True) is Status.OK
+        assert not m.lost
+
+    def test_too_few_for_a_second(self) -> None:
+        m = self.monitor()
+        assert m.update(0.0, 9, believed=True) is Status.OK
+        seen = [m.update(0.25 * k, 5, believed=True) for k in range(1, 6)]
+        assert seen == [Status.COASTING] * 4 + [Status.LOST]
+
+    @pytest.mark.parametrize(
+        ("searched", "least"), [(0, 0), (7, 0), (8, 4), (16, 8), (40, 8), (60, 9), (100, 15)]
+    )
+    def test_least(self, searched: int, least: int) -> None:
+        assert self.monitor().least(searched) == least
+
+    def test_its_settings_count(self) -> None:
+        m = self.monitor(frames=1, min_matches=20, min_share=0.5)
+        assert m.least(100) == 50
+        assert m.update(0.0, 19, believed=True) is Status.COASTING
+        assert m.update(0.1, 0, believed=False) is Status.LOST
+
+
+class TestRecall:
+    def test_descriptors_know_a_point_at_another_scale(self, images: list[Image]) -> None:
+        image, options = images[0], FrontendSettings()
+        uv = detect_corners(image, np.empty((0, 2)), 60, options.detect, 60)
+        larger = np.asarray(cv2.resize(image, None, fx=1.5, fy=1.5), np.uint8)
+        there = (uv + 0.5) * 1.5 - 0.5
+        views = describe_views(capture(image, uv, np.eye(4)), 36.0)
+        corners = describe_corners(larger, there, 0.0, 36.0)
+        landmark, corner = match_descriptors(views, np.arange(len(uv)), corners, 0.9, 0.8)
+        assert len(landmark) > 0.8 * len(uv)
+        assert (landmark == corner).mean() > 0.95
+
+    def test_more_views_of_a_landmark_are_no_rivals(self, images: list[Image]) -> None:
+        uv = detect_corners(images[0], np.empty((0, 2)), 30, FrontendSettings().detect, 60)
+        views = np.repeat(describe_views(capture(images[0], uv, np.eye(4)), 36.0), 2, axis=0)
+        owner = np.repeat(np.arange(len(uv)), 2)
+        landmark, corner = match_descriptors(
+            views, owner, describe_corners(images[0], uv, 0.0, 36.0), 0.9, 0.8
+        )
+        assert len(landmark) == len(uv)
+        assert (landmark == corner).all()
+
+    def test_nothing_to_match(self) -> None:
+        nothing = np.empty((0, 128), np.float32)
+        landmark, corner = match_descriptors(nothing, np.empty(0, np.int64), nothing[None], 0.9, 0.8)
+        assert len(landmark) == len(corner) == 0
+
+    def test_a_pose_among_wrong_matches(self, recording: DemoRecording) -> None:
+        generator = np.random.default_rng(3)
+        truth = se3_exp(np.array([0.3, -0.2, 0.1, 0.05, -0.1, 0.2]))
+        uv = generator.uniform([20, 20], [700, 460], (40, 2))
+        rays = recording.camera.unproject(uv)
+        points = (rays * generator.uniform(2.0, 8.0, (40, 1))) @ truth[:3, :3].T + truth[:3, 3]
+        uv[:25] = generator.uniform([20, 20], [700, 460], (25, 2))
+        found = pose_by_ransac(points, uv, recording.camera, 3.0, 2000)
+        assert found is not None
+        assert set(range(25, 40)) <= set(found[1].tolist())
+        np.testing.assert_allclose(found[0], truth, atol=1e-3)
+
+    def test_no_pose_from_too_little(self, recording: DemoRecording) -> None:
+        uv = np.array([[100.0, 100.0], [200.0, 100.0], [100.0, 300.0]])
+        assert pose_by_ransac(np.ones((3, 3)), uv, recording.camera, 3.0, 100) is None

@@ -1,0 +1,483 @@
+//! A lost camera found again, a frame that is not believed, and a filter that starts in another one's map.
+
+use crate::scene::{Warm, normals, rng, settings, warm};
+use ekf_core::math::pose::Pose;
+use ekf_core::math::quat;
+use ekf_core::observe::point::FeatureState;
+use ekf_core::settings::Value;
+use ekf_core::{Bearing, EkfError, Filter, KnownMap, Outcome};
+use nalgebra::{DMatrix, Matrix6, Vector2, Vector3, Vector6};
+
+/// The drift of W is no part of these simulations.
+const NO_DRIFT: [(&str, Value); 2] = [
+    ("process.position_drift", Value::Float(0.0)),
+    ("process.attitude_drift", Value::Float(0.0)),
+];
+
+/// A filter that has tracked for three seconds, and a camera that is elsewhere then.
+struct Lost {
+    warm: Warm,
+    truth: Pose,
+    matches: Vec<Bearing>,
+    /// Somewhere near the truth, as PnP would give it.
+    near: Pose,
+}
+
+fn lost(seed: u64, changes: &[(&str, Value)]) -> Lost {
+    let mut warm = warm(seed, changes);
+    for _ in 0..30 {
+        warm.update(false);
+        warm.next_frame();
+    }
+    let mut rng = rng(1000 + seed);
+    let away = normals::<6>(&mut rng).component_mul(&Vector6::new(0.4, 0.2, 0.4, 0.1, 0.2, 0.5));
+    let truth = warm.scene.pose(warm.t + 2.0).retract(&away);
+    let known: Vec<(u64, usize)> = warm.known.iter().map(|(id, p)| (*id, *p)).collect();
+    let seen = |(id, point)| warm.scene.pixel(&truth, point).map(|uv| Bearing { id, uv });
+    let matches = known.into_iter().filter_map(seen).collect();
+    let off =
+        normals::<6>(&mut rng).component_mul(&Vector6::new(0.03, 0.03, 0.03, 0.01, 0.01, 0.01));
+    let near = truth.retract(&off);
+    Lost {
+        warm,
+        truth,
+        matches,
+        near,
+    }
+}
+
+/// Error of a filter's pose in its tangent: truth = estimate Exp(error).
+fn error(filter: &Filter, truth: &Pose) -> Vector6<f64> {
+    let (rotation, translation) = filter.pose();
+    let v = rotation.transpose() * (truth.translation - translation);
+    let w = quat::log(&quat::from_rotation(
+        &(rotation.transpose() * truth.rotation),
+    ));
+    Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
+}
+
+fn nees(filter: &Filter, truth: &Pose) -> f64 {
+    let e = error(filter, truth);
+    let inverse = filter.pose_covariance().try_inverse().unwrap();
+    (e.transpose() * inverse * e)[(0, 0)]
+}
+
+fn state(filter: &Filter) -> (Vec<f64>, DMatrix<f64>) {
+    (
+        filter.state().mean().to_vec(),
+        filter.state().covariance().to_dense(),
+    )
+}
+
+/// A filter that starts in a map whose errors are drawn from its own covariance, the landmarks' true points, and where
+/// the camera is.
+fn drawn_map(seed: u64) -> (Filter, Vec<(u64, Vector3<f64>)>, Pose) {
+    let mut rng = rng(seed);
+    let count = 40;
+    let mut true_map = Vec::new();
+    for k in 0..count {
+        let at = f64::from(k % 4);
+        let u = normals::<3>(&mut rng).map(|x| x.clamp(-2.0, 2.0));
+        let anchor = Vector3::new(0.15 * at, 0.05 * at, 0.3 * at);
+        true_map.push(Vector6::new(
+            anchor.x,
+            anchor.y,
+            anchor.z,
+            0.2 * u.x,
+            0.15 * u.y,
+            0.25 + 0.05 * u.z,
+        ));
+    }
+    // What all have in common: a shift, and the scale; and what each has alone.
+    let n = 6 * true_map.len();
+    let common = DMatrix::from_fn(n, 4, |i, j| {
+        let (y, k) = (&true_map[i / 6], i % 6);
+        match (k, j) {
+            (0..3, 3) => 0.04 * y[k],
+            (5, 3) => -0.04 * y[5],
+            (0..3, _) if k == j => 0.03,
+            _ => 0.0,
+        }
+    });
+    let own = DMatrix::from_fn(n, 1, |i, _| match i % 6 {
+        0..3 => 0.003,
+        5 => 0.05 * true_map[i / 6][5],
+        _ => 0.002,
+    });
+    let shared = normals::<4>(&mut rng);
+    let landmarks = true_map.iter().enumerate().map(|(l, y)| {
+        let alone = normals::<6>(&mut rng);
+        Vector6::from_fn(|k, _| {
+            let row = 6 * l + k;
+            y[k] + (common.row(row) * shared)[(0, 0)] + own[row] * alone[k]
+        })
+    });
+    let map = KnownMap {
+        landmarks: landmarks.collect(),
+        covariance: &common * common.transpose()
+            + DMatrix::from_diagonal(&own.column(0).map(|s| s * s)),
+        drift: Matrix6::zeros(),
+    };
+    let mut filter = Filter::new(settings(&NO_DRIFT), crate::scene::camera(), None);
+    filter.predict(0.0).unwrap();
+    let ids = filter.start_from_map(&map).unwrap();
+    let points = true_map.iter().map(|y| FeatureState(*y).point().unwrap());
+    let away = normals::<6>(&mut rng).component_mul(&Vector6::new(0.3, 0.2, 0.3, 0.1, 0.1, 0.5));
+    let pose = Pose::identity().retract(&away);
+    (filter, ids.into_iter().zip(points).collect(), pose)
+}
+
+fn pixels(filter: &[(u64, Vector3<f64>)], pose: &Pose, rng: &mut rand_pcg::Pcg64) -> Vec<Bearing> {
+    let camera = crate::scene::camera();
+    let seen = filter.iter().filter_map(|(id, point)| {
+        let uv = camera.project(&pose.inverse().apply(point))?;
+        let noise = normals::<2>(rng);
+        camera.in_image(&uv, 2.0).then_some(Bearing {
+            id: *id,
+            uv: uv + noise,
+        })
+    });
+    seen.collect()
+}
+
+#[test]
+fn the_covariance_after_it_is_honest() {
+    let (mut sum, mut runs) = (0.0, 0.0);
+    for seed in 0..100 {
+        let (mut filter, points, truth) = drawn_map(seed);
+        let mut rng = rng(5000 + seed);
+        let matches = pixels(&points, &truth, &mut rng);
+        if matches.len() < 12 {
+            continue;
+        }
+        let off = normals::<6>(&mut rng) * 0.02;
+        let report = filter.relocalise(&truth.retract(&off), &matches).unwrap();
+        assert!(report.believed, "seed {seed}: {report:?}");
+        assert!(filter.state().covariance().least_scaled_eigenvalue() > -1e-10);
+        sum += nees(&filter, &truth);
+        runs += 1.0;
+    }
+    let mean = sum / runs;
+    // Six degrees of freedom: the mean's band at three sigma.
+    let band = 3.0 * (12.0_f64 / runs).sqrt();
+    println!("NEES {mean:.2} over {runs} runs (6 +- {band:.2})");
+    assert!(runs >= 60.0);
+    assert!((mean - 6.0).abs() < band, "{mean}");
+}
+
+/// The map of a filter that has tracked is not quite as good as it says; what rests on it is no worse.
+#[test]
+fn in_a_map_of_its_own_it_is_as_honest_as_the_map() {
+    let (mut sum, mut of_map, mut rows, mut runs) = (0.0, 0.0, 0.0, 0.0);
+    for seed in 0..80 {
+        let mut lost = lost(seed, &NO_DRIFT);
+        if lost.matches.len() < 10 {
+            continue;
+        }
+        for landmark in lost.warm.filter.landmarks() {
+            if let Some(&point) = lost.warm.known.get(&landmark.id) {
+                let e = lost.warm.scene.points[point] - landmark.point;
+                of_map += (e.transpose() * landmark.covariance.try_inverse().unwrap() * e)[(0, 0)];
+                rows += 3.0;
+            }
+        }
+        let report = lost.warm.filter.relocalise(&lost.near, &lost.matches);
+        assert!(report.unwrap().believed);
+        sum += nees(&lost.warm.filter, &lost.truth);
+        runs += 1.0;
+    }
+    let (mean, of_map) = (sum / runs / 6.0, of_map / rows);
+    println!("NEES per degree of freedom: {mean:.2}, the map's {of_map:.2}, over {runs} runs");
+    assert!(mean < 1.5 * of_map.max(1.0), "{mean}, {of_map}");
+}
+
+#[test]
+fn what_was_believed_of_the_camera_counts_for_nothing() {
+    // The gauge transport moves the map as well when the camera is predicted to look elsewhere.
+    let plain = [("estimator.consistency", Value::Name("none".into()))];
+    let mut lost = lost(3, &plain);
+    let mut other = lost.warm.filter.clone();
+    other.predict(lost.warm.t + 30.0).unwrap();
+    for filter in [&mut lost.warm.filter, &mut other] {
+        assert!(
+            filter
+                .relocalise(&lost.near, &lost.matches)
+                .unwrap()
+                .believed
+        );
+    }
+    assert_eq!(state(&lost.warm.filter), state(&other));
+}
+
+#[test]
+fn the_start_of_the_linearisation_hardly_matters() {
+    let lost = lost(4, &NO_DRIFT);
+    let from = |pose: &Pose| {
+        let mut filter = lost.warm.filter.clone();
+        assert!(filter.relocalise(pose, &lost.matches).unwrap().believed);
+        (filter.pose(), filter.pose_covariance())
+    };
+    let ((_, near), covariance) = from(&lost.near);
+    let ((_, exact), _) = from(&lost.truth);
+    let sd = covariance.fixed_view::<3, 3>(0, 0).trace().sqrt();
+    assert!(
+        (near - exact).norm() < 0.1 * sd,
+        "{} of {sd}",
+        (near - exact).norm()
+    );
+}
+
+#[test]
+fn wrong_matches_leave_the_filter_as_it_was() {
+    let mut lost = lost(5, &NO_DRIFT);
+    let before = state(&lost.warm.filter);
+    let mut rng = rng(1);
+    for m in &mut lost.matches {
+        m.uv += normals::<2>(&mut rng) * 60.0;
+    }
+    let report = lost
+        .warm
+        .filter
+        .relocalise(&lost.near, &lost.matches)
+        .unwrap();
+    assert!(!report.believed);
+    assert!(report.bearings.iter().all(|o| *o == Outcome::RejectedBatch));
+    assert_eq!(state(&lost.warm.filter), before);
+    let few = &lost.matches[..5];
+    assert!(
+        !lost
+            .warm
+            .filter
+            .relocalise(&lost.near, few)
+            .unwrap()
+            .believed
+    );
+    assert_eq!(state(&lost.warm.filter), before);
+}
+
+#[test]
+fn some_wrong_ones_are_left_out() {
+    let many = |seed| Some(lost(seed, &NO_DRIFT)).filter(|lost| lost.matches.len() >= 15);
+    let mut lost = (6..).find_map(many).unwrap();
+    for m in lost.matches.iter_mut().take(3) {
+        m.uv += Vector2::new(25.0, -30.0);
+    }
+    let report = lost
+        .warm
+        .filter
+        .relocalise(&lost.near, &lost.matches)
+        .unwrap();
+    assert!(report.believed);
+    let wrong = &report.bearings[..3];
+    assert!(wrong.iter().all(|o| *o != Outcome::Pixel), "{wrong:?}");
+    assert!(error(&lost.warm.filter, &lost.truth).norm() < 0.3);
+}
+
+#[test]
+fn bad_input_is_refused() {
+    let mut lost = lost(7, &NO_DRIFT);
+    let before = state(&lost.warm.filter);
+    let good = lost.matches.clone();
+    let filter = &mut lost.warm.filter;
+    let mut twice = good.clone();
+    twice.push(good[0]);
+    assert!(matches!(
+        filter.relocalise(&lost.near, &twice),
+        Err(EkfError::InvalidInput { .. })
+    ));
+    let mut unknown = good.clone();
+    unknown[0].id = 123_456;
+    assert!(matches!(
+        filter.relocalise(&lost.near, &unknown),
+        Err(EkfError::UnknownFeature { .. })
+    ));
+    let mut nan = good.clone();
+    nan[0].uv.x = f64::NAN;
+    assert!(matches!(
+        filter.relocalise(&lost.near, &nan),
+        Err(EkfError::NonFinite { .. })
+    ));
+    let mut pose = lost.near.clone();
+    pose.rotation *= 2.0;
+    assert!(matches!(
+        filter.relocalise(&pose, &good),
+        Err(EkfError::InvalidInput { .. })
+    ));
+    assert_eq!(state(filter), before);
+    let mut new = Filter::new(settings(&[]), lost.warm.scene.camera.clone(), None);
+    assert!(matches!(
+        new.relocalise(&lost.near, &[]),
+        Err(EkfError::InvalidInput { .. })
+    ));
+}
+
+#[test]
+fn a_frame_with_too_few_matches_changes_nothing() {
+    let mut warm = warm(8, &[]);
+    let before = state(&warm.filter);
+    let (mut z, _) = warm.scene.measure(warm.t, &warm.known, true);
+    let worn = z.worn.as_mut().unwrap();
+    // New to the filter: as if it had been born in this very frame.
+    worn.pairs[0].id = None;
+    z.bearings.truncate(5);
+    z.least = 6;
+    let searched = warm.filter.map_size();
+    let report = warm.filter.update(&z).unwrap();
+    assert!(!report.believed);
+    assert_eq!(state(&warm.filter), before);
+    assert_eq!(warm.filter.map_size(), searched);
+    for _ in 0..50 {
+        assert!(!warm.filter.update(&z).unwrap().believed);
+    }
+    // Searched in vain fifty times, and yet not failing.
+    assert!(warm.filter.manage_map().is_empty());
+    z.least = 5;
+    assert!(warm.filter.update(&z).unwrap().believed);
+}
+
+#[test]
+fn a_working_set_makes_no_difference() {
+    let plain = [
+        ("estimator.consistency", Value::Name("none".into())),
+        ("map.local", Value::Bool(false)),
+    ];
+    let local = [plain[0].clone(), ("map.local", Value::Bool(true))];
+    let [a, b] = [&plain[..], &local[..]].map(|changes| {
+        let mut lost = lost(9, changes);
+        let report = lost.warm.filter.relocalise(&lost.near, &lost.matches);
+        assert!(report.unwrap().believed);
+        state(&lost.warm.filter)
+    });
+    assert!((a.1 - b.1).abs().max() < 1e-9);
+    let off = a.0.iter().zip(&b.0).map(|(a, b)| (a - b).abs());
+    assert!(off.fold(0.0, f64::max) < 1e-9);
+}
+
+mod known_map {
+    use super::*;
+
+    #[test]
+    fn a_filter_started_in_it_is_the_same_after_relocalisation() {
+        let mut lost = lost(11, &[]);
+        let (ids, map) = lost.warm.filter.known_map();
+        let mut other = Filter::new(settings(&[]), lost.warm.scene.camera.clone(), None);
+        let new_ids = other.start_from_map(&map).unwrap();
+        assert_eq!(ids.len(), new_ids.len());
+        assert!(other.state().covariance().least_scaled_eigenvalue() > -1e-10);
+        let renamed: Vec<Bearing> = lost
+            .matches
+            .iter()
+            .map(|m| Bearing {
+                id: new_ids[ids.binary_search(&m.id).unwrap()],
+                uv: m.uv,
+            })
+            .collect();
+        assert!(
+            lost.warm
+                .filter
+                .relocalise(&lost.near, &lost.matches)
+                .unwrap()
+                .believed
+        );
+        assert!(other.relocalise(&lost.near, &renamed).unwrap().believed);
+        let (a, b) = (lost.warm.filter.known_map().1, other.known_map().1);
+        assert!((&a.covariance - &b.covariance).abs().max() < 1e-10);
+        let apart = a
+            .landmarks
+            .iter()
+            .zip(&b.landmarks)
+            .map(|(a, b)| (a - b).norm());
+        assert!(apart.fold(0.0, f64::max) < 1e-9);
+        assert!(
+            (lost.warm.filter.pose_covariance() - other.pose_covariance())
+                .abs()
+                .max()
+                < 1e-9
+        );
+        assert!((lost.warm.filter.pose().1 - other.pose().1).norm() < 1e-9);
+    }
+
+    #[test]
+    fn bad_maps_are_refused() {
+        let lost = lost(12, &[]);
+        let (_, good) = lost.warm.filter.known_map();
+        let mut filter = Filter::new(settings(&[]), lost.warm.scene.camera.clone(), None);
+        let before = state(&filter);
+        let mut refused = |change: &dyn Fn(&mut KnownMap)| {
+            let mut map = good.clone();
+            change(&mut map);
+            let error = filter.start_from_map(&map).unwrap_err();
+            assert_eq!(state(&filter), before);
+            assert!(!filter.started());
+            error
+        };
+        assert!(matches!(
+            refused(&|m| m.landmarks[0][5] = 0.0),
+            EkfError::InvalidInput { .. }
+        ));
+        assert!(matches!(
+            refused(&|m| m.landmarks[0][1] = f64::NAN),
+            EkfError::NonFinite { .. }
+        ));
+        assert!(matches!(
+            refused(&|m| {
+                m.landmarks.pop();
+            }),
+            EkfError::BadShape { .. }
+        ));
+        assert!(matches!(
+            refused(&|m| m.covariance[(0, 1)] += 1.0),
+            EkfError::InvalidInput { .. }
+        ));
+        assert!(matches!(
+            refused(&|m| m.covariance[(9, 9)] *= -1.0),
+            EkfError::InvalidInput { .. }
+        ));
+        assert!(matches!(
+            refused(&|m| {
+                for (i, j) in [(3, 4), (4, 3)] {
+                    m.covariance[(i, j)] =
+                        2.0 * (m.covariance[(3, 3)] * m.covariance[(4, 4)]).sqrt();
+                }
+            }),
+            EkfError::InvalidInput { .. }
+        ));
+        assert!(matches!(
+            refused(&|m| m.drift = -Matrix6::identity()),
+            EkfError::InvalidInput { .. }
+        ));
+        let empty = KnownMap {
+            landmarks: Vec::new(),
+            covariance: DMatrix::zeros(0, 0),
+            drift: Matrix6::zeros(),
+        };
+        assert!(matches!(
+            filter.start_from_map(&empty),
+            Err(EkfError::InvalidInput { .. })
+        ));
+        assert!(filter.start_from_map(&good).is_ok());
+        assert!(matches!(
+            filter.start_from_map(&good),
+            Err(EkfError::InvalidInput { .. })
+        ));
+    }
+
+    #[test]
+    fn its_landmarks_are_where_they_were() {
+        let lost = lost(13, &[]);
+        let (_, map) = lost.warm.filter.known_map();
+        let mut other = Filter::new(settings(&[]), lost.warm.scene.camera.clone(), None);
+        other.start_from_map(&map).unwrap();
+        let pairs = lost
+            .warm
+            .filter
+            .landmarks()
+            .into_iter()
+            .zip(other.landmarks());
+        for (a, b) in pairs {
+            let apart: Vector3<f64> = a.point - b.point;
+            assert_eq!(apart.norm(), 0.0);
+            assert!((a.covariance - b.covariance).abs().max() < 1e-12);
+        }
+    }
+}
