@@ -35,8 +35,8 @@ fn call() -> impl Strategy<Value = Call> {
         4 => (shares(), any::<bool>()).prop_map(|(s, d)| Call::Update(s, d)),
         2 => two().prop_map(Call::Undelayed),
         2 => proptest::array::uniform3(share()).prop_map(Call::Depth),
-        2 => two().prop_map(Call::Candidates),
-        2 => shares().prop_map(Call::Observe),
+        3 => two().prop_map(Call::Candidates),
+        4 => shares().prop_map(Call::Observe),
         1 => share().prop_map(Call::Remove),
         1 => Just(Call::Manage),
     ]
@@ -276,7 +276,7 @@ fn the_sequences_reach_every_kind_of_birth() {
     let mut runner = TestRunner::deterministic();
     let strategy = proptest::collection::vec(call(), 24);
     let (mut delayed, mut removed) = (0, 0);
-    for _ in 0..80 {
+    for _ in 0..100 {
         let calls = strategy.new_tree(&mut runner).unwrap().current();
         let mut pair = Pair::new();
         for call in &calls {
