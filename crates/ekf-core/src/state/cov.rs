@@ -304,6 +304,9 @@ impl Covariance {
         }) {
             return f64::NEG_INFINITY;
         }
+        if kept.is_empty() {
+            return 0.0;
+        }
         let scaled = DMatrix::from_fn(kept.len(), kept.len(), |i, j| {
             let (i, j) = (kept[i], kept[j]);
             self.get(i, j) / (self.get(i, i) * self.get(j, j)).sqrt()
