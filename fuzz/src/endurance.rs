@@ -60,10 +60,10 @@ pub fn endure(steps: usize, seed: u64) -> Result<Endured, String> {
         let (_, r) = scene.filter.pose();
         let error = (r - Scene::pose(step).translation).norm();
         endured.largest_error_m = endured.largest_error_m.max(error);
-        if step % CHECK_EVERY == 0 || step + 1 == steps {
+        if step.is_multiple_of(CHECK_EVERY) || step + 1 == steps {
             check_filter(&scene.filter).map_err(|broken| format!("step {step}: {broken}"))?;
         }
-        if (step + 1) % tenth == 0 {
+        if (step + 1).is_multiple_of(tenth) {
             match (step + 1) / tenth {
                 1 => endured.memory_mb[0] = resident_mb(),
                 2 => endured.step_us[0] = median(&mut times),
@@ -216,7 +216,7 @@ impl Scene {
         for id in self.filter.manage_map() {
             self.points.remove(&id);
         }
-        if step % 10 == 0 && self.points.len() + self.waiting.len() < FEATURES {
+        if step.is_multiple_of(10) && self.points.len() + self.waiting.len() < FEATURES {
             let point = self.new_point();
             if let Some(uv) = self.pixel(&pose, &point) {
                 let ids = self.filter.add_candidates(&[uv]).map_err(text)?;
