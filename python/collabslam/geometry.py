@@ -239,7 +239,7 @@ def fixed_to_tangent(t_ab: ArrayLike, covariance: ArrayLike) -> Array:
 def rounded_covariance(covariance: ArrayLike) -> Array:
     """A covariance rounded to 2^-40 (1e-12) of about its largest variance.
 
-    So files that state it along other axes still give the same bits when they are read.
+    One that was rounded has the same bits again after a file has stated it along other axes.
     """
     c = np.asarray(covariance, dtype=np.float64)
     largest = float(np.max(np.diag(c)))

@@ -39,7 +39,7 @@ from collabslam.datasets.poses import (
 )
 from collabslam.datasets.stamped import match_stamps, read_stream
 from collabslam.errors import DataError
-from collabslam.geometry import pose_from_quaternion, quaternion_wxyz, rounded_covariance
+from collabslam.geometry import pose_from_quaternion, quaternion_wxyz
 from collabslam.types import Array, Image, Recording, WornView
 
 LAYOUT = "a two-camera recording (recording.yaml, cam0/, cam1/, relpose/data.csv)"
@@ -202,7 +202,7 @@ def _integer_stamps(times: Sequence[float] | Array) -> list[int]:
 
 
 def _relative_pose_line(stamp: int, worn: WornView) -> str:
-    triangle = [repr(float(x) + 0.0) for x in rounded_covariance(worn.covariance)[_TRIANGLE]]
+    triangle = [repr(float(x) + 0.0) for x in np.asarray(worn.covariance, dtype=np.float64)[_TRIANGLE]]
     return ",".join([str(stamp), *_pose_fields(worn.t_cf), *triangle])
 
 

@@ -15,7 +15,7 @@ from collabslam.demo.recording import PIXEL_NOISE, measured_pose, vignette
 from collabslam.demo.renderer import Mover, Renderer
 from collabslam.demo.walk import waves
 from collabslam.errors import InputError
-from collabslam.geometry import pose_inverse
+from collabslam.geometry import pose_inverse, rounded_covariance
 from collabslam.types import Array, Frame, Image, WornView
 from collabslam.worlds.bodies import Person, robot
 from collabslam.worlds.building import Building, build
@@ -135,7 +135,7 @@ class WorldRecording:
         _, of_image, of_pose = self._noise(i)
         t_cf, covariance = measured_pose(self.true_t_cf(i), of_pose)
         image = self._expose(1, t + self.recipe.shutter_lag, of_image)
-        return Frame(i, t, self.image(i), WornView(image, t_cf, covariance))
+        return Frame(i, t, self.image(i), WornView(image, t_cf, rounded_covariance(covariance)))
 
     def _expose(self, which: int, t: float, generator: np.random.Generator) -> Image:
         """What Cs (0) or Cf (1) delivers at time `t`, with noise."""
