@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -90,13 +89,19 @@ def test_import_leaves_the_heavy_libraries_alone() -> None:
     assert _python("-c", code).strip() == "[]"
 
 
-def test_help_answers_at_once() -> None:
-    seconds = []
-    for _ in range(3):
-        began = time.perf_counter()
-        assert "usage" in _python("-m", "collabslam", "--help")
-        seconds.append(time.perf_counter() - began)
-    assert min(seconds) < 0.3
+def test_help_loads_next_to_nothing() -> None:
+    """What makes it answer at once; the test of the wheel prints how soon."""
+    code = (
+        "import sys; from collabslam import cli\n"
+        "try: cli.main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "print('LOADED', sum(m.split('.')[0] == 'collabslam' for m in sys.modules), *sys.modules)"
+    )
+    shown, loaded = _python("-c", code).split("LOADED ")
+    assert "usage" in shown
+    own, *modules = loaded.split()
+    assert int(own) <= 20
+    assert not {"numpy", "cv2", "yaml", "tqdm", "collabslam._core"} & set(modules)
 
 
 def test_every_public_name_is_there() -> None:
