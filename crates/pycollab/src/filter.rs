@@ -347,6 +347,7 @@ impl PyFilter {
     /// InputError
     ///     For wrong shapes, NaN, unknown ids, an impossible pose or covariance; the filter stays as it was.
     #[pyo3(signature = (searched, ids, uv, *, worn = None, depths = None, least = 0))]
+    #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn update(
         &mut self,
         py: Python<'_>,
