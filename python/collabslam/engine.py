@@ -325,7 +325,9 @@ class Slam:
         stages.done("predict")
         status = Status.COASTING
         if self.filter.started:
-            status = self._monitor.update(t, 0, believed=sight == FROZEN)
+            frozen = sight == FROZEN
+            fresh = frozen and self._monitor.is_fresh(t)
+            status = Status.OK if fresh else self._monitor.update(t, 0, believed=frozen)
         return StepResult(
             t=t,
             pose=self.filter.pose,

@@ -9,6 +9,8 @@ from collabslam.entry import Value
 from collabslam.keeping import Keeper
 from collabslam.types import Status
 
+_FRESH = 0.1 - 1e-6  # seconds; a frame at 10 Hz is not
+
 
 class StatusMonitor(Keeper):
     """OK: enough accepted matches in this frame.  COASTING: too few, for a short time.  LOST: for longer, and
@@ -46,6 +48,12 @@ class StatusMonitor(Keeper):
         if searched < self._min_matches:
             return 0
         return max(share, min(self._min_matches, searched // 2))
+
+    def is_fresh(self, t: float) -> bool:
+        """Whether a frame at ``t`` (seconds) that shows the last image again is as good as the last: the camera has
+        delivered nothing new, as some do every now and then, and the pose is less than 0.1 s older than one that
+        was OK."""
+        return not self.lost and self._last_ok is not None and t - self._last_ok < _FRESH
 
     def update(self, t: float, accepted: int, *, believed: bool) -> Status:
         """Status of the frame at ``t`` (seconds).

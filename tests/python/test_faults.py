@@ -119,6 +119,14 @@ def test_an_image_that_shows_nothing_is_no_measurement(walk: Recording, kind: st
     assert result.diagnostics["unseen"] == 0
 
 
+def test_an_image_that_comes_twice_is_as_good_as_the_last_for_a_tenth_of_a_second(walk: Recording) -> None:
+    slam = slam_on(walk)
+    play(slam, walk, 12)
+    t = float(walk.times[11])
+    status = [slam.step(t + dt, walk.image(11)).status.value for dt in (0.03, 0.09, 0.1, 0.13)]
+    assert status == ["OK", "OK", "COASTING", "COASTING"]
+
+
 def test_a_frozen_image_is_a_measurement_where_the_settings_say_so() -> None:
     image = np.random.default_rng(1).integers(0, 255, (480, 720)).astype(np.uint8)
     image = np.kron(image[::16, ::16], np.ones((16, 16), np.uint8))

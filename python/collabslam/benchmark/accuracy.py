@@ -31,7 +31,8 @@ def page(plan: Plan, rows: Sequence[Row], missing: Sequence[str], how: str = "")
         "## Error",
         "ATE after an SE(3) alignment, no scale fitted, in percent of the path. *One bias*: one error of "
         "T_CF for each block of overlap in place of an independent one in each frame. A frame is OK if it "
-        "has at least 8 accepted matches and its pose is within 5 sigma of the truth.",
+        "has at least 8 accepted matches, or repeats the image of one that has for less than 0.1 s, and its "
+        "pose is within 5 sigma of the truth.",
         _table(plan, rows, _ERROR, _error_cells),
         "## Honesty of the covariance",
         _honesty_text(),
