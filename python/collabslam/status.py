@@ -50,9 +50,11 @@ class StatusMonitor(Keeper):
         return max(share, min(self._min_matches, searched // 2))
 
     def is_fresh(self, t: float) -> bool:
-        """Whether a frame at ``t`` (seconds) that shows the last image again is as good as the last: the camera has
-        delivered nothing new, as some do every now and then, and the pose is less than 0.1 s older than one that
-        was OK."""
+        """Whether a frame at ``t`` (seconds) that shows the last image again is as good as the last.
+
+        The camera has delivered nothing new, as some do every now and then, and the pose is less than 0.1 s
+        older than one that was OK.
+        """
         return not self.lost and self._last_ok is not None and t - self._last_ok < _FRESH
 
     def update(self, t: float, accepted: int, *, believed: bool) -> Status:

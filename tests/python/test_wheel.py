@@ -41,6 +41,5 @@ def test_from_pip_install_to_the_picture(tmp_path: Path) -> None:
     run(scripts / "collabslam", "demo", cwd=tmp_path)
     picture = tmp_path / "results" / "demo" / "comparison.png"
     assert picture.read_bytes().startswith(b"\x89PNG")
-    print(
-        f"\nfrom an empty environment to the picture: {time.monotonic() - began:.0f} s; --help: {helped:.2f} s"
-    )
+    took = time.monotonic() - began
+    print(f"\nfrom an empty environment to the picture: {took:.0f} s; --help: {helped:.2f} s")
