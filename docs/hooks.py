@@ -45,10 +45,10 @@ def commands() -> str:
 def numbers() -> str:
     """What the README says was measured."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    measured = text.split("\n## Measured\n", 1)[1].split("\n## ", 1)[0]
+    measured = text.split("\n## Measured\n", 1)[1].split("\n## ", 1)[0].replace("](docs/", "](")
     speed = (
-        "\n## Speed\n\n`cargo bench -p collabslam-benches` times the filter alone, by number of features; "
-        "the table's column *ms a frame* is the whole frame loop, images included. Compare times within one "
-        "run of one machine only.\n"
+        "\n## Speed\n\n`make bench` times the filter alone beside OpenBLAS, by number of features; "
+        "`make bench-frames` the whole frame loop, images included. Compare times within one run of one "
+        "machine only.\n"
     )
     return "# Accuracy and speed\n" + measured + speed
