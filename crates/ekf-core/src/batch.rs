@@ -136,7 +136,7 @@ impl Workspace {
         }
     }
 
-    /// Normalised innovation squared, `g^T S^-1 g`. Valid after [`Self::factor`].
+    /// Normalised innovation squared, `g^T S^-1 g`. Valid after the factorisation.
     pub fn nis(&self) -> f64 {
         self.y.iter().map(|v| v * v).sum()
     }
