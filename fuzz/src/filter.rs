@@ -13,7 +13,7 @@ use ekf_core::{
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
 
 /// Calls that one input makes at most.
-const MOST_CALLS: usize = 24;
+const MOST_CALLS: u64 = 24;
 /// Sides of the image, pixels.
 const IMAGE: (u32, u32) = (320, 240);
 
@@ -35,7 +35,7 @@ pub fn filter(bytes: &[u8]) -> Result<Calls, Broken> {
     let mut bytes = Bytes::new(bytes);
     let mut life = Life::new(&mut bytes);
     let mut calls = Calls::default();
-    while !bytes.is_empty() && calls.made < MOST_CALLS as u64 {
+    while !bytes.is_empty() && calls.made < MOST_CALLS {
         let before = fingerprint(&life.filter);
         let (call, done) = life.call(&mut bytes);
         let number = calls.made;
@@ -56,8 +56,9 @@ pub fn filter(bytes: &[u8]) -> Result<Calls, Broken> {
     Ok(calls)
 }
 
-struct Life {
-    filter: Filter,
+/// A filter, and what is around it.
+pub(crate) struct Life {
+    pub(crate) filter: Filter,
     camera: Camera,
     worn: Camera,
     t: f64,
@@ -66,7 +67,7 @@ struct Life {
 type Done = (&'static str, Result<(), EkfError>);
 
 impl Life {
-    fn new(bytes: &mut Bytes<'_>) -> Self {
+    pub(crate) fn new(bytes: &mut Bytes<'_>) -> Self {
         let intrinsics = [200.0, 210.0, 159.0, 121.0];
         let camera = match bytes.below(4) {
             0 => Camera::new(
@@ -100,8 +101,9 @@ impl Life {
         }
     }
 
-    fn call(&mut self, bytes: &mut Bytes<'_>) -> Done {
-        match bytes.below(16) {
+    /// The next call, as the bytes say.
+    pub(crate) fn call(&mut self, bytes: &mut Bytes<'_>) -> Done {
+        match bytes.below(17) {
             0..=2 => ("predict", self.predict(bytes)),
             3..=5 => ("update", self.update(bytes, false, false)),
             6 | 7 => ("update with worn", self.update(bytes, true, false)),
@@ -124,6 +126,7 @@ impl Life {
                 ("manage_map", Ok(()))
             }
             14 => ("start_from_points", self.start(bytes)),
+            15 => ("snapshot and restore", self.save()),
             _ => ("overlap", self.overlap(bytes)),
         }
     }
@@ -305,6 +308,18 @@ impl Life {
         self.filter
             .start_from_points(&points, &noise, &shared, &covariance)
             .map(|_| ())
+    }
+
+    /// Goes on with the filter restored from a snapshot, whose own snapshot is the same.
+    fn save(&mut self) -> Result<(), EkfError> {
+        let snapshot = self.filter.snapshot();
+        let restored = Filter::restore(&snapshot)?;
+        assert!(
+            restored.snapshot() == snapshot,
+            "the snapshot of what was restored is another"
+        );
+        self.filter = restored;
+        Ok(())
     }
 
     fn overlap(&mut self, bytes: &mut Bytes<'_>) -> Result<(), EkfError> {

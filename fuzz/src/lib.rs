@@ -7,10 +7,12 @@ mod bytes;
 mod camera;
 pub mod endurance;
 mod filter;
+mod snapshot;
 mod sound;
 
 pub use camera::camera;
 pub use filter::{Calls, filter};
+pub use snapshot::snapshot;
 pub use sound::check_filter;
 
 /// Which promise was broken, and by which call.

@@ -12,15 +12,17 @@
     reason = "a program speaks to its user"
 )]
 
-use collabslam_fuzz::{camera, endurance, filter};
+use collabslam_fuzz::{camera, endurance, filter, snapshot};
 use rand::Rng;
 use rand_pcg::Pcg64;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// Of 8 inputs so many go to the filter, the others to the camera.
-const FILTER_SHARE: u64 = 6;
+/// Targets, in turn: most inputs go to the filter.
+const TURNS: [&str; 8] = [
+    "filter", "filter", "filter", "camera", "filter", "filter", "snapshot", "camera",
+];
 /// Findings that are printed.
 const MOST_PRINTED: usize = 20;
 
@@ -74,6 +76,7 @@ impl Tally {
 fn run(target: &str, bytes: &[u8]) -> Result<(u64, u64), String> {
     let done = catch_unwind(AssertUnwindSafe(|| match target {
         "filter" => filter(bytes).map(|calls| (calls.made, calls.refused)),
+        "snapshot" => snapshot(bytes).map(|()| (1, 0)),
         _ => camera(bytes).map(|()| (1, 0)),
     }));
     done.unwrap_or_else(|panic| {
@@ -115,15 +118,11 @@ fn some_inputs(count: u64, seed: u64, thread: u64) -> Tally {
     let mut tally = Tally::default();
     let mut bytes = Vec::with_capacity(256);
     for k in 0..count {
-        let target = if k % 8 < FILTER_SHARE {
-            "filter"
-        } else {
-            "camera"
-        };
-        let length = if target == "filter" {
-            rng.random_range(16..160)
-        } else {
+        let target = TURNS[(k % TURNS.len() as u64) as usize];
+        let length = if target == "camera" {
             48
+        } else {
+            rng.random_range(16..160)
         };
         bytes.resize(length, 0);
         rng.fill(bytes.as_mut_slice());

@@ -48,7 +48,7 @@ pub(crate) fn check_state(filter: &Filter) -> Result<(), Broken> {
         return Err(format!("mean[{i}] is {}", x[i]));
     }
     let q: f64 = x[3..7].iter().map(|v| v * v).sum();
-    if (q - 1.0).abs() > 1e-9 {
+    if (q - 1.0).abs() > 3e-9 {
         return Err(format!("|q|^2 is {q}"));
     }
     for i in 0..dim {

@@ -1,6 +1,6 @@
 //! The filter guards itself: what would break it is refused, and leaves no trace.
 
-use crate::scene::{Scene, settings};
+use crate::scene::{Scene, name, settings};
 use ekf_core::frame::DepthObservation;
 use ekf_core::math::pose::Pose;
 use ekf_core::settings::Value;
@@ -44,6 +44,7 @@ fn steps_of_time_are_defined() {
     for (t, is_right) in [
         (now, "BadTime"),
         (now - 1.0, "BadTime"),
+        (now + 1e-9, "BadTime"),
         (f64::NAN, "NonFinite"),
         (f64::INFINITY, "NonFinite"),
         (1e300, "InvalidInput"),
@@ -58,6 +59,46 @@ fn steps_of_time_are_defined() {
     filter.predict(now + 3600.0).expect("an hour");
     filter.check().expect("sound");
     assert!(finite(&filter));
+}
+
+#[test]
+fn a_long_gap_says_no_more_than_one_of_twenty_seconds() {
+    let (filter, _) = warm(&[]);
+    let now = filter.time().expect("started");
+    let after = |gap: f64| {
+        let mut filter = filter.clone();
+        filter.predict(now + gap).expect("a gap");
+        filter.pose_covariance()
+    };
+    assert_eq!(after(20.0), after(3000.0));
+    assert!(after(19.0) != after(20.0));
+}
+
+#[test]
+fn an_update_that_tells_nearly_all_leaves_p_sound() {
+    for consistency in ["gauge", "none"] {
+        let wild = Value::Float(1e3);
+        let (mut filter, _) = warm(&[
+            ("estimator.consistency", name(consistency)),
+            ("process.angular_acceleration_density", wild),
+        ]);
+        filter
+            .predict(filter.time().expect("started") + 0.2)
+            .expect("goes on");
+        let sd = |filter: &Filter| filter.pose_covariance()[(3, 3)].sqrt();
+        let before = sd(&filter);
+        let z = Measurements {
+            bearings: filter
+                .predict_pixels()
+                .iter()
+                .map(|f| Bearing { id: f.id, uv: f.uv })
+                .collect(),
+            ..Measurements::default()
+        };
+        filter.update(&z).expect("as predicted");
+        assert!(before > 3000.0 * sd(&filter), "{before} {}", sd(&filter));
+        filter.check().expect("sound");
+    }
 }
 
 #[test]
@@ -125,6 +166,8 @@ fn extreme_numbers_do_not_get_in() {
             depth(x.abs(), 0.1),
             depth(2.0, x.abs()),
             depth(x.abs(), x.abs()),
+            depth(2.0, 1e-9),
+            depth(1e-5, 0.1),
         ] {
             tries.push(Measurements {
                 depths: vec![d],

@@ -18,6 +18,10 @@ use faer::linalg::triangular_solve::{
 use faer::{MatMut, MatRef, Par, Spec};
 use nalgebra::{Matrix3, SVector};
 
+/// Standard deviations by which a measurement may be off the linear model of another point: farther off, that point is no
+/// better one.
+const DIVERGED: f64 = 1e4;
+
 /// A measurement that is accepted or rejected as a whole.
 #[derive(Clone, Debug)]
 pub struct Unit {
@@ -306,7 +310,7 @@ impl Workspace {
     /// Takes units linearised where the pose is off the prior by `step` in place of those at the last point, if they
     /// say something new: if a measurement is off its linear model by more than `tolerance` sigmas. Their innovation
     /// is brought back to the prior mean: `g = z - h(moved) + H step`. Returns false, and changes nothing, where the
-    /// linear model holds or a feature no longer predicts anything (`fresh` is short then).
+    /// linear model holds, a feature no longer predicts anything (`fresh` is short then), or the iteration diverges.
     pub(crate) fn relinearise(
         &mut self,
         mut fresh: Vec<Unit>,
@@ -323,7 +327,7 @@ impl Workspace {
             }
             rows.innovation += rows.by_pose * step;
         }
-        let news = fresh.len() == self.units.len() && worst >= tolerance;
+        let news = fresh.len() == self.units.len() && (tolerance..DIVERGED).contains(&worst);
         if news {
             std::mem::swap(&mut self.units, &mut fresh);
         }
@@ -372,6 +376,7 @@ impl Workspace {
         }
         let change = gauge.map(|gauge| gauge.change(state, Some(&moved[n..])));
         state.p.downdate(&self.pht, change);
+        state.p.round_up(&self.squares);
     }
 
     /// Appends `C` to `y`.

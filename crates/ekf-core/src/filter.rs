@@ -29,8 +29,13 @@ use std::sync::OnceLock;
 
 /// Largest time stamp, seconds: some thousand years; nanoseconds since 1970 are far beyond.
 pub(crate) const LAST_TIME: f64 = 1e11;
-/// Longest time that one prediction bridges, seconds.
+/// Shortest time between two frames, seconds: the steps of f64 time stamps since 1970 are a quarter of it.
+const SHORTEST_STEP: f64 = 1e-6;
+/// Longest time that one prediction bridges, seconds; beyond it the stamps are taken to be wrong.
 const LONGEST_GAP: f64 = 3600.0;
+/// Longest motion that is predicted, seconds. After it nothing is known of the attitude any more (its sd is several
+/// turns with the default process noise), so that more of it would only drown the map's digits in P.
+const LONGEST_MOTION: f64 = 20.0;
 
 /// An Extended Kalman Filter over one camera and its map. One filter serves one thread at a time.
 #[derive(Clone, Debug)]
@@ -159,11 +164,7 @@ impl Filter {
         let unsound = |why: String| EkfError::Unsound { why };
         let state = self.state();
         guard::state_is_sane(state).map_err(unsound)?;
-        let q = self.state.camera_pose().q;
-        if (q.norm() - 1.0).abs() > 1e-9 {
-            let why = format!("the camera's quaternion has the norm {}", q.norm());
-            return Err(unsound(why));
-        }
+        guard::attitude_is_sane(&self.state).map_err(unsound)?;
         let least = state.p.least_scaled_eigenvalue();
         if least.is_nan() || least < -guard::ROUNDING {
             let why = format!("the least eigenvalue of the scaled P is {least:e}");
@@ -203,10 +204,11 @@ impl Filter {
         self.candidates.len()
     }
 
-    /// Predicts to time `t`, seconds. Before the start only the time is noted.
+    /// Predicts to time `t`, seconds. Before the start only the time is noted. A gap of more than 20 s is predicted as
+    /// one of 20 s, after which the pose is as good as unknown: find it again in the map.
     ///
     /// # Errors
-    /// `NonFinite`; `InvalidInput` if `t` cannot be in seconds; `BadTime` if it is not after the last frame;
+    /// `NonFinite`; `InvalidInput` if `t` cannot be in seconds; `BadTime` if it is not a microsecond after the last frame;
     /// `LongGap` if it is more than an hour after it, `InvalidInput` if P would leave all bounds (after years of gaps
     /// without a measurement). Nothing changes then.
     pub fn predict(&mut self, t: f64) -> Result<(), EkfError> {
@@ -218,15 +220,16 @@ impl Filter {
             return Err(EkfError::InvalidInput { what: "time", why });
         }
         if let Some(last) = self.time {
-            if t <= last {
+            if t - last < SHORTEST_STEP {
                 return Err(EkfError::BadTime { t, last });
             }
             if self.started {
                 if t - last > LONGEST_GAP {
                     return Err(EkfError::LongGap { t, last });
                 }
-                guard::prediction(&self.state, t - last, &self.settings.process)?;
-                self.predict_by(t - last);
+                let dt = (t - last).min(LONGEST_MOTION);
+                guard::prediction(&self.state, dt, &self.settings.process)?;
+                self.predict_by(dt);
             }
         }
         self.time = Some(t);

@@ -17,6 +17,11 @@ const LARGEST_PIXEL: f64 = 1e6;
 const LARGEST: f64 = 1e12;
 /// Largest variance that is given with a measurement, m^2 or rad^2: a standard deviation of a kilometre.
 const LARGEST_VARIANCE: f64 = 1e6;
+/// Least depth that is measured, metres, and its least standard deviation: nothing nearer is seen, nothing finer known.
+const LEAST_DEPTH: f64 = 1e-3;
+const LEAST_DEPTH_SD: f64 = 1e-6;
+/// By how much a normalised quaternion may be off unit length.
+const UNIT: f64 = 1e-9;
 /// Least norm of a quaternion after an update, before it is normalised.
 const LEAST_QUATERNION: f64 = 0.1;
 /// By how much, relative to what it was, rounding may take a variance below zero (METHOD 3)...
@@ -63,6 +68,22 @@ pub(crate) fn variances<'a>(
         }
         None => Ok(()),
     }
+}
+
+/// A depth and its standard deviation, metres.
+pub(crate) fn depth(depth: f64, sigma: f64) -> Result<(), EkfError> {
+    lengths("depth", [depth, sigma].iter())?;
+    variances("depth", [sigma * sigma].iter())?;
+    if depth >= LEAST_DEPTH && sigma >= LEAST_DEPTH_SD {
+        return Ok(());
+    }
+    Err(EkfError::InvalidInput {
+        what: "depth",
+        why: format!(
+            "{depth} +- {sigma} m; both must be positive metres, the depth at least {LEAST_DEPTH}, the standard \
+             deviation at least {LEAST_DEPTH_SD}"
+        ),
+    })
 }
 
 fn within(mut values: impl Iterator<Item = f64>, bound: f64) -> bool {
@@ -119,6 +140,15 @@ pub(crate) fn update_is_sane(
 pub(crate) fn state_is_sane(state: &State) -> Result<(), String> {
     let variance = |i: usize| (state.p.get(i, i), state.p.get(i, i));
     rows_are_sane(state, |i| state.x[i], variance)
+}
+
+/// Whether the camera's quaternion has unit length, as after every step.
+pub(crate) fn attitude_is_sane(state: &State) -> Result<(), String> {
+    let norm = state.camera_pose().q.norm();
+    if (norm - 1.0).abs() > UNIT {
+        return Err(format!("the camera's quaternion has the norm {norm}"));
+    }
+    Ok(())
 }
 
 /// Whether means and variances are a state's; a variance comes with what it was before.

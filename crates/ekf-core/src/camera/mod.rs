@@ -41,6 +41,19 @@ pub enum Distortion {
     WideAngle(f64),
 }
 
+impl Distortion {
+    fn parameters(&self) -> &[f64] {
+        match self {
+            Self::None => &[],
+            // Given back as most calibrations write it: k3 only where there is one.
+            Self::RadTan(k) if k[4] == 0.0 => &k[..4],
+            Self::RadTan(k) => k,
+            Self::Fisheye(k) => k,
+            Self::WideAngle(k) => std::slice::from_ref(k),
+        }
+    }
+}
+
 /// Intrinsic calibration of one camera.
 ///
 /// Made by [`Camera::new`], which checks it and finds how far the distortion model is valid.
@@ -67,6 +80,8 @@ pub struct Camera {
 /// Least focal length, and largest focal length and coordinate of the principal point, pixels.
 const LEAST_FOCAL: f64 = 1e-3;
 const LARGEST_PIXEL: f64 = 1e7;
+/// Largest distortion parameter, whose products with pixels stay finite.
+const LARGEST_DISTORTION: f64 = 1e6;
 
 impl Camera {
     /// Checks a calibration and builds the camera.
@@ -75,7 +90,7 @@ impl Camera {
     /// `distortion` holds nothing, `k1 k2 p1 p2 [k3]`, `k1 k2 k3 k4` or `K`.
     ///
     /// # Errors
-    /// `InvalidInput` for an unknown model, an empty image or a focal length that is not positive, `NonFinite` for
+    /// `InvalidInput` for an unknown model, an empty image or numbers that are no camera's, `NonFinite` for
     /// infinite or missing numbers, `BadShape` for the wrong number of distortion parameters.
     pub fn new(
         model: &str,
@@ -130,15 +145,18 @@ impl Camera {
                 what: "camera intrinsics",
             });
         }
-        let finite = match &distortion {
-            Distortion::None => true,
-            Distortion::RadTan(k) => k.iter().all(|value| value.is_finite()),
-            Distortion::Fisheye(k) => k.iter().all(|value| value.is_finite()),
-            Distortion::WideAngle(k) => k.is_finite(),
-        };
-        if !finite {
+        let parameters = distortion.parameters();
+        if !parameters.iter().all(|value| value.is_finite()) {
             return Err(EkfError::NonFinite {
                 what: "camera distortion",
+            });
+        }
+        if parameters.iter().any(|v| v.abs() > LARGEST_DISTORTION) {
+            return Err(EkfError::InvalidInput {
+                what: "camera distortion",
+                why: format!(
+                    "{parameters:?} are no lens's; give the parameters of the calibration"
+                ),
             });
         }
         if fx <= 0.0 || fy <= 0.0 {
@@ -189,14 +207,7 @@ impl Camera {
 
     /// Distortion parameters, in the order [`Camera::new`] takes them.
     pub fn distortion_parameters(&self) -> &[f64] {
-        match &self.distortion {
-            Distortion::None => &[],
-            // Given back as most calibrations write it: k3 only where there is one.
-            Distortion::RadTan(k) if k[4] == 0.0 => &k[..4],
-            Distortion::RadTan(k) => k,
-            Distortion::Fisheye(k) => k,
-            Distortion::WideAngle(k) => std::slice::from_ref(k),
-        }
+        self.distortion.parameters()
     }
 
     /// Camera matrix `[fx 0 cx; 0 fy cy; 0 0 1]`, pixels.

@@ -56,9 +56,9 @@ pub struct DepthObservation {
     pub id: Option<u64>,
     /// Pixel in Cs.
     pub uv: Vector2<f64>,
-    /// Depth along Cs's optical axis, metres.
+    /// Depth along Cs's optical axis, metres, at least a millimetre.
     pub depth: f64,
-    /// Its standard deviation, metres.
+    /// Its standard deviation, metres, at least a micrometre.
     pub sigma: f64,
 }
 
@@ -332,15 +332,7 @@ impl Filter {
         check_once("bearings", bearings(), &mut scratch.ids)?;
         check_once("worn pairs and depths", others(), &mut scratch.ids)?;
         for depth in &z.depths {
-            guard::lengths("depth", [depth.depth, depth.sigma].iter())?;
-            guard::variances("depth", [depth.sigma.powi(2)].iter())?;
-            let good = |x: f64| x.is_finite() && x > 0.0;
-            if !good(depth.depth) || !good(depth.sigma) {
-                return Err(EkfError::InvalidInput {
-                    what: "depth",
-                    why: "depth and its standard deviation must be positive metres".into(),
-                });
-            }
+            guard::depth(depth.depth, depth.sigma)?;
         }
         if let Some(worn) = &z.worn {
             check_pose(&worn.t_cf, &worn.covariance)?;

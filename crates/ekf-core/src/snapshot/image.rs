@@ -183,6 +183,7 @@ impl Filter {
             shown: OnceLock::new(),
         };
         guard::state_is_sane(&filter.state).map_err(bad)?;
+        guard::attitude_is_sane(&filter.state).map_err(bad)?;
         Ok(filter)
     }
 }

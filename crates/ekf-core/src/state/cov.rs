@@ -13,6 +13,10 @@ use nalgebra::{DMatrix, SMatrix, SVector};
 
 /// Rows of a feature's anchor, which come first.
 const ANCHOR: usize = 3;
+/// What leaves less than this share of a variance has lost digits of it...
+const LEAST_SHARE: f64 = 1e-2;
+/// ...at most this share of what it was, which the variance is then raised by.
+const LOST_DIGITS: f64 = 1e-12;
 
 /// A linear map from one stretch of the state, used to append rows that are linear in the state.
 #[derive(Clone, Copy, Debug)]
@@ -280,6 +284,32 @@ impl Covariance {
         kernel::times(&self.data, self.ld, b, out);
     }
 
+    /// Raises the variances that a downdate has all but taken away by the rounding error it left in their rows, so that P
+    /// stays sound (METHOD 3) however much one measurement tells. `removed` is the diagonal of `V V^T`.
+    pub(crate) fn round_up(&mut self, removed: &[f64]) {
+        for (i, &removed) in removed.iter().enumerate() {
+            self.raise(i, self.stored_entry(i, i) + removed);
+        }
+    }
+
+    /// As [`Self::transform`], by a map that takes a direction out of the state: what it leaves of a variance is raised
+    /// by its rounding error.
+    pub(crate) fn project<const K: usize>(&mut self, start: usize, f: &SMatrix<f64, K, K>) {
+        let before: [f64; K] = std::array::from_fn(|i| self.get(start + i, start + i));
+        self.transform(start, f);
+        for (i, before) in before.into_iter().enumerate() {
+            self.raise(self.slots[start + i], before);
+        }
+    }
+
+    fn raise(&mut self, slot: usize, before: f64) {
+        let left = self.stored_entry(slot, slot);
+        // Dual rows of the local update, less than zero by nature, had nothing before.
+        if left.abs() < LEAST_SHARE * before {
+            self.set_stored(slot, slot, left.max(0.0) + LOST_DIGITS * before);
+        }
+    }
+
     fn reserve(&mut self, n: usize) {
         if n <= self.ld {
             return;
@@ -322,4 +352,24 @@ impl Covariance {
 fn leading(n: usize) -> usize {
     let lines = n.div_ceil(LINE);
     (lines + usize::from(lines.is_multiple_of(LINE))) * LINE
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Covariance, LOST_DIGITS};
+
+    #[test]
+    fn only_what_has_lost_its_digits_is_raised() {
+        let mut p = Covariance::zeros(4, 4);
+        for (i, left) in [1e-9, -1e-16, 5.0, -3.0].into_iter().enumerate() {
+            p.set(i, i, left);
+        }
+        // The last row is a dual one: it was -2.
+        p.round_up(&[4.0, 2.0, 1.0, 1.0]);
+        let raised = [1e-9 + LOST_DIGITS * (4.0 + 1e-9), LOST_DIGITS * 2.0];
+        assert!((p.get(0, 0) - raised[0]).abs() < 1e-24);
+        assert!((p.get(1, 1) - raised[1]).abs() < 1e-24);
+        assert!(p.get(1, 1) > 0.0);
+        assert!(p.get(2, 2) == 5.0 && p.get(3, 3) == -3.0);
+    }
 }

@@ -254,7 +254,7 @@ impl State {
 
     fn normalise_quaternion_at(&mut self, offset: usize) {
         let q: Vector4<f64> = self.part::<4>(offset);
-        self.p.transform(offset, &quat::normalise_jacobian(&q));
+        self.p.project(offset, &quat::normalise_jacobian(&q));
         self.set_part(offset, &(q / q.norm()));
     }
 
