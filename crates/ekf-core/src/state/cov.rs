@@ -29,6 +29,9 @@ pub struct LinearPart<'a> {
     pub matrix: &'a [f64],
 }
 
+/// Rounding error of a few products and sums, relative.
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
+
 /// Symmetric covariance matrix of the state.
 #[derive(Clone, Debug)]
 pub struct Covariance {
@@ -292,13 +295,15 @@ impl Covariance {
         }
     }
 
-    /// As [`Self::transform`], by a map that takes a direction out of the state: what it leaves of a variance is raised
-    /// by its rounding error.
+    /// As [`Self::transform`], by a map that takes a direction out of the state: each variance is raised by the rounding
+    /// error that the largest of them leaves in it.
     pub(crate) fn project<const K: usize>(&mut self, start: usize, f: &SMatrix<f64, K, K>) {
-        let before: [f64; K] = std::array::from_fn(|i| self.get(start + i, start + i));
+        let variance = |p: &Self, i: usize| p.get(start + i, start + i);
+        let largest = (0..K).map(|i| variance(self, i)).fold(0.0, f64::max);
         self.transform(start, f);
-        for (i, before) in before.into_iter().enumerate() {
-            self.raise(self.slots[start + i], before);
+        for i in 0..K {
+            let left = variance(self, i).max(0.0);
+            self.set(start + i, start + i, left + ROUNDING * largest);
         }
     }
 
