@@ -291,7 +291,7 @@ class Slam:
         if status is Status.OK and again is None:
             self._relocaliser.remember(t, image, self.filter.pose, found.ids[tracked], found.uv[tracked])
         stages.done("map")
-        diagnostics = {
+        counts = {
             **_search_counts(expected["ids"], found, report),
             **overlap.counts(report),
             **births,
@@ -301,20 +301,8 @@ class Slam:
             "relocalised": int(again is not None),
             "target_residual_px": target_residual,
             "deleted": len(deleted),
-            "map_size": self.filter.map_size,
-            "candidates": self.filter.candidate_count,
-            **stages.all(),
         }
-        return StepResult(
-            t=t,
-            pose=self.filter.pose,
-            covariance=self.filter.pose_covariance,
-            status=status,
-            valid=self.filter.started and status is not Status.LOST,
-            started=self.filter.started,
-            diagnostics=diagnostics,
-            features=frame_features(expected, found, report),
-        )
+        return self._result(t, status, counts, frame_features(expected, found, report), stages)
 
     def _coast(self, t: float, sight: str, stages: _Stages) -> StepResult:
         """A frame that was predicted and shows nothing; depths given for it are gone.
@@ -328,6 +316,13 @@ class Slam:
             frozen = sight == FROZEN
             fresh = frozen and self._monitor.is_fresh(t)
             status = Status.OK if fresh else self._monitor.update(t, 0, believed=frozen)
+        counts = {"accepted": 0, "relocalised": 0, "unseen": 1}
+        return self._result(t, status, counts, unsearched_features(self.filter.predict_pixels()), stages)
+
+    def _result(
+        self, t: float, status: Status, counts: dict[str, Any], features: FrameFeatures, stages: _Stages
+    ) -> StepResult:
+        sizes = {"map_size": self.filter.map_size, "candidates": self.filter.candidate_count}
         return StepResult(
             t=t,
             pose=self.filter.pose,
@@ -335,15 +330,8 @@ class Slam:
             status=status,
             valid=self.filter.started and status is not Status.LOST,
             started=self.filter.started,
-            diagnostics={
-                "accepted": 0,
-                "relocalised": 0,
-                "unseen": 1,
-                "map_size": self.filter.map_size,
-                "candidates": self.filter.candidate_count,
-                **stages.all(),
-            },
-            features=unsearched_features(self.filter.predict_pixels()),
+            diagnostics={**counts, **sizes, **stages.all()},
+            features=features,
         )
 
     def landmarks(self) -> Landmarks:

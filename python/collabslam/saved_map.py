@@ -49,11 +49,8 @@ class SavedMap:
     def save(self, path: str | Path) -> None:
         """Write it; raises DataError if the file cannot be written."""
         views = [view for some in self.views for view in some]
-        camera = self.camera
         content = {
-            "camera": [
-                camera.model, camera.width, camera.height, list(camera.intrinsics), list(camera.distortion)
-            ],
+            "camera": self.camera.__getnewargs__(),
             "metric": self.metric,
             "landmarks": self.landmarks,
             "covariance": self.covariance,
@@ -63,7 +60,7 @@ class SavedMap:
             "uv": np.reshape([v.uv_ref for v in views], (-1, 2)),
             "t_wc": np.reshape([v.t_wc for v in views], (-1, 4, 4)),
             "inside": np.reshape([v.inside for v in views], (-1, 4)),
-        }  # fmt: skip
+        }
         write_container(Path(path), KIND, VERSION, content)
 
     @classmethod
@@ -133,9 +130,8 @@ def _map_of(content: Any) -> SavedMap:
     for k, i in enumerate(owner.tolist()):
         view = (pixels[k], content["uv"][k], content["t_wc"][k], content["inside"][k])
         lists[i].append(Patch(*view))
-    model, width, height, intrinsics, distortion = content["camera"]
     return SavedMap(
-        Camera(model, width, height, intrinsics, distortion),
+        Camera(*content["camera"]),
         bool(content["metric"]),
         content["landmarks"],
         content["covariance"],

@@ -279,7 +279,7 @@ def test_the_drift_that_made_the_errors_is_found_again() -> None:
     assert near[0] == pytest.approx(3.0, abs=1.5)
     assert near[1] == pytest.approx(3.0, abs=1.5)
     assert near[2] == 1.0
-    assert "| a |" in drift.page(runs, "collab", "collabslam evaluate DATA --drift")
+    assert "| a |" in drift.page(runs, drift.fits_of(runs), "collab", "collabslam evaluate DATA --drift")
 
 
 def test_a_run_is_taken_apart_and_calibrations_are_wrong_on_purpose(place: Path, tmp_path: Path) -> None:

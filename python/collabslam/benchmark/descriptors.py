@@ -14,7 +14,6 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from collabslam._core import Camera, Filter, epipolar_residuals
@@ -29,6 +28,7 @@ from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import pose_inverse
+from collabslam.processes import use_one_thread
 from collabslam.report import markdown_table, number
 from collabslam.results import write_summary
 from collabslam.settings import Settings
@@ -185,7 +185,7 @@ def measure_all(
     """
     rows: list[Row] = []
     faults = []
-    cv2.setNumThreads(1)
+    use_one_thread()
     for entry in plan.recordings:
         if entry.name not in present or not (entry.noisy or entry.rendered):
             continue

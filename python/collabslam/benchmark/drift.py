@@ -101,8 +101,15 @@ def honesty(runs: Sequence[Parts], position: float, attitude: float) -> tuple[fl
     return float(middle[0]), float(middle[1]), float(middle[2])
 
 
-def page(runs: Mapping[str, Sequence[Parts]], mode: str, how: str) -> str:
-    """What each recording asks for by itself, what the others ask for, and how honest these are."""
+def fits_of(runs: Mapping[str, Sequence[Parts]]) -> dict[str, tuple[float, float]]:
+    """The sizes that each recording asks for by itself."""
+    return {name: fit({name: parts}) for name, parts in runs.items()}
+
+
+def page(
+    runs: Mapping[str, Sequence[Parts]], fits: Mapping[str, tuple[float, float]], mode: str, how: str
+) -> str:
+    """What each recording asks for (``fits``), what the others ask for, and how honest these are."""
     default = Settings.default()
     chosen = (float(default[POSITION]), float(default[ATTITUDE]))
     band = nees_band(3)
@@ -110,7 +117,7 @@ def page(runs: Mapping[str, Sequence[Parts]], mode: str, how: str) -> str:
     for name, parts in runs.items():
         others = {k: v for k, v in runs.items() if k != name}
         cells = [name]
-        for sizes in (fit({name: parts}), fit(others) if others else chosen, chosen):
+        for sizes in (fits[name], fit(others) if others else chosen, chosen):
             position, attitude, near = honesty(parts, *sizes)
             cells += [f"{sizes[0]:.3f}, {sizes[1]:.2f}"]
             cells += [f"{number(position, 2)} {band_word(position, *band)}"]

@@ -215,8 +215,8 @@ def _fit_drift(items: Sequence[Item], out: Path, choice: Choice) -> list[Row]:
         if parts is not None:
             runs.setdefault(item.entry.name, []).append(parts)
             rows.append({**item.row, "status": "done"})
-    text = drift.page(runs, mode, command(choice))
-    fits = {name: drift.fit({name: parts}) for name, parts in runs.items()}
+    fits = drift.fits_of(runs)
+    text = drift.page(runs, fits, mode, command(choice))
     write_summary(out / f"{DRIFT}.json", {"version": version(), "mode": mode, "fits": fits, "rows": rows})
     write_text(out / f"{DRIFT}.md", text)
     print("\n" + text)

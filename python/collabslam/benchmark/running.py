@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import signal
 import threading
 import time
@@ -23,12 +21,12 @@ from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.demo.recording import corridor_recording
 from collabslam.demo_run import HeldRecording
 from collabslam.errors import CollabslamError, SettingsError
+from collabslam.processes import spawning, use_one_thread
 from collabslam.report import number
 from collabslam.results import write_summary
 from collabslam.runner import run
 from collabslam.types import Recording
 
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS")
 _SECONDS_A_RUN, _SECONDS_A_FRAME, _RENDERED_FRAMES = 1.5, 0.04, 100  # for the estimate of the cost
 
 Told = Callable[[Item, Row], None]
@@ -141,8 +139,6 @@ def run_items(items: Sequence[Item], *, jobs: int, told: Told, again: bool = Fal
             rows[k] = row
             told(items[k], row)
 
-    for variable in _THREAD_VARIABLES:
-        os.environ[variable] = "1"
     with _Workers() as workers, ThreadPoolExecutor(jobs) as pool:
         try:
             futures = [pool.submit(workers.serve, items, group, hear) for group in groups.values()]
@@ -186,7 +182,7 @@ class _Workers:
     """The processes under way, so that they can be stopped."""
 
     def __init__(self) -> None:
-        self._context = multiprocessing.get_context("spawn")
+        self._context = spawning()
         self._live: set[BaseProcess] = set()
         self._stopped = False
 
@@ -227,10 +223,8 @@ class _Workers:
 
 def _serve(answers: Connection, items: Sequence[Item]) -> None:
     """The work of a child process."""
-    import cv2
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
-    cv2.setNumThreads(1)
+    use_one_thread()
     for item in items:
         began = time.monotonic()
         row = run_item(item)

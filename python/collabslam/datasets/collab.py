@@ -239,9 +239,9 @@ def write_recording(
 ) -> Path:
     """Write any recording in this layout; reading it back gives the same frames.
 
-    Images are lossless PNG.  Stamps are rounded to the nanosecond, rotations to 1e-14 rad, covariances to
-    1e-12 of their largest variance; writing again what was read gives identical files.  A recording's target
-    is not written.  The folder appears only when it is complete.
+    Images are lossless PNG.  Stamps are rounded to the nanosecond, rotations to 1e-14 rad; covariances are
+    written in full.  Writing again what was read gives identical files.  A recording's target is not
+    written.  The folder appears only when it is complete.
 
     Parameters
     ----------

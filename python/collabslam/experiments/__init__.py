@@ -66,7 +66,7 @@ def run_experiments(
     if jobs < 1 or seed < 0:
         raise SettingsError(f"jobs {jobs}, seed {seed}: give 1 job or more, seed 0 or more.")
     with needs("plot"):
-        from collabslam.reproduce.outputs import write_finding
+        from collabslam.reproduce.outputs import hand_over
     numbers = {}
     modules = {name: importlib.import_module(f"collabslam.experiments.{name}") for name in names}
     wanted = [case for module in modules.values() for case in module.cases(quick)]
@@ -74,7 +74,5 @@ def run_experiments(
     for name, module in modules.items():
         finding = module.make([results[case] for case in module.cases(quick)])
         how = f"collabslam reproduce {name} --seed {seed}{' --quick' if quick else ''}"
-        write_finding(out, name, finding, how)
-        print(finding.markdown(name, how), flush=True)
-        numbers[name] = finding.numbers
+        numbers[name] = hand_over(out, name, finding, how)
     return numbers

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
-import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -19,6 +17,7 @@ from collabslam.errors import CollabslamError
 from collabslam.experiments.poses import sensed
 from collabslam.experiments.variants import Variant, varied
 from collabslam.formats.files import write_text
+from collabslam.processes import spawning, use_one_thread
 from collabslam.progress import Progress
 from collabslam.runner import RunResult, run
 from collabslam.settings import Settings
@@ -31,7 +30,6 @@ Row = dict[str, Any]
 SENSORS, DIRECT = "sensors", "direct"
 """Where the worn camera's pose comes from: laser and AHRS, or measured directly with Table C1's errors."""
 MODES = ("mono", "mono-undelayed", "collab-init", "collab")
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -105,7 +103,7 @@ def gather(
 
 def run_case(case: Case, seed: int) -> str:
     """Render a recording once and run all that is asked for; also the work of a child process."""
-    _one_thread()
+    use_one_thread()
     world = world_recording(case.name, seed)
     held = HeldRecording(world, progress=False)
     rows: list[Row] = []
@@ -186,18 +184,10 @@ def _texts(cases: Sequence[Case], seed: int, jobs: int) -> Iterable[tuple[Case, 
         for case in cases:
             yield case, run_case(case, seed)
         return
-    for variable in _THREAD_VARIABLES:
-        os.environ[variable] = "1"
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(jobs, mp_context=spawning()) as pool:
         futures = {pool.submit(run_case, case, seed): case for case in cases}
         for future in as_completed(futures):
             yield futures[future], future.result()
-
-
-def _one_thread() -> None:
-    import cv2
-
-    cv2.setNumThreads(1)
 
 
 def _path(folder: Path, case: Case, seed: int) -> Path:

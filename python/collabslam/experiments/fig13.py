@@ -7,20 +7,16 @@ from collections.abc import Sequence
 from collabslam.experiments.cases import DIRECT, SENSORS, Case, CaseResult, Row
 from collabslam.experiments.drawing import draw_tracks
 from collabslam.experiments.tables import (
-    COLUMNS,
     SOURCES,
     Aim,
-    aims_numbers,
-    aims_table,
     all_started,
     cases_of,
-    cells,
     chosen,
-    each_row_table,
     mean,
     modes_in,
     no_strawman,
     rows_of,
+    scored,
 )
 from collabslam.report import number
 from collabslam.reproduce import style
@@ -65,18 +61,13 @@ def make(results: Sequence[CaseResult]) -> Finding:
         "turn", "approach", "pose of the worn camera", "sequences", "heading error at the end, degrees",
         "largest", "error at the end, m", "% of the path",
     )  # fmt: skip
-    return Finding(
+    return scored(
+        Table("Means over the sequences:", header, lines),
+        rows,
+        aims,
         title="Figure 13: close turns",
         figure=figure,
-        tables=[
-            Table("Means over the sequences:", header, lines),
-            aims_table(aims),
-            each_row_table(rows, "Every sequence:"),
-        ],
         verdict="Robot at 0.8 m/s; ten turns of each kind, to both sides, the person inside or outside.",
-        numbers={"rows": rows, "aims": aims_numbers(aims)},
-        columns=COLUMNS,
-        rows=cells(rows),
     )
 
 
@@ -97,7 +88,7 @@ def _aims(turn: str, collab: Sequence[Row]) -> list[Aim]:
     final = max((float(r["final_error_pct"]) for r in collab), default=nothing)
     ok = min((r["frames_ok"] / r["frames"] for r in collab), default=nothing)
     return [
-        (f"{turn}: largest heading error of collab at the end, degrees", heading, "<=", 5.0),
-        (f"{turn}: largest error of collab at the end, % of the path", final, "<=", 5.0),
-        (f"{turn}: least share of frames OK of collab", ok, ">=", 1.0),
+        Aim(f"{turn}: largest heading error of collab at the end, degrees", heading, "<=", 5.0),
+        Aim(f"{turn}: largest error of collab at the end, % of the path", final, "<=", 5.0),
+        Aim(f"{turn}: least share of frames OK of collab", ok, ">=", 1.0),
     ]

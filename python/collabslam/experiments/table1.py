@@ -7,21 +7,17 @@ from collections.abc import Sequence
 from collabslam.experiments.cases import DIRECT, SENSORS, Case, CaseResult, Row
 from collabslam.experiments.drawing import LINES
 from collabslam.experiments.tables import (
-    COLUMNS,
     SOURCES,
     Aim,
-    aims_numbers,
-    aims_table,
     all_started,
     average_share,
     cases_of,
-    cells,
     chosen,
-    each_row_table,
     mean,
     modes_in,
     no_strawman,
     rows_of,
+    scored,
 )
 from collabslam.report import number
 from collabslam.reproduce import style
@@ -69,22 +65,18 @@ def make(results: Sequence[CaseResult]) -> Finding:
     panels[0, 0].set_ylabel("average position error (m)")
     panels[0, 0].set_ylim(bottom=0.0)
     style.legend(panels[0, 0])
-    return Finding(
+    return scored(
+        Table("Means over the sequences:", header, lines),
+        rows,
+        aims,
         title="Table 1: average errors in corridors",
         figure=figure,
-        tables=[
-            Table("Means over the sequences:", header, lines),
-            aims_table(aims),
-            each_row_table(rows, "Every sequence:"),
-        ],
         verdict=(
             "The corridors are rendered, the paper's are not public: ours show what the method does with the "
             "same geometry, speed, optics and sensors, not on the same walls. All modes start from the same "
             "first overlap, so `mono` has a metric scale too."
         ),
-        numbers={"rows": rows, "paper": PAPER, "aims": aims_numbers(aims)},
-        columns=COLUMNS,
-        rows=cells(rows),
+        paper=PAPER,
     )
 
 
@@ -94,9 +86,9 @@ def _aims(rows: Sequence[Row], poses: str) -> list[Aim]:
     share = sum(average_share(r) for r in collab) / max(len(collab), 1)
     last = max((float(r["final_error_pct"]) for r in collab), default=float("nan"))
     return [
-        ("average error, collab over mono", ratio, "<=", 0.4),
-        ("average error of collab, % of the path", share, "<=", 3.0),
-        ("largest error of collab at the end, % of the path", last, "<=", 6.0),
+        Aim("average error, collab over mono", ratio, "<=", 0.4),
+        Aim("average error of collab, % of the path", share, "<=", 3.0),
+        Aim("largest error of collab at the end, % of the path", last, "<=", 6.0),
         all_started(rows, poses),
         *no_strawman(rows, poses),
     ]

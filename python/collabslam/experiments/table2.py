@@ -7,19 +7,15 @@ from collections.abc import Sequence
 from collabslam.experiments.cases import DIRECT, SENSORS, Case, CaseResult, Row
 from collabslam.experiments.drawing import draw_tracks
 from collabslam.experiments.tables import (
-    COLUMNS,
     SOURCES,
     Aim,
-    aims_numbers,
-    aims_table,
     all_started,
     cases_of,
-    cells,
     chosen,
-    each_row_table,
     mean,
     no_strawman,
     rows_of,
+    scored,
 )
 from collabslam.report import number
 from collabslam.reproduce import style
@@ -63,21 +59,17 @@ def make(results: Sequence[CaseResult]) -> Finding:
     for axes, result in zip(panels[0], shown, strict=True):
         draw_tracks(axes, result, SENSORS, ("mono", "collab"), result.case.name)
     panels[0, 0].legend(fontsize=8.5)
-    return Finding(
+    return scored(
+        Table("The paper's rows and ours (overlap, tau, kappa, U of `collab`):", header, lines),
+        rows,
+        aims,
         title="Table 2: ways with straights and turns",
         figure=figure,
-        tables=[
-            Table("The paper's rows and ours (overlap, tau, kappa, U of `collab`):", header, lines),
-            aims_table(aims),
-            each_row_table(rows, "Every sequence and mode:"),
-        ],
         verdict=(
             "The ways are our own, with the paper's shares of overlap aimed at; when the views overlap "
             "follows from where the person walks and looks."
         ),
-        numbers={"rows": rows, "paper": PAPER, "aims": aims_numbers(aims)},
-        columns=COLUMNS,
-        rows=cells(rows),
+        paper=PAPER,
     )
 
 
@@ -100,8 +92,8 @@ def _aims(rows: Sequence[Row], poses: str) -> list[Aim]:
         if r["sequence"] in mono
     )
     return [
-        ("ways on which collab is better than mono, of all", better / max(len(collab), 1), ">=", 1.0),
-        ("mean error of collab at the end, % of the path", mean(collab, "final_error_pct"), "<=", 3.0),
+        Aim("ways on which collab is better than mono, of all", better / max(len(collab), 1), ">=", 1.0),
+        Aim("mean error of collab at the end, % of the path", mean(collab, "final_error_pct"), "<=", 3.0),
         all_started(rows, poses),
         *no_strawman(rows, poses),
     ]

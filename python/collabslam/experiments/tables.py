@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from collabslam.experiments.cases import DIRECT, MODES, SENSORS, Case, CaseResult, Row
 from collabslam.report import number
-from collabslam.reproduce.outputs import Table
+from collabslam.reproduce.outputs import Finding, Table
 from collabslam.worlds import SETS
 
 COLUMNS = (
@@ -64,41 +65,73 @@ def modes_in(rows: Sequence[Row]) -> list[str]:
     return [m for m in MODES if any(r["mode"] == m for r in rows)]
 
 
-Aim = tuple[str, float, str, float]
-"""(what, value reached, "<=" or ">=", bound)."""
+class Aim(NamedTuple):
+    """What is aimed at, what was reached (NaN if nothing was run), and the bound: ``<=`` or ``>=`` what."""
+
+    what: str
+    reached: float
+    relation: str
+    bound: float
+
+    @property
+    def met(self) -> bool:
+        """Whether the bound is kept; no number keeps none."""
+        return self.reached <= self.bound if self.relation == "<=" else self.reached >= self.bound
 
 
-def aims_table(aims: dict[str, list[Aim]]) -> Table:
-    """Aims by source of poses, with what was reached."""
+def scored(
+    table: Table,
+    rows: Sequence[Row],
+    aims: Mapping[str, Sequence[Aim]],
+    *,
+    title: str,
+    figure: Figure,
+    verdict: str,
+    paper: Any = None,
+) -> Finding:
+    """The page of a set of recordings: its own table, the aims by source of poses, and every row."""
+    numbers = {"rows": rows, "aims": _aims_numbers(aims)}
+    return Finding(
+        title=title,
+        figure=figure,
+        tables=[table, _aims_table(aims), _each_row_table(rows)],
+        verdict=verdict,
+        numbers=numbers if paper is None else {**numbers, "paper": paper},
+        columns=COLUMNS,
+        rows=cells(rows),
+    )
+
+
+def _aims_table(aims: Mapping[str, Sequence[Aim]]) -> Table:
     lines = []
     for poses, entries in aims.items():
-        for what, value, relation, bound in entries:
-            met = value <= bound if relation == "<=" else value >= bound
-            text = "not run" if not np.isfinite(value) else ("yes" if met else "NO")
-            lines.append([what, SOURCES[poses], f"{relation} {bound:g}", number(value, 2), text])
+        for aim in entries:
+            text = "not run" if not np.isfinite(aim.reached) else ("yes" if aim.met else "NO")
+            bound = f"{aim.relation} {aim.bound:g}"
+            lines.append([aim.what, SOURCES[poses], bound, number(aim.reached, 2), text])
     return Table("Aims:", ("aim", "pose of the worn camera", "bound", "reached", "met"), lines)
 
 
-def aims_numbers(aims: dict[str, list[Aim]]) -> list[dict[str, Any]]:
-    """The same for the JSON file."""
+def _aims_numbers(aims: Mapping[str, Sequence[Aim]]) -> list[dict[str, Any]]:
     return [
         {
-            "aim": what,
+            "aim": aim.what,
             "poses": poses,
-            "relation": relation,
-            "bound": bound,
-            "reached": value if np.isfinite(value) else None,
-            "met": bool(value <= bound if relation == "<=" else value >= bound),
+            "relation": aim.relation,
+            "bound": aim.bound,
+            "reached": aim.reached if np.isfinite(aim.reached) else None,
+            "met": bool(aim.met),
         }
         for poses, entries in aims.items()
-        for what, value, relation, bound in entries
+        for aim in entries
     ]
 
 
 def all_started(rows: Sequence[Row], poses: str) -> Aim:
     """Whether `collab` started on every recording: one that did not is in none of the means."""
     asked = sum(r["mode"] == "collab" and r["poses"] == poses for r in rows)
-    return "sequences on which collab started, of all", len(chosen(rows, "collab", poses)) / asked, ">=", 1.0
+    share = len(chosen(rows, "collab", poses)) / asked
+    return Aim("sequences on which collab started, of all", share, ">=", 1.0)
 
 
 def no_strawman(rows: Sequence[Row], poses: str) -> list[Aim]:
@@ -106,19 +139,14 @@ def no_strawman(rows: Sequence[Row], poses: str) -> list[Aim]:
     mono, collab = chosen(rows, "mono", poses), chosen(rows, "collab", poses)
     features = mean(mono, "features_per_frame") / mean(collab, "features_per_frame")
     undelayed = mean(chosen(rows, "mono-undelayed", poses), "avg_position_error_m")
+    error = mean(mono, "avg_position_error_m") / undelayed
     return [
-        ("features a frame, mono over collab", features, ">=", 0.9),
-        (
-            "average error, mono over mono-undelayed",
-            mean(mono, "avg_position_error_m") / undelayed,
-            "<=",
-            1.0,
-        ),
+        Aim("features a frame, mono over collab", features, ">=", 0.9),
+        Aim("average error, mono over mono-undelayed", error, "<=", 1.0),
     ]
 
 
-def each_row_table(rows: Sequence[Row], caption: str) -> Table:
-    """Every recording and mode."""
+def _each_row_table(rows: Sequence[Row]) -> Table:
     columns: list[tuple[str, Callable[[Row], str]]] = [
         ("sequence", lambda r: str(r["sequence"])),
         ("mode", lambda r: str(r["mode"])),
@@ -131,4 +159,5 @@ def each_row_table(rows: Sequence[Row], caption: str) -> Table:
         ("frames OK", lambda r: f"{r.get('frames_ok', '-')} of {r.get('frames', '-')}"),
         ("ms a frame", lambda r: number(r.get("ms_per_frame"), 1)),
     ]
-    return Table(caption, [c for c, _ in columns], [[text(r) for _, text in columns] for r in rows])
+    lines = [[text(r) for _, text in columns] for r in rows]
+    return Table("Every sequence and mode:", [c for c, _ in columns], lines)

@@ -16,6 +16,7 @@ from collabslam.reliability.endurance import endure_session, many_dropped
 from collabslam.reliability.kills import run_kills
 from collabslam.reliability.readers import fuzz_readers
 from collabslam.reliability.table import faults_markdown, measure_faults
+from collabslam.report import markdown_table
 from collabslam.results import write_summary
 
 PARTS = ("faults", "fuzz", "endurance", "kills")
@@ -153,9 +154,8 @@ def figures_markdown(results: dict[str, Any]) -> str:
         ("largest growth of memory, MB", results.get("memory_growth_mb")),
         ("of which 100 engines made and dropped, MB", results.get("dropped_growth_mb")),
     ]
-    lines = ["| figure | value |", "| --- | ---: |"]
-    lines += [f"| {name} | {_shown(value)} |" for name, value in rows if value is not None]
-    return "\n".join(lines)
+    shown = [(name, _shown(value)) for name, value in rows if value is not None]
+    return markdown_table(("figure", "value"), shown)
 
 
 def _shown(value: float) -> str:

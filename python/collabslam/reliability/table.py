@@ -11,6 +11,7 @@ from collabslam.demo.recording import corridor_recording
 from collabslam.demo_run import HeldRecording
 from collabslam.errors import CollabslamError
 from collabslam.reliability.faults import FAULTS, Fault, inject
+from collabslam.report import markdown_table
 from collabslam.runner import run
 from collabslam.types import Recording
 
@@ -116,10 +117,8 @@ def _row(fault: Fault, outcomes: list[dict[str, Any]]) -> FaultRow:
 
 def faults_markdown(rows: Iterable[FaultRow]) -> str:
     """The table of the documentation."""
-    lines = [
-        "| fault | what happens to the stream | answer | error / clean | frames OK | LOST | unused |",
-        "| --- | --- | --- | ---: | ---: | ---: | ---: |",
-    ]
+    header = ("fault", "what happens to the stream", "answer", "error / clean", "frames OK", "LOST", "unused")
+    lines = []
     for row in rows:
         fault = row.fault
         cells = ["stops", "", "", ""]
@@ -130,5 +129,5 @@ def faults_markdown(rows: Iterable[FaultRow]) -> str:
                 f"{row.lost}",
                 f"{row.unused}",
             ]
-        lines.append(f"| {fault.name} | {fault.what} | {fault.answer} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+        lines.append([fault.name, fault.what, fault.answer, *cells])
+    return markdown_table(header, lines)

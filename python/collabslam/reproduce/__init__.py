@@ -72,14 +72,12 @@ def reproduce(
                 f"There is no experiment '{name}'; there are {', '.join(EXPERIMENTS)}, and all."
             )
     with needs("plot"):
-        from collabslam.reproduce.outputs import write_finding
+        from collabslam.reproduce.outputs import hand_over
     numbers = {}
     overrides = "".join(f" --set {key}={value}" for key, value in (changes or {}).items())
     with Study(SimulationSettings(changes), runs=runs, seed=seed, jobs=jobs, progress=progress) as study:
         for name in names:
             finding = importlib.import_module(f"collabslam.reproduce.{name.replace('-', '_')}").make(study)
             how = f"collabslam reproduce {name} --runs {runs} --seed {seed}{overrides}"
-            write_finding(out, name, finding, how)
-            print(finding.markdown(name, how), flush=True)
-            numbers[name] = finding.numbers
+            numbers[name] = hand_over(out, name, finding, how)
     return numbers

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import multiprocessing
-import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, fields
@@ -14,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from collabslam.errors import SettingsError
+from collabslam.processes import spawning
 from collabslam.progress import Progress
 from collabslam.reproduce.estimators import Estimator
 from collabslam.reproduce.settings import SimulationSettings
@@ -25,7 +24,6 @@ MODELS = {
     "worn": ("worn_run", "run_worn", 2),
 }
 """Module, function and runs per task of each simulation."""
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -107,10 +105,7 @@ class Study:
                 yield request, chunk, run_task(*argument)
             return
         if self._pool is None and tasks:
-            for variable in _THREAD_VARIABLES:
-                os.environ[variable] = "1"
-            spawn = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(self._jobs, mp_context=spawn)
+            self._pool = ProcessPoolExecutor(self._jobs, mp_context=spawning())
         if self._pool is not None:
             futures = {self._pool.submit(run_task, *a): t for a, t in zip(arguments, tasks, strict=True)}
             for future in as_completed(futures):

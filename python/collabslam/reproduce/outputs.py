@@ -64,6 +64,19 @@ class Finding:
         return "\n\n".join(parts) + "\n"
 
 
+def hand_over(folder: Path, name: str, finding: Finding, how: str) -> dict[str, Any]:
+    """Write an experiment's files, print its page, return its numbers.
+
+    Raises
+    ------
+    DataError
+        If the folder cannot be written.
+    """
+    write_finding(folder, name, finding, how)
+    print(finding.markdown(name, how), flush=True)
+    return finding.numbers
+
+
 def write_finding(folder: Path, name: str, finding: Finding, how: str) -> None:
     """Write the four files of an experiment.
 
