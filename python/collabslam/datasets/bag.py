@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -61,9 +62,8 @@ class Bag:
     def __init__(self, path: Path) -> None:
         with needs("ros"):
             from rosbags.highlevel import AnyReader
-            from rosbags.typesys import Stores, get_typestore
         self.path = path
-        store = get_typestore(Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.ROS2_HUMBLE)
+        store = _typestore("ROS1_NOETIC" if path.suffix == ".bag" else "ROS2_HUMBLE")
         try:
             self._reader = AnyReader([path], default_typestore=store)
             self._reader.open()
@@ -110,18 +110,25 @@ class Bag:
                 f"The topic {topic} of {self.path} is empty; record it again, or give another one of: "
                 f"{self.listing()}."
             )
-        return self._read(info.connections, start)
+        return self._read(topic, info.connections, start)
 
-    def _read(self, connections: list[Any], start: int | None) -> Iterator[tuple[int, Any]]:
+    def _read(self, topic: str, connections: list[Any], start: int | None) -> Iterator[tuple[int, Any]]:
+        count = 0
         try:
             for connection, received, data in self._reader.messages(connections, start=start):
                 yield received, self._reader.deserialize(data, connection.msgtype)
+                count += 1
         except DataError:
             raise
         except Exception as error:  # rosbags raises many kinds for broken files
             raise DataError(
                 f"The bag {self.path} is broken ({error}); record it again or reindex it."
             ) from error
+        if not count and start is None:
+            raise DataError(
+                f"The bag {self.path} is broken (its index tells of messages of {topic}, there are none); "
+                "record it again or reindex it."
+            )
 
     def stamped(self, topic: str, *types: str) -> Iterator[tuple[float, Any]]:
         """(stamp in seconds, message): the header's stamp, or the time of recording where it has none."""
@@ -173,6 +180,14 @@ class Bag:
     def imu(self, topic: str) -> m.ImuSamples:
         """Inertial samples of a topic."""
         return m.imu_of(self.stamped(topic, IMU_TYPE))
+
+
+@cache
+def _typestore(name: str) -> Any:
+    """Message types for bags that do not bring theirs; making one takes a tenth of a second."""
+    with needs("ros"):
+        from rosbags.typesys import Stores, get_typestore
+    return get_typestore(Stores[name])
 
 
 def _sorted(rows: list[tuple[float, Array]]) -> tuple[Array, Array]:

@@ -86,6 +86,12 @@ def read_container(path: Path, kind: str, version: int, classes: Sequence[type] 
         raise DataError(f"The file {path} does not hold what its kind says; take an earlier one.") from error
 
 
+def seal(data: bytes) -> bytes:
+    """A file's bytes with the checksum that belongs to the rest: what gets altered content past it."""
+    body = data[:-_CHECKSUM]
+    return body + hashlib.sha256(body).digest()
+
+
 def _decode(data: bytes, kind: str, version: int, classes: Sequence[type]) -> Any:
     if len(data) < _HEAD.size + _CHECKSUM:
         raise DataError(

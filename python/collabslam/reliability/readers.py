@@ -15,19 +15,25 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 
+from collabslam.datasets import open_recording
 from collabslam.datasets.calibration import load_camera, load_extrinsics
 from collabslam.datasets.davison import read_calibration
 from collabslam.datasets.images import decode_grey
 from collabslam.datasets.poses import read_pose_rows, read_track
 from collabslam.datasets.stamped import read_stream
+from collabslam.engine import Slam
 from collabslam.errors import CollabslamError
+from collabslam.formats.bag_recording import TOPICS
+from collabslam.formats.container import seal
 from collabslam.formats.landmarks import read_ply, write_ply
 from collabslam.formats.run_folder import read_frames, read_summary
 from collabslam.formats.trajectory import read_covariances, write_covariances, write_tum
+from collabslam.reliability.samples import SmallRecording, bag, engine_state, saved_map
+from collabslam.saved_map import SavedMap
 from collabslam.settings import Settings
 
 SLOW_S = 10.0
-"""A reader that takes longer over a small file hangs."""
+"""A reader that takes more of the processor over a small file hangs."""
 
 TOKENS = (
     b"nan",
@@ -62,11 +68,25 @@ Read = Callable[[Path], object]
 
 @dataclass(frozen=True)
 class Reader:
-    """A reader, and good content of its file; ``name`` is the file's name."""
+    """A reader, and good content of its file.
+
+    Attributes
+    ----------
+    read : callable
+    name : str
+        The file's name.
+    good : bytes
+    sealed : bool
+        Whether the file ends with a checksum, which damage is given anew.
+    beside : mapping
+        Other files of the same folder, not damaged.
+    """
 
     read: Read
     name: str
     good: bytes
+    sealed: bool = False
+    beside: Mapping[str, bytes] = field(default_factory=dict)
 
 
 @dataclass
@@ -146,8 +166,28 @@ def readers() -> dict[str, Reader]:
         "image-pgm": Reader(decode_grey, "a.pgm", _encoded(".pgm")),
         "map-ply": Reader(read_ply, "map.ply", _written(lambda path: write_ply(path, _LANDMARKS))),
         "frames-csv": Reader(read_frames, "frames.csv", b"index,t,status\n0,0.0,OK\n1,0.1,LOST\n"),
+        "bag-mcap": Reader(_read_bag, "bag.mcap", bag()[0], beside={"metadata.yaml": bag()[1]}),
+        "engine-state": Reader(_use_engine, "engine.state", engine_state(), sealed=True),
+        "saved-map": Reader(_use_map, "saved.map", saved_map(), sealed=True),
         "summary-json": Reader(read_summary, "summary.json", b'{"frames": 3, "mode": "collab"}\n'),
     }
+
+
+def _read_bag(path: Path) -> None:
+    recording = open_recording(path.parent, topics=TOPICS)
+    for i in range(len(recording)):
+        recording.frame(i)
+
+
+def _use_engine(path: Path) -> None:
+    slam, recording = Slam.load(path), SmallRecording()
+    slam.step((slam.filter.time or 0.0) + 0.1, recording.image(1))
+
+
+def _use_map(path: Path) -> None:
+    recording = SmallRecording()
+    slam = Slam(recording.camera, start="map", map=SavedMap.load(path))
+    slam.step(0.0, recording.image(0))
 
 
 _T = np.arange(3.0)
@@ -194,7 +234,9 @@ def damaged(good: bytes, rng: np.random.Generator) -> bytes:
 def read_one(reader: Reader, folder: Path, data: bytes) -> bool:
     """Gives a reader its file with this content: whether it is read, and not refused."""
     path = folder / reader.name
-    path.write_bytes(data)
+    path.write_bytes(seal(data) if reader.sealed else data)
+    for name, content in reader.beside.items():
+        (folder / name).write_bytes(content)
     try:
         reader.read(path)
     except CollabslamError:
@@ -223,12 +265,12 @@ def fuzz_readers(count: int, seed: int, *, which: Mapping[str, Reader] | None = 
         for k in range(count):
             name = names[k % len(names)]
             data = damaged(chosen[name].good, rng)
-            began = time.perf_counter()
+            began = time.process_time()
             try:
                 out.refused += not read_one(chosen[name], folder, data)
             except Exception as error:  # whatever it is: that is what is looked for
                 out.findings.append(f"{name}: {type(error).__name__}: {str(error)[:100]}: {data[:200]!r}")
-            seconds = time.perf_counter() - began
+            seconds = time.process_time() - began
             out.slowest_s = max(out.slowest_s, seconds)
             if seconds > SLOW_S:
                 out.findings.append(f"{name}: took {seconds:.1f} s: {data[:200]!r}")
