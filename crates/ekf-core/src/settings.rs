@@ -374,6 +374,9 @@ settings! {
         /// Touch features out of view only when they come back into view or the state is asked for: the same result, faster
         /// for maps of several hundred features.
         local: bool = false, "", None, None;
+        /// Linearity index below which a feature in view shrinks from inverse depth (six numbers) to a point (three), 0 for
+        /// never: how far its depth is from linear in the pixels. 0.1 is the index of Civera, Davison and Montiel (2008).
+        linearity_index: f64 = 0.0, "", Some(0.0), Some(10.0);
         /// A candidate that has not been born after so many seconds is dropped.
         candidate_age: f64 = 4.0, "s", Some(0.01), Some(1e4);
     }

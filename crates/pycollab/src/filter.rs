@@ -245,7 +245,7 @@ impl PyFilter {
         let blocks = py.detach(|| self.0.state()).layout().blocks();
         blocks
             .iter()
-            .map(|b| (b.id, format!("{:?}", b.kind), b.offset, b.kind.dim()))
+            .map(|b| (b.id, b.kind.name().into(), b.offset, b.kind.dim()))
             .collect()
     }
 
