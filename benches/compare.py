@@ -184,6 +184,16 @@ def search(rounds: Rounds, frames: int, counts: dict[str, Any]) -> dict[str, flo
     return {"hohct_worst_ms": max(run[0] for run in runs) / 1e6, "hohct_frames": float(frames)}
 
 
+def shrunk(rounds: Rounds, number: int) -> dict[str, float]:
+    """The update of a map of points over that of the same map in inverse depth, by features an anchor."""
+    result = {}
+    for at_once in (1, 4, 25):
+        runs = rounds.run(f"points 100 40 {at_once}", number)
+        plain, points, *_ = (statistics.median(column) for column in zip(*runs, strict=True))
+        result[f"points_update_ratio_{at_once}_an_anchor"] = points / plain
+    return result
+
+
 def walk(rounds: Rounds, frames: int) -> dict[str, float]:
     """Plain and local filter over a replay of N = 400: sums, medians, features in view."""
     runs = rounds.run("local 400", frames)
@@ -243,6 +253,7 @@ def main() -> None:
         "warm_step_allocations": allocations(args.allocations),
         "python_overhead_pct": 100 * (median["replay python"] / median["replay rust"] - 1),
     }
+    result |= shrunk(rounds, 4 * args.rounds)
     if args.walk:
         result |= walk(rounds, args.walk)
     result["blas"] = blas_in_use()

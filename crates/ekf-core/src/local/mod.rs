@@ -214,7 +214,7 @@ impl Far {
 
     /// Whether the working state has grown so much that writing the whole state pays.
     pub(crate) fn is_full(&self, near: &State) -> bool {
-        near.p.stored().n > 3 * self.first + 64
+        2 * near.p.stored().n > 5 * self.first + 128
     }
 
     fn column(&self, row: usize, duals: usize) -> &[f64] {
