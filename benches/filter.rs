@@ -171,7 +171,11 @@ fn none() -> Value {
 
 fn tests(c: &mut Criterion) {
     for (title, name) in [("HOHCT", "hohct"), ("JCBB", "jcbb")] {
-        let options = settings(&[("validate.test", Value::Name(name.into()))]);
+        let mut options = settings(&[("validate.test", Value::Name(name.into()))]);
+        if name == "jcbb" {
+            // It strikes any bound where ten of 100 are wrong; HOHCT keeps its own.
+            options.validate.max_nodes = 2000;
+        }
         let test = BatchTest::chosen(&options.validate);
         for n in [40, 100] {
             for wrong in [0, 1, 3, 10] {

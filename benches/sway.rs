@@ -48,7 +48,7 @@ impl Sway {
         let (mut sway, _) = Self::begin(mix, changes);
         for _ in 0..10 {
             sway.predict();
-            let z = sway.measure_some(sway.mix.features, 0);
+            let z = sway.measure_all();
             sway.filter.update(&z).expect("valid measurements");
         }
         sway
@@ -124,6 +124,11 @@ impl Sway {
     /// Measurements of the present frame, to which the filter has been predicted.
     pub fn measure(&mut self) -> Measurements {
         self.measure_some(self.mix.seen, self.mix.wrong)
+    }
+
+    /// The same of all features.
+    pub fn measure_all(&mut self) -> Measurements {
+        self.measure_some(self.mix.features, 0)
     }
 
     /// Pixels in Cs of the first `number` points, as of new ones.

@@ -41,7 +41,7 @@ pub(crate) fn check_state(filter: &Filter) -> Result<(), Broken> {
     {
         return Err("a block of one frame is left over".into());
     }
-    if layout.of_kind(BlockKind::Feature).count() != filter.map_size() {
+    if layout.features().count() != filter.map_size() {
         return Err("map_size is not the number of features".into());
     }
     if let Some(i) = x.iter().position(|v| !v.is_finite()) {

@@ -5,7 +5,6 @@ use crate::update::{Dense, measure, quaternions, units, with_clone};
 use ekf_core::gauge::{GAUGES, coordinates, directions};
 use ekf_core::observe::{PointInCamera, Rows};
 use ekf_core::settings::Value;
-use ekf_core::state::BlockKind;
 use ekf_core::{Filter, Settings};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector2};
 
@@ -53,7 +52,7 @@ fn directions_turn_and_scale_the_map() {
     let warm = with_clone(51, &[]);
     let state = warm.filter.state();
     let n = gauge_directions(&warm.filter, state.mean());
-    for block in state.layout().of_kind(BlockKind::Feature) {
+    for block in state.layout().features() {
         let feature = state.feature(block);
         let point = feature.point().expect("in front");
         let moves = feature.point_jacobian() * n.fixed_view::<6, GAUGES>(block.offset, 0);
@@ -113,11 +112,7 @@ fn a_depth_sees_the_scale() {
     let n = gauge_directions(&warm.filter, state.mean());
     let (pose, block) = (
         state.camera_pose(),
-        state
-            .layout()
-            .of_kind(BlockKind::Feature)
-            .next()
-            .expect("map"),
+        state.layout().features().next().expect("map"),
     );
     let feature = state.feature(block);
     let point = PointInCamera::metric(&pose, &feature)

@@ -267,7 +267,7 @@ fn a_rho_that_crosses_zero_is_no_point_and_goes() {
         filter.check().expect("sound");
         let rho = |f: &Filter| {
             let block = f.state().layout().find(vague).copied();
-            block.map(|b| f.state().feature(&b).rho())
+            block.map(|b| f.state().feature(&b).scale())
         };
         if rho(&filter).is_some_and(|rho| rho <= 0.0) {
             crossed = true;

@@ -5,8 +5,8 @@ use ekf_core::Camera;
 use ekf_core::birth::new_feature::{FirstPoseCovariance, NewFeature};
 use ekf_core::birth::two_view::TwoView;
 use ekf_core::math::{inverse_depth, pose::Pose, quat};
-use ekf_core::observe::point::{CameraPose, FeatureState, PointInCamera};
-use ekf_core::observe::{Rows, WornView};
+use ekf_core::observe::point::CameraPose;
+use ekf_core::observe::{FeatureState, Form, PointInCamera, Rows, WornView};
 use ekf_core::predict;
 use ekf_core::settings::ProcessSettings;
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector2, Vector3, Vector4, Vector6};
@@ -45,7 +45,7 @@ fn random_quat(rng: &mut Pcg64) -> Vector4<f64> {
 }
 
 /// A camera and a feature some metres in front of it.
-fn random_view(rng: &mut Pcg64) -> (CameraPose, FeatureState) {
+fn random_view(rng: &mut Pcg64, form: Form) -> (CameraPose, FeatureState) {
     let pose = CameraPose {
         r: normals::<3>(rng),
         q: random_quat(rng),
@@ -59,10 +59,43 @@ fn random_view(rng: &mut Pcg64) -> (CameraPose, FeatureState) {
     let anchor = pose.r + normals::<3>(rng) * 0.3;
     let (angles, _) = inverse_depth::angles(&(point - anchor));
     let rho = 1.0 / (point - anchor).norm();
-    let feature = FeatureState(Vector6::new(
-        anchor.x, anchor.y, anchor.z, angles[0], angles[1], rho,
-    ));
+    let numbers = [anchor.x, anchor.y, anchor.z, angles[0], angles[1], rho];
+    let feature = match form {
+        Form::InverseDepth => FeatureState::from_slice(form, &numbers),
+        Form::Point => FeatureState::Point(point),
+    };
     (pose, feature)
+}
+
+const FORMS: [Form; 2] = [Form::InverseDepth, Form::Point];
+
+/// As [`check`], of what depends on the numbers of a feature; columns beyond them must be zero.
+fn check_by_feature<const R: usize>(
+    what: &str,
+    feature: &FeatureState,
+    analytic: &SMatrix<f64, R, 6>,
+    f: impl Fn(&FeatureState) -> SMatrix<f64, R, 1>,
+) {
+    let (form, numbers) = (feature.form(), feature.numbers());
+    match form {
+        Form::InverseDepth => {
+            let y = Vector6::from_column_slice(numbers);
+            check(what, &y, analytic, |y| {
+                f(&FeatureState::from_slice(form, y.as_slice()))
+            });
+        }
+        Form::Point => {
+            let y = Vector3::from_column_slice(numbers);
+            let own = analytic.fixed_columns::<3>(0).into_owned();
+            check(what, &y, &own, |y| {
+                f(&FeatureState::from_slice(form, y.as_slice()))
+            });
+            assert!(
+                analytic.columns(3, 3).iter().all(|&v| v == 0.0),
+                "{what}: a point has three numbers"
+            );
+        }
+    }
 }
 
 fn pose_of(x: &SMatrix<f64, 7, 1>) -> CameraPose {
@@ -167,15 +200,15 @@ fn ray_conventions() {
 fn observations() {
     let mut rng = rng(4);
     let camera = camera();
-    for _ in 0..50 {
-        let (pose, feature) = random_view(&mut rng);
+    for trial in 0..100 {
+        let (pose, feature) = random_view(&mut rng, FORMS[trial % 2]);
         let x = vector_of(&pose);
         let scaled = PointInCamera::scaled(&pose, &feature);
         check("Eq. 7 by pose", &x, &scaled.by_pose, |x| {
             PointInCamera::scaled(&pose_of(x), &feature).value
         });
-        check("Eq. 7 by feature", &feature.0, &scaled.by_feature, |y| {
-            PointInCamera::scaled(&pose, &FeatureState(*y)).value
+        check_by_feature("Eq. 7 by feature", &feature, &scaled.by_feature, |y| {
+            PointInCamera::scaled(&pose, y).value
         });
         let metric = PointInCamera::metric(&pose, &feature).expect("rho > 0");
         check("Eq. 5 by pose", &x, &metric.by_pose, |x| {
@@ -183,13 +216,14 @@ fn observations() {
                 .expect("rho > 0")
                 .value
         });
-        check("Eq. 5 by feature", &feature.0, &metric.by_feature, |y| {
-            PointInCamera::metric(&pose, &FeatureState(*y))
-                .expect("rho > 0")
-                .value
+        check_by_feature("Eq. 5 by feature", &feature, &metric.by_feature, |y| {
+            PointInCamera::metric(&pose, y).expect("rho > 0").value
         });
-        check("point", &feature.0, &feature.point_jacobian(), |y| {
-            FeatureState(*y).point().expect("rho > 0")
+        check_by_feature("point", &feature, &feature.point_jacobian(), |y| {
+            y.point().expect("rho > 0")
+        });
+        check_by_feature("scale", &feature, &feature.scale_jacobian(), |y| {
+            SMatrix::from([[y.scale()]])
         });
         let zero = Vector2::zeros();
         // The innovation is measured minus predicted, so with a measurement of zero it is minus the prediction.
@@ -203,8 +237,8 @@ fn observations() {
             predicted(&pose_of(x), &feature)
         });
         let by_feature = rows.by_feature.fixed_rows::<2>(0).into_owned();
-        check("bearing by feature", &feature.0, &by_feature, |y| {
-            predicted(&pose, &FeatureState(*y))
+        check_by_feature("bearing by feature", &feature, &by_feature, |y| {
+            predicted(&pose, y)
         });
     }
 }
@@ -220,8 +254,8 @@ fn random_worn(rng: &mut Pcg64) -> Pose {
 fn worn_pixel_rows() {
     let mut rng = rng(5);
     let camera = camera();
-    for _ in 0..50 {
-        let (pose, feature) = random_view(&mut rng);
+    for trial in 0..100 {
+        let (pose, feature) = random_view(&mut rng, FORMS[trial % 2]);
         let t_cf = random_worn(&mut rng);
         let error = normals::<6>(&mut rng) * 0.02;
         let rows = |pose: &CameraPose, feature: &FeatureState, error: &Vector6<f64>| {
@@ -242,12 +276,9 @@ fn worn_pixel_rows() {
             &at.by_pose.fixed_rows::<2>(0).into_owned(),
             |x| predicted(rows(&pose_of(x), &feature, &error)),
         );
-        check(
-            "Cf pixel by feature",
-            &feature.0,
-            &two(&at.by_feature),
-            |y| predicted(rows(&pose, &FeatureState(*y), &error)),
-        );
+        check_by_feature("Cf pixel by feature", &feature, &two(&at.by_feature), |y| {
+            predicted(rows(&pose, y, &error))
+        });
         let by_error = at.by_worn.expect("depends on T_CF");
         check("Cf pixel by T_CF", &error, &two(&by_error), |e| {
             predicted(rows(&pose, &feature, e))

@@ -2,7 +2,9 @@
 
 use crate::scene::{camera, name, normals, rng, settings};
 use ekf_core::math::{pose::Pose, quat};
+use ekf_core::observe::Form;
 use ekf_core::settings::Value;
+use ekf_core::state::BlockKind;
 use ekf_core::{Bearing, DepthObservation, Filter, Measurements, Outcome};
 use nalgebra::Vector3;
 use rand::Rng;
@@ -19,7 +21,7 @@ struct Pair {
 }
 
 impl Pair {
-    fn new(seed: u64, points: usize, consistency: &str) -> Self {
+    fn new(seed: u64, points: usize, consistency: &str, linearity: f64) -> Self {
         let mut rng = rng(seed);
         let points = (0..points).map(|_| {
             let (angle, distance) = (
@@ -40,6 +42,7 @@ impl Pair {
                 many.clone(),
                 ("map.local", Value::Bool(local)),
                 ("estimator.consistency", name(consistency)),
+                ("map.linearity_index", Value::Float(linearity)),
             ];
             Filter::new(settings(&changes), camera(), None)
         };
@@ -170,16 +173,22 @@ impl Pair {
 
 #[test]
 fn the_local_update_is_the_plain_one() {
-    walk("none");
+    walk("none", 0.0);
 }
 
 #[test]
 fn the_local_update_is_the_plain_one_with_the_gauge_transport() {
-    walk("gauge");
+    walk("gauge", 0.0);
 }
 
-fn walk(consistency: &str) {
-    let mut pair = Pair::new(31, 120, consistency);
+#[test]
+fn the_local_update_is_the_plain_one_while_features_become_points() {
+    walk("none", 0.1);
+    walk("gauge", 0.1);
+}
+
+fn walk(consistency: &str, linearity: f64) {
+    let mut pair = Pair::new(31, 120, consistency, linearity);
     let (mut worst, mut apart): (f64, usize) = (0.0, 0);
     for frame in 0..400 {
         pair.step(frame);
@@ -195,16 +204,20 @@ fn walk(consistency: &str) {
         pair.plain.map_size()
     );
     assert!(pair.plain.map_size() > 80);
+    let state = pair.plain.state();
+    let points = BlockKind::Feature(Form::Point);
+    let points = state.layout().of_kind(points).count();
+    assert_eq!(points > 20, linearity > 0.0, "{points} points");
     assert!(worst > 0.0, "the local update was at work");
     assert!(worst < 1e-8, "{worst:e}");
 }
 
 #[test]
 fn a_restored_working_set_goes_on_bit_for_bit() {
-    for consistency in ["none", "gauge"] {
+    for (consistency, linearity) in [("none", 0.0), ("gauge", 0.0), ("gauge", 0.1)] {
         let (mut straight, mut restored) = (
-            Pair::new(5, 160, consistency),
-            Pair::new(5, 160, consistency),
+            Pair::new(5, 160, consistency, linearity),
+            Pair::new(5, 160, consistency, linearity),
         );
         let mut worked = 0;
         for frame in 0..90 {

@@ -69,7 +69,7 @@ fn run(mode: &str, consistency: &str, steps: usize, seed: u64) -> (Filter, Traff
         waiting.retain(|id, _| alive.contains(id));
         let layout = filter.state().layout();
         traffic.with_clones += usize::from(layout.of_kind(BlockKind::Clone).count() > 0);
-        assert_eq!(layout.of_kind(BlockKind::Feature).count(), known.len());
+        assert_eq!(layout.features().count(), known.len());
 
         if step % 5 == 0 && known.len() + waiting.len() < 24 {
             let used: Vec<usize> = known.values().chain(waiting.values()).copied().collect();

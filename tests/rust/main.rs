@@ -16,6 +16,7 @@ mod properties;
 mod reference;
 mod relocalise;
 mod scene;
+mod shrink;
 mod snapshot;
 mod threads;
 mod update;

@@ -3,7 +3,7 @@
 use crate::reference::Reference;
 use crate::scene::{camera, name, settings};
 use ekf_core::settings::Value;
-use ekf_core::state::BlockKind;
+use ekf_core::state::{Block, BlockKind};
 use ekf_core::{Bearing, CandidateOutcome, DepthObservation, Filter, Measurements, Outcome};
 use nalgebra::Vector2;
 use proptest::prelude::*;
@@ -52,16 +52,19 @@ struct Pair {
     t: f64,
     /// Clone and first pixel of each candidate.
     first: BTreeMap<u64, (u64, Vector2<f64>)>,
+    /// Features that have become points.
+    shrunk: usize,
 }
 
 impl Pair {
-    fn new() -> Self {
+    fn new(shrinks: bool) -> Self {
         let settings = settings(&[
             ("estimator.consistency", name("none")),
             ("estimator.iterations", Value::Int(1)),
             ("estimator.mode", name("mono")),
             ("validate.test", name("none")),
             ("map.max_features", Value::Int(6)),
+            ("map.linearity_index", Value::Float(f64::from(shrinks))),
             ("birth.undelayed_rho_sd", Value::Float(0.1)),
             ("process.start_velocity_sd", Value::Float(0.3)),
             ("process.start_angular_velocity_sd", Value::Float(0.1)),
@@ -77,6 +80,7 @@ impl Pair {
             reference,
             t: 0.0,
             first: BTreeMap::new(),
+            shrunk: 0,
         }
     }
 
@@ -127,7 +131,7 @@ impl Pair {
             }
             Call::Observe(shares) => self.observe(shares),
             Call::Remove(s) => {
-                let ids = self.ids(BlockKind::Feature);
+                let ids: Vec<u64> = self.features().map(|b| b.id).collect();
                 if ids.len() > 1 {
                     let k = (s * (ids.len() - 1) as f64) as usize;
                     self.filter.remove_features(&[ids[k]]).unwrap();
@@ -136,8 +140,16 @@ impl Pair {
                 self.reference.keep(&self.all_ids());
             }
             Call::Manage => {
+                let before: Vec<Block> = self.features().copied().collect();
                 self.filter.manage_map();
                 self.reference.keep(&self.all_ids());
+                let shrunk = before.iter().filter(|b| {
+                    let now = self.filter.state().layout().find(b.id);
+                    now.is_some_and(|now| now.kind != b.kind)
+                });
+                let shrunk: Vec<u64> = shrunk.map(|b| b.id).collect();
+                self.reference.shrink(&shrunk);
+                self.shrunk += shrunk.len();
             }
         }
     }
@@ -206,13 +218,8 @@ impl Pair {
         }
     }
 
-    fn ids(&self, kind: BlockKind) -> Vec<u64> {
-        self.filter
-            .state()
-            .layout()
-            .of_kind(kind)
-            .map(|b| b.id)
-            .collect()
+    fn features(&self) -> impl Iterator<Item = &Block> {
+        self.filter.state().layout().features()
     }
 
     fn all_ids(&self) -> Vec<u64> {
@@ -260,10 +267,12 @@ proptest! {
 
     #[test]
     fn any_calls_do_what_the_dense_reference_does(calls in proptest::collection::vec(call(), 1..25)) {
-        let mut pair = Pair::new();
-        for call in &calls {
-            pair.play(call);
-            pair.check()?;
+        for shrinks in [false, true] {
+            let mut pair = Pair::new(shrinks);
+            for call in &calls {
+                pair.play(call);
+                pair.check()?;
+            }
         }
     }
 }
@@ -275,20 +284,21 @@ fn the_sequences_reach_every_kind_of_birth() {
     use proptest::test_runner::TestRunner;
     let mut runner = TestRunner::deterministic();
     let strategy = proptest::collection::vec(call(), 24);
-    let (mut delayed, mut removed) = (0, 0);
+    let (mut delayed, mut removed, mut shrunk) = (0, 0, 0);
     for _ in 0..100 {
         let calls = strategy.new_tree(&mut runner).unwrap().current();
-        let mut pair = Pair::new();
+        let mut pair = Pair::new(true);
         for call in &calls {
-            let before = pair.ids(BlockKind::Feature).len();
+            let before = pair.features().count();
             pair.play(call);
-            let after = pair.ids(BlockKind::Feature).len();
+            let after = pair.features().count();
             delayed += usize::from(matches!(call, Call::Observe(_)) && after > before);
             removed += usize::from(after < before);
         }
+        shrunk += pair.shrunk;
     }
     assert!(
-        delayed > 5 && removed > 5,
-        "{delayed} delayed births, {removed} removals"
+        delayed > 5 && removed > 5 && shrunk > 5,
+        "{delayed} delayed births, {removed} removals, {shrunk} points"
     );
 }

@@ -3,7 +3,7 @@
 use crate::scene::{Warm, normals, rng, settings, warm};
 use ekf_core::math::pose::Pose;
 use ekf_core::math::quat;
-use ekf_core::observe::point::FeatureState;
+use ekf_core::observe::FeatureState;
 use ekf_core::settings::Value;
 use ekf_core::{Bearing, EkfError, Filter, KnownMap, Outcome};
 use nalgebra::{DMatrix, Matrix6, Vector2, Vector3, Vector6};
@@ -121,7 +121,9 @@ fn drawn_map(seed: u64) -> (Filter, Vec<(u64, Vector3<f64>)>, Pose) {
     let mut filter = Filter::new(settings(&NO_DRIFT), crate::scene::camera(), None);
     filter.predict(0.0).unwrap();
     let ids = filter.start_from_map(&map).unwrap();
-    let points = true_map.iter().map(|y| FeatureState(*y).point().unwrap());
+    let points = true_map
+        .iter()
+        .map(|y| FeatureState::InverseDepth(*y).point().unwrap());
     let away = normals::<6>(&mut rng).component_mul(&Vector6::new(0.3, 0.2, 0.3, 0.1, 0.1, 0.5));
     let pose = Pose::identity().retract(&away);
     (filter, ids.into_iter().zip(points).collect(), pose)

@@ -94,6 +94,7 @@ fn kinds() -> Vec<Vec<(&'static str, Value)>> {
             ("estimator.mode", name("collab")),
             ("estimator.consistency", name("none")),
         ],
+        vec![("map.linearity_index", Value::Float(0.3))],
     ]
 }
 

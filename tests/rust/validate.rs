@@ -1,6 +1,7 @@
 //! Batch validation: HOHCT against brute force, and on batches as a camera makes them; JCBB, 1-point, gate; chi-square.
 
 use ekf_core::chi2;
+use ekf_core::settings::ValidateSettings;
 use ekf_core::validate::{
     Batch, BatchTest, HohctSettings, JcbbSettings, OnePointSettings, Units, Verdict, Workspace,
     conditional_gate,
@@ -335,6 +336,36 @@ fn budget_falls_back_to_greedy_and_says_so() {
         struck += usize::from(!verdict.exact);
     }
     assert!(struck > 0);
+}
+
+#[test]
+fn default_budget_holds_hard_searches() {
+    // At a low level right matches have to go as well, and many sets are about as good.
+    let mut rng = Pcg64::seed_from_u64(21);
+    let mut ws = Workspace::new();
+    let all = HohctSettings {
+        level: 0.55,
+        ..HohctSettings::default()
+    };
+    assert_eq!(all.max_nodes, ValidateSettings::default().max_nodes);
+    let mut hard = 0;
+    for _ in 0..40 {
+        let case = frame_case(&mut rng, 24, 4, false);
+        let (verdict, rejected) = case.run(BatchTest::Hohct(all), &mut ws);
+        assert!(verdict.exact && verdict.nodes < all.max_nodes);
+        if verdict.nodes <= 50 {
+            continue;
+        }
+        hard += 1;
+        let fewer = HohctSettings {
+            max_nodes: verdict.nodes / 2,
+            ..all
+        };
+        let (struck, other) = case.run(BatchTest::Hohct(fewer), &mut ws);
+        assert!(!struck.exact && struck.order >= verdict.order);
+        assert!(struck.order > verdict.order || struck.d2 >= verdict.d2 || other == rejected);
+    }
+    assert!(hard > 0);
 }
 
 #[test]

@@ -7,7 +7,7 @@ use crate::error::EkfError;
 use crate::gauge::{GAUGES, Gauge};
 use crate::guard;
 use crate::kernel::{self, Panels};
-use crate::observe::Rows;
+use crate::observe::{Form, Rows};
 use crate::state::{POSE_DIM, State};
 use crate::validate::{Batch, Units};
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -33,6 +33,17 @@ pub struct Unit {
     pub feature: usize,
     /// Offset of the frame's error of T_CF, if the rows depend on it.
     pub worn: Option<usize>,
+}
+
+impl Unit {
+    /// Where the feature's numbers are stored, which come in threes: the anchor's and its own, or the point's alone.
+    pub(crate) fn slots(&self, slots: &[usize]) -> (usize, Option<usize>) {
+        let own = match self.rows.form {
+            Form::InverseDepth => Some(slots[self.feature + 3]),
+            Form::Point => None,
+        };
+        (slots[self.feature], own)
+    }
 }
 
 /// Buffers of the batch; they only grow, so a warm step allocates nothing.
@@ -173,14 +184,16 @@ impl Workspace {
         resize(&mut self.g, m);
         for (u, unit) in self.units.iter().enumerate() {
             let (from, rows) = (self.offsets[u], &unit.rows);
-            let (by_anchor, by_own) = rows.by_feature.as_slice().split_at(9);
-            let (anchor, own) = (slots[unit.feature], slots[unit.feature + 3]);
+            let (by_first, by_own) = rows.by_feature.as_slice().split_at(9);
+            let (first, own) = unit.slots(slots);
             for k in from..m {
                 let mut sums = [0.0; 3];
                 let pht = &self.pht;
                 pht.add::<POSE_DIM>(&mut sums, 0, k, rows.by_pose.as_slice());
-                pht.add::<3>(&mut sums, anchor, k, by_anchor);
-                pht.add::<3>(&mut sums, own, k, by_own);
+                pht.add::<3>(&mut sums, first, k, by_first);
+                if let Some(own) = own {
+                    pht.add::<3>(&mut sums, own, k, by_own);
+                }
                 if let (Some(by_worn), Some(w)) = (&rows.by_worn, unit.worn) {
                     pht.add::<6>(&mut sums, slots[w], k, by_worn.as_slice());
                 }

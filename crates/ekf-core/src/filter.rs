@@ -17,11 +17,12 @@ use crate::local::Far;
 use crate::map::{Candidate, FeatureRecord};
 use crate::math::pose::Pose;
 use crate::math::quat;
-use crate::observe::point::{CameraPose, FeatureState, PointInCamera};
+use crate::observe::point::CameraPose;
+use crate::observe::{FeatureState, PointInCamera};
 use crate::overlap::{self, Overlap};
 use crate::predict;
 use crate::settings::{Consistency, Settings};
-use crate::state::{BlockKind, CAMERA_DIM, Covariance, State};
+use crate::state::{Block, CAMERA_DIM, Covariance, State};
 use crate::validate;
 use nalgebra::{Matrix2, Matrix3, Matrix6, SMatrix, Vector2, Vector3};
 use std::collections::BTreeMap;
@@ -100,7 +101,7 @@ pub struct Landmark {
     pub point: Vector3<f64>,
     /// 3x3 covariance of the point, m^2.
     pub covariance: Matrix3<f64>,
-    /// sd(rho) / rho.
+    /// sd(rho) / rho, the relative error of its depth: from its anchor, of a feature that has become a point from the camera now.
     pub rho_ratio: f64,
 }
 
@@ -196,7 +197,7 @@ impl Filter {
     /// Number of features in the map.
     pub fn map_size(&self) -> usize {
         let outside = self.far.as_ref().map_or(0, Far::len);
-        self.state.layout.of_kind(BlockKind::Feature).count() + outside
+        self.state.layout.features().count() + outside
     }
 
     /// Number of candidates that wait for parallax.
@@ -284,7 +285,7 @@ impl Filter {
         let seen = sight(&self.camera, pose);
         let (mut stay, mut back) = (std::mem::take(&mut self.in_view), false);
         stay.clear();
-        for block in self.state.layout.of_kind(BlockKind::Feature) {
+        for block in self.state.layout.features() {
             let followed = self.gauge.follows(block.id);
             let margin = if followed { -SOON } else { 0.0 };
             let point = self.state.feature(block).point();
@@ -331,13 +332,11 @@ impl Filter {
     pub fn predict_pixels_into(&self, seen: &mut Vec<PredictedFeature>) {
         seen.clear();
         let pose = self.state.camera_pose();
-        let p = &self.state.p;
-        let p_pose = p.block::<7, 7>(0, 0);
-        for block in self.state.layout.of_kind(BlockKind::Feature) {
+        let p_pose = self.state.p.block::<7, 7>(0, 0);
+        for block in self.state.layout.features() {
             let feature = self.state.feature(block);
             if let Some(view) = appearance(&self.camera, &pose, &feature, 0.0) {
-                let p_cross = p.block::<7, 6>(0, block.offset);
-                let p_own = p.block::<6, 6>(block.offset, block.offset);
+                let (p_cross, p_own) = self.state.feature_covariance(block);
                 seen.push(self.expect(block.id, &feature, &view, (&p_pose, &p_cross, &p_own)));
             }
         }
@@ -430,22 +429,32 @@ impl Filter {
     /// All landmarks with their covariance in W. Features with rho <= 0 have no point and are left out.
     pub fn landmarks(&self) -> Vec<Landmark> {
         let state = self.state();
-        let blocks = state.layout.of_kind(BlockKind::Feature);
-        blocks
-            .filter_map(|block| {
-                let feature = state.feature(block);
-                let point = feature.point()?;
-                let j = feature.point_jacobian();
-                let p = state.p.block::<6, 6>(block.offset, block.offset);
-                let covariance = j * p * j.transpose();
-                Some(Landmark {
-                    id: block.id,
-                    point,
-                    covariance: (covariance + covariance.transpose()) * 0.5,
-                    rho_ratio: p[(5, 5)].max(0.0).sqrt() / feature.rho(),
-                })
+        let camera = state.camera_pose().r;
+        let p_camera = state.p.block::<3, 3>(0, 0);
+        let landmark = |block: &Block| {
+            let feature = state.feature(block);
+            let point = feature.point()?;
+            let j = feature.point_jacobian();
+            let (cross, own) = state.feature_covariance(block);
+            let covariance = j * own * j.transpose();
+            let rho_ratio = match feature {
+                FeatureState::InverseDepth(y) => own[(5, 5)].max(0.0).sqrt() / y[5],
+                FeatureState::Point(_) => {
+                    let with_camera = cross.fixed_view::<3, 6>(0, 0) * j.transpose();
+                    let ray = point - camera;
+                    let relative = covariance + p_camera - sym(with_camera);
+                    let variance = (ray.transpose() * relative * ray)[(0, 0)];
+                    variance.max(0.0).sqrt() / ray.norm_squared()
+                }
+            };
+            Some(Landmark {
+                id: block.id,
+                point,
+                covariance: sym(covariance) * 0.5,
+                rho_ratio,
             })
-            .collect()
+        };
+        state.layout.features().filter_map(landmark).collect()
     }
 
     /// Whether Cs and Cf look at the same place, and where in both images (METHOD 9).
@@ -527,7 +536,7 @@ fn appearance(
 }
 
 /// Whether a point is in front of the camera and in the image, by a margin in pixels.
-fn sight(camera: &Camera, pose: &CameraPose) -> impl Fn(&Vector3<f64>, f64) -> bool {
+pub(crate) fn sight(camera: &Camera, pose: &CameraPose) -> impl Fn(&Vector3<f64>, f64) -> bool {
     let (r, r_cw) = (pose.r, quat::rotation(&pose.q).transpose());
     move |point, margin| {
         let seen = r_cw * (point - r);

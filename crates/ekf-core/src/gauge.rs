@@ -19,7 +19,7 @@
 use crate::batch::Unit;
 use crate::kernel::Product;
 use crate::math::{inverse_depth, quat};
-use crate::observe::point::FeatureState;
+use crate::observe::{FeatureState, Form};
 use crate::state::{Block, BlockKind, CAMERA_DIM, Covariance, Layout, POSE_DIM, State};
 use nalgebra::{SMatrix, Vector3};
 
@@ -132,7 +132,7 @@ impl Gauge {
         for c in 0..POSE_DIM {
             sum += rows.by_pose[(r, c)] * along[slots[c]];
         }
-        for c in 0..6 {
+        for c in 0..rows.form.dim() {
             sum += rows.by_feature[(r, c)] * along[slots[unit.feature + c]];
         }
         if let (Some(by_worn), Some(at)) = (&rows.by_worn, unit.worn) {
@@ -189,7 +189,7 @@ impl Gauge {
         let followed = &self.followed;
         let blocks = state.layout.blocks().iter();
         let blocks = blocks.filter(|b| match b.kind {
-            BlockKind::Feature => followed.binary_search(&b.id).is_ok(),
+            BlockKind::Feature(_) => followed.binary_search(&b.id).is_ok(),
             BlockKind::Clone => true,
             BlockKind::WornBias | BlockKind::WornError | BlockKind::Dual(_) => false,
         });
@@ -229,7 +229,8 @@ pub fn directions(x: &[f64], layout: &Layout, out: &mut Vec<f64>) {
     position(x, POSE_DIM, out);
     for block in layout.blocks() {
         match block.kind {
-            BlockKind::Feature => feature(x, block, out),
+            BlockKind::Feature(Form::InverseDepth) => inverse_depth_feature(x, block, out),
+            BlockKind::Feature(Form::Point) => position(x, block.offset, out),
             BlockKind::Clone => {
                 position(x, block.offset, out);
                 attitude(x, block.offset + 3, out);
@@ -263,7 +264,7 @@ fn attitude(x: &[f64], at: usize, out: &mut [f64]) {
     }
 }
 
-fn feature(x: &[f64], block: &Block, out: &mut [f64]) {
+fn inverse_depth_feature(x: &[f64], block: &Block, out: &mut [f64]) {
     let (n, at) = (x.len(), block.offset);
     position(x, at, out);
     let m = inverse_depth::ray(x[at + 3], x[at + 4]);
@@ -293,13 +294,17 @@ pub fn coordinates(x: &[f64], layout: &Layout, p: &Covariance, among: &[u64], ou
     let camera = Vector3::from_column_slice(&x[..3]);
     let scale = &mut out[SCALE * n..];
     let mut count = 0.0;
-    let features = layout.of_kind(BlockKind::Feature);
-    for block in features.filter(|b| among.binary_search(&b.id).is_ok()) {
-        let at = block.offset;
-        let feature = FeatureState(SMatrix::from_column_slice(&x[at..at + 6]));
-        let sd = p.get(at + 5, at + 5).max(0.0).sqrt();
-        if sd >= MAX_RHO_RATIO * feature.rho() {
+    for block in layout.features() {
+        if among.binary_search(&block.id).is_err() {
             continue;
+        }
+        let feature = block.feature(x);
+        // A point has converged long since.
+        if let FeatureState::InverseDepth(y) = &feature {
+            let variance = p.get(block.offset + 5, block.offset + 5);
+            if variance.max(0.0).sqrt() >= MAX_RHO_RATIO * y[5] {
+                continue;
+            }
         }
         let Some(point) = feature.point() else {
             continue;
@@ -310,7 +315,8 @@ pub fn coordinates(x: &[f64], layout: &Layout, p: &Covariance, among: &[u64], ou
             scale[i] -= by_point[i];
         }
         let by_feature = feature.point_jacobian().tr_mul(&by_point);
-        scale[at..at + 6].copy_from_slice(by_feature.as_slice());
+        let dim = feature.form().dim();
+        scale[block.range()].copy_from_slice(&by_feature.as_slice()[..dim]);
         count += 1.0;
     }
     if count > 0.0 {

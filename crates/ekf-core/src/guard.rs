@@ -5,7 +5,7 @@
 
 use crate::birth::new_feature::NewFeature;
 use crate::error::EkfError;
-use crate::observe::point::FARTHEST;
+use crate::observe::feature::FARTHEST;
 use crate::predict;
 use crate::settings::ProcessSettings;
 use crate::state::{BlockKind, CAMERA_DIM, State};

@@ -1,14 +1,15 @@
 //! A map taken out of a filter, and a filter that starts in a map: landmarks with their joint covariance.
 //!
 //! Landmarks are handed over as they are in the state, inverse depth with its anchor, so that nothing of the first
-//! run's uncertainty is lost or added: their marginal of P, and the drift of W that no measurement showed.
+//! run's uncertainty is lost or added: their marginal of P, and the drift of W that no measurement showed. A landmark that
+//! has become a point is handed over in inverse depth as well, from an anchor that moves with it.
 
 use crate::drift::FrameDrift;
 use crate::error::EkfError;
 use crate::filter::Filter;
 use crate::map::FeatureRecord;
-use crate::observe::point::FeatureState;
-use crate::state::{BlockKind, CAMERA_DIM, Covariance, State};
+use crate::observe::{FeatureState, Form};
+use crate::state::{Block, BlockKind, CAMERA_DIM, Covariance, State};
 use nalgebra::{DMatrix, Matrix6, Vector6};
 use std::collections::HashMap;
 
@@ -36,13 +37,18 @@ impl Filter {
     /// The map, and the ids of its landmarks. Features with `rho <= 0` have no point and are left out.
     pub fn known_map(&self) -> (Vec<u64>, KnownMap) {
         let state = self.state();
-        let blocks = state.layout.of_kind(BlockKind::Feature);
-        let blocks: Vec<_> = blocks.filter(|b| state.feature(b).rho() > 0.0).collect();
-        let rows: Vec<usize> = blocks.iter().flat_map(|b| b.range()).collect();
+        let blocks = state.layout.features();
+        let blocks: Vec<_> = blocks.filter(|b| state.feature(b).scale() > 0.0).collect();
+        // The anchor of a point moves with it; direction and depth from there are certain.
+        let row = |b: &Block, k: usize| b.range().nth(k);
+        let rows = blocks.iter().flat_map(|b| (0..DIM).map(|k| row(b, k)));
+        let rows: Vec<Option<usize>> = rows.collect();
+        let features = blocks.iter().map(|b| state.feature(b));
         let map = KnownMap {
-            landmarks: blocks.iter().map(|b| state.feature(b).0).collect(),
-            covariance: DMatrix::from_fn(rows.len(), rows.len(), |i, j| {
-                state.p.get(rows[i], rows[j])
+            landmarks: features.map(|y| y.in_inverse_depth()).collect(),
+            covariance: DMatrix::from_fn(rows.len(), rows.len(), |i, j| match (rows[i], rows[j]) {
+                (Some(i), Some(j)) => state.p.get(i, j),
+                _ => 0.0,
             }),
             drift: self.drift.0,
         };
@@ -74,11 +80,15 @@ impl Filter {
             last_found: self.time.unwrap_or(0.0),
             ..FeatureRecord::default()
         };
+        let kind = BlockKind::Feature(Form::InverseDepth);
         let landmarks = map.landmarks.iter().zip(&slots);
         let ids: Vec<u64> = landmarks
-            .map(|(mean, slots)| state.push_stored(BlockKind::Feature, slots, mean.as_slice()))
+            .map(|(mean, slots)| state.push_stored(kind, slots, mean.as_slice()))
             .collect();
-        let points = map.landmarks.iter().map(|y| FeatureState(*y).point());
+        let points = map
+            .landmarks
+            .iter()
+            .map(|y| FeatureState::InverseDepth(*y).point());
         let far = points.flatten().map(|p| p.norm()).fold(1.0, f64::max);
         for i in 0..3 {
             state.p.set(i, i, far * far);

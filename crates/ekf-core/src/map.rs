@@ -3,7 +3,7 @@
 use crate::birth::new_feature::{FirstPoseCovariance, NewFeature};
 use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
-use crate::filter::Filter;
+use crate::filter::{Filter, sight};
 use crate::frame::check_once;
 use crate::guard;
 use crate::math::pose::Pose;
@@ -329,14 +329,14 @@ impl Filter {
     }
 
     /// Deletes features that keep failing or whose depth went wrong, the longest unseen beyond
-    /// `map.max_features`, candidates that are too old and clones that nobody needs. Returns the ids of deleted
-    /// features.
+    /// `map.max_features`, candidates that are too old and clones that nobody needs. Makes points of features that have
+    /// converged, with `map.linearity_index`. Returns the ids of deleted features.
     pub fn manage_map(&mut self) -> Vec<u64> {
         let map = &self.settings.map;
         let now = self.time.unwrap_or(0.0);
         let mut gone: Vec<u64> = Vec::new();
         let mut kept: Vec<(f64, u64)> = Vec::new();
-        let near = self.state.layout.of_kind(BlockKind::Feature);
+        let near = self.state.layout.features();
         let near = near.map(|block| (*block, self.state.feature(block)));
         let mut features: Vec<_> = near.collect();
         if let Some(far) = &self.far {
@@ -374,19 +374,48 @@ impl Filter {
             far.remove(&mut self.state, |id| gone.contains(&id));
         }
         self.state.remove(|b| match b.kind {
-            BlockKind::Feature => gone.contains(&b.id),
+            BlockKind::Feature(_) => gone.contains(&b.id),
             BlockKind::Clone => !needed.contains(&b.id),
             BlockKind::WornBias | BlockKind::WornError | BlockKind::Dual(_) => false,
         });
         for id in &gone {
             self.records.remove(id);
         }
+        self.shrink_converged();
         gone
+    }
+
+    /// Makes points of the features in view whose depth has converged, with `map.linearity_index`.
+    fn shrink_converged(&mut self) {
+        let largest = self.settings.map.linearity_index;
+        if largest == 0.0 {
+            return;
+        }
+        let (state, pose) = (&self.state, self.state.camera_pose());
+        let seen = sight(&self.camera, &pose);
+        let has_converged = |block: &Block| {
+            let (feature, (_, own)) = (state.feature(block), state.feature_covariance(block));
+            let index = feature.linearity_index(&own, &pose.r);
+            index.is_some_and(|index| index < largest)
+                && feature.point().is_some_and(|point| seen(&point, 0.0))
+        };
+        // What the gauge follows has its direction at the present mean.
+        let blocks = state.layout.features();
+        let blocks = blocks.filter(|b| !self.carries() || self.gauge.follows(b.id));
+        let mut ids: Vec<u64> = blocks.filter(|b| has_converged(b)).map(|b| b.id).collect();
+        if ids.is_empty() {
+            return;
+        }
+        ids.sort_unstable();
+        if let Some(far) = &mut self.far {
+            far.fetch_twins(&mut self.state, |id| ids.binary_search(&id).is_ok());
+        }
+        self.state.shrink(&ids);
     }
 
     pub(crate) fn feature_block(&self, id: u64) -> Result<Block, EkfError> {
         match self.state.layout.find(id) {
-            Some(block) if block.kind == BlockKind::Feature => Ok(*block),
+            Some(block) if block.kind.is_feature() => Ok(*block),
             _ => Err(EkfError::UnknownFeature { id }),
         }
     }

@@ -4,8 +4,8 @@ use crate::errors::{bad_shape, to_python};
 use ekf_core::EkfError;
 use ekf_core::math::pose::Pose;
 use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, Vector2, Vector3};
-use numpy::ndarray::{Dimension, Ix1, Ix2, Ix3};
-use numpy::{Element, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray};
+use numpy::ndarray::{Array2, Array3, Dimension, Ix1, Ix2, Ix3};
+use numpy::{Element, PyArray1, PyArray2, PyArray3, PyReadonlyArray};
 use pyo3::prelude::*;
 
 /// An argument before its type and shape are checked.
@@ -78,6 +78,10 @@ pub(crate) fn rows<const K: usize>(
     let view = array.as_array();
     if view.ncols() != K {
         return Err(bad_shape(what, &expected, view.shape()));
+    }
+    if let Some(numbers) = view.as_slice() {
+        let (rows, _) = numbers.as_chunks::<K>();
+        return Ok(rows.iter().map(|row| SMatrix::from(*row)).collect());
     }
     Ok(view
         .rows()
@@ -195,9 +199,8 @@ pub(crate) fn to_matrix<'py, const R: usize, const C: usize>(
     py: Python<'py>,
     m: &SMatrix<f64, R, C>,
 ) -> Bound<'py, PyArray2<f64>> {
-    stacked(py, std::iter::once(*m), 1)
-        .reshape([R, C])
-        .expect("R * C entries")
+    let flat = by_row(std::iter::once(*m), 1);
+    PyArray2::from_owned_array(py, Array2::from_shape_vec([R, C], flat).expect("R * C"))
 }
 
 /// `(N, R, C)` from fixed-size matrices.
@@ -206,14 +209,21 @@ pub(crate) fn stacked<const R: usize, const C: usize>(
     matrices: impl Iterator<Item = SMatrix<f64, R, C>>,
     n: usize,
 ) -> Bound<'_, PyArray3<f64>> {
+    let flat = by_row(matrices, n);
+    let array = Array3::from_shape_vec([n, R, C], flat).expect("n * R * C entries");
+    PyArray3::from_owned_array(py, array)
+}
+
+/// The entries of matrices, row by row as numpy has them.
+fn by_row<const R: usize, const C: usize>(
+    matrices: impl Iterator<Item = SMatrix<f64, R, C>>,
+    n: usize,
+) -> Vec<f64> {
     let mut flat = Vec::with_capacity(n * R * C);
     for m in matrices {
-        // Numpy goes row by row.
         flat.extend_from_slice(m.transpose().as_slice());
     }
-    PyArray1::from_vec(py, flat)
-        .reshape([n, R, C])
-        .expect("n * R * C entries")
+    flat
 }
 
 /// `(N, K)` from fixed-size vectors.
@@ -222,7 +232,8 @@ pub(crate) fn vectors<const K: usize>(
     rows: impl Iterator<Item = SMatrix<f64, K, 1>>,
     n: usize,
 ) -> Bound<'_, PyArray2<f64>> {
-    stacked(py, rows, n).reshape([n, K]).expect("n * K entries")
+    let array = Array2::from_shape_vec([n, K], by_row(rows, n)).expect("n * K entries");
+    PyArray2::from_owned_array(py, array)
 }
 
 /// `T` as 4x4.

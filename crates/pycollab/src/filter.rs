@@ -8,8 +8,11 @@ use crate::convert::{
 use crate::errors::to_python;
 use crate::settings;
 use ekf_core::frame::{Bearing, DepthObservation, Measurements, WornObservation, WornPair};
-use ekf_core::{CandidateOutcome, EkfError, Filter, KnownMap, Outcome, UpdateReport};
+use ekf_core::{
+    CandidateOutcome, EkfError, Filter, KnownMap, Outcome, PredictedFeature, UpdateReport,
+};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
@@ -245,7 +248,7 @@ impl PyFilter {
         let blocks = py.detach(|| self.0.state()).layout().blocks();
         blocks
             .iter()
-            .map(|b| (b.id, format!("{:?}", b.kind), b.offset, b.kind.dim()))
+            .map(|b| (b.id, b.kind.name().into(), b.offset, b.kind.dim()))
             .collect()
     }
 
@@ -310,15 +313,17 @@ impl PyFilter {
         let seen = py.detach(|| self.0.predict_pixels());
         let n = seen.len();
         let out = PyDict::new(py);
-        out.set_item("ids", to_ids(py, seen.iter().map(|f| Some(f.id))))?;
-        out.set_item("uv", vectors(py, seen.iter().map(|f| f.uv), n))?;
-        out.set_item("s", stacked(py, seen.iter().map(|f| f.s), n))?;
-        out.set_item("points", vectors(py, seen.iter().map(|f| f.point), n))?;
-        out.set_item("rho", PyArray1::from_iter(py, seen.iter().map(|f| f.rho)))?;
-        out.set_item(
-            "rho_sd",
-            PyArray1::from_iter(py, seen.iter().map(|f| f.rho_sd)),
-        )?;
+        let ids = to_ids(py, seen.iter().map(|f| Some(f.id)));
+        let numbers = |of: fn(&PredictedFeature) -> f64| {
+            PyArray1::from_vec(py, seen.iter().map(of).collect())
+        };
+        let points = vectors(py, seen.iter().map(|f| f.point), n);
+        out.set_item(intern!(py, "ids"), ids)?;
+        out.set_item(intern!(py, "uv"), vectors(py, seen.iter().map(|f| f.uv), n))?;
+        out.set_item(intern!(py, "s"), stacked(py, seen.iter().map(|f| f.s), n))?;
+        out.set_item(intern!(py, "points"), points)?;
+        out.set_item(intern!(py, "rho"), numbers(|f| f.rho))?;
+        out.set_item(intern!(py, "rho_sd"), numbers(|f| f.rho_sd))?;
         Ok(out)
     }
 

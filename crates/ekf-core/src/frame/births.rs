@@ -121,7 +121,7 @@ impl Filter {
             if report.pairs[i] != Outcome::Born(id) {
                 gone.push(id);
             } else if let Ok(block) = self.feature_block(id) {
-                let rho = self.state.feature(&block).rho();
+                let rho = self.state.feature(&block).scale();
                 let variance = self.state.p.get(block.offset + 5, block.offset + 5);
                 if rho <= 0.0 || variance.max(0.0).sqrt() > largest * rho {
                     gone.push(id);

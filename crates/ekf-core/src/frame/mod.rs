@@ -515,7 +515,7 @@ impl Filter {
             for outcome in born {
                 *outcome = Outcome::TooUncertain;
             }
-            self.state.remove(|b| b.kind == BlockKind::Feature);
+            self.state.remove(|b| b.kind.is_feature());
             self.records.clear();
         }
     }

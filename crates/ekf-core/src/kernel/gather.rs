@@ -1,4 +1,4 @@
-//! `P H^T` from the stored triangle of `P`: each row of `H` touches 13 or 19 columns.
+//! `P H^T` from the stored triangle of `P`: each row of `H` touches 10 to 19 columns.
 
 use super::{HEIGHT, Kernel, Panels, Stored, dispatch};
 use crate::batch::Unit;
@@ -36,9 +36,12 @@ impl Kernel for Fill<'_> {
             let mut worn_at = None;
             let mut column = 0;
             for unit in units {
-                let (anchor, own) = feature.split_at_mut(3 * HEIGHT);
-                gather::<3>(p, row, p.slots[unit.feature], anchor);
-                gather::<3>(p, row, p.slots[unit.feature + 3], own);
+                let (first, own) = feature.split_at_mut(3 * HEIGHT);
+                let (first_at, own_at) = unit.slots(p.slots);
+                gather::<3>(p, row, first_at, first);
+                if let Some(own_at) = own_at {
+                    gather::<3>(p, row, own_at, own);
+                }
                 if unit.worn.is_some() && unit.worn != worn_at {
                     gather::<6>(p, row, p.slots[unit.worn.unwrap_or(0)], worn);
                     worn_at = unit.worn;
@@ -86,8 +89,7 @@ fn combine<S: Simd, const C: usize, const R: usize>(
         rows.by_pose.as_slice(),
         first,
     );
-    let by_feature = rows.by_feature.as_slice();
-    add::<S, C, R>(simd, &mut sums, columns.feature, by_feature, first);
+    add::<S, C, R>(simd, &mut sums, columns.feature, rows.by_numbers(), first);
     if let (Some(by_worn), Some(_)) = (&rows.by_worn, unit.worn) {
         add::<S, C, R>(simd, &mut sums, columns.worn, by_worn.as_slice(), first);
     }

@@ -4,7 +4,7 @@ use super::panels::{Panels, Stored};
 use super::symmetric::{Downdate, Product, Times};
 use super::{Dispatch, HEIGHT, Kernel, dot, gather, solve, transform};
 use crate::batch::Unit;
-use crate::observe::Rows;
+use crate::observe::{Form, Rows};
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector3};
 use pulp::{Arch, Scalar, WithSimd};
 
@@ -213,11 +213,12 @@ fn fill_is_p_times_h() {
         let n = 67;
         let p = symmetric(n);
         let (data, slots): (Vec<f64>, Vec<usize>) = (lower(&p, n), (0..n).collect());
-        let unit = |count: usize, feature: usize, worn: Option<usize>| Unit {
+        let unit = |count: usize, feature: usize, form: Form, worn: Option<usize>| Unit {
             rows: Rows {
                 innovation: Vector3::zeros(),
                 by_pose: SMatrix::from_fn(|i, j| wave(i + feature, j)),
                 by_feature: SMatrix::from_fn(|i, j| wave(i + feature, j + 20)),
+                form,
                 by_worn: worn.map(|_| SMatrix::from_fn(|i, j| wave(i + feature, j + 60))),
                 noise: Matrix3::identity(),
                 count,
@@ -227,12 +228,14 @@ fn fill_is_p_times_h() {
             worn,
         };
         let units = [
-            unit(2, 13, None),
-            unit(3, 31, Some(61)),
-            unit(2, 55, Some(61)),
+            unit(2, 13, Form::InverseDepth, None),
+            unit(3, 31, Form::InverseDepth, Some(61)),
+            unit(2, 55, Form::InverseDepth, Some(61)),
+            unit(3, 19, Form::Point, None),
+            unit(2, 64, Form::Point, None),
         ];
         let mut out = Panels::default();
-        out.reshape(n, 7);
+        out.reshape(n, 12);
         let stored = Stored {
             data: &data,
             ld: n,
@@ -252,8 +255,10 @@ fn fill_is_p_times_h() {
                 for c in 0..7 {
                     h[c] = unit.rows.by_pose[(r, c)];
                 }
-                for c in 0..6 {
+                for c in 0..unit.rows.form.dim() {
                     h[unit.feature + c] = unit.rows.by_feature[(r, c)];
+                }
+                for c in 0..6 {
                     if let (Some(by_worn), Some(at)) = (&unit.rows.by_worn, unit.worn) {
                         h[at + c] = by_worn[(r, c)];
                     }

@@ -3,7 +3,7 @@
 use super::{Duals, Far, Outside};
 use crate::error::EkfError;
 use crate::snapshot::bad;
-use crate::state::{BlockKind, State, StateImage};
+use crate::state::{State, StateImage};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -68,7 +68,7 @@ impl Far {
             let block = then.layout.find(id).copied().ok_or_else(wrong)?;
             let has_columns = block.range().all(|i| column[then.p.slot(i)].is_some());
             let in_order = outside.last().is_none_or(|before| before.block.id < id);
-            if block.kind != BlockKind::Feature || !has_columns || !in_order {
+            if !block.kind.is_feature() || !has_columns || !in_order {
                 return Err(wrong());
             }
             let lately = Vector3::from(lately);

@@ -28,11 +28,11 @@ mod settle;
 pub(crate) use image::FarImage;
 
 use crate::kernel::{LINE, dot};
-use crate::observe::point::FeatureState;
+use crate::observe::{FeatureState, Form};
 use crate::state::{Block, BlockKind, Covariance, State};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
-use nalgebra::{SMatrix, Vector3, Vector6};
+use nalgebra::{SMatrix, Vector3};
 
 /// What is outside of the working set.
 #[derive(Clone, Debug)]
@@ -61,6 +61,12 @@ struct Outside {
     block: Block,
     /// Its point when all means were worked out last: good enough to tell whether it may be in view.
     lately: Vector3<f64>,
+}
+
+/// Features with an anchor. What has one now had it when the working set was chosen.
+fn anchored(near: &State) -> impl Iterator<Item = &Block> {
+    let inverse_depth = BlockKind::Feature(Form::InverseDepth);
+    near.layout.of_kind(inverse_depth)
 }
 
 /// Point of a feature; one with `rho <= 0` is in view of nobody.
@@ -96,7 +102,7 @@ impl Duals {
 impl Far {
     /// Takes the features for which `is_near` holds, and all that is no feature, out of a whole state as working state.
     pub(crate) fn split(whole: State, is_near: impl Fn(&Block) -> bool) -> (State, Self) {
-        let stays = |b: &Block| b.kind != BlockKind::Feature || is_near(b);
+        let stays = |b: &Block| !b.kind.is_feature() || is_near(b);
         let n = whole.p.stored().n;
         let near = settle::working_state(&whole, stays);
         let outside = whole.layout.blocks().iter().filter(|b| !stays(b));
@@ -156,15 +162,19 @@ impl Far {
             .is_ok()
     }
 
-    /// Deletes features outside, and brings in those that share an anchor with one inside that is about to be deleted:
-    /// the row of that anchor is kept inside.
+    /// Deletes features outside, and brings in the twins of those inside that are about to be deleted.
     pub(crate) fn remove(&mut self, near: &mut State, gone: impl Fn(u64) -> bool) {
-        let slot = |block: &Block| self.then.p.slot(block.offset);
-        let blocks = near.layout.of_kind(BlockKind::Feature);
-        let before = blocks.filter(|b| gone(b.id)).map(|b| b.id);
-        let before = before.filter_map(|id| self.then.layout.find(id));
-        let anchors: Vec<usize> = before.map(slot).collect();
         self.outside.retain(|o| !gone(o.block.id));
+        self.fetch_twins(near, gone);
+    }
+
+    /// Brings in features that share an anchor with one inside that is about to lose it: the row of that anchor is kept
+    /// inside.
+    pub(crate) fn fetch_twins(&mut self, near: &mut State, loses: impl Fn(u64) -> bool) {
+        let slot = |block: &Block| self.then.p.slot(block.offset);
+        let before = anchored(near).filter(|b| loses(b.id));
+        let before = before.filter_map(|b| self.then.layout.find(b.id));
+        let anchors: Vec<usize> = before.map(slot).collect();
         let twins = self.outside.iter().map(|o| &o.block);
         let twins = twins.filter(|b| anchors.contains(&self.then.p.slot(b.offset)));
         let twins: Vec<u64> = twins.map(|b| b.id).collect();
@@ -196,7 +206,7 @@ impl Far {
         some.map(move |o| {
             let mut mean = self.mean(&o.block, &theta);
             if let Some(mate) = self.mate(&mates, &o.block) {
-                mean.0.as_mut_slice()[..3].copy_from_slice(&near.x[mate..mate + 3]);
+                mean.numbers_mut()[..3].copy_from_slice(&near.x[mate..mate + 3]);
             }
             (o.block, mean)
         })
@@ -204,7 +214,7 @@ impl Far {
 
     /// Whether the working state has grown so much that writing the whole state pays.
     pub(crate) fn is_full(&self, near: &State) -> bool {
-        near.p.stored().n > 3 * self.first + 64
+        2 * near.p.stored().n > 5 * self.first + 128
     }
 
     fn column(&self, row: usize, duals: usize) -> &[f64] {
@@ -218,20 +228,23 @@ impl Far {
     }
 
     fn mean(&self, block: &Block, theta: &[f64]) -> FeatureState {
-        FeatureState(Vector6::from_fn(|k, _| {
-            let i = block.offset + k;
-            self.then.x[i] + dot(theta, self.column(self.then.p.slot(i), theta.len()))
-        }))
+        let mut mean = block.feature(&self.then.x);
+        for (value, i) in mean.numbers_mut().iter_mut().zip(block.range()) {
+            *value += dot(theta, self.column(self.then.p.slot(i), theta.len()));
+        }
+        mean
     }
 
-    /// Present covariance of a feature outside with the camera's pose, and of itself.
+    /// Present covariance of a feature outside with the camera's pose, and of itself; zeros where a point has no numbers.
     pub(crate) fn covariance(
         &self,
         near: &State,
         block: &Block,
     ) -> (SMatrix<f64, 7, 6>, SMatrix<f64, 6, 6>) {
         let duals = Duals::of(near).rows;
-        let rows: [usize; 6] = std::array::from_fn(|k| self.then.p.slot(block.offset + k));
+        let dim = block.kind.dim();
+        let row = |k: usize| self.then.p.slot(block.offset + k.min(dim - 1));
+        let rows: [usize; 6] = std::array::from_fn(row);
         let columns = rows.map(|row| self.column(row, duals.len()));
         // An anchor that a feature inside has as well is stored there.
         let mate = self.mate(&self.mates(near), block);
@@ -244,9 +257,9 @@ impl Far {
             along.map(|(&d, r)| near.p.stored_entry(i, d) * r).sum()
         };
         let mut own = SMatrix::<f64, 6, 6>::zeros();
-        for c in 0..6 {
+        for c in 0..dim {
             let column: Vec<f64> = duals.iter().map(|&d| with(d, c)).collect();
-            for i in 0..6 {
+            for i in 0..dim {
                 own[(i, c)] = match (inside(i), inside(c)) {
                     (Some(slot), _) => with(slot, c),
                     (None, Some(slot)) => with(slot, i),
@@ -256,15 +269,15 @@ impl Far {
                 };
             }
         }
-        (SMatrix::from_fn(with), (own + own.transpose()) * 0.5)
+        let cross = SMatrix::from_fn(|i, c| if c < dim { with(i, c) } else { 0.0 });
+        (cross, (own + own.transpose()) * 0.5)
     }
 
     /// Where P holds the gauge's direction for a feature outside.
-    fn reference(&self, near: &State, mate: Option<usize>, block: &Block) -> Vector6<f64> {
-        let mut reference = Vector6::from_column_slice(&self.then.reference[block.range()]);
+    fn reference(&self, near: &State, mate: Option<usize>, block: &Block) -> Vec<f64> {
+        let mut reference = self.then.reference[block.range()].to_vec();
         if let Some(mate) = mate {
-            let anchor = &near.reference[mate..mate + 3];
-            reference.as_mut_slice()[..3].copy_from_slice(anchor);
+            reference[..3].copy_from_slice(&near.reference[mate..mate + 3]);
         }
         reference
     }
@@ -279,14 +292,14 @@ impl Far {
         self.outside.retain(|o| !wanted(o.block.id));
         let duals = Duals::of(near);
         let (depth, n, theta) = (duals.rows.len(), near.p.stored().n, duals.theta(near));
-        // Rows of `then` that enter, and where each feature's six rows will be stored.
+        // Rows of `then` that enter, and where each feature's rows will be stored.
         let mut rows: Vec<usize> = Vec::new();
         let mut means: Vec<f64> = Vec::new();
-        let mut slots: Vec<[usize; 6]> = Vec::new();
+        let mut slots: Vec<Vec<usize>> = Vec::new();
         let mates = self.mates(near);
         for block in &entering {
             let mate = self.mate(&mates, block);
-            let mut own = [0; 6];
+            let mut own = vec![0; block.kind.dim()];
             for (k, slot) in own.iter_mut().enumerate() {
                 let row = self.then.p.slot(block.offset + k);
                 *slot = match (mate, rows.iter().position(|&r| r == row)) {
@@ -348,13 +361,13 @@ impl Far {
         near.p.append_stored(&with_near, own, width);
         for (block, slots) in entering.iter().zip(&slots) {
             let mate = self.mate(&mates, block);
-            let mean = Vector6::from_fn(|k, _| match (slots[k].checked_sub(n), mate) {
+            let value = |(k, slot): (usize, &usize)| match (slot.checked_sub(n), mate) {
                 (Some(at), _) => means[at],
                 (None, mate) => near.x[mate.expect("its slot is there") + k],
-            });
+            };
+            let mean: Vec<f64> = slots.iter().enumerate().map(value).collect();
             let reference = self.reference(near, mate, block);
-            let values = (mean.as_slice(), reference.as_slice());
-            near.insert(BlockKind::Feature, block.id, slots, values);
+            near.insert(block.kind, block.id, slots, (&mean, &reference));
         }
         let slots: Vec<usize> = (n + width..n + 2 * width).collect();
         let zeros = vec![0.0; width];
@@ -363,8 +376,7 @@ impl Far {
 
     /// Anchors of the working state that features outside may have as well: row stored in `then`, and offset of a feature.
     fn mates(&self, near: &State) -> Vec<(usize, usize)> {
-        let features = near.layout.of_kind(BlockKind::Feature);
-        let mates = features.filter_map(|b| {
+        let mates = anchored(near).filter_map(|b| {
             let before = self.then.layout.find(b.id)?;
             Some((self.then.p.slot(before.offset), b.offset))
         });

@@ -60,7 +60,7 @@ impl Far {
         let mates = self.mates(near);
         for block in self.outside.iter().map(|o| &o.block) {
             let mate = self.mate(&mates, block);
-            for k in 0..6 {
+            for k in 0..block.kind.dim() {
                 let row = self.then.p.slot(block.offset + k);
                 if place_far[row].is_none() {
                     place_far[row] = Some(match mate {
@@ -153,8 +153,8 @@ impl Far {
             let place = |i: usize| place_far[self.then.p.slot(i)].expect("placed above");
             let slots = block.range().map(place).collect();
             let mate = self.mate(&mates, &block);
-            let reference = self.reference(near, mate, &block).as_slice().to_vec();
-            let mean = mean.0.as_slice().to_vec();
+            let reference = self.reference(near, mate, &block);
+            let mean = mean.numbers().to_vec();
             blocks.push((block.id, block.kind, slots, mean, reference));
         }
         blocks.sort_by_key(|(id, ..)| *id);

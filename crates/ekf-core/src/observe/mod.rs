@@ -1,7 +1,9 @@
 //! Observation models: what a feature looks like from the estimated camera, with analytic derivatives.
 
+pub mod feature;
 pub mod point;
 pub mod rows;
 
-pub use point::{FeatureState, PointInCamera};
+pub use feature::{FeatureState, Form};
+pub use point::PointInCamera;
 pub use rows::{Rows, WornView};

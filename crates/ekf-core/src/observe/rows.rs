@@ -1,9 +1,10 @@
 //! Rows of grad H for one measurement: 2 for a pixel, 3 for a point with depth (METHOD 4, 6, 7).
 //!
-//! A row touches the camera's pose (7 columns), one feature (6) and, for what came through the worn camera, the
+//! A row touches the camera's pose (7 columns), one feature (6, or 3 if it is a point) and, for what came through the worn camera, the
 //! frame's error of T_CF (6). Nothing else: that is the sparsity the update lives on.
 
-use super::point::{CameraPose, FeatureState, PointInCamera};
+use super::feature::{FeatureState, Form};
+use super::point::{CameraPose, PointInCamera};
 use crate::camera::Camera;
 use crate::math::{pose::Pose, quat};
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3, Vector6};
@@ -19,8 +20,10 @@ pub struct Rows {
     pub noise: Matrix3<f64>,
     /// Derivative of the prediction with respect to `[r q]`.
     pub by_pose: SMatrix<f64, 3, 7>,
-    /// ... the feature.
+    /// ... the feature, as [`FeatureState`] says: of its six columns as many as it has numbers.
     pub by_feature: SMatrix<f64, 3, 6>,
+    /// What the feature is.
+    pub form: Form,
     /// ... the error of this frame's T_CF, where it matters.
     pub by_worn: Option<SMatrix<f64, 3, 6>>,
 }
@@ -37,7 +40,13 @@ pub struct WornView<'a> {
 }
 
 impl Rows {
+    /// The columns of [`Self::by_feature`] that there are, three numbers each.
+    pub(crate) fn by_numbers(&self) -> &[f64] {
+        &self.by_feature.as_slice()[..3 * self.form.dim()]
+    }
+
     fn pixel(
+        form: Form,
         predicted: Vector2<f64>,
         measured: &Vector2<f64>,
         sigma: f64,
@@ -50,6 +59,7 @@ impl Rows {
             noise: Matrix3::from_diagonal(&Vector3::new(sigma * sigma, sigma * sigma, 1.0)),
             by_pose: SMatrix::zeros(),
             by_feature: SMatrix::zeros(),
+            form,
             by_worn: None,
         };
         rows.innovation
@@ -74,7 +84,8 @@ impl Rows {
     ) -> Option<Self> {
         let h = visible_direction(pose, feature)?;
         let (predicted, j) = camera.project_jac(&h.value)?;
-        Some(Self::pixel(predicted, measured, sigma_px, &j, &h))
+        let form = feature.form();
+        Some(Self::pixel(form, predicted, measured, sigma_px, &j, &h))
     }
 
     /// A 3D point in C (Eq. 5, no projection), metres. `by_error` is the derivative of the measured point with
@@ -95,6 +106,7 @@ impl Rows {
             noise: *noise,
             by_pose: h.by_pose,
             by_feature: h.by_feature,
+            form: feature.form(),
             by_worn: worn.map(|(_, j)| -j),
         })
     }
@@ -110,24 +122,22 @@ impl Rows {
         let h = visible_direction(pose, feature)?;
         let t_cf = worn.measured.retract(&worn.error);
         let r_fc = t_cf.rotation.transpose();
-        let value = r_fc * (h.value - t_cf.translation * feature.rho());
+        let value = r_fc * (h.value - t_cf.translation * feature.scale());
         let (predicted, j) = worn.camera.project_jac(&value)?;
-        let mut in_f = PointInCamera {
+        let in_f = PointInCamera {
             value,
             by_pose: r_fc * h.by_pose,
-            by_feature: r_fc * h.by_feature,
+            by_feature: r_fc * h.by_feature - r_fc * t_cf.translation * feature.scale_jacobian(),
         };
-        let by_rho = in_f.by_feature.column(5) - r_fc * t_cf.translation;
-        in_f.by_feature.set_column(5, &by_rho);
         let mut by_error = SMatrix::<f64, 3, 6>::zeros();
         by_error
             .fixed_view_mut::<3, 3>(0, 0)
-            .copy_from(&(r_fc * worn.measured.rotation * -feature.rho()));
+            .copy_from(&(r_fc * worn.measured.rotation * -feature.scale()));
         let turn = worn.error.fixed_rows::<3>(3).into_owned();
         by_error
             .fixed_view_mut::<3, 3>(0, 3)
             .copy_from(&(quat::skew(&value) * quat::right_jacobian(&turn)));
-        let mut rows = Self::pixel(predicted, measured, sigma_px, &j, &in_f);
+        let mut rows = Self::pixel(feature.form(), predicted, measured, sigma_px, &j, &in_f);
         let mut by_worn = SMatrix::<f64, 3, 6>::zeros();
         by_worn.fixed_rows_mut::<2>(0).copy_from(&(j * by_error));
         rows.by_worn = Some(by_worn);
@@ -137,5 +147,5 @@ impl Rows {
 
 /// Direction of the feature from Cs; `None` with `rho <= 0` (METHOD 4: such a feature predicts nothing).
 fn visible_direction(pose: &CameraPose, feature: &FeatureState) -> Option<PointInCamera> {
-    (feature.rho() > 0.0).then(|| PointInCamera::scaled(pose, feature))
+    (feature.scale() > 0.0).then(|| PointInCamera::scaled(pose, feature))
 }

@@ -200,7 +200,7 @@ fn records_of(
     far: Option<&Far>,
 ) -> Result<BTreeMap<u64, FeatureRecord>, EkfError> {
     let outside: BTreeSet<u64> = far.iter().flat_map(|far| far.ids()).collect();
-    let inside: BTreeSet<u64> = layout.of_kind(BlockKind::Feature).map(|b| b.id).collect();
+    let inside: BTreeSet<u64> = layout.features().map(|b| b.id).collect();
     let count = records.len();
     let sane = records.iter().all(|(_, r)| r.last_found.is_finite());
     let records: BTreeMap<u64, FeatureRecord> = records.into_iter().collect();

@@ -2,6 +2,7 @@
 
 use super::{Block, BlockKind, CAMERA_DIM, Covariance, Layout, State};
 use crate::error::EkfError;
+use crate::observe::Form;
 use crate::snapshot::bad;
 use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
@@ -110,7 +111,7 @@ impl State {
     fn check_newborn(&self) -> Result<(), EkfError> {
         let block = self.newborn.and_then(|id| self.layout.find(id));
         let at_camera = |b: &Block| self.x[b.offset..b.offset + 3] == self.x[..3];
-        if block.is_none_or(|b| b.kind == BlockKind::Feature && at_camera(b)) {
+        if block.is_none_or(|b| b.kind == BlockKind::Feature(Form::InverseDepth) && at_camera(b)) {
             return Ok(());
         }
         Err(bad("a feature that was just born is elsewhere"))
@@ -137,8 +138,13 @@ fn stored_rows(slots: &[usize], entries: usize) -> Result<usize, EkfError> {
 fn in_order(kind: BlockKind, slots: &[usize]) -> bool {
     let side_by_side = |s: &[usize]| s.windows(2).all(|w| w[1] == w[0] + 1);
     match kind {
-        BlockKind::Feature => side_by_side(&slots[..3]) && side_by_side(&slots[3..]),
+        BlockKind::Feature(Form::InverseDepth) => {
+            side_by_side(&slots[..3]) && side_by_side(&slots[3..])
+        }
         BlockKind::Dual(_) => true,
-        BlockKind::Clone | BlockKind::WornBias | BlockKind::WornError => side_by_side(slots),
+        BlockKind::Feature(Form::Point)
+        | BlockKind::Clone
+        | BlockKind::WornBias
+        | BlockKind::WornError => side_by_side(slots),
     }
 }

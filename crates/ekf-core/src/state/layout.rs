@@ -1,5 +1,6 @@
 //! The only owner of offsets: which block of the state lives where.
 
+use crate::observe::{FeatureState, Form};
 use serde::{Deserialize, Serialize};
 
 /// Dimension of the camera's block `[r(3) q(4) v(3) w(3)]` (METHOD 2).
@@ -10,8 +11,8 @@ pub const POSE_DIM: usize = 7;
 /// What a block of the state is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum BlockKind {
-    /// A landmark in inverse depth, 6 numbers.
-    Feature,
+    /// A landmark: in inverse depth, 6 numbers, or as a point, 3.
+    Feature(Form),
     /// A camera pose kept for the exact delayed birth, `[r(3) q(4)]`.
     Clone,
     /// The slowly varying error of the worn camera's pose, tangent of T_CF, 6 numbers.
@@ -28,7 +29,24 @@ impl BlockKind {
         match self {
             Self::Clone => POSE_DIM,
             Self::Dual(rows) => rows,
-            Self::Feature | Self::WornBias | Self::WornError => 6,
+            Self::Feature(form) => form.dim(),
+            Self::WornBias | Self::WornError => 6,
+        }
+    }
+
+    /// Whether it is a landmark.
+    pub const fn is_feature(self) -> bool {
+        matches!(self, Self::Feature(_))
+    }
+
+    /// Its name, whatever its form.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Feature(_) => "Feature",
+            Self::Clone => "Clone",
+            Self::WornBias => "WornBias",
+            Self::WornError => "WornError",
+            Self::Dual(_) => "Dual",
         }
     }
 }
@@ -48,6 +66,22 @@ impl Block {
     /// State indices of the block.
     pub fn range(&self) -> std::ops::Range<usize> {
         self.offset..self.offset + self.kind.dim()
+    }
+
+    /// The landmark that it is, with the numbers of a mean.
+    ///
+    /// # Panics
+    /// If it is none.
+    pub fn feature(&self, mean: &[f64]) -> FeatureState {
+        FeatureState::from_slice(self.form(), &mean[self.range()])
+    }
+
+    /// Form of the landmark that it is.
+    pub(crate) fn form(&self) -> Form {
+        let BlockKind::Feature(form) = self.kind else {
+            panic!("block {} is no landmark", self.id)
+        };
+        form
     }
 }
 
@@ -74,6 +108,11 @@ impl Layout {
     /// The blocks of one kind, in state order.
     pub fn of_kind(&self, kind: BlockKind) -> impl Iterator<Item = &Block> {
         self.blocks.iter().filter(move |b| b.kind == kind)
+    }
+
+    /// The landmarks, in state order.
+    pub fn features(&self) -> impl Iterator<Item = &Block> {
+        self.blocks.iter().filter(|b| b.kind.is_feature())
     }
 
     /// The block with this id.
@@ -128,6 +167,20 @@ impl Layout {
     /// Removes the blocks for which `gone` holds and closes the gaps.
     pub(crate) fn remove(&mut self, gone: impl Fn(&Block) -> bool) {
         self.blocks.retain(|b| !gone(b));
+        self.close_gaps();
+    }
+
+    /// Makes points of the features in inverse depth with these ids, increasing, and closes the gaps.
+    pub(crate) fn shrink(&mut self, ids: &[u64]) {
+        for block in &mut self.blocks {
+            if block.kind.is_feature() && ids.binary_search(&block.id).is_ok() {
+                block.kind = BlockKind::Feature(Form::Point);
+            }
+        }
+        self.close_gaps();
+    }
+
+    fn close_gaps(&mut self) {
         let mut offset = CAMERA_DIM;
         for b in &mut self.blocks {
             b.offset = offset;
