@@ -250,6 +250,7 @@ impl Life {
             }
         }
         WornObservation {
+            bias: None,
             t_cf,
             covariance,
             pairs,

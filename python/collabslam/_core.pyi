@@ -176,6 +176,7 @@ class Filter:
         uv: ArrayLike,
         *,
         worn: _Worn | None = None,
+        worn_bias: ArrayLike | None = None,
         depths: _Depths | None = None,
         least: int = 0,
     ) -> UpdateReport: ...

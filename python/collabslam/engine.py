@@ -260,6 +260,7 @@ class Slam:
             found.ids,
             found.uv,
             worn=overlap.observation,
+            worn_bias=overlap.bias,
             depths=depths.observation,
             least=self._monitor.least(len(found.searched)),
         )

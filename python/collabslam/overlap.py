@@ -62,6 +62,11 @@ class Overlap:
             return None
         return self.worn.t_cf, self.worn.covariance, self.ids, self.uv, self.uv_f
 
+    @property
+    def bias(self) -> Array | None:
+        """The argument ``worn_bias`` of :meth:`Filter.update`."""
+        return None if self.worn is None else self.worn.bias
+
     def births(self, report: UpdateReport) -> tuple[Ids, Ids]:
         """Features born from pairs, and the candidates among them."""
         if self.worn is None:
@@ -112,6 +117,18 @@ def _correction(worn: WornView, matches: WornMatches) -> tuple[Array, float]:
     return xi, float(np.sqrt(xi @ np.linalg.solve(worn.covariance, xi) / 6.0))
 
 
+def _check_bias(bias: Array, covariance: Array) -> None:
+    """Raises InputError if it is no part of the covariance."""
+    if bias.shape != (6, 6) or not np.isfinite(bias).all() or not np.allclose(bias, bias.T, 1e-9, 0.0):
+        raise InputError("the bias of T_CF must be a finite symmetric (6, 6) matrix.")
+    least = -1e-12 * float(np.trace(covariance))
+    if min(np.linalg.eigvalsh(part)[0] for part in (bias, covariance - bias)) < least:
+        raise InputError(
+            "the bias of T_CF is no part of its covariance: what it leaves has a negative variance; give a "
+            "smaller bias or a larger covariance."
+        )
+
+
 class WornLook:
     """Decides whether Cf helps in a frame, and matches it to Cs."""
 
@@ -152,6 +169,8 @@ class WornLook:
             raise InputError(
                 "the covariance of T_CF is singular; give every direction a standard deviation."
             ) from error
+        if worn.bias is not None:
+            _check_bias(np.asarray(worn.bias), worn.covariance)
 
     def match(self, image: Image, worn: WornView | None, found: Found, missing: int) -> Overlap:
         """Pairs of this frame; known features first, then as many new points as the view is missing."""

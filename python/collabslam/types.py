@@ -41,11 +41,15 @@ class WornView:
         Measured pose of Cf relative to Cs at the same instant: maps points of F into C, metres.
     covariance : (6, 6) float64
         Of ``t_cf`` over (translation, rotation), tangent on the right, m^2 and rad^2.
+    bias : (6, 6) float64 or None
+        The part of ``covariance`` that lasts from frame to frame (METHOD section 6), with the time constant
+        ``worn.bias_time``; None if that is not known: then it is the share ``worn.bias_share``.
     """
 
     image: Image
     t_cf: Array
     covariance: Array
+    bias: Array | None = None
 
 
 @dataclass(frozen=True)

@@ -134,12 +134,14 @@ def test_the_sensors_give_the_pose_that_they_claim(world: WorldRecording) -> Non
 def test_poses_and_settings_come_from_the_sensors(world: WorldRecording) -> None:
     recording, changes = sensed(world, world, 0)
     estimates = estimated_poses(world, readings_of(world, 0))
-    assert 0.0 < changes["filter.worn.bias_share"] < 1.0
+    assert changes == {"filter.worn.bias_time": 60.0}
     last = len(world) - 1
     view = recording.frame(last).worn
     assert (view is None) == (estimates[last].t_cf is None)
     if view is not None:
         assert np.array_equal(view.t_cf, estimates[last].t_cf)
+        assert view.bias is not None
+        assert np.array_equal(view.bias, estimates[last].bias)
 
 
 def test_a_variant_changes_one_thing() -> None:

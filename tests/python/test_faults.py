@@ -164,6 +164,20 @@ def test_a_singular_covariance_of_t_cf_is_refused_before_anything_changes(walk: 
         assert state_of(slam) == before
 
 
+def test_a_bias_that_is_no_part_of_the_covariance_is_refused_before_anything_changes(walk: Recording) -> None:
+    slam = slam_on(walk)
+    play(slam, walk, 3)
+    before = state_of(slam)
+    frame = walk.frame(3)
+    assert frame.worn is not None
+    worn = frame.worn
+    for bias in (1.01 * worn.covariance, -worn.covariance, np.full((6, 6), np.nan), np.eye(5)):
+        with pytest.raises(InputError, match="bias"):
+            slam.step(frame.t, frame.image, WornView(worn.image, worn.t_cf, worn.covariance, bias))
+        assert state_of(slam) == before
+    slam.step(frame.t, frame.image, WornView(worn.image, worn.t_cf, worn.covariance, 0.5 * worn.covariance))
+
+
 def test_the_table_has_a_row_for_what_goes_on_and_for_what_stops(walk: Recording) -> None:
     faults = [BY_NAME["t-cf-gross"], BY_NAME["file-cut-off"]]
     rows = measure_faults([0], faults=faults, length_m=4.5)

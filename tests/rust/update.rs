@@ -34,6 +34,8 @@ pub(crate) struct Dense {
     pub(crate) x: DVector<f64>,
     pub(crate) p: DMatrix<f64>,
     worn: Option<usize>,
+    /// Where the worn camera's bias is, which is considered and not estimated.
+    bias: Option<usize>,
 }
 
 impl Dense {
@@ -42,14 +44,22 @@ impl Dense {
         let p = filter.state().covariance().to_dense();
         let n = x.len();
         let Some(worn) = worn else {
-            return Self { x, p, worn: None };
+            return Self {
+                x,
+                p,
+                worn: None,
+                bias: None,
+            };
         };
         // The frame's error is the bias, if there is one, plus white noise.
         let mut grow = DMatrix::<f64>::identity(n + 6, n);
         let bias = filter.state().layout().of_kind(BlockKind::WornBias).next();
         if let Some(bias) = bias {
             for i in 0..6 {
-                grow[(n + i, bias.offset + i)] = 1.0;
+                for k in 0..3 {
+                    let at = i / 3 * 3;
+                    grow[(n + i, bias.offset + at + k)] = worn.t_cf.rotation[(k, i - at)];
+                }
             }
         }
         let white = worn.covariance * (1.0 - filter.settings().worn.bias_share);
@@ -63,6 +73,7 @@ impl Dense {
             x: grow * x,
             p,
             worn: Some(n),
+            bias: bias.map(|b| b.offset),
         }
     }
 
@@ -104,8 +115,15 @@ impl Dense {
                 .cholesky()
                 .expect("S is positive definite")
                 .inverse();
+        let kept = self
+            .bias
+            .map(|b| self.p.fixed_view::<6, 6>(b, b).into_owned());
         self.x += &gain * g;
         self.p -= &gain * s * gain.transpose();
+        if let (Some(b), Some(kept)) = (self.bias, kept) {
+            self.x.fixed_rows_mut::<6>(b).fill(0.0);
+            self.p.fixed_view_mut::<6, 6>(b, b).copy_from(&kept);
+        }
     }
 
     /// The quaternions of the camera and the clones normalised, P through the Jacobian.
@@ -331,6 +349,35 @@ fn a_bias_of_the_worn_camera_agrees_with_a_dense_filter() {
         assert!(report.dof > 20);
         assert!(report.worn_error.norm() > 0.0);
     }
+}
+
+#[test]
+fn a_view_says_which_part_of_its_covariance_lasts() {
+    let bias = |scale: f64| {
+        let mut warm = with_clone(5, &[("estimator.mode", name("collab-tight"))]);
+        let mut z = measure(&mut warm, true);
+        let worn = z.worn.as_mut().expect("a worn view");
+        worn.bias = Some(worn.covariance * scale);
+        let expected = worn.t_cf.rotation * worn.covariance.fixed_view::<3, 3>(0, 0) * scale;
+        let expected = expected * worn.t_cf.rotation.transpose();
+        let result = warm.filter.update(&z);
+        let state = warm.filter.state();
+        let block = state.layout().of_kind(BlockKind::WornBias).next().copied();
+        (
+            result,
+            block.map(|b| state.covariance().block::<3, 3>(b.offset, b.offset) - expected),
+        )
+    };
+    let (result, off) = bias(0.7);
+    result.expect("good measurements");
+    // Along C's axes, and as large after the update as before it.
+    assert!(off.expect("a bias").abs().max() < 1e-15);
+    let (result, block) = bias(1.1);
+    assert!(matches!(
+        result,
+        Err(EkfError::InvalidInput { what: "bias", .. })
+    ));
+    assert!(block.is_none(), "nothing is changed");
 }
 
 fn bits(filter: &Filter) -> Vec<u64> {

@@ -383,6 +383,7 @@ impl Workspace {
             return;
         }
         state.camera_moved();
+        let bias = state.worn_bias();
         let (n, moved) = (state.p.stored().n, &self.moved);
         for (x, &slot) in state.x.iter_mut().zip(state.p.stored().slots) {
             *x += moved[slot];
@@ -390,6 +391,9 @@ impl Workspace {
         let change = gauge.map(|gauge| gauge.change(state, Some(&moved[n..])));
         state.p.downdate(&self.pht, change);
         state.p.round_up(&self.squares);
+        if let Some(bias) = bias {
+            state.keep_worn_bias(&bias);
+        }
     }
 
     /// Appends `C` to `y`.

@@ -71,7 +71,7 @@ pub(crate) fn predict(state: &mut State, dt: f64, process: &ProcessSettings, wor
     }
 }
 
-/// `b <- b exp(-dt/tau)`, its stationary covariance kept: what decays is replaced by fresh noise.
+/// `b <- b exp(-dt/tau)`, its mean being zero and its covariance the stationary one: what decays is replaced by fresh noise.
 fn decay_bias(state: &mut State, offset: usize, dt: f64, worn: &WornSettings) {
     let decay = (-dt / worn.bias_time).exp();
     let stationary = state.bias_stationary;
@@ -81,6 +81,4 @@ fn decay_bias(state: &mut State, offset: usize, dt: f64, worn: &WornSettings) {
     state
         .p
         .add_block(offset, &(stationary * (1.0 - decay * decay)));
-    let bias = state.part::<6>(offset) * decay;
-    state.set_part(offset, &bias);
 }

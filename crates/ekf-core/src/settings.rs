@@ -334,7 +334,8 @@ settings! {
         errors: WornErrors = WornErrors::Shared, "", None, None;
         /// Largest sd(range)/range with which a known feature is measured as a 3D point; a worse one gives its bearing.
         max_range_ratio: f64 = 0.2, "", Some(0.01), Some(10.0);
-        /// Share of T_CF's stated variance that is a slowly varying bias (Gauss-Markov) rather than white noise.
+        /// Share of T_CF's stated variance that is a slowly varying bias (Gauss-Markov, along the axes of Cs) rather than white
+        /// noise, where the worn view itself does not say which part of its covariance lasts.
         bias_share: f64 = 0.0, "", Some(0.0), Some(1.0);
         /// Time constant of that bias.
         bias_time: f64 = 10.0, "s", Some(0.01), Some(1e6);

@@ -341,6 +341,8 @@ impl PyFilter {
     /// worn : tuple, optional
     ///     ``(t_cf (4, 4), covariance (6, 6), ids (M,), uv (M, 2), uv_f (M, 2))``: the worn camera's measured pose
     ///     and matched pixels; id -1 is a new point.
+    /// worn_bias : (6, 6) float64, optional
+    ///     The part of that covariance that lasts from frame to frame; ``worn.bias_share`` of it if left out.
     /// depths : tuple, optional
     ///     ``(ids (K,), uv (K, 2), depth (K,), sigma (K,))``: depth along the optical axis from any other sensor,
     ///     metres; id -1 is a new point.
@@ -351,7 +353,7 @@ impl PyFilter {
     /// ------
     /// InputError
     ///     For wrong shapes, NaN, unknown ids, an impossible pose or covariance; the filter stays as it was.
-    #[pyo3(signature = (searched, ids, uv, *, worn = None, depths = None, least = 0))]
+    #[pyo3(signature = (searched, ids, uv, *, worn = None, worn_bias = None, depths = None, least = 0))]
     #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
     fn update(
         &mut self,
@@ -360,13 +362,16 @@ impl PyFilter {
         ids: Argument<'_>,
         uv: Argument<'_>,
         worn: Option<WornArgument<'_>>,
+        worn_bias: Option<Argument<'_>>,
         depths: Option<DepthArgument<'_>>,
         least: usize,
     ) -> PyResult<PyUpdateReport> {
         let measurements = Measurements {
             searched: self::ids("searched", &searched)?,
             bearings: bearings(&ids, &uv)?,
-            worn: worn.map(|w| worn_observation(&w)).transpose()?,
+            worn: worn
+                .map(|w| worn_observation(&w, worn_bias.as_ref()))
+                .transpose()?,
             depths: depths.map_or(Ok(Vec::new()), |d| depth_observations(&d))?,
             least,
         };
@@ -652,6 +657,7 @@ fn bearings(ids: &Argument<'_>, uv: &Argument<'_>) -> PyResult<Vec<Bearing>> {
 
 fn worn_observation(
     (t_cf, covariance, ids, uv, uv_f): &WornArgument<'_>,
+    bias: Option<&Argument<'_>>,
 ) -> PyResult<WornObservation> {
     let ids = optional_ids("worn ids", ids)?;
     let uv = pixels("worn uv", uv)?;
@@ -660,6 +666,7 @@ fn worn_observation(
     same_length("worn uv_f", ids.len(), uv_f.len())?;
     let pairs = ids.into_iter().zip(uv).zip(uv_f);
     Ok(WornObservation {
+        bias: bias.map(|b| covariance6("worn_bias", b)).transpose()?,
         t_cf: pose("t_cf", t_cf)?,
         covariance: covariance6("covariance", covariance)?,
         pairs: pairs

@@ -30,6 +30,9 @@ ROLES = {
 }
 _TOLERANCE = 10_000_000
 
+View = tuple[int, Array, Array, Array | None]
+"""Number of a view of Cf, ``T_CF``, its covariance, and the part of it that lasts, if that is known."""
+
 
 def matches(path: Path) -> bool:
     """Whether ``path`` is a bag."""
@@ -73,11 +76,11 @@ def _no_view(_: int) -> WornView | None:
     return None
 
 
-def _view(images: BagImages, views: dict[int, tuple[int, Array, Array]], i: int) -> WornView | None:
+def _view(images: BagImages, views: dict[int, View], i: int) -> WornView | None:
     if i not in views:
         return None
-    k, t_cf, covariance = views[i]
-    return WornView(images.read(k), t_cf, covariance)
+    k, t_cf, covariance, bias = views[i]
+    return WornView(images.read(k), t_cf, covariance, bias)
 
 
 def _only_images(bag: Bag) -> str:
@@ -108,13 +111,15 @@ def _camera(bag: Bag, images: str, info: str | None) -> Camera:
 
 def _views(
     bag: Bag, stamps: list[int], worn_stamps: list[int], poses: WornPoses | EstimatedPoses
-) -> dict[int, tuple[int, Array, Array]]:
-    """For each frame with a view of Cf and a pose: the view's number, ``T_CF`` and its covariance."""
+) -> dict[int, View]:
+    """What there is for each frame with a view of Cf and a pose."""
     shift = round(poses.shift * 10**9)
     pairs = match_stamps(stamps, [s + shift for s in worn_stamps], _TOLERANCE)
     times = np.asarray([seconds(stamps[i]) for i in pairs])
     rows = zip(pairs.items(), *poses.at(times), strict=True)
-    out = {i: (k, t_cf, covariance) for (i, k), t_cf, covariance in rows if np.isfinite(t_cf).all()}
+    out = {
+        i: (k, t_cf, covariance, bias) for (i, k), t_cf, covariance, bias in rows if np.isfinite(t_cf).all()
+    }
     if not out:
         raise DataError(
             f"No image of Cf in {bag.path} is within 10 ms of one of Cs and between two of its measured "

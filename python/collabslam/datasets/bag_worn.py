@@ -48,16 +48,19 @@ class WornPoses(NamedTuple):
     shift: float = 0.0
     camera: Camera | None = None
 
-    def at(self, times: Array) -> tuple[Array, Array]:
-        """(M, 4, 4) poses, NaN outside of those measured, and (M, 6, 6) covariances of the nearest ones."""
+    def at(self, times: Array) -> tuple[Array, Array, list[Array | None]]:
+        """(M, 4, 4) poses, NaN outside of those measured, (M, 6, 6) covariances of the nearest ones, and None
+        for what of them lasts: a bag does not say."""
+        unknown: list[Array | None] = [None] * len(times)
         if not len(self.times):
-            return np.repeat(self.poses, len(times), axis=0), np.repeat(self.covariances, len(times), axis=0)
+            poses, covariances = (np.repeat(a, len(times), axis=0) for a in (self.poses, self.covariances))
+            return poses, covariances, unknown
         nearest = np.argmin(np.abs(self.times - times[:, None]), axis=1)
         rows = nearest if len(self.covariances) > 1 else np.zeros_like(nearest)
         poses = interpolate_track(self.times, self.poses, times)
         exact = self.times[nearest] == times  # then not even the rounding of an interpolation
         poses[exact] = self.poses[nearest[exact]]
-        return poses, self.covariances[rows]
+        return poses, self.covariances[rows], unknown
 
 
 def worn_poses(bag: Bag, source: str | None, calibration: Path | None) -> WornPoses | EstimatedPoses:

@@ -62,14 +62,15 @@ class EstimatedPoses(NamedTuple):
     shift: float = 0.0
     camera: Camera | None = None
 
-    def at(self, times: Array) -> tuple[Array, Array]:
-        """(M, 4, 4) poses at increasing times, NaN where the person is not known, and (M, 6, 6)."""
+    def at(self, times: Array) -> tuple[Array, Array, list[Array | None]]:
+        """(M, 4, 4) poses at increasing times, NaN where the person is not known, (M, 6, 6) covariances, and
+        what of them lasts."""
         estimates = estimates_at(times.tolist(), WornPoseEstimator(self.config), self.scans, self.readings)
         poses, covariances = np.full((len(times), 4, 4), np.nan), np.full((len(times), 6, 6), np.nan)
         for k, e in enumerate(estimates):
             if e.t_cf is not None and e.covariance is not None:
                 poses[k], covariances[k] = e.t_cf, e.covariance
-        return poses, covariances
+        return poses, covariances, [e.bias for e in estimates]
 
 
 def bag_sensors(bag: Bag, sensors: WornSensors) -> EstimatedPoses:

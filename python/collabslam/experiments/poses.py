@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.types import Array, Frame, Recording, WornView
 from collabslam.worlds import WorldRecording
@@ -18,10 +16,11 @@ class WithPoses(WrappedRecording):
     Parameters
     ----------
     base : Recording
-    poses : mapping of frame index to (T_CF (4, 4), covariance (6, 6))
+    poses : mapping of frame index to (T_CF (4, 4), covariance (6, 6), bias (6, 6) or None)
+        As in `WornView`.
     """
 
-    def __init__(self, base: Recording, poses: Mapping[int, tuple[Array, Array]]) -> None:
+    def __init__(self, base: Recording, poses: Mapping[int, tuple[Array, Array, Array | None]]) -> None:
         super().__init__(base)
         self._poses = poses
 
@@ -30,31 +29,23 @@ class WithPoses(WrappedRecording):
         frame = self._base.frame(i)
         if frame.worn is None or i not in self._poses:
             return Frame(frame.index, frame.t, frame.image)
-        t_cf, covariance = self._poses[i]
-        return Frame(frame.index, frame.t, frame.image, WornView(frame.worn.image, t_cf, covariance))
+        return Frame(frame.index, frame.t, frame.image, WornView(frame.worn.image, *self._poses[i]))
 
 
 def sensed(world: WorldRecording, held: Recording, seed: int) -> tuple[Recording, dict[str, Any]]:
-    """The recording with poses from laser and AHRS, and what the sensors say of the kind of their errors.
+    """The recording with poses from laser and AHRS, each with the part of its covariance that lasts.
 
     Returns
     -------
     recording, settings
-        The settings are ``filter.worn.bias_share`` and ``bias_time``: how much of the variance lasts.
+        The setting is ``filter.worn.bias_time``: how long it lasts.
     """
     from collabslam.worlds.sensors import config_of, estimated_poses, readings_of
 
     estimates = estimated_poses(world, readings_of(world, seed))
     poses = {
-        i: (e.t_cf, e.covariance)
+        i: (e.t_cf, e.covariance, e.bias)
         for i, e in enumerate(estimates)
         if e.t_cf is not None and e.covariance is not None
     }
-    shares = [e.bias_share for e in estimates if e.t_cf is not None]
-    changes: dict[str, Any] = {}
-    if shares:
-        changes = {
-            "filter.worn.bias_share": round(float(np.mean(shares)), 3),
-            "filter.worn.bias_time": config_of(world).ahrs.drift_time,
-        }
-    return WithPoses(held, poses), changes
+    return WithPoses(held, poses), {"filter.worn.bias_time": config_of(world).ahrs.drift_time}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from collabslam.datasets import attach_worn
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.experiments.poses import WithPoses
 from collabslam.geometry import pose_inverse, se3_exp
-from collabslam.types import Frame, Recording, WornView
+from collabslam.types import Frame, Recording
 from collabslam.worlds import WorldRecording
 
 AVAILABLE = 0.4
@@ -54,7 +54,7 @@ def varied(world: WorldRecording, held: Recording, variant: Variant, seed: int) 
     poses = {}
     for i in range(len(world)):
         draw = np.random.Generator(np.random.PCG64((seed, world.recipe.seed, i, 5))).standard_normal(6)
-        poses[i] = (world.true_t_cf(i) @ pose_inverse(se3_exp(sd * draw)), np.diag(sd**2))
+        poses[i] = (world.true_t_cf(i) @ pose_inverse(se3_exp(sd * draw)), np.diag(sd**2), None)
     recording: Recording = WithPoses(held, poses)
     share = variant.of("overlap", 1.0)
     if share < 1.0:
@@ -84,6 +84,4 @@ class Cropped(WrappedRecording):
             return frame
         rows, columns = slice(self._y, self._y + camera.height), slice(self._x, self._x + camera.width)
         image = np.ascontiguousarray(frame.worn.image[rows, columns])
-        return Frame(
-            frame.index, frame.t, frame.image, WornView(image, frame.worn.t_cf, frame.worn.covariance)
-        )
+        return replace(frame, worn=replace(frame.worn, image=image))

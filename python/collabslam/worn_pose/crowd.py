@@ -24,6 +24,8 @@ _DROP_TIME, _KEEP_TIME = 0.3, 1.5
 _REACH_AT_ONCE, _WALK = 1.0, 1.0
 """Metres from where the person was lost, and metres a second since, within which somebody is the person."""
 _STRANGER_SD = 0.5
+_LOST = 2.0
+"""Times the largest standard deviation that is handed out; up to there the person is followed."""
 _TRIAL = 2.0
 """Seconds in which a new track must have walked."""
 
@@ -87,9 +89,14 @@ class Crowd:
         self._recruit(t, c, robot, hint)
         self._choose(t, robot, motion)
 
-    def claimed(self, points: Array) -> Mask:
-        """Which of points (n, 2) may be somebody's legs, so that they are not surroundings."""
+    def claimed(self, points: Array, hint: Array | None) -> Mask:
+        """Which of points (n, 2) may be somebody's legs, so that they are not surroundings.
+
+        Also those about where the person was said to start, ``hint``, until somebody is found there.
+        """
         out = np.zeros(len(points), np.bool_)
+        if self._hint is not None and hint is not None:
+            out |= np.hypot(*(points - hint).T) < _HINT_REACH
         for track in self._all():
             if track is self.person or _walks(track):
                 d = points - track.x[:2]
@@ -103,7 +110,9 @@ class Crowd:
         limit = self._config
         person = self.person
         if person is not None and (
-            person.doubtful or t - person.seen > limit.max_gap or person.position_sd > limit.max_position_sd
+            person.doubtful
+            or t - person.seen > limit.max_gap
+            or person.position_sd > _LOST * limit.max_position_sd
         ):
             self.lost = (t, person.x[:2].copy())
             self.person = None

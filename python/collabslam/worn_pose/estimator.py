@@ -136,23 +136,23 @@ class WornPoseEstimator:
         surroundings, crowd = self._surroundings, self._crowd
         surroundings.predict(dt)
         crowd.predict(dt, surroundings.position, self._drift)
+        if self._hint is None and self.config.start is not None:
+            right, ahead = self.config.start
+            self._hint = surroundings.position + (r_nc @ np.array([right, 0.0, ahead]))[:2]
         near = ranges < REACH
         learn = t - self._learnt[scan.scanner] >= _LEARN_EVERY
         if learn:
-            mine = ~crowd.claimed(points + surroundings.position)
+            mine = ~crowd.claimed(points + surroundings.position, self._hint)
             surroundings.align(t, points[near & mine])
         robot = surroundings.position.copy()
         world = points + robot
         candidates, doubted = self._candidates(scan, beams, ranges, world, robot + lever[:2])
-        if self._hint is None and self.config.start is not None:
-            right, ahead = self.config.start
-            self._hint = robot + (r_nc @ np.array([right, 0.0, ahead]))[:2]
         view = partial(_in_view, scan, robot + lever[:2], r_ns[:2, :2])
         crowd.update(
             t, candidates, robot, surroundings.state[2:], self.config.ahrs.yaw_white_sd**2, self._hint, view
         )
         if learn:
-            surroundings.learn(t, robot + lever[:2], world, ~crowd.claimed(world), doubted)
+            surroundings.learn(t, robot + lever[:2], world, ~crowd.claimed(world, self._hint), doubted)
             self._learnt[scan.scanner] = t
         self._last = self._scanned[scan.scanner] = t
         self._scans += 1

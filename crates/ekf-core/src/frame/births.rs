@@ -15,36 +15,38 @@ use crate::state::{Block, BlockKind, LinearPart};
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
 
 impl Filter {
-    pub(super) fn open_worn_error(&mut self, covariance: &Matrix6<f64>) {
+    /// Appends the frame's error of T_CF, `xi = J b + white` with the bias `b` along C's axes: it belongs to what
+    /// both cameras travel along, and a head that turns takes F's axes with it.
+    pub(super) fn open_worn_error(&mut self, worn: &WornObservation) {
         let share = self.settings.worn.bias_share;
-        if share > 0.0 && self.state.layout.of_kind(BlockKind::WornBias).count() == 0 {
-            let stationary = covariance * share;
-            self.state.bias_stationary = stationary;
+        let lasting = worn.bias.unwrap_or(worn.covariance * share);
+        let mut j = Matrix6::zeros();
+        for at in [0, 3] {
+            j.fixed_view_mut::<3, 3>(at, at)
+                .copy_from(&worn.t_cf.rotation.transpose());
+        }
+        if lasting.diagonal().max() > 0.0 && self.state.worn_bias().is_none() {
+            let stationary = j.transpose() * lasting * j;
+            self.state.bias_stationary = (stationary + stationary.transpose()) * 0.5;
+            let stationary = self.state.bias_stationary;
             self.state
                 .append::<6>(BlockKind::WornBias, &Vector6::zeros(), &[], &stationary);
         }
-        let bias = self
-            .state
-            .layout
-            .of_kind(BlockKind::WornBias)
-            .next()
-            .copied();
-        let identity = Matrix6::<f64>::identity();
+        let bias = self.state.worn_bias();
         let parts: Vec<LinearPart<'_>> = bias
             .iter()
             .map(|b| LinearPart {
                 offset: b.offset,
                 width: 6,
-                matrix: identity.as_slice(),
+                matrix: j.as_slice(),
             })
             .collect();
-        let mean = bias.map_or(Vector6::zeros(), |b| self.state.part::<6>(b.offset));
-        self.state.append::<6>(
-            BlockKind::WornError,
-            &mean,
-            &parts,
-            &(covariance * (1.0 - share)),
-        );
+        let white = match bias {
+            Some(_) => worn.covariance - lasting,
+            None => worn.covariance,
+        };
+        self.state
+            .append::<6>(BlockKind::WornError, &Vector6::zeros(), &parts, &white);
     }
 
     pub(super) fn worn_error_offset(&self) -> Option<usize> {

@@ -45,6 +45,8 @@ pub struct WornObservation {
     pub t_cf: Pose,
     /// 6x6 covariance of its error, (translation, rotation), right tangent.
     pub covariance: Matrix6<f64>,
+    /// The part of that covariance that lasts from frame to frame; `worn.bias_share` of it if `None`.
+    pub bias: Option<Matrix6<f64>>,
     /// Matches between both images.
     pub pairs: Vec<WornPair>,
 }
@@ -248,7 +250,7 @@ impl Filter {
         if let Some(worn) = worn
             && self.settings.worn.errors == WornErrors::Shared
         {
-            self.open_worn_error(&worn.covariance);
+            self.open_worn_error(worn);
         }
         report.start(z);
         let newborn = match form {
@@ -336,6 +338,15 @@ impl Filter {
         }
         if let Some(worn) = &z.worn {
             check_pose(&worn.t_cf, &worn.covariance)?;
+            if let Some(bias) = &worn.bias {
+                check_pose(&worn.t_cf, bias)?;
+                if !is_covariance(&(worn.covariance - bias)) {
+                    return Err(EkfError::InvalidInput {
+                        what: "bias",
+                        why: "it must be a part of the covariance: their difference has a negative variance".into(),
+                    });
+                }
+            }
             if self.worn_camera.is_none() {
                 return Err(EkfError::InvalidInput {
                     what: "worn camera",

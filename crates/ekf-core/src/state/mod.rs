@@ -35,6 +35,17 @@ pub struct State {
     newborn: Option<u64>,
 }
 
+/// The slowly varying part of T_CF's error, of mean zero: considered, not estimated (Schmidt's filter). Images show
+/// hardly any of it along the baseline, where it is the scale's error; what an update would find there is an error of
+/// linearisation.
+#[derive(Clone, Debug)]
+pub(crate) struct WornBias {
+    /// Of its block.
+    pub(crate) offset: usize,
+    /// Its covariance, along C's axes.
+    pub(crate) covariance: SMatrix<f64, 6, 6>,
+}
+
 /// Where a state stands before blocks are appended.
 #[derive(Clone, Debug)]
 pub(crate) struct Mark {
@@ -308,11 +319,27 @@ impl State {
         self.set_part(offset, &(q / q.norm()));
     }
 
-    /// Error of T_CF as the state has it: the frame's own, else the bias, else zero.
+    /// The worn camera's bias, if there is one.
+    pub(crate) fn worn_bias(&self) -> Option<WornBias> {
+        let block = self.layout.of_kind(BlockKind::WornBias).next()?;
+        Some(WornBias {
+            offset: block.offset,
+            covariance: self.p.block::<6, 6>(block.offset, block.offset),
+        })
+    }
+
+    /// Puts the bias back to what it was before an update: all else has been corrected with it in mind, and
+    /// stays correlated with it.
+    pub(crate) fn keep_worn_bias(&mut self, bias: &WornBias) {
+        self.set_part(bias.offset, &Vector6::zeros());
+        self.p.set_block(bias.offset, bias.offset, &bias.covariance);
+    }
+
+    /// Error of T_CF as the state has it: the frame's own, else zero.
     pub(crate) fn worn_error(&self) -> Vector6<f64> {
-        [BlockKind::WornError, BlockKind::WornBias]
-            .into_iter()
-            .find_map(|kind| self.layout.of_kind(kind).next())
+        self.layout
+            .of_kind(BlockKind::WornError)
+            .next()
             .map_or(Vector6::zeros(), |b| self.part::<6>(b.offset))
     }
 }
