@@ -9,13 +9,19 @@ __all__ = [
     "Filter",
     "UpdateReport",
     "__version__",
+    "affine_at",
     "affine_maps",
+    "capture_windows",
+    "corner_peaks",
     "describe_windows",
     "epipolar_residuals",
     "find_consensus",
+    "match_pairs",
     "sample_templates",
     "search_templates",
     "settings_schema",
+    "spread_corners",
+    "warp_patches",
 ]
 
 __version__: str
@@ -42,6 +48,7 @@ def search_templates(
     ambiguity: float,
     peak_distance: float,
     min_deviation: float,
+    whole: bool = True,
 ) -> tuple[_Array, _Array, _Array, _Ids]: ...
 def affine_maps(
     camera_ref: Camera,
@@ -50,6 +57,56 @@ def affine_maps(
     t_now_ref: ArrayLike,
     inverse_range: ArrayLike,
 ) -> tuple[_Array, _Array, NDArray[np.bool_]]: ...
+def affine_at(
+    camera_ref: Camera,
+    uv_ref: ArrayLike,
+    camera_now: Camera,
+    t_now_ref: ArrayLike,
+    inverse_range: ArrayLike,
+    min_area: float,
+    max_area: float,
+    max_stretch: float,
+) -> _Array: ...
+def warp_patches(
+    camera_ref: Camera,
+    camera_now: Camera,
+    patches: Sequence[Any],
+    t_wc: ArrayLike,
+    points: ArrayLike,
+    size: int,
+    min_area: float,
+    max_area: float,
+    max_stretch: float,
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_], _Array]: ...
+def capture_windows(
+    image: NDArray[np.uint8], uv: ArrayLike, half: int
+) -> tuple[list[NDArray[np.uint8]], _Array]: ...
+def corner_peaks(
+    response: NDArray[np.float32], reach: int, border: int, quality: float, least: float
+) -> _Array: ...
+def spread_corners(
+    peaks: ArrayLike,
+    existing: ArrayLike,
+    count: int,
+    shape: tuple[int, int],
+    cells: int,
+    distance: float,
+) -> _Ids: ...
+def match_pairs(
+    rays_s: ArrayLike,
+    rays_f: ArrayLike,
+    ranges: ArrayLike,
+    known: Sequence[bool],
+    described_s: NDArray[np.float32],
+    depths: ArrayLike,
+    described_f: NDArray[np.float32],
+    t_cf: ArrayLike,
+    covariance: ArrayLike,
+    sigma: tuple[float, float],
+    gate: float,
+    ratio: float,
+    max_distance: float,
+) -> tuple[_Ids, _Ids, int, int, int]: ...
 def sample_templates(
     image: NDArray[np.uint8], centres: ArrayLike, affine: ArrayLike, size: int
 ) -> tuple[NDArray[np.uint8], _Array]: ...
@@ -169,6 +226,7 @@ class Filter:
     def restore(data: bytes) -> Filter: ...
     def predict(self, t: float) -> None: ...
     def predict_pixels(self) -> dict[str, Any]: ...
+    def predict_given(self, found: ArrayLike, uv: ArrayLike, ids: ArrayLike) -> tuple[_Array, _Array]: ...
     def update(
         self,
         searched: ArrayLike,

@@ -249,7 +249,7 @@ class Slam:
         if was_lost:
             expected = searchable(expected, self._options.search)
         stages.done("predict")
-        found = self._tracks.search(image, self.filter.pose, expected)  # 3
+        found = self._tracks.search(image, self.filter.pose, expected, self.filter.predict_given)  # 3
         stages.done("search")
         missing = 0 if was_lost else self._missing(found)
         overlap = self._look.match(image, None if was_lost else worn, found, missing)  # 4

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from collabslam._core import Camera, Filter
+from collabslam.frontend.describe import Descriptors
 from collabslam.frontend.patch import Patch, capture
-from collabslam.frontend.recall import locate
+from collabslam.frontend.recall import describe_views, locate
 from collabslam.frontend.settings import FrontendSettings, SearchSettings
 from collabslam.keeping import Keeper
 from collabslam.tracks import Tracks
@@ -52,6 +53,7 @@ class Relocaliser(Keeper):
         self._views: dict[int, list[Patch]] = {}
         self._last: float | None = None
         self._attempts = 0
+        self._described: dict[int, tuple[Patch, Descriptors]] = {}
 
     def remember(self, t: float, image: Image, pose: Array, ids: Ids, uv: Array) -> None:
         """Keeps views of the landmarks found in a frame at ``t`` seconds, if it is time for it.
@@ -59,6 +61,7 @@ class Relocaliser(Keeper):
         The latest ones replace the oldest.
         """
         self._attempts = 0
+        self._described.clear()
         options = self._options.relocalise
         if self._last is not None and t - self._last < options.every:
             return
@@ -97,13 +100,14 @@ class Relocaliser(Keeper):
         ids: Ids = landmarks["ids"][use]
         if len(ids) < self._options.relocalise.min_patches:
             return None
-        views = self.views(ids)
-        owner = np.repeat(np.arange(len(ids)), [len(some) for some in views])
+        by_landmark = self.views(ids)
+        owner = np.repeat(np.arange(len(ids)), [len(some) for some in by_landmark])
         rolls = (0.0, ROLLS[self._attempts % len(ROLLS)])
         self._attempts += 1
-        patches = [view for some in views for view in some]
+        patches = [view for some in by_landmark for view in some]
         points: Array = landmarks["points"][use]
-        fix = locate(image, self._camera, points, patches, owner, rolls, self._options)
+        views = self._describe(patches)
+        fix = locate(image, self._camera, points, patches, views, owner, rolls, self._options)
         if fix is None:
             return None
         report = self._core.relocalise(fix.pose, ids[fix.landmarks], fix.uv)
@@ -113,3 +117,11 @@ class Relocaliser(Keeper):
         found = ids[fix.landmarks][good], fix.uv[good]
         self._tracks.found(*found)
         return found
+
+    def _describe(self, patches: list[Patch]) -> Descriptors:
+        """Descriptors of views, one after the other; made once for all attempts until the camera is found."""
+        known = self._described
+        new = [patch for patch in patches if id(patch) not in known]
+        made = describe_views(new, self._options.relocalise.support)
+        known.update({id(patch): (patch, made[k : k + 1]) for k, patch in enumerate(new)})
+        return np.concatenate([known[id(patch)][1] for patch in patches])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +11,15 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.frontend.flow import FlowImage, flow_guess, motion_of
 from collabslam.frontend.patch import Patch, capture, warp_templates
-from collabslam.frontend.search import FOUND, SearchResult, active_search, wide_ellipses
+from collabslam.frontend.search import FOUND, WIDE, SearchResult, active_search, wide_ellipses
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.keeping import Keeper
 from collabslam.types import Array, Ids, Image, Mask
+
+Given = Callable[[Ids, Array, Ids], tuple[Array, Array]]
+"""Expected pixels and their covariances of features, given others (ids and pixels) that were found."""
+
+_TOLD = 16  # found features, at most, that tell the camera's motion
 
 
 @dataclass(frozen=True)
@@ -87,8 +92,12 @@ class Tracks(Keeper):
             last = FlowImage.again(last[0], last[1], self._settings.flow)
         super().restore({**state, "_previous": last})
 
-    def search(self, image: Image, pose: Array, expected: dict[str, Any]) -> Found:
-        """Active search of the expected features; candidates are followed into this frame (METHOD 7.3)."""
+    def search(self, image: Image, pose: Array, expected: dict[str, Any], given: Given) -> Found:
+        """Active search of the expected features; candidates are followed into this frame (METHOD 7.3).
+
+        A feature whose ellipse is wide, and of which the flow says nothing, is looked for last: where
+        ``given`` (`Filter.predict_given`) expects it once others have been found.
+        """
         ids: Ids = expected["ids"]
         n = len(ids)
         waiting = np.array(sorted(self._candidate_last), dtype=np.int64)
@@ -105,7 +114,9 @@ class Tracks(Keeper):
             np.concatenate([expected["s"], np.broadcast_to(spread, (len(waiting), 2, 2))]),
             guess,
             self._settings,
+            whole=False,
         )
+        self._search_wide(image, templates, ids, result, given)
         seen = usable[:n]
         alive = (result.code[n:] == FOUND) & usable[n:]
         found = Found(
@@ -123,6 +134,21 @@ class Tracks(Keeper):
         self._candidate_last = dict(zip(found.candidates.tolist(), found.candidate_uv, strict=True))
         self._previous = now
         return found
+
+    def _search_wide(
+        self, image: Image, templates: Image, ids: Ids, result: SearchResult, given: Given
+    ) -> None:
+        """Looks for the features that were left for later, and notes in ``result`` what became of them."""
+        codes = result.code[: len(ids)]
+        late = np.flatnonzero(codes == WIDE)
+        if not len(late):
+            return
+        told = np.flatnonzero(codes == FOUND)
+        told = told[:: max(1, -(-len(told) // _TOLD))]
+        uv, s = given(ids[told], result.uv[told], ids[late])
+        again = active_search([image], templates[late], uv, s, None, self._settings)
+        for whole, part in zip(result, again, strict=True):
+            whole[late] = part
 
     def _flow(self, now: FlowImage, ids: Ids, waiting: Ids, expected: dict[str, Any]) -> Array:
         """Where optical flow says that features, and then candidates, are now; NaN where it does not say.

@@ -18,6 +18,7 @@ const OPTIONS: Options = Options {
     ambiguity: 0.94,
     peak_distance: 3.0,
     min_deviation: 4.0,
+    whole: true,
 };
 
 /// A smooth image without symmetry, shifted by `(du, dv)`.

@@ -7,6 +7,7 @@
 mod births;
 mod cameras;
 mod gauge;
+mod given;
 mod guards;
 mod jacobians;
 mod local;

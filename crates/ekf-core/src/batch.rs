@@ -128,6 +128,11 @@ impl Workspace {
         &self.g
     }
 
+    /// The innovation whitened, `L^-1 g`. Valid after the factorisation.
+    pub(crate) fn whitened(&self) -> &[f64] {
+        &self.y
+    }
+
     /// By how much the last update moved the camera, in its largest number. Rows stored first are the pose's.
     pub(crate) fn moved_by(&self) -> f64 {
         let pose = self.moved.iter().take(POSE_DIM);

@@ -44,7 +44,8 @@ pub use camera::{Camera, Distortion};
 pub use error::EkfError;
 pub use filter::{Filter, Landmark, PredictedFeature};
 pub use frame::{
-    Bearing, DepthObservation, Measurements, Outcome, UpdateReport, WornObservation, WornPair,
+    Bearing, DepthObservation, Expectation, Measurements, Outcome, UpdateReport, WornObservation,
+    WornPair,
 };
 pub use known_map::KnownMap;
 pub use map::CandidateOutcome;

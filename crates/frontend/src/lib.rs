@@ -1,6 +1,7 @@
-//! Inner loops of the front end (METHOD sections 6 and 7): what a landmark's patch looks like from elsewhere ([`warp`]),
-//! where it is in an image ([`search`]) and where exactly ([`align`]); descriptors of windows ([`describe`]); and the
-//! pose that the matches of two views agree on ([`consensus`]).
+//! Inner loops of the front end (METHOD sections 6 and 7): corners ([`corners`]); what a landmark's patch looks like from
+//! elsewhere ([`warp`]), where it is in an image ([`search`]) and where exactly ([`align`]); descriptors of windows
+//! ([`describe`]), which of them may belong together ([`pairs`]); and the pose that the matches of two views agree on
+//! ([`consensus`]).
 //!
 //! These are loops over many small things, which no image library does and which Python does slowly. Images are 8-bit
 //! grey, pixel `(u, v)` is column u of row v, pixel centres are at integers.
@@ -9,8 +10,10 @@ use nalgebra::Vector2;
 
 pub mod align;
 pub mod consensus;
+pub mod corners;
 mod correlate;
 pub mod describe;
+pub mod pairs;
 pub mod search;
 pub mod warp;
 

@@ -32,6 +32,8 @@ pub struct Options {
     pub peak_distance: f64,
     /// Least standard deviation of a template, grey levels.
     pub min_deviation: f64,
+    /// Whether ellipses above `large_radius` are searched where no guess lies in them.
+    pub whole: bool,
 }
 
 /// What became of a search.
@@ -45,6 +47,8 @@ pub enum Outcome {
     Ambiguous = 2,
     /// The ellipse lies outside of the image.
     Outside = 3,
+    /// The ellipse is wide, and nothing says where in it the template is: it was left for later.
+    Wide = 4,
 }
 
 /// Outcome of a search.
@@ -97,6 +101,10 @@ pub fn search(
             let Some(area) = Area::new(image, side, expected, options) else {
                 return found;
             };
+            if area.wide && !options.whole {
+                found.outcome = Outcome::Wide;
+                return found;
+            }
             found.outcome = Outcome::LowScore;
             let template = Template::new(pixels, side);
             if template.deviation() < options.min_deviation {
@@ -125,6 +133,8 @@ struct Area {
     centre: Vector2<f64>,
     precision: Matrix2<f64>,
     limit: f64,
+    /// Whether it is above `large_radius`.
+    wide: bool,
     /// First and last column and row, with one more pixel all around the ellipse: it tells a peak from the slope of
     /// one outside.
     low: (usize, usize),
@@ -147,9 +157,9 @@ impl Area {
         let mut limit = options.gate.powi(2);
         let shift = expected.guess - centre;
         let distance = shift.dot(&(precision * shift));
-        if radius.max() > options.large_radius
-            && distance <= (options.gate * options.guess_gate).powi(2)
-        {
+        let mut wide = radius.max() > options.large_radius;
+        if wide && distance <= (options.gate * options.guess_gate).powi(2) {
+            wide = false;
             centre = expected.guess;
             radius = Vector2::repeat(options.guess_radius);
             precision = Matrix2::from_diagonal_element(1.0 / options.guess_radius.powi(2));
@@ -170,6 +180,7 @@ impl Area {
             centre,
             precision,
             limit,
+            wide,
             low: (u0, v0),
             high: (u1, v1),
         })

@@ -9,9 +9,11 @@ use crate::errors::to_python;
 use crate::settings;
 use ekf_core::frame::{Bearing, DepthObservation, Measurements, WornObservation, WornPair};
 use ekf_core::{
-    CandidateOutcome, EkfError, Filter, KnownMap, Outcome, PredictedFeature, UpdateReport,
+    CandidateOutcome, EkfError, Expectation, Filter, KnownMap, Outcome, PredictedFeature,
+    UpdateReport,
 };
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use nalgebra::{Matrix2, Vector2};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
@@ -325,6 +327,52 @@ impl PyFilter {
         out.set_item(intern!(py, "rho"), numbers(|f| f.rho))?;
         out.set_item(intern!(py, "rho_sd"), numbers(|f| f.rho_sd))?;
         Ok(out)
+    }
+
+    /// Where features are expected once others of the same frame have been found (METHOD 7).
+    ///
+    /// Those found tell the camera's motion since the last frame, which is most of what a prediction does not know. Some
+    /// that contradict the most do no harm. The filter stays as it is.
+    ///
+    /// Parameters
+    /// ----------
+    /// found, uv : (N,) int64, (N, 2) float64
+    ///     Features found in Cs and their pixels.
+    /// ids : (M,) int64
+    ///     Others.
+    ///
+    /// Returns
+    /// -------
+    /// uv : (M, 2) float64
+    ///     Pixels in Cs; NaN where nothing is expected of a feature.
+    /// s : (M, 2, 2) float64
+    ///     Their covariances, measurement noise included, px^2.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For wrong shapes, NaN, unknown ids, an id given twice.
+    fn predict_given<'py>(
+        &mut self,
+        py: Python<'py>,
+        found: Argument<'py>,
+        uv: Argument<'py>,
+        ids: Argument<'py>,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>)> {
+        let (found, ids) = (bearings(&found, &uv)?, self::ids("ids", &ids)?);
+        let filter = &mut self.0;
+        let expected = py
+            .detach(|| filter.predict_given(&found, &ids))
+            .map_err(to_python)?;
+        let nothing = Expectation {
+            uv: Vector2::repeat(f64::NAN),
+            s: Matrix2::identity(),
+        };
+        let expected: Vec<_> = expected.into_iter().map(|e| e.unwrap_or(nothing)).collect();
+        Ok((
+            vectors(py, expected.iter().map(|e| e.uv), expected.len()),
+            stacked(py, expected.iter().map(|e| e.s), expected.len()),
+        ))
     }
 
     /// Validates a frame's matches, updates once, and starts features that have depth (METHOD 5-8).

@@ -6,13 +6,21 @@ use crate::convert::{
     to_matrix, to_pose, vectors,
 };
 use crate::errors::bad_shape;
+use ::frontend::Image;
 use ::frontend::consensus::{self, Noise, Pair};
+use ::frontend::corners::{self, Grid, PeakOptions, Response};
 use ::frontend::describe::{LENGTH, describe};
+use ::frontend::pairs::{self, Descriptors, MatchOptions, Point, Relation};
 use ::frontend::search::{Expected, Options, search};
-use ::frontend::{Image, warp};
-use nalgebra::{Matrix2, Vector2};
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3};
+use ::frontend::warp::{self, Limits, Patch, Views};
+use nalgebra::{Matrix2, Vector2, Vector4};
+use numpy::{
+    PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2, PyReadonlyArray3,
+    PyUntypedArrayMethods,
+};
+use pyo3::intern;
 use pyo3::prelude::*;
+use pyo3::types::PyList;
 use std::borrow::Cow;
 
 type Uv<'py> = Bound<'py, PyArray2<f64>>;
@@ -23,7 +31,7 @@ macro_rules! in_order {
     ($array:expr) => {
         match $array.as_slice() {
             Ok(slice) => Cow::Borrowed(slice),
-            Err(_) => Cow::Owned($array.as_array().iter().copied().collect::<Vec<u8>>()),
+            Err(_) => Cow::Owned($array.as_array().iter().copied().collect::<Vec<_>>()),
         }
     };
 }
@@ -66,6 +74,8 @@ fn odd_side(what: &'static str, side: usize) -> PyResult<()> {
 ///     The settings ``search.*``.
 /// min_deviation : float
 ///     The setting ``patch.min_deviation``.
+/// whole : bool
+///     Whether ellipses above ``large_radius`` are searched where no guess lies in them.
 ///
 /// Returns
 /// -------
@@ -74,7 +84,7 @@ fn odd_side(what: &'static str, side: usize) -> PyResult<()> {
 /// score, second : (N,) float64
 ///     Correlation of the best peak and of the next best one; -1 where there is none.
 /// code : (N,) int64
-///     0 found, 1 score too low, 2 ambiguous, 3 outside of the image.
+///     0 found, 1 score too low, 2 ambiguous, 3 outside of the image, 4 not searched as not ``whole``.
 ///
 /// Raises
 /// ------
@@ -82,7 +92,7 @@ fn odd_side(what: &'static str, side: usize) -> PyResult<()> {
 ///     If an argument has another type or shape.
 #[pyfunction]
 #[pyo3(signature = (image, templates, uv, s, guess, *, gate, min_radius, large_radius, max_radius, guess_radius,
-    guess_gate, min_score, ambiguity, peak_distance, min_deviation))]
+    guess_gate, min_score, ambiguity, peak_distance, min_deviation, whole = true))]
 #[expect(clippy::too_many_arguments, reason = "keywords in Python")]
 pub(crate) fn search_templates<'py>(
     py: Python<'py>,
@@ -101,6 +111,7 @@ pub(crate) fn search_templates<'py>(
     ambiguity: f64,
     peak_distance: f64,
     min_deviation: f64,
+    whole: bool,
 ) -> PyResult<(
     Uv<'py>,
     Column<'py, f64>,
@@ -118,6 +129,7 @@ pub(crate) fn search_templates<'py>(
         ambiguity,
         peak_distance,
         min_deviation,
+        whole,
     };
     let grey = grey("image", &image)?;
     let windows: PyReadonlyArray3<'_, u8> = templates
@@ -280,6 +292,402 @@ pub(crate) fn sample_templates<'py>(
         .reshape([count, size, size])
         .expect("count * size^2 pixels");
     Ok((templates, vectors(py, reach.into_iter(), count)))
+}
+
+/// Affine maps of pixel offsets from one camera's image into another's, at given depths.
+///
+/// Parameters
+/// ----------
+/// camera_ref, camera_now : Camera
+/// uv_ref : (N, 2) float64
+///     Points in the reference image.
+/// t_now_ref : (4, 4) float64
+///     Maps points of the reference camera into the camera now.
+/// inverse_range : (N,) float64
+///     Inverse distance of each point from its reference camera, 1/m; NaN or 0: infinitely far.
+/// min_area, max_area, max_stretch : float
+///     The settings ``patch.*``.
+///
+/// Returns
+/// -------
+/// (N, 2, 2) float64
+///     ``offset_now = affine @ offset_ref``; where that is not allowed at the depth, the map of the rotation alone; where
+///     this is not either, the identity.
+///
+/// Raises
+/// ------
+/// InputError
+///     If an argument has another type or shape.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "names in Python")]
+pub(crate) fn affine_at<'py>(
+    py: Python<'py>,
+    camera_ref: &PyCamera,
+    uv_ref: Argument<'py>,
+    camera_now: &PyCamera,
+    t_now_ref: Argument<'py>,
+    inverse_range: Argument<'py>,
+    min_area: f64,
+    max_area: f64,
+    max_stretch: f64,
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let (uv_ref, motion) = (pixels("uv_ref", &uv_ref)?, pose("t_now_ref", &t_now_ref)?);
+    let inverse_range = numbers("inverse_range", &inverse_range)?;
+    same_length("inverse_range", uv_ref.len(), inverse_range.len())?;
+    let limits = Limits {
+        area: [min_area, max_area],
+        stretch: max_stretch,
+    };
+    let motion = (&motion.rotation, &motion.translation);
+    let affine = uv_ref.iter().zip(&inverse_range);
+    let affine = affine
+        .map(|(uv, &rho)| warp::affine_at(&camera_ref.0, *uv, &camera_now.0, motion, rho, &limits));
+    Ok(stacked(py, affine, uv_ref.len()))
+}
+
+/// Templates as patches are expected to look from another pose.
+///
+/// Parameters
+/// ----------
+/// camera_ref, camera_now : Camera
+///     The camera that captured the patches, and the one that looks now.
+/// patches : list of N Patch
+/// t_wc : (4, 4) float64
+///     Pose of the camera now.
+/// points : (N, 3) float64
+///     Landmarks in W, metres; a row of NaN: only the rotation between the poses counts.
+/// size : int
+///     Side of a template, pixels (odd).
+/// min_area, max_area, max_stretch : float
+///     The settings ``patch.*``.
+///
+/// Returns
+/// -------
+/// templates : (N, size, size) uint8
+///     Zeros where there is none.
+/// ok : (N,) bool
+///     False where the change of area or the stretch is out of bounds, or the warp leaves the stored window.
+/// affine : (N, 2, 2) float64
+///     Maps pixel offsets at capture to pixel offsets now; the identity where there is none.
+///
+/// Raises
+/// ------
+/// InputError
+///     If an argument has another type or shape.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "names in Python")]
+pub(crate) fn warp_patches<'py>(
+    py: Python<'py>,
+    camera_ref: &PyCamera,
+    camera_now: &PyCamera,
+    patches: Vec<Argument<'py>>,
+    t_wc: Argument<'py>,
+    points: Argument<'py>,
+    size: usize,
+    min_area: f64,
+    max_area: f64,
+    max_stretch: f64,
+) -> PyResult<(
+    Bound<'py, PyArray3<u8>>,
+    Column<'py, bool>,
+    Bound<'py, PyArray3<f64>>,
+)> {
+    odd_side("size", size)?;
+    let (now, points) = (pose("t_wc", &t_wc)?, rows::<3>("points", &points)?);
+    let count = patches.len();
+    same_length("points", count, points.len())?;
+    let limits = Limits {
+        area: [min_area, max_area],
+        stretch: max_stretch,
+    };
+    let views = Views {
+        camera_ref: &camera_ref.0,
+        camera_now: &camera_now.0,
+        pose: &now,
+    };
+    let mut templates = Vec::with_capacity(count * size * size);
+    let mut affine = Vec::with_capacity(count);
+    for (patch, point) in patches.iter().zip(&points) {
+        let window = grey("pixels", &patch.getattr(intern!(py, "pixels"))?)?;
+        let pixels = in_order!(window);
+        let inside = quadruple("inside", &patch.getattr(intern!(py, "inside"))?)?;
+        let uv_ref = numbers("uv_ref", &patch.getattr(intern!(py, "uv_ref"))?)?;
+        same_length("uv_ref", 2, uv_ref.len())?;
+        let patch = Patch {
+            window: image(&pixels, window.shape())?,
+            uv_ref: Vector2::new(uv_ref[0], uv_ref[1]),
+            pose: pose("t_wc", &patch.getattr(intern!(py, "t_wc"))?)?,
+            inside,
+        };
+        affine.push(patch.template(&views, point, size, &limits, &mut templates));
+    }
+    let templates = PyArray1::from_vec(py, templates)
+        .reshape([count, size, size])
+        .expect("count * size^2 pixels");
+    let ok = PyArray1::from_iter(py, affine.iter().map(Option::is_some));
+    let affine = affine
+        .into_iter()
+        .map(|a| a.unwrap_or_else(Matrix2::identity));
+    Ok((templates, ok, stacked(py, affine, count)))
+}
+
+fn quadruple(what: &'static str, value: &Argument<'_>) -> PyResult<[Vector2<f64>; 2]> {
+    let all = numbers(what, value)?;
+    same_length(what, 4, all.len())?;
+    Ok([Vector2::new(all[0], all[1]), Vector2::new(all[2], all[3])])
+}
+
+/// Cuts windows around points rounded to whole pixels out of an image.
+///
+/// Parameters
+/// ----------
+/// image : (H, W) uint8
+///     Beyond its edge the edge repeats.
+/// uv : (N, 2) float64
+/// half : int
+///     Pixels of a window on each side of its middle.
+///
+/// Returns
+/// -------
+/// windows : list of N (2 half + 1, 2 half + 1) uint8
+/// inside : (N, 4) float64
+///     First and last column and row that hold image (u0, v0, u1, v1).
+///
+/// Raises
+/// ------
+/// InputError
+///     If an argument has another type or shape, or a point is not finite.
+#[pyfunction]
+pub(crate) fn capture_windows<'py>(
+    py: Python<'py>,
+    image: Argument<'py>,
+    uv: Argument<'py>,
+    half: usize,
+) -> PyResult<(Bound<'py, PyList>, Uv<'py>)> {
+    let (grey, uv) = (grey("image", &image)?, pixels("uv", &uv)?);
+    if !uv.iter().all(|uv| uv.amax() < 1e9) {
+        return Err(invalid("uv", "a point is not finite".into()));
+    }
+    let pixels = in_order!(grey);
+    let view = self::image(&pixels, grey.shape())?;
+    let side = 2 * half + 1;
+    let windows = PyList::empty(py);
+    let mut inside = Vec::with_capacity(uv.len());
+    for uv in &uv {
+        let mut window = Vec::with_capacity(side * side);
+        let [first, last] = warp::capture(&view, *uv, half, &mut window);
+        inside.push(Vector4::new(first.x, first.y, last.x, last.y));
+        let window = PyArray1::from_vec(py, window).reshape([side, side]);
+        windows.append(window.expect("side^2 pixels"))?;
+    }
+    Ok((windows, vectors(py, inside.into_iter(), uv.len())))
+}
+
+/// Local maxima of a corner response, the strongest first.
+///
+/// Parameters
+/// ----------
+/// response : (H, W) float32
+///     Not below zero.
+/// reach : int
+///     A peak is the largest response within so many pixels (square neighbourhood).
+/// border : int
+///     Pixels along the edge without peaks.
+/// quality, least : float
+///     Least response as a share of the best, and as a number.
+///
+/// Returns
+/// -------
+/// (M, 2) float64
+///     Sub-pixel places (u, v), by a parabola through each peak.
+///
+/// Raises
+/// ------
+/// InputError
+///     If an argument has another type or shape.
+#[pyfunction]
+pub(crate) fn corner_peaks<'py>(
+    py: Python<'py>,
+    response: Argument<'py>,
+    reach: usize,
+    border: usize,
+    quality: f32,
+    least: f32,
+) -> PyResult<Uv<'py>> {
+    let array: PyReadonlyArray2<'_, f32> = response
+        .extract()
+        .map_err(|_| invalid("response", "an (H, W) array of float32 is needed".into()))?;
+    let values = in_order!(array);
+    let (height, width) = (array.shape()[0], array.shape()[1]);
+    let response = Response::new(&values, width, height).expect("as many values as pixels");
+    let peaks = response.peaks(&PeakOptions {
+        reach,
+        border,
+        quality,
+        least,
+    });
+    let count = peaks.len();
+    Ok(vectors(py, peaks.into_iter(), count))
+}
+
+/// At most ``count`` peaks, those first whose part of the image needs them most.
+///
+/// Parameters
+/// ----------
+/// peaks : (M, 2) float64
+///     The most wanted first.
+/// existing : (N, 2) float64
+///     Points that there are already; those that are not finite do not count.
+/// count : int
+/// shape : (int, int)
+///     Rows and columns of the image.
+/// cells : int
+///     Of the grid, along the image's longer side.
+/// distance : float
+///     Least distance between a peak and an existing point, pixels.
+///
+/// Returns
+/// -------
+/// (K,) int64
+///     Rows of ``peaks``.
+///
+/// Raises
+/// ------
+/// InputError
+///     If an argument has another type or shape.
+#[pyfunction]
+pub(crate) fn spread_corners<'py>(
+    py: Python<'py>,
+    peaks: Argument<'py>,
+    existing: Argument<'py>,
+    count: usize,
+    shape: (usize, usize),
+    cells: usize,
+    distance: f64,
+) -> PyResult<Column<'py, i64>> {
+    let (peaks, existing) = (pixels("peaks", &peaks)?, pixels("existing", &existing)?);
+    if shape.0.min(shape.1).min(cells) == 0 {
+        return Err(invalid("shape", "an image and a cell are not empty".into()));
+    }
+    let grid = Grid {
+        size: (shape.1, shape.0),
+        cells,
+        distance,
+    };
+    let chosen = corners::spread(&peaks, &existing, count, &grid);
+    Ok(PyArray1::from_iter(
+        py,
+        chosen.into_iter().map(|i| i as i64),
+    ))
+}
+
+/// Matches points of Cs with points of Cf by their descriptors, among the pairs that the measured pose allows.
+///
+/// Parameters
+/// ----------
+/// rays_s, rays_f : (N, 3), (M, 3) float64
+///     Unit rays.
+/// ranges : (N, 2) float64
+///     Least and largest inverse range of each point from Cs, 1/m.
+/// known : (N,) bool
+///     Points that have one descriptor, the first, whatever the depth of a pair.
+/// described_s : (D, N, K) float32
+///     Descriptors of the points of Cs, made at each of the depths; K is a multiple of 32.
+/// depths : (D,) float64
+///     Inverse ranges, increasing, 1/m.
+/// described_f : (M, K) float32
+/// t_cf : (4, 4) float64
+/// covariance : (6, 6) float64
+///     Of it, over (translation, rotation), tangent on the right.
+/// sigma : (float, float)
+///     Standard deviations of a pixel of Cs and of Cf, radians.
+/// gate, ratio, max_distance : float
+///     The settings ``worn.*``.
+///
+/// Returns
+/// -------
+/// index_s, index_f : (K,) int64
+///     Rows of the points matched.
+/// alone, indistinct, one_sided : int
+///     Points of Cs without a match, by reason: no pair is allowed; the best is unlike or hardly better than the next;
+///     the best has a better partner.
+///
+/// Raises
+/// ------
+/// InputError
+///     If an argument has another type or shape, or the covariance is not positive definite.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "names in Python")]
+pub(crate) fn match_pairs<'py>(
+    py: Python<'py>,
+    rays_s: Argument<'py>,
+    rays_f: Argument<'py>,
+    ranges: Argument<'py>,
+    known: Vec<bool>,
+    described_s: PyReadonlyArray3<'py, f32>,
+    depths: Argument<'py>,
+    described_f: PyReadonlyArray2<'py, f32>,
+    t_cf: Argument<'py>,
+    covariance: Argument<'py>,
+    sigma: [f64; 2],
+    gate: f64,
+    ratio: f32,
+    max_distance: f32,
+) -> PyResult<(Column<'py, i64>, Column<'py, i64>, usize, usize, usize)> {
+    let (rays_s, rays_f) = (rows::<3>("rays_s", &rays_s)?, rows::<3>("rays_f", &rays_f)?);
+    let (ranges, depths) = (rows::<2>("ranges", &ranges)?, numbers("depths", &depths)?);
+    same_length("ranges", rays_s.len(), ranges.len())?;
+    same_length("known", rays_s.len(), known.len())?;
+    let length = described_s.shape()[2];
+    let expected = [depths.len(), rays_s.len(), length];
+    if described_s.shape() != expected || depths.is_empty() || length % 32 != 0 {
+        let expected = "(D, N, a multiple of 32)";
+        return Err(bad_shape("described_s", expected, described_s.shape()));
+    }
+    if described_f.shape() != [rays_f.len(), length] {
+        return Err(bad_shape(
+            "described_f",
+            "(M, as described_s)",
+            described_f.shape(),
+        ));
+    }
+    let points: Vec<Point> = rays_s
+        .into_iter()
+        .zip(ranges)
+        .zip(known)
+        .map(|((ray, range), known)| Point {
+            ray,
+            range: range.into(),
+            known,
+        })
+        .collect();
+    let relation = Relation {
+        pose: &pose("t_cf", &t_cf)?,
+        covariance: &covariance6("covariance", &covariance)?,
+        sigma,
+        gate,
+    };
+    let (of_s, of_f) = (in_order!(described_s), in_order!(described_f));
+    let descriptors = Descriptors {
+        length,
+        of_s: &of_s,
+        depths: &depths,
+        of_f: &of_f,
+    };
+    let options = MatchOptions {
+        ratio,
+        max_distance,
+    };
+    let found =
+        py.detach(|| pairs::match_pairs(&points, &rays_f, &descriptors, &relation, &options));
+    let found = found.ok_or_else(|| invalid("covariance", "it is not positive definite".into()))?;
+    Ok((
+        PyArray1::from_iter(py, found.pairs.iter().map(|p| p.0 as i64)),
+        PyArray1::from_iter(py, found.pairs.iter().map(|p| p.1 as i64)),
+        found.alone,
+        found.indistinct,
+        found.one_sided,
+    ))
 }
 
 /// SIFT's histogram of gradients over windows warped by affine maps.

@@ -19,6 +19,12 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(settings::settings_schema, m)?)?;
     m.add_function(wrap_pyfunction!(frontend::search_templates, m)?)?;
     m.add_function(wrap_pyfunction!(frontend::affine_maps, m)?)?;
+    m.add_function(wrap_pyfunction!(frontend::affine_at, m)?)?;
+    m.add_function(wrap_pyfunction!(frontend::warp_patches, m)?)?;
+    m.add_function(wrap_pyfunction!(frontend::capture_windows, m)?)?;
+    m.add_function(wrap_pyfunction!(frontend::corner_peaks, m)?)?;
+    m.add_function(wrap_pyfunction!(frontend::spread_corners, m)?)?;
+    m.add_function(wrap_pyfunction!(frontend::match_pairs, m)?)?;
     m.add_function(wrap_pyfunction!(frontend::sample_templates, m)?)?;
     m.add_function(wrap_pyfunction!(frontend::describe_windows, m)?)?;
     m.add_function(wrap_pyfunction!(frontend::epipolar_residuals, m)?)?;

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from collabslam import _core
 from collabslam.frontend.settings import DetectSettings
 from collabslam.types import Array, Image
-
-Response = NDArray[np.float32]
 
 _HALF_RES_WIDTH = 400  # pixels of width from which corners are looked for at half resolution
 _SUBPIXEL_REACH = 2.0  # pixels a corner may move when it is refined
@@ -49,30 +47,11 @@ def corner_peaks(image: Image, settings: DetectSettings, distance: float, border
     if min(height, width) <= 2 * border + 2:
         return np.empty((0, 2))
     reach = max(1, int(distance / factor))
-    kernel = np.ones((2 * reach + 1, 2 * reach + 1), dtype=np.uint8)
     block = settings.block if factor == 1 else max(3, settings.block // 2 | 1)
     response = np.asarray(cv2.cornerMinEigenVal(small, block, ksize=3), dtype=np.float32)
-    inner = np.s_[border : height - border, border : width - border]
-    inside = response[inner]
     least = (settings.min_gradient / _GREY_GRADIENT) ** 2
-    least = max(least, settings.quality * float(inside.max()))
-    peaks = (inside == cv2.dilate(response, kernel)[inner]) & (inside > np.float32(least))
-    v, u = np.divmod(np.flatnonzero(peaks), peaks.shape[1])
-    order = np.lexsort((u, v, -inside[v, u]))
-    u, v = u[order] + border, v[order] + border
-    middle = response[v, u]
-    offsets = [
-        _vertex(response[v, u - 1], middle, response[v, u + 1]),
-        _vertex(response[v - 1, u], middle, response[v + 1, u]),
-    ]
-    place = np.stack([u, v], axis=1) + np.stack(offsets, axis=1)
-    return np.asarray(factor * place + 0.5 * (factor - 1), dtype=np.float64)
-
-
-def _vertex(before: Response, middle: Response, after: Response) -> Response:
-    """Peak of the parabola through three values, the middle one the largest: within half a step."""
-    curve = np.maximum(2.0 * middle - before - after, np.float32(1e-20))
-    return np.asarray(np.clip(0.5 * (after - before) / curve, -0.5, 0.5), dtype=np.float32)
+    place = _core.corner_peaks(response, reach, border, settings.quality, least)
+    return factor * place + 0.5 * (factor - 1)
 
 
 def refine_corners(image: Image, uv: Array) -> Array:
@@ -175,30 +154,7 @@ def _spread(
     settings: DetectSettings,
 ) -> Array:
     """The ``count`` peaks whose cells need them most, away from existing points."""
-    height, width = image.shape
     distance = _distance(image, settings)
-    existing = np.asarray(existing, dtype=np.float64).reshape(-1, 2)
-    existing = existing[np.all(np.isfinite(existing), axis=1)]
-    if len(existing) and len(peaks):
-        du, dv = (peaks[:, k, None] - existing[:, k] for k in (0, 1))
-        peaks = peaks[(du * du + dv * dv).min(axis=1) >= distance**2]
-    if len(peaks) == 0:
-        return np.empty((0, 2), dtype=np.float64)
-    side = max(height, width) / settings.cells
-    columns = int(np.ceil(width / side))
-    cell = (peaks[:, 1] / side).astype(np.int64) * columns + (peaks[:, 0] / side).astype(np.int64)
-    held = np.zeros(columns * int(np.ceil(height / side)) + 1, dtype=np.int64)
-    if len(existing):
-        clipped = np.clip(existing, 0.0, [width - 1.0, height - 1.0])
-        np.add.at(
-            held,
-            (clipped[:, 1] / side).astype(np.int64) * columns + (clipped[:, 0] / side).astype(np.int64),
-            1,
-        )
-    by_cell = np.argsort(cell, kind="stable")  # within a cell still the strongest first
-    first = np.searchsorted(cell[by_cell], cell[by_cell], side="left")
-    rank = np.empty(len(peaks), dtype=np.int64)
-    rank[by_cell] = np.arange(len(peaks)) - first
-    chosen = np.lexsort((np.arange(len(peaks)), rank + held[cell]))[:count]
+    chosen = _core.spread_corners(peaks, existing, count, image.shape, settings.cells, distance)
     corners = peaks[chosen]
     return refine_corners(image, corners) if settings.subpixel else corners

@@ -6,18 +6,13 @@ error is over (translation, rotation), tangent on the right.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from collabslam import _core
 from collabslam.types import Array, Mask
 
-Block = NDArray[np.float32]
-
-_BLOCK = 32  # rows of pairs treated at once
 _LEVI_CIVITA = -np.cross(np.eye(3)[:, None], np.eye(3)[None])  # skew(v)[i, j] = _LEVI_CIVITA[i, j] @ v
 
 
@@ -105,28 +100,3 @@ def skews(vectors: Array) -> Array:
 def _cross(a: Array, b: Array) -> Array:
     """Row by row cross product of (N, 3) arrays."""
     return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
-
-
-class PairGeometry:
-    """Quantities of all pairs of rays of two views, in blocks of rows that stay in the cache."""
-
-    def __init__(self, rays_s: Array, rays_f: Array, t_cf: Array, forms: Array) -> None:
-        rotation, t = t_cf[:3, :3], t_cf[:3, 3]
-        turned = rays_f @ rotation.T
-        self.rows = len(rays_s)
-        cross = skews(t[:, None])[0]
-        self.n_f = np.maximum(((turned @ cross.T) ** 2).sum(axis=1), 1e-9).astype(np.float32)
-        self.n_s = np.maximum(((rays_s @ cross) ** 2).sum(axis=1), 1e-9).astype(np.float32)
-        self._along_s = (rays_s @ t).astype(np.float32)
-        self._along_f = (turned @ t).astype(np.float32)
-        self._left = (rays_s @ np.concatenate([rotation[None], forms])).astype(np.float32)
-        self._right = np.ascontiguousarray(rays_f.T, dtype=np.float32)
-
-    def blocks(self) -> Iterator[tuple[slice, Block, Block, Block]]:
-        """Rows, the pairs' inverse ranges from Cs and Cf (rows, M), their bilinear forms (K, rows, M)."""
-        for begin in range(0, self.rows, _BLOCK):
-            part = slice(begin, min(self.rows, begin + _BLOCK))
-            products = self._left[:, part] @ self._right
-            rho = (self._along_s[part, None] - products[0] * self._along_f) / self.n_f
-            rho_f = (self._along_s[part, None] * products[0] - self._along_f) / self.n_s[part, None]
-            yield part, rho, rho_f, products[1:]

@@ -59,25 +59,11 @@ def capture(image: Image, uv: Array, t_wc: Array, settings: PatchSettings | None
     if len(uv) == 0:
         return []
     settings = settings or PatchSettings()
-    half = settings.size // 2 + settings.margin
-    height, width = image.shape
     pose = np.array(t_wc, dtype=np.float64)
     pose.flags.writeable = False
     points = np.array(uv, dtype=np.float64).reshape(-1, 2)
-    corners = np.rint(points).astype(np.int64) - half
-    last = np.array([width - 1, height - 1]) - corners
-    inside = np.hstack([np.maximum(0, -corners), np.minimum(2 * half, last)]).astype(np.float64)
-    patches = []
-    reach = np.arange(2 * half + 1)
-    for point, (u, v), rest in zip(points, corners.tolist(), inside, strict=True):
-        window = image[max(0, v) : v + 2 * half + 1, max(0, u) : u + 2 * half + 1]
-        if window.shape == (len(reach), len(reach)):
-            window = window.copy()
-        else:  # beyond the image's edge the edge repeats
-            rows, columns = np.clip(v + reach, 0, height - 1), np.clip(u + reach, 0, width - 1)
-            window = image[rows[:, None], columns]
-        patches.append(Patch(window, point, pose, rest))
-    return patches
+    windows, inside = _core.capture_windows(image, points, settings.size // 2 + settings.margin)
+    return [Patch(w, point, pose, rest) for w, point, rest in zip(windows, points, inside, strict=True)]
 
 
 def affine_maps(
@@ -120,16 +106,6 @@ def inverse_maps(affine: Array) -> Array:
     return np.asarray(np.stack([d, -b, -c, a], axis=1).reshape(-1, 2, 2) / (a * d - b * c)[:, None, None])
 
 
-def usable_affine(affine: Array, settings: PatchSettings) -> Mask:
-    """(N,) bool: whether a warp's change of area and its stretch are within the settings' bounds."""
-    area = affine[:, 0, 0] * affine[:, 1, 1] - affine[:, 0, 1] * affine[:, 1, 0]
-    squares = (affine**2).sum(axis=(1, 2))
-    spread = np.sqrt(np.maximum(squares**2 - 4.0 * area**2, 0.0))
-    stretched = np.sqrt((squares + spread) / np.maximum(squares - spread, 1e-12))
-    bounded = (area >= settings.min_area) & (area <= settings.max_area)
-    return np.asarray(bounded & (stretched <= settings.max_stretch))
-
-
 def warp_templates(
     camera: Camera,
     patches: Sequence[Patch],
@@ -160,31 +136,17 @@ def warp_templates(
     ok : (N,) bool
         False where the change of area or the stretch is out of bounds, or the warp leaves the stored window.
     affine : (N, 2, 2) float64
-        Maps pixel offsets at capture to pixel offsets now.
+        Maps pixel offsets at capture to pixel offsets now; the identity where ``ok`` is False.
     """
     settings = settings or PatchSettings()
-    count = len(patches)
-    if count == 0:
-        size = settings.size
-        return np.empty((0, size, size), np.uint8), np.empty(0, np.bool_), np.empty((0, 2, 2))
-    # Concatenating is many times faster than stacking.
-    t_wc_ref = np.concatenate([patch.t_wc for patch in patches]).reshape(-1, 4, 4)
-    uv_ref = np.concatenate([patch.uv_ref for patch in patches]).reshape(-1, 2)
-    inside = np.concatenate([patch.inside for patch in patches]).reshape(-1, 4)
-    away = np.asarray(points_w, dtype=np.float64) - t_wc_ref[:, :3, 3]
-    distance = np.sqrt((away**2).sum(axis=1))
-    now = np.asarray(t_wc_now, dtype=np.float64)
-    motion = np.zeros((count, 4, 4))
-    motion[:, :3, :3] = now[:3, :3].T @ t_wc_ref[:, :3, :3]
-    motion[:, :3, 3] = (t_wc_ref[:, :3, 3] - now[:3, 3]) @ now[:3, :3]
-    rho = 1.0 / np.where(np.isfinite(distance), np.maximum(distance, 1e-6), np.inf)
-    _, affine, ok = affine_maps(camera, uv_ref, camera_now or camera, motion, rho)
-    ok &= usable_affine(affine, settings)
-    affine = np.where(ok[:, None, None], affine, np.eye(2))
-    side = patches[0].pixels.shape[0]
-    local = uv_ref - np.rint(uv_ref) + (side - 1) / 2.0
-    atlas = np.concatenate([patch.pixels for patch in patches])
-    rows = np.stack([np.zeros(count), side * np.arange(count)], axis=1)
-    templates, reach = _core.sample_templates(atlas, local + rows, affine, settings.size)
-    ok &= np.all((local - reach >= inside[:, :2] - 0.5) & (local + reach <= inside[:, 2:] + 0.5), axis=1)
-    return templates, ok, affine
+    return _core.warp_patches(
+        camera,
+        camera_now or camera,
+        patches,
+        t_wc_now,
+        points_w,
+        settings.size,
+        settings.min_area,
+        settings.max_area,
+        settings.max_stretch,
+    )

@@ -29,7 +29,6 @@ KIND = "warped-sift"
 SCALES = (0.63, 1.0, 1.6)
 """Sizes at which the image's corners are described, over that of the views."""
 _CONFIDENCE = 0.9999  # of RANSAC, that it has seen a sample without a wrong match
-_PART = 200  # windows that are stacked into one image: it is limited to 2^15 rows
 
 
 class Fix(NamedTuple):
@@ -52,14 +51,12 @@ class Fix(NamedTuple):
 
 def describe_views(patches: Sequence[Patch], support: float) -> Descriptors:
     """Descriptors (V, D) of stored windows, upright; ``support`` is the side of what is described, pixels."""
-    parts = [np.empty((0, 128), dtype=np.float32)]
-    for begin in range(0, len(patches), _PART):
-        some = patches[begin : begin + _PART]
-        side = some[0].pixels.shape[0]
-        local = np.stack([p.uv_ref - np.rint(p.uv_ref) for p in some]) + (side - 1) / 2.0
-        local[:, 1] += side * np.arange(len(some))
-        parts.append(describe(np.concatenate([p.pixels for p in some]), local, 0.0, support, KIND))
-    return np.concatenate(parts)
+    described = [np.empty((0, 128), dtype=np.float32)]
+    for patch in patches:
+        middle = (len(patch.pixels) - 1) / 2.0
+        local = patch.uv_ref - np.rint(patch.uv_ref) + middle
+        described.append(describe(patch.pixels, local[None], 0.0, support, KIND))
+    return np.concatenate(described)
 
 
 def describe_corners(image: Image, uv: Array, roll: float, support: float) -> Descriptors:
@@ -194,6 +191,7 @@ def locate(
     camera: Camera,
     points: Array,
     patches: Sequence[Patch],
+    views: Descriptors,
     owner: Indices,
     rolls: Sequence[float],
     settings: FrontendSettings,
@@ -208,6 +206,8 @@ def locate(
         Landmarks in W, metres.
     patches : sequence of V Patch
         Views of them.
+    views : (V, D) float32
+        Their descriptors (`describe_views`).
     owner : (V,) int64
         Landmark of each view, increasing; each landmark has at least one.
     rolls : sequence of float
@@ -219,7 +219,6 @@ def locate(
     corners = _corners(image, settings)
     if len(corners) < options.min_descriptors:
         return None
-    views = describe_views(patches, options.support)
     for roll in rolls:
         described = describe_corners(image, corners, roll, options.support)
         landmark, corner = match_descriptors(views, owner, described, options.ratio, options.max_distance)

@@ -17,7 +17,7 @@ from collabslam import _core
 from collabslam.frontend.settings import FrontendSettings, SearchSettings
 from collabslam.types import Array, Image, Indices, Mask
 
-FOUND, LOW_SCORE, AMBIGUOUS, OUTSIDE = 0, 1, 2, 3
+FOUND, LOW_SCORE, AMBIGUOUS, OUTSIDE, WIDE = 0, 1, 2, 3, 4
 
 
 class SearchCode(enum.IntEnum):
@@ -27,6 +27,7 @@ class SearchCode(enum.IntEnum):
     LOW_SCORE = LOW_SCORE
     AMBIGUOUS = AMBIGUOUS
     OUTSIDE = OUTSIDE
+    WIDE = WIDE
 
 
 class SearchResult(NamedTuple):
@@ -41,7 +42,7 @@ class SearchResult(NamedTuple):
     second : (N,) float64
         Correlation of the next best peak that does not belong to it; -1 where there is none.
     code : (N,) int64
-        FOUND, LOW_SCORE, AMBIGUOUS or OUTSIDE.
+        FOUND, LOW_SCORE, AMBIGUOUS, OUTSIDE or WIDE (not searched).
     """
 
     uv: Array
@@ -73,6 +74,7 @@ def active_search(
     s: Array,
     guess: Array | None,
     settings: FrontendSettings,
+    whole: bool = True,
 ) -> SearchResult:
     """Look for each template inside the ellipse of its predicted pixel.
 
@@ -92,6 +94,8 @@ def active_search(
     guess : (N, 2) float64, optional
         Where optical flow says the point is; NaN where it does not say.
     settings : FrontendSettings
+    whole : bool
+        Whether a wide ellipse without a guess is searched; otherwise its code is WIDE.
 
     Returns
     -------
@@ -117,5 +121,6 @@ def active_search(
             ambiguity=options.ambiguity,
             peak_distance=options.peak_distance,
             min_deviation=settings.patch.min_deviation,
+            whole=whole,
         )
     )

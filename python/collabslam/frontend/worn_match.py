@@ -18,17 +18,16 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from collabslam._core import Camera, sample_templates
+from collabslam._core import Camera, affine_at, match_pairs, sample_templates
 from collabslam.errors import InputError
-from collabslam.frontend.describe import DESCRIPTORS, describe
+from collabslam.frontend.describe import DESCRIPTORS, Descriptors, describe
 from collabslam.frontend.detect import detect_corners, halves
-from collabslam.frontend.epipolar import Consensus, PairGeometry, find_consensus, inverse_ranges, skews
-from collabslam.frontend.patch import affine_maps, inverse_maps, usable_affine
+from collabslam.frontend.epipolar import Consensus, find_consensus, inverse_ranges, skews
+from collabslam.frontend.patch import inverse_maps
 from collabslam.frontend.search import FOUND, active_search
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.geometry import pose_inverse
@@ -127,6 +126,14 @@ def _whole(region: Region | None, image: Image) -> Region:
     return region if region is not None else (0.0, 0.0, image.shape[1] - 1.0, image.shape[0] - 1.0)
 
 
+class _Described(NamedTuple):
+    """Descriptors: (D, N, K) of points of Cs at inverse ranges ``depths`` (D,), and (M, K) of those of Cf."""
+
+    of_s: Descriptors
+    depths: Array
+    of_f: Descriptors
+
+
 class _Matcher:
     """The steps of :func:`match_worn` over their common data."""
 
@@ -176,10 +183,10 @@ class _Matcher:
         if len(points) == 0 or corners < 2:
             return self._none(rejected, corners)
         rays_f = self.camera_f.unproject(uv_f)
-        alike = self._likeness(points, uv_f, rays_f)
-        i, j, _ = self._assign(points, rays_f, alike, self.t_cf, self.covariance)
+        described = self._describe(points, uv_f)
+        i, j, _ = self._assign(points, rays_f, described, self.t_cf, self.covariance)
         seeds = self._consensus(self.rays_s[points[i]], rays_f[j], self.options.sigma)
-        i, j, why = self._assign(points, rays_f, alike, seeds.t_cf, seeds.covariance)
+        i, j, why = self._assign(points, rays_f, described, seeds.t_cf, seeds.covariance)
         rejected.update(why)
         index, place = points[i], uv_f[j]
         index, place = self._add_known(points, index, place, seeds, roi_f)
@@ -222,40 +229,36 @@ class _Matcher:
 
     def _warps(self, points: Indices, t_cf: Array, rho: Array) -> Array:
         """(N, 2, 2) maps of Cs offsets to Cf offsets; those without a usable depth show the rotation only."""
-        t_fc = pose_inverse(t_cf)
-        _, affine, ok = affine_maps(self.camera_s, self.uv_s[points], self.camera_f, t_fc, rho)
-        ok &= usable_affine(affine, self.settings.patch)
-        if not np.all(ok):
-            _, far, far_ok = affine_maps(
-                self.camera_s, self.uv_s[points], self.camera_f, t_fc, np.zeros(len(points))
-            )
-            far = np.where((far_ok & usable_affine(far, self.settings.patch))[:, None, None], far, np.eye(2))
-            affine = np.where(ok[:, None, None], affine, far)
-        return affine
+        patch = self.settings.patch
+        return affine_at(
+            self.camera_s,
+            self.uv_s[points],
+            self.camera_f,
+            pose_inverse(t_cf),
+            rho,
+            patch.min_area,
+            patch.max_area,
+            patch.max_stretch,
+        )
 
-    def _likeness(self, points: Indices, uv_f: Array, rays_f: Array) -> NDArray[np.float32]:
-        """(N, M) inner products of descriptors, each pair at the nearest of the warped depths."""
+    def _describe(self, points: Indices, uv_f: Array) -> _Described:
+        """Descriptors of the points of Cs, as they look in Cf at some depths, and of the corners of Cf."""
         kind, support = self.options.descriptor, self.options.support
-        described_f = describe(self.image_f, uv_f, 0.0, support, kind)
-
-        def products(of: Indices, warps: Array) -> NDArray[np.float32]:
-            described_s = DESCRIPTORS[kind](self.image_s, self.uv_s[of], inverse_maps(warps), support)
-            return np.asarray(described_s @ described_f.T)
-
-        first = self._warps(points, self.t_cf, np.where(self.known[points], self.rho[points], 0.0))
-        alike = products(points, first)
-        rows = np.flatnonzero(~self.known[points])
-        free = points[rows]
-        depths = self._depths(free[:: max(1, len(free) // 16)])
-        if len(depths) > 1:
-            blocks = PairGeometry(self.rays_s[free], rays_f, self.t_cf, np.empty((0, 3, 3))).blocks()
-            pair_rho = np.concatenate([rho for _, rho, _, _ in blocks])
-            chosen = alike[rows]
-            for far, near in pairwise(depths):
-                warps = self._warps(free, self.t_cf, np.full(len(free), near))
-                np.copyto(chosen, products(free, warps), where=pair_rho > 0.5 * (far + near))
-            alike[rows] = chosen
-        return alike
+        known = self.known[points]
+        free = np.flatnonzero(~known)
+        depths = self._depths(points[free[:: max(1, len(free) // 16)]])
+        own = np.where(known, self.rho[points], 0.0)
+        of, rho = [points], [own]
+        for depth in depths[1:]:
+            of.append(points[free])
+            rho.append(np.full(len(free), depth))
+        index = np.concatenate(of)
+        warps = self._warps(index, self.t_cf, np.concatenate(rho))
+        found = DESCRIPTORS[kind](self.image_s, self.uv_s[index], inverse_maps(warps), support)
+        of_s = np.zeros((len(depths), len(points), found.shape[1]), dtype=np.float32)
+        of_s[0] = found[: len(points)]
+        of_s[1:, free] = found[len(points) :].reshape(len(depths) - 1, len(free), found.shape[1])
+        return _Described(of_s, np.array(depths), describe(self.image_f, uv_f, 0.0, support, kind))
 
     def _depths(self, sample: Indices) -> list[float]:
         """Inverse ranges at which windows are warped: 0, and those where the warp has changed enough."""
@@ -273,60 +276,29 @@ class _Matcher:
         return depths
 
     def _assign(
-        self, points: Indices, rays_f: Array, alike: NDArray[np.float32], t_cf: Array, covariance: Array
+        self, points: Indices, rays_f: Array, described: _Described, t_cf: Array, covariance: Array
     ) -> tuple[Indices, Indices, dict[str, int]]:
         """Best, unambiguous and mutual candidates in the gate of a pose: rows of points and of corners."""
-        gate = self._gate(points, rays_f, t_cf, covariance)
-        product = np.where(gate, alike, np.float32(-2.0))
-        rows = np.arange(len(points))
-        best = np.argmax(product, axis=1)
-        first = product[rows, best]
-        mutual = np.argmax(product, axis=0)[best] == rows
-        product[rows, best] = -2.0
-        second = np.maximum(product.max(axis=1), np.float32(1.0 - 0.5 * 1.2**2))
-        any_candidate = first > -1.5
-        near, next_near = (np.sqrt(np.maximum(2.0 - 2.0 * x, 0.0)) for x in (first, second))
-        distinct = (near <= self.options.ratio * next_near) & (near <= self.options.max_distance)
-        keep = any_candidate & distinct & mutual
-        why = {
-            "epipolar": int((~any_candidate).sum()),
-            "ratio": int((any_candidate & ~distinct).sum()),
-            "mutual": int((any_candidate & distinct & ~mutual).sum()),
-        }
-        return np.flatnonzero(keep), best[keep], why
-
-    def _gate(self, points: Indices, rays_f: Array, t_cf: Array, covariance: Array) -> Mask:
-        """(N, M) pairs that a pose allows: near the epipolar line, in front, at the depth if it is known."""
-        rotation, t = t_cf[:3, :3], t_cf[:3, 3]
-        root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
-        # The epipolar constraint and its change by each error of the pose are bilinear in the rays.
-        across = skews(t[:, None])[0] @ rotation
-        changes = skews(rotation @ root[:3]) @ rotation + across @ skews(root[3:])
-        forms = np.concatenate([across[None], changes])
-        geometry = PairGeometry(self.rays_s[points], rays_f, t_cf, forms)
-        options = self.options
-        noise = ((options.sigma / np.array(self.focal)) ** 2).astype(np.float32)
-        angle = np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1] + 2.0 * float(noise[0]))
-        length = np.float32(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
-        per_range, per_range_f = (np.float32(options.gate) / np.sqrt(n) for n in (geometry.n_f, geometry.n_s))
-        known = self.known[points]
+        options, known = self.options, self.known[points]
         reach = options.gate * self.rho_sd[points]
-        low = np.where(known, self.rho[points] - reach, 0.0).astype(np.float32)
-        high = np.where(known, self.rho[points] + reach, 1.0 / options.min_range).astype(np.float32)
-        gate = np.empty((len(points), len(rays_f)), dtype=np.bool_)
-        for part, rho, rho_f, values in geometry.blocks():
-            square = values[0] ** 2
-            variance = (geometry.n_f - square) * noise[0] + (geometry.n_s[part, None] - square) * noise[1]
-            for change in values[1:]:
-                variance += change**2
-            slack = (np.float32(angle) + length * np.abs(rho)) * per_range
-            gate[part] = (
-                (square <= options.gate**2 * variance)
-                & (rho >= low[part, None] - slack)
-                & (rho <= high[part, None] + slack)
-                & (rho_f >= -(np.float32(angle) + length * np.abs(rho_f)) * per_range_f[part, None])
-            )
-        return gate
+        low = np.where(known, self.rho[points] - reach, 0.0)
+        high = np.where(known, self.rho[points] + reach, 1.0 / options.min_range)
+        i, j, epipolar, ratio, mutual = match_pairs(
+            self.rays_s[points],
+            rays_f,
+            np.stack([low, high], axis=1),
+            known.tolist(),
+            described.of_s,
+            described.depths,
+            described.of_f,
+            t_cf,
+            covariance,
+            (options.sigma / self.focal[0], options.sigma / self.focal[1]),
+            options.gate,
+            options.ratio,
+            options.max_distance,
+        )
+        return i, j, {"epipolar": epipolar, "ratio": ratio, "mutual": mutual}
 
     def _consensus(
         self, rays_s: Array, rays_f: Array, sigma: float, start: Consensus | None = None

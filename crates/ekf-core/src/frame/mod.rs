@@ -2,6 +2,7 @@
 //! the update, and the births that the worn camera makes possible.
 
 mod births;
+mod given;
 mod relocalise;
 mod units;
 
@@ -17,6 +18,8 @@ use crate::validate::{self, BatchTest};
 
 use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, Vector2, Vector6};
 use units::Source;
+
+pub use given::Expectation;
 
 /// A feature found in Cs.
 #[derive(Clone, Copy, Debug)]

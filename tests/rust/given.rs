@@ -1,0 +1,82 @@
+//! Where features are expected once others have been found.
+
+use crate::scene::warm;
+use crate::update::measure;
+use ekf_core::{Bearing, Measurements};
+use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+
+#[test]
+fn without_others_nothing_is_new() {
+    let mut warm = warm(1, &[]);
+    let seen = warm.filter.predict_pixels();
+    let ids: Vec<u64> = seen.iter().map(|f| f.id).collect();
+    let given = warm.filter.predict_given(&[], &ids).unwrap();
+    for (f, given) in seen.iter().zip(given) {
+        let given = given.unwrap();
+        assert!((f.uv - given.uv).norm() < 1e-9);
+        assert!((f.s - given.s).norm() < 1e-9 * f.s.norm());
+    }
+}
+
+/// Against the textbook's conditional distribution, from the joint S.
+#[test]
+fn others_tell_where_a_feature_is() {
+    let mut warm = warm(2, &[]);
+    let z = measure(&mut warm, false);
+    let last = *z.bearings.last().unwrap();
+    let found = &z.bearings[..z.bearings.len() - 1];
+    let (s, g) = {
+        let batch = warm.filter.innovation(&z).unwrap();
+        let m = batch.rows();
+        let lower = DMatrix::from_column_slice(m, m, batch.s());
+        let full = DMatrix::from_fn(m, m, |i, j| lower[(i.max(j), i.min(j))]);
+        (full, DVector::from_column_slice(batch.g()))
+    };
+    let told = s.nrows() - 2;
+    let inverse = s.view((0, 0), (told, told)).clone_owned().try_inverse();
+    let gain = s.view((told, 0), (2, told)) * inverse.unwrap();
+    let shift = &gain * g.rows(0, told);
+    let left = s.view((told, told), (2, 2)) - &gain * s.view((0, told), (told, 2));
+    let predicted = last.uv - Vector2::new(g[told], g[told + 1]);
+    let before = warm.filter.state().mean().to_vec();
+    let given = warm.filter.predict_given(found, &[last.id]).unwrap()[0].unwrap();
+    assert!((given.uv - predicted - Vector2::new(shift[0], shift[1])).norm() < 1e-6);
+    let expected = Matrix2::new(left[(0, 0)], left[(0, 1)], left[(1, 0)], left[(1, 1)]);
+    assert!((given.s - expected).norm() < 1e-6 * expected.norm());
+    assert!(given.s.trace() < 0.5 * s.view((told, told), (2, 2)).trace());
+    assert!((given.uv - last.uv).norm() < 4.0 * given.s.trace().sqrt());
+    assert_eq!(before, warm.filter.state().mean(), "the state stays");
+}
+
+#[test]
+fn wrong_matches_among_the_others_do_no_harm() {
+    let mut warm = warm(3, &[]);
+    let z = measure(&mut warm, false);
+    let (mut found, last) = (z.bearings.clone(), *z.bearings.last().unwrap());
+    found.pop();
+    let right = warm.filter.predict_given(&found, &[last.id]).unwrap()[0].unwrap();
+    for bearing in found.iter_mut().step_by(4) {
+        bearing.uv += Vector2::new(15.0, -9.0);
+    }
+    let given = warm.filter.predict_given(&found, &[last.id]).unwrap()[0].unwrap();
+    assert!(
+        (given.uv - right.uv).norm() < 1.0,
+        "{} {}",
+        given.uv,
+        right.uv
+    );
+}
+
+#[test]
+fn bad_input_is_named() {
+    let mut warm = warm(4, &[]);
+    let z: Measurements = measure(&mut warm, false);
+    let id = z.bearings[0].id;
+    assert!(warm.filter.predict_given(&z.bearings, &[id]).is_err());
+    assert!(warm.filter.predict_given(&z.bearings, &[9999]).is_err());
+    let nowhere = Bearing {
+        id,
+        uv: Vector2::repeat(f64::NAN),
+    };
+    assert!(warm.filter.predict_given(&[nowhere], &[]).is_err());
+}
