@@ -113,6 +113,6 @@ class TargetStart(Keeper):
             self._camera, self._patches, pose, self._points_w, self._options.patch
         )
         spread = np.broadcast_to((self._options.target.radius / 3.0) ** 2 * np.eye(2), (len(uv), 2, 2))
-        found = active_search([image], templates, uv, spread, None, self._options)
+        found = active_search(image, templates, uv, spread, None, self._options)
         hit = ok & usable & (found.code == FOUND)
         return float(np.linalg.norm(found.uv - uv, axis=1)[hit].max()) if hit.any() else float("nan")

@@ -108,7 +108,7 @@ class Tracks(Keeper):
         templates, usable, _ = warp_templates(self._camera, patches, pose, points, self._settings.patch)
         spread = (self._settings.flow.max_error / self._settings.search.gate) ** 2 * np.eye(2)
         result = active_search(
-            [image],
+            image,
             templates,
             np.concatenate([expected["uv"], guess[n:]]),
             np.concatenate([expected["s"], np.broadcast_to(spread, (len(waiting), 2, 2))]),
@@ -146,7 +146,7 @@ class Tracks(Keeper):
         told = np.flatnonzero(codes == FOUND)
         told = told[:: max(1, -(-len(told) // _TOLD))]
         uv, s = given(ids[told], result.uv[told], ids[late])
-        again = active_search([image], templates[late], uv, s, None, self._settings)
+        again = active_search(image, templates[late], uv, s, None, self._settings)
         for whole, part in zip(result, again, strict=True):
             whole[late] = part
 

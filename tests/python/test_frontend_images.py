@@ -9,14 +9,23 @@ import pytest
 from collabslam._core import Camera, sample_templates
 from collabslam.errors import InputError, SettingsError
 from collabslam.frontend.detect import detect_corners
-from collabslam.frontend.flow import FlowImage, flow_guess, global_motion, track_candidates
+from collabslam.frontend.flow import FlowImage, flow_guess, global_motion
 from collabslam.frontend.patch import affine_maps, capture, warp_templates
-from collabslam.frontend.search import AMBIGUOUS, FOUND, LOW_SCORE, OUTSIDE, active_search, build_pyramid
+from collabslam.frontend.search import AMBIGUOUS, FOUND, LOW_SCORE, OUTSIDE, active_search
 from collabslam.frontend.settings import FRONTEND, FrontendSettings
 from collabslam.geometry import se3_exp
+from collabslam.tracks import Tracks
 
 SETTINGS = FrontendSettings()
 NONE = np.empty((0, 2))
+NO_FEATURES = {
+    "ids": np.empty(0, np.int64),
+    "uv": NONE,
+    "s": np.empty((0, 2, 2)),
+    "points": np.empty((0, 3)),
+    "rho": np.empty(0),
+    "rho_sd": np.empty(0),
+}
 
 
 def texture(height: int = 360, width: int = 540, seed: int = 0) -> np.ndarray:
@@ -131,7 +140,7 @@ def test_search_is_precise(noise):
     templates, ok, affine = warp_templates(camera, patches, np.eye(4), np.full((60, 3), np.nan))
     assert np.all(ok)
     assert np.allclose(affine, np.eye(2), atol=1e-9)
-    result = active_search(build_pyramid(now), templates, uv, covariances(60, 1.5), None, SETTINGS)
+    result = active_search(now, templates, uv, covariances(60, 1.5), None, SETTINGS)
     found = result.code == FOUND
     assert found.mean() > 0.85
     error = (result.uv - uv - shift)[found]
@@ -149,7 +158,7 @@ def test_search_agrees_with_opencv(size):
         u, v = rng.integers(60, 300, 2)
         template = (image if k % 2 else other)[v - size // 2 :, u - size // 2 :][:size, :size]
         centre = np.array([u, v]) + rng.uniform(-6, 6, 2)
-        found = active_search([image], template[None], centre[None], covariances(1, 3.0), None, settings)
+        found = active_search(image, template[None], centre[None], covariances(1, 3.0), None, settings)
         values = cv2.matchTemplate(image, template, cv2.TM_CCOEFF_NORMED)
         peaks = (values == cv2.dilate(values, np.ones((3, 3)))) & (values > 0)
         y, x = (i + size // 2 for i in np.nonzero(peaks))
@@ -169,7 +178,7 @@ def test_search_near_the_edge_and_in_small_images():
         guess = np.where(rng.random((300, 1)) < 0.5, np.nan, rng.uniform(-30, 120, (300, 2)))
         s = covariances(300, 1.0) * rng.uniform(0.1, 900, (300, 1, 1))
         result = active_search(
-            [image], rng.integers(0, 255, (300, 15, 15), dtype=np.uint8), uv, s, guess, SETTINGS
+            image, rng.integers(0, 255, (300, 15, 15), dtype=np.uint8), uv, s, guess, SETTINGS
         )
         assert np.all(result.score <= 1.0 + 1e-6)
         assert np.all(np.isfinite(result.uv[result.code == FOUND]))
@@ -210,7 +219,7 @@ def test_search_names_bad_input(change, word):
     arguments = {**good, **change}
     with pytest.raises(InputError, match=word):
         active_search(
-            [arguments["image"]], arguments["templates"], arguments["uv"], arguments["s"], None, SETTINGS
+            arguments["image"], arguments["templates"], arguments["uv"], arguments["s"], None, SETTINGS
         )
 
 
@@ -221,7 +230,7 @@ def test_search_codes():
     other = texture(seed=9)[100:115, 100:115]
     right = image[143:158, 193:208]
     templates = np.stack([right, other, flat, right, right])
-    result = active_search([image], templates, uv, covariances(5, 2.0), None, SETTINGS)
+    result = active_search(image, templates, uv, covariances(5, 2.0), None, SETTINGS)
     assert list(result.code) == [FOUND, LOW_SCORE, LOW_SCORE, OUTSIDE, OUTSIDE]
     assert np.allclose(result.uv[0], [200, 150], atol=0.05)
 
@@ -230,11 +239,9 @@ def test_repeated_texture_is_ambiguous():
     tile = texture(16, 16, seed=3)
     image = np.tile(tile, (20, 20))
     templates = image[153:168, 153:168][None]
-    result = active_search(
-        [image], templates, np.array([[160.0, 160.0]]), covariances(1, 8.0), None, SETTINGS
-    )
+    result = active_search(image, templates, np.array([[160.0, 160.0]]), covariances(1, 8.0), None, SETTINGS)
     assert result.code[0] == AMBIGUOUS
-    near = active_search([image], templates, np.array([[160.0, 160.0]]), covariances(1, 1.0), None, SETTINGS)
+    near = active_search(image, templates, np.array([[160.0, 160.0]]), covariances(1, 1.0), None, SETTINGS)
     assert near.code[0] == FOUND
 
 
@@ -243,9 +250,9 @@ def test_search_stays_in_the_ellipse():
     uv = np.array([[250.0, 180.0]])
     template = image[173:188, 243:258][None]
     thin = np.array([[[36.0, 0.0], [0.0, 0.1]]])
-    inside = active_search([image], template, uv + np.array([14.0, 0.5]), thin, None, SETTINGS)
+    inside = active_search(image, template, uv + np.array([14.0, 0.5]), thin, None, SETTINGS)
     assert inside.code[0] == FOUND
-    outside = active_search([image], template, uv + np.array([0.5, 14.0]), thin, None, SETTINGS)
+    outside = active_search(image, template, uv + np.array([0.5, 14.0]), thin, None, SETTINGS)
     assert outside.code[0] != FOUND
 
 
@@ -255,12 +262,12 @@ def test_wide_search_uses_the_guess_or_searches_all():
     s = covariances(1, 12.0)
     start, true = np.array([[225.0, 165.0]]), np.array([[250.0, 180.0]])
     for guess in (None, true + 2.0, np.full((1, 2), np.nan)):
-        result = active_search([image], template, start, s, guess, SETTINGS)
+        result = active_search(image, template, start, s, guess, SETTINGS)
         assert result.code[0] == FOUND
         assert np.allclose(result.uv, true, atol=0.05)
-    unbelieved = active_search([image], template, start, s, true + 200.0, SETTINGS)
+    unbelieved = active_search(image, template, start, s, true + 200.0, SETTINGS)
     assert unbelieved.code[0] == FOUND
-    misled = active_search([image], template, start, s, start - 20.0, SETTINGS)
+    misled = active_search(image, template, start, s, start - 20.0, SETTINGS)
     assert misled.code[0] == LOW_SCORE
 
 
@@ -278,11 +285,11 @@ def test_warp_follows_rotation_and_scale():
     assert np.all(ok)
     assert np.allclose(affine[0], linear, atol=0.01)
     place = (uv - centre) @ linear.T + centre
-    result = active_search([now], templates, place + 1.0, covariances(3, 1.0), None, SETTINGS)
+    result = active_search(now, templates, place + 1.0, covariances(3, 1.0), None, SETTINGS)
     assert np.all(result.code == FOUND)
     assert np.abs(result.uv - place).max() < 0.15
     unwarped, _, _ = warp_templates(camera, capture(image, uv, np.eye(4)), np.eye(4), points)
-    assert np.any(active_search([now], unwarped, place, covariances(3, 1.0), None, SETTINGS).code != FOUND)
+    assert np.any(active_search(now, unwarped, place, covariances(3, 1.0), None, SETTINGS).code != FOUND)
 
 
 def test_warp_averages_when_it_shrinks():
@@ -377,23 +384,16 @@ def test_flow_refuses_what_is_gone():
 def test_candidates_do_not_drift():
     image = texture(seed=7)
     uv = detect_corners(image[60:300, 60:440], NONE, 40, SETTINGS.detect, 20) + 60.0
-    camera = Camera("pinhole", 540, 360, (500.0, 500.0, 270.0, 180.0), [])
-    templates, usable, _ = warp_templates(
-        camera, capture(image, uv, np.eye(4)), np.eye(4), np.full((len(uv), 3), np.nan)
-    )
-    previous, place, alive = image, uv, np.ones(len(uv), bool)
+    ids = np.arange(len(uv))
+    tracks = Tracks(Camera("pinhole", 540, 360, (500.0, 500.0, 270.0, 180.0), []), SETTINGS)
+    tracks.search(image, np.eye(4), NO_FEATURES, None)
+    tracks.add_candidates(image, np.eye(4), ids, uv)
     for step in range(1, 13):
         now = moved(image, np.eye(2), step * np.array([3.3, -1.7]))
-        place, ok = track_candidates(
-            previous, now, np.where(np.isfinite(place), place, 0.0), templates, usable, SETTINGS
-        )
-        alive &= ok
-        previous = now
-    error = (place - uv - 12 * np.array([3.3, -1.7]))[alive]
-    assert alive.mean() > 0.8
+        found = tracks.search(now, np.eye(4), NO_FEATURES, None)
+    error = found.candidate_uv - uv[found.candidates] - 12 * np.array([3.3, -1.7])
+    assert len(found.candidates) > 0.8 * len(uv)
     assert np.sqrt((error**2).mean()) < 0.1
-    usable[:] = False
-    assert not track_candidates(image, image, uv, templates, usable, SETTINGS)[1].any()
 
 
 def test_everything_is_deterministic():

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collabslam.frontend.detect import halves
-from collabslam.frontend.search import FOUND, active_search, build_pyramid
-from collabslam.frontend.settings import FlowSettings, FrontendSettings
+from collabslam.frontend.settings import FlowSettings
 from collabslam.types import Array, Image, Mask
 
 Small = NDArray[np.float32]
@@ -26,6 +25,13 @@ Small = NDArray[np.float32]
 _MIN_POINTS = 8  # that tell the motion of the image
 _MIN_FOLLOWED = 0.7  # share of the points; fewer mean that the first guess was wrong
 _MIN_OVERLAP = 0.3  # share of the small image in which both views must lie for a shift to be believed
+
+
+def _halved(image: Image, times: int) -> Image:
+    """The image, halved some times."""
+    for _ in range(times):
+        image = np.asarray(cv2.pyrDown(image), dtype=np.uint8)
+    return image
 
 
 class FlowImage:
@@ -46,7 +52,7 @@ class FlowImage:
 
     def __init__(self, image: Image, settings: FlowSettings) -> None:
         self.factor = 2 if halves(image.shape[1]) else 1
-        self.image = build_pyramid(image, self.factor - 1)[-1]
+        self.image = _halved(image, self.factor - 1)
         self._small_width = settings.small_width
 
     @classmethod
@@ -60,7 +66,7 @@ class FlowImage:
     def small(self) -> tuple[Small, Small, int]:
         """For the global motion: strongly reduced, the same without its slow changes, full pixels in one."""
         halvings = max(0, int(np.ceil(np.log2(self.image.shape[1] / self._small_width))))
-        small = build_pyramid(self.image, halvings)[-1].astype(np.float32)
+        small = _halved(self.image, halvings).astype(np.float32)
         band = small - cv2.GaussianBlur(small, (0, 0), small.shape[1] / 8.0)
         return small, band, self.factor * 2**halvings
 
@@ -244,46 +250,3 @@ def _forth_and_back(
     inside = np.all((uv >= 0.0) & (uv <= [b.shape[1] - 1.0, b.shape[0] - 1.0]), axis=1)
     ok = (seen.ravel() == 1) & (back.ravel() == 1) & (gap * factor <= settings.max_error) & inside
     return uv * factor, ok
-
-
-def track_candidates(
-    previous: Image,
-    image: Image,
-    uv_prev: Array,
-    templates: Image,
-    usable: Mask,
-    settings: FrontendSettings,
-    uv_init: Array | None = None,
-) -> tuple[Array, Mask]:
-    """Follow candidates to the next frame without drift.
-
-    The flow only says where to look: each candidate's own template, cut when it was first seen and warped to
-    today's view, is located there by correlation.
-
-    Parameters
-    ----------
-    previous, image : (H, W) uint8
-    uv_prev : (N, 2) float64
-        Candidates in the previous image.
-    templates : (N, h, h) uint8
-        Their templates as they should look now.
-    usable : (N,) bool
-        Whether the template could be warped; a candidate without one is lost.
-    settings : FrontendSettings
-    uv_init : (N, 2) float64, optional
-        First guess of the candidates now; NaN where there is none.
-
-    Returns
-    -------
-    uv : (N, 2) float64
-        Sub-pixel position; NaN where the candidate is lost.
-    ok : (N,) bool
-    """
-    before, now = (FlowImage(x, settings.flow) for x in (previous, image))
-    uv, ok = flow_guess(before, now, uv_prev, uv_init, settings.flow)
-    ok = ok & np.asarray(usable, dtype=np.bool_)
-    uv = np.where(ok[:, None], uv, np.nan)
-    spread = (settings.flow.max_error / settings.search.gate) ** 2 * np.eye(2)
-    result = active_search([image], templates, uv, np.broadcast_to(spread, (len(uv), 2, 2)), None, settings)
-    found = result.code == FOUND
-    return np.where(found[:, None], result.uv, np.nan), found

@@ -180,7 +180,7 @@ def search_from(
     index, templates = index[usable], templates[usable]
     spread = (settings.relocalise.radius / settings.search.gate) ** 2 * np.eye(2)
     result = active_search(
-        [image], templates, uv[index], np.broadcast_to(spread, (len(index), 2, 2)), None, settings
+        image, templates, uv[index], np.broadcast_to(spread, (len(index), 2, 2)), None, settings
     )
     hit = result.code == FOUND
     return index[hit], result.uv[hit], len(index)

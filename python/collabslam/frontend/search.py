@@ -7,10 +7,8 @@ against low and ambiguous peaks, then the peak's sub-pixel position.
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from collabslam import _core
@@ -51,14 +49,6 @@ class SearchResult(NamedTuple):
     code: Indices
 
 
-def build_pyramid(image: Image, levels: int = 3) -> list[Image]:
-    """The image and ``levels`` halvings of it, the full one first."""
-    pyramid = [image]
-    for _ in range(levels):
-        pyramid.append(np.asarray(cv2.pyrDown(pyramid[-1]), dtype=np.uint8))
-    return pyramid
-
-
 def wide_ellipses(s: Array, settings: SearchSettings) -> Mask:
     """(N,) bool: whether an ellipse is so wide that :func:`active_search` would use a guess inside it."""
     diagonal = np.asarray(s, dtype=np.float64)[:, [0, 1], [0, 1]]
@@ -68,7 +58,7 @@ def wide_ellipses(s: Array, settings: SearchSettings) -> Mask:
 
 
 def active_search(
-    pyramid: Sequence[Image],
+    image: Image,
     templates: Image,
     uv_pred: Array,
     s: Array,
@@ -84,8 +74,7 @@ def active_search(
 
     Parameters
     ----------
-    pyramid : sequence of (H, W) uint8
-        Image pyramid, full resolution first; the search uses the full resolution.
+    image : (H, W) uint8
     templates : (N, h, h) uint8
     uv_pred : (N, 2) float64
         Predicted pixels.
@@ -106,7 +95,7 @@ def active_search(
     options = settings.search
     return SearchResult(
         *_core.search_templates(
-            pyramid[0],
+            image,
             templates,
             uv_pred,
             s,

@@ -88,7 +88,7 @@ def find_target(
     for k, patch in enumerate(target.patches):
         side = min(patch.shape) - (1 - min(patch.shape) % 2)
         template = np.ascontiguousarray(patch[:side, :side])[None]
-        found = active_search([image], template, predicted[k : k + 1], spread[k : k + 1], None, options)
+        found = active_search(image, template, predicted[k : k + 1], spread[k : k + 1], None, options)
         if found.code[0] == FOUND:
             # The patch's middle is its point; an even side leaves half a pixel.
             uv[k] = found.uv[0] + (np.array(patch.shape[::-1]) - side) / 2.0

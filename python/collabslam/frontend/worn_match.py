@@ -320,7 +320,7 @@ class _Matcher:
             return index, place
         affine = self._warps(rest, consensus.t_cf, np.maximum(self.rho[rest], 0.0))
         templates = self._templates(rest, affine)
-        result = active_search([self.image_f], templates, uv, spread, None, self.settings)
+        result = active_search(self.image_f, templates, uv, spread, None, self.settings)
         found = result.code == FOUND
         return np.concatenate([index, rest[found]]), np.concatenate([place, result.uv[found]])
 
@@ -361,7 +361,7 @@ class _Matcher:
             ambiguity=1.0,
         )
         result = active_search(
-            [self.image_f],
+            self.image_f,
             templates,
             place,
             np.zeros((len(index), 2, 2)),
