@@ -24,8 +24,6 @@ _DROP_TIME, _KEEP_TIME = 0.3, 1.5
 _REACH_AT_ONCE, _WALK = 1.0, 1.0
 """Metres from where the person was lost, and metres a second since, within which somebody is the person."""
 _STRANGER_SD = 0.5
-_LOST = 2.0
-"""Times the largest standard deviation that is handed out; up to there the person is followed."""
 _TRIAL = 2.0
 """Seconds in which a new track must have walked."""
 
@@ -110,9 +108,7 @@ class Crowd:
         limit = self._config
         person = self.person
         if person is not None and (
-            person.doubtful
-            or t - person.seen > limit.max_gap
-            or person.position_sd > _LOST * limit.max_position_sd
+            person.doubtful or t - person.seen > limit.max_gap or person.position_sd > limit.max_position_sd
         ):
             self.lost = (t, person.x[:2].copy())
             self.person = None
