@@ -9,24 +9,19 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from collabslam._core import Camera
+from collabslam.demo.rendered import RenderedRecording
 from collabslam.demo.renderer import Renderer
 from collabslam.demo.walk import CorridorWalk
 from collabslam.demo.world import corridor
 from collabslam.errors import InputError
-from collabslam.geometry import pose_inverse, se3_exp
+from collabslam.geometry import se3_exp
 from collabslam.types import Array, Frame, Image, WornView
 
 ROBOT_CAMERA = (720, 480, (620.0, 620.0, 359.5, 239.5), (-0.06, 0.02, 0.0005, -0.0004))
 WORN_CAMERA = (720, 480, (614.0, 615.0, 364.0, 236.5), (-0.05, 0.015, -0.0003, 0.0006))
 """(width, height, intrinsics, distortion) of Cs and Cf: about 60 degrees wide."""
-
-PIXEL_NOISE = 2.5
-"""Standard deviation of the pictures' noise, grey levels."""
-VIGNETTING = 0.18
-"""Share of the light that is lost in the corners."""
 
 POSITION_SD = 0.03
 """Standard deviation of the measured position of F in C along each axis, metres."""
@@ -34,8 +29,8 @@ ROTATION_SD = (0.5, 1.0, 0.5)
 """Standard deviation of the measured attitude about F's x (pitch), y (yaw) and z (roll) axes, degrees."""
 
 
-class DemoRecording:
-    """A `Recording` whose pictures are rendered when they are asked for; the last ones are kept.
+class DemoRecording(RenderedRecording):
+    """A recording of a scene and a walk; Cf's view is there where the person looks ahead.
 
     Parameters
     ----------
@@ -52,40 +47,16 @@ class DemoRecording:
     """
 
     def __init__(self, renderer: Renderer, walk: CorridorWalk, times: Array, name: str, seed: int) -> None:
-        self.name = name
-        self.source = f"demo:{name}"
-        self.camera = Camera("radtan", *ROBOT_CAMERA)
-        self.worn_camera = Camera("radtan", *WORN_CAMERA)
-        self.times = times
-        self.truth = np.stack([walk.robot(float(t)) for t in times])
-        self.target = None
+        cameras = (Camera("radtan", *ROBOT_CAMERA), Camera("radtan", *WORN_CAMERA))
+        truth = np.stack([walk.robot(float(t)) for t in times])
+        super().__init__(name, f"demo:{name}", *cameras, times, truth)
         self.renderer = renderer
         self._walk = walk
         self._seed = seed
-        self._gains = [vignette(self.camera), vignette(self.worn_camera)]
-        self._robot_image = lru_cache(maxsize=8)(self._take_robot_image)
-        self._frame = lru_cache(maxsize=8)(self._take_frame)
 
-    def __len__(self) -> int:
-        return len(self.times)
-
-    def image(self, i: int) -> Image:
-        """The picture (H, W) uint8 of Cs in frame `i`; raises InputError if there is none such."""
-        return self._robot_image(self._check(i))
-
-    def frame(self, i: int) -> Frame:
-        """Frame `i`, with Cf's view where the person looks ahead; raises InputError if there is none such."""
-        return self._frame(self._check(i))
-
-    def true_t_cf(self, i: int) -> Array:
-        """True T_CF (4, 4) of frame `i`, with or without Cf's view. For scoring, never for the filter."""
-        i = self._check(i)
-        return np.asarray(pose_inverse(self.truth[i]) @ self._walk.person(float(self.times[i])))
-
-    def _check(self, i: int) -> int:
-        if not 0 <= i < len(self):
-            raise InputError(f"There is no frame {i}; this recording has the frames 0 to {len(self) - 1}.")
-        return int(i)
+    def person(self, t: float) -> Array:
+        """True T_WF (4, 4) at the stamp `t`, seconds."""
+        return self._walk.person(t)
 
     def _noise(self, i: int) -> np.random.Generator:
         return np.random.Generator(np.random.PCG64((self._seed, i)))
@@ -105,10 +76,7 @@ class DemoRecording:
     def _expose(self, pose: Array, which: int, generator: np.random.Generator) -> Image:
         """What Cs (0) or Cf (1) delivers at `pose`: the rendered picture with vignetting and noise."""
         clean = self.renderer.render(pose, (self.camera, self.worn_camera)[which])
-        noise = generator.standard_normal(clean.shape, dtype=np.float32)
-        noise *= np.float32(PIXEL_NOISE)
-        noise += clean * self._gains[which]
-        return np.clip(np.rint(noise, out=noise), 0, 255, out=noise).astype(np.uint8)
+        return self._sensed(clean, which, 1.0, generator)
 
 
 def measured_pose(true: Array, generator: np.random.Generator) -> tuple[Array, Array]:
@@ -119,13 +87,6 @@ def measured_pose(true: Array, generator: np.random.Generator) -> tuple[Array, A
     measured[:3, :3] = true[:3, :3] @ error[:3, :3].T
     measured[:3, 3] = true[:3, 3] - measured[:3, :3] @ error[:3, 3]
     return measured, np.diag(sd**2)
-
-
-def vignette(camera: Camera) -> npt.NDArray[np.float32]:
-    """Gain (H, W) that falls with the square of the distance from the principal point."""
-    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
-    r2 = (u - camera.intrinsics[2]) ** 2 + (v - camera.intrinsics[3]) ** 2
-    return np.asarray(1.0 - VIGNETTING * r2 / r2.max(), dtype=np.float32)
 
 
 def corridor_recording(

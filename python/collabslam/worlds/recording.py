@@ -6,12 +6,13 @@ Each frame has its own generator, so that frames may be asked for in any order.
 
 from __future__ import annotations
 
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.demo.recording import PIXEL_NOISE, measured_pose, vignette
+from collabslam.demo.recording import measured_pose
+from collabslam.demo.rendered import RenderedRecording
 from collabslam.demo.renderer import Mover, Renderer
 from collabslam.demo.walk import waves
 from collabslam.errors import InputError
@@ -36,8 +37,8 @@ LEAD = 0.6
 """Stamp of the first frame, seconds: robot and person stand still before, while other sensors run already."""
 
 
-class WorldRecording:
-    """A `Recording` of two cameras in a rendered building.
+class WorldRecording(RenderedRecording):
+    """A recording of two cameras in a rendered building.
 
     Parameters
     ----------
@@ -50,26 +51,17 @@ class WorldRecording:
         if seed < 0:
             raise InputError(f"seed is {seed}; give a number that is not negative.")
         self.recipe = recipe
-        self.name = recipe.name
-        self.source = f"world:{recipe.name}"
-        self.camera = Camera("radtan", *ROBOT_CAMERA)
-        self.worn_camera = Camera("radtan", *WORN_CAMERA)
-        self.target = None
         route = Route(recipe.route)
         length = route.length if recipe.length is None else recipe.length
         self.drive = Drive(route, recipe.speed, -recipe.side * LANE, length, recipe.seed)
         stations = tuple((share, ahead, recipe.side * left) for share, ahead, left in recipe.stations)
         self.walk = Walk(self.drive, stations, recipe.along, recipe.seed)
         count = int(self.drive.duration * RATE) + 1
-        self.times = np.round(LEAD + np.arange(count) / RATE, 9)  # whole nanoseconds, as files hold them
-        self.truth = np.stack([self.robot(float(t)) for t in self.times])
+        times = np.round(LEAD + np.arange(count) / RATE, 9)  # whole nanoseconds, as files hold them
         self._seed = seed
-        self._gains = [vignette(self.camera), vignette(self.worn_camera)]
-        self._robot_image = lru_cache(maxsize=8)(self._take_robot_image)
-        self._frame = lru_cache(maxsize=8)(self._take_frame)
-
-    def __len__(self) -> int:
-        return len(self.times)
+        cameras = (Camera("radtan", *ROBOT_CAMERA), Camera("radtan", *WORN_CAMERA))
+        truth = np.stack([self.robot(float(t)) for t in times])
+        super().__init__(recipe.name, f"world:{recipe.name}", *cameras, times, truth)
 
     def robot(self, t: float) -> Array:
         """True T_WC (4, 4) at the stamp `t`, seconds."""
@@ -82,19 +74,6 @@ class WorldRecording:
     def shins(self, t: float) -> Array:
         """(2, 3): x, y and radius of the person's shins in the lasers' plane at the stamp `t`, metres."""
         return self.walk.walker.legs(max(t - LEAD, 0.0))
-
-    def image(self, i: int) -> Image:
-        """The picture (H, W) uint8 of Cs in frame `i`; raises InputError if there is none such."""
-        return self._robot_image(self._check(i))
-
-    def frame(self, i: int) -> Frame:
-        """Frame `i`, with what Cf sees then, be it what it may; raises InputError if there is none such."""
-        return self._frame(self._check(i))
-
-    def true_t_cf(self, i: int) -> Array:
-        """True T_CF (4, 4) of frame `i`, at Cs's shutter. For scoring, never for the filter."""
-        i = self._check(i)
-        return np.asarray(pose_inverse(self.truth[i]) @ self.person(float(self.times[i])))
 
     @cached_property
     def building(self) -> Building:
@@ -119,11 +98,6 @@ class WorldRecording:
     def _scene(self, part: int) -> np.random.Generator:
         return np.random.Generator(np.random.PCG64((self.recipe.seed, 10 + part)))
 
-    def _check(self, i: int) -> int:
-        if not 0 <= i < len(self):
-            raise InputError(f"There is no frame {i}; this recording has the frames 0 to {len(self) - 1}.")
-        return int(i)
-
     def _noise(self, i: int) -> list[np.random.Generator]:
         return np.random.Generator(np.random.PCG64((self._seed, self.recipe.seed, i))).spawn(3)
 
@@ -144,10 +118,7 @@ class WorldRecording:
         half = 0.5 * self.recipe.exposure
         shutter = pose_inverse(path(t - half)) @ path(t + half)
         clean = self.renderer.render(path(t), camera, self._movers(which, t), shutter)
-        noise = generator.standard_normal(clean.shape, dtype=np.float32)
-        noise *= np.float32(PIXEL_NOISE)
-        noise += clean * (self._gains[which] * np.float32(self._brightness(which, t)))
-        return np.clip(np.rint(noise, out=noise), 0, 255, out=noise).astype(np.uint8)
+        return self._sensed(clean, which, self._brightness(which, t), generator)
 
     def _movers(self, which: int, t: float) -> list[Mover]:
         """Whom the camera may see: Cs the person, Cf the robot."""

@@ -1,0 +1,88 @@
+"""What recordings share whose pictures are rendered when they are asked for."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from collabslam._core import Camera
+from collabslam.errors import InputError
+from collabslam.geometry import pose_inverse
+from collabslam.types import Array, Frame, Image
+
+PIXEL_NOISE = 2.5
+"""Standard deviation of the pictures' noise, grey levels."""
+VIGNETTING = 0.18
+"""Share of the light that is lost in the corners."""
+
+
+class RenderedRecording(ABC):
+    """A `Recording` of two cameras whose motion is known; the last pictures and frames are kept.
+
+    Parameters
+    ----------
+    name, source : str
+    camera, worn_camera : Camera
+    times : (N,) float64
+        Time stamps, seconds.
+    truth : (N, 4, 4) float64
+        T_WC.
+    """
+
+    def __init__(
+        self, name: str, source: str, camera: Camera, worn_camera: Camera, times: Array, truth: Array
+    ) -> None:
+        self.name, self.source, self.target = name, source, None
+        self.camera, self.worn_camera = camera, worn_camera
+        self.times, self.truth = times, truth
+        self._gains = [vignette(camera), vignette(worn_camera)]
+        self._robot_image = lru_cache(maxsize=8)(self._take_robot_image)
+        self._frame = lru_cache(maxsize=8)(self._take_frame)
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def image(self, i: int) -> Image:
+        """The picture (H, W) uint8 of Cs in frame `i`; raises InputError if there is none such."""
+        return self._robot_image(self._check(i))
+
+    def frame(self, i: int) -> Frame:
+        """Frame `i`, with Cf's view if there is one then; raises InputError if there is none such."""
+        return self._frame(self._check(i))
+
+    def true_t_cf(self, i: int) -> Array:
+        """True T_CF (4, 4) of frame `i`, with or without Cf's view. For scoring, never for the filter."""
+        i = self._check(i)
+        return np.asarray(pose_inverse(self.truth[i]) @ self.person(float(self.times[i])))
+
+    @abstractmethod
+    def person(self, t: float) -> Array:
+        """True T_WF (4, 4) at the stamp `t`, seconds."""
+
+    @abstractmethod
+    def _take_robot_image(self, i: int) -> Image: ...
+
+    @abstractmethod
+    def _take_frame(self, i: int) -> Frame: ...
+
+    def _check(self, i: int) -> int:
+        if not 0 <= i < len(self):
+            raise InputError(f"There is no frame {i}; this recording has the frames 0 to {len(self) - 1}.")
+        return int(i)
+
+    def _sensed(self, clean: Image, which: int, light: float, generator: np.random.Generator) -> Image:
+        """What the sensor of Cs (0) or Cf (1) makes of a clean picture: vignetting, exposure, noise."""
+        noise = generator.standard_normal(clean.shape, dtype=np.float32)
+        noise *= np.float32(PIXEL_NOISE)
+        noise += clean * (self._gains[which] * np.float32(light))
+        return np.clip(np.rint(noise, out=noise), 0, 255, out=noise).astype(np.uint8)
+
+
+def vignette(camera: Camera) -> npt.NDArray[np.float32]:
+    """Gain (H, W) that falls with the square of the distance from the principal point."""
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    r2 = (u - camera.intrinsics[2]) ** 2 + (v - camera.intrinsics[3]) ** 2
+    return np.asarray(1.0 - VIGNETTING * r2 / r2.max(), dtype=np.float32)
