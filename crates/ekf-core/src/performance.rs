@@ -13,7 +13,7 @@
 //! | HOHCT, 10 wrong of 100 | 0.49 of the update, N = 100, m = 200 | 1.0 |
 //! | local update, N = 400, 42 in view, against the plain one, both with the gauge transport | 0.19 to 0.21 | 0.2 |
 //! | heap allocations of a warm step | 0 | 0 |
-//! | a step through Python | 0 to 5 % more | 5 % |
+//! | a step through Python | 0 to 10 % more (some 60 us) | 5 % |
 //! | plain dense update | 6 times the yardsticks | |
 //!
 //! The update includes the gauge transport (`estimator.consistency`).
