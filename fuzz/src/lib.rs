@@ -1,10 +1,11 @@
 //! What fuzzing does with the core: strings of bytes become calls, and after each call the promises are checked.
 //!
 //! The same targets serve libFuzzer (`fuzz_targets`), the seeded driver without coverage (`fuzz`, which counts
-//! executions) and the property tests of `ekf-core`, which shrink what they find.
+//! executions) and, with few inputs, the tests.
 
 mod bytes;
 mod camera;
+pub mod drive;
 pub mod endurance;
 mod filter;
 mod snapshot;
