@@ -88,3 +88,32 @@ impl FrameDrift {
         a * self.0 * a.transpose()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{FrameDrift, Misfit};
+    use crate::observe::point::CameraPose;
+    use crate::settings::ProcessSettings;
+    use nalgebra::{Vector3, Vector4};
+
+    #[test]
+    fn its_variance_grows_in_proportion_to_the_misfit() {
+        let mut misfit = Misfit::default();
+        assert!(misfit.share() == 1.0);
+        misfit.note(80.0, 10);
+        misfit.note(0.0, 30);
+        assert!(misfit.share() == 2.0);
+        let pose = CameraPose {
+            r: Vector3::new(1.0, 2.0, 3.0),
+            q: Vector4::new(1.0, 0.0, 0.0, 0.0),
+        };
+        let of_pose = |misfit: f64| {
+            let mut drift = FrameDrift::default();
+            drift.grow(&pose, 0.1, 0.5, misfit, &ProcessSettings::default());
+            drift.of_pose(&pose)
+        };
+        let once = of_pose(1.0);
+        assert!(once.diagonal().min() > 0.0);
+        assert!((of_pose(2.0) - once * 2.0).abs().max() <= 1e-15 * once.max());
+    }
+}
