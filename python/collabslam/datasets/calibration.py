@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import yaml
 
@@ -39,9 +38,6 @@ _DISTORTION_NAMES = {
     "wideangle": "wideangle",
 }
 _COEFFICIENTS = {"pinhole": (0,), "radtan": (4, 5), "fisheye": (4,), "wideangle": (1,)}
-_OPENCV_MATRICES = ("camera_matrix", "distortion_coefficients")
-_MOST_ENTRIES = 64
-_OPENCV_SCALARS = ("image_width", "image_height", "fisheye")
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -56,9 +52,9 @@ def read_yaml(path: Path) -> dict[str, Any]:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(f"The file {path} cannot be read as text; give an existing YAML file.") from error
-    if "opencv-matrix" in text:
-        return _read_file_storage(path, text)
+    # All but OpenCV's header and tag is YAML; its own parser writes beyond its memory in broken files.
     body = "\n".join(line for line in text.splitlines() if not line.startswith("%"))
+    body = body.replace("!!opencv-matrix", "")
     try:
         content = load_yaml(body)
     except yaml.YAMLError as error:
@@ -67,38 +63,6 @@ def read_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise DataError(f"The file {path} holds no 'key: value' lines; give a calibration in YAML.")
     return content
-
-
-def _read_file_storage(path: Path, text: str) -> dict[str, Any]:
-    content = text if text.startswith("%YAML") else "%YAML:1.0\n---\n" + text
-    flags = cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY | cv2.FILE_STORAGE_FORMAT_YAML
-    try:
-        storage = cv2.FileStorage(content, flags)
-        return _file_storage_content(storage)
-    except (cv2.error, SystemError, TypeError, ValueError, OverflowError) as error:
-        raise DataError(
-            f"The file {path} is not a valid OpenCV YAML file; write it again with OpenCV."
-        ) from error
-
-
-def _file_storage_content(storage: cv2.FileStorage) -> dict[str, Any]:
-    out: dict[str, Any] = {}
-    for key in _OPENCV_MATRICES:
-        node = storage.getNode(key)
-        if not node.empty():
-            # OpenCV takes the memory that rows and columns ask for before it looks at the data.
-            if node.getNode("rows").real() * node.getNode("cols").real() > _MOST_ENTRIES:
-                raise ValueError(f"{key} is too large")
-            out[key] = {"data": np.asarray(node.mat(), dtype=np.float64).ravel().tolist()}
-    for key in _OPENCV_SCALARS:
-        node = storage.getNode(key)
-        if not node.empty():
-            out[key] = int(node.real())
-    node = storage.getNode("distortion_model")
-    if not node.empty():
-        out["distortion_model"] = node.string()
-    storage.release()
-    return out
 
 
 def _required(block: Mapping[str, Any], keys: tuple[str, ...], path: Path | str) -> Any:
