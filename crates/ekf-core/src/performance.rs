@@ -6,11 +6,11 @@
 //!
 //! | figure | measured | aim |
 //! |---|---|---|
-//! | update, N = 100, m = 80, four features an anchor | 0.77 of the yardsticks | 1.0 |
-//! | the same, an anchor for each feature | 1.5 | 1.0 |
-//! | step (predict, pixels of all, HOHCT with 3 wrong of 40, update) | 1.13 of the yardsticks | 1.5 |
+//! | update, N = 100, m = 80, four features an anchor | 0.88 of the yardsticks | 1.0 |
+//! | the same, an anchor for each feature | 1.56 | 1.0 |
+//! | step (predict, pixels of all, HOHCT with 3 wrong of 40, update) | 1.25 of the yardsticks | 1.5 |
 //! | HOHCT, 3 wrong of 40 | 0.18 of the update, N = 100, m = 80 | 0.3 |
-//! | HOHCT, 10 wrong of 100 | 0.49 of the update, N = 100, m = 200 | 1.0 |
+//! | HOHCT, 10 wrong of 100 | 0.48 of the update, N = 100, m = 200 | 1.0 |
 //! | local update, N = 400, 42 in view, against the plain one, both with the gauge transport | 0.19 to 0.21 | 0.2 |
 //! | heap allocations of a warm step | 0 | 0 |
 //! | a step through Python | 0 to 10 % more (some 60 us) | 5 % |
@@ -49,9 +49,10 @@
 //! and a share of its anchor's, which are freed when no feature has that anchor any more. What differs between both forms
 //! has one owner, [`FeatureState`](crate::observe::FeatureState): rows keep six columns, of which a point uses three. The
 //! conversion maps a feature's own three rows where they are stored, O(n), and all of a frame's share one compaction.
-//! `make bench` times the update of a map that has converged altogether, N = 100, m = 80, both ways in turns (`points_update_ratio_*`): as points it takes 0.2 to 0.4 of the time where each feature has an anchor of
-//! its own, 0.6 to 0.7 with four an anchor, 0.8 to 0.95 with 25. It is off by default: a map with few anchors gains little
-//! before nearly all of it has converged, and accuracy is as it was (docs/points.md).
+//! `make bench` times the update of a map that has converged altogether, N = 100, m = 80, both ways in turns
+//! (`points_update_ratio_*`): as points it takes 0.2 to 0.4 of the time where each feature has an anchor of its own, 0.6
+//! to 0.7 with four an anchor, 0.8 to 0.95 with 25. It is off by default: a map with few anchors gains little before
+//! nearly all of it has converged, and accuracy is as it was (docs/points.md).
 //!
 //! # The batch test
 //! See [`validate`](crate::validate). HOHCT works on `S^-1`, formed only if the batch fails as a whole; leaving out `k`
