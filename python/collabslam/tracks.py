@@ -165,7 +165,7 @@ class Tracks(Keeper):
         motion = motion_of(before[:tracked], expected["uv"][known[:tracked]])
         wide = wide_ellipses(expected["s"], self._settings.search)
         asked = np.concatenate([wide, np.ones(len(waiting), dtype=np.bool_)])[known]
-        uv, ok = flow_guess(self._previous, now, before[asked], None, self._settings.flow, motion)
+        uv, ok = flow_guess(self._previous, now, before[asked], self._settings.flow, motion)
         guess[known[asked]] = np.where(ok[:, None], uv, np.nan)
         return guess
 

@@ -180,7 +180,6 @@ def flow_guess(
     previous: FlowImage,
     now: FlowImage,
     uv_prev: Array,
-    uv_init: Array | None,
     settings: FlowSettings,
     motion: Array | None = None,
 ) -> tuple[Array, Mask]:
@@ -190,13 +189,10 @@ def flow_guess(
     ----------
     previous, now : FlowImage
     uv_prev : (N, 2) float64
-    uv_init : (N, 2) float64, optional
-        First guess of the points now; NaN where there is none.
     settings : FlowSettings
     motion : (2, 3) float64, optional
-        Motion of the image as predicted (`motion_of`): the guess of points that have none.  The global motion
-        takes its place where it is not given, and serves as a second guess if the flow from the first ones
-        fails for many points.
+        Motion of the image as predicted (`motion_of`): the first guess.  The global motion takes its place if
+        it is not given, and serves as a second guess if the flow from the first one fails for many points.
 
     Returns
     -------
@@ -211,11 +207,6 @@ def flow_guess(
     if motion is None:
         motion = global_motion(previous, now)
     start = points @ motion[:, :2].T + motion[:, 2]
-    if uv_init is not None:
-        init = np.asarray(uv_init, dtype=np.float64)
-        given = np.all(np.isfinite(init), axis=1)
-        start = np.where(given[:, None], init, start)
-        predicted |= bool(given.any())
     uv, ok = _forth_and_back(previous, now, points, start, settings)
     if predicted and ok.mean() < _MIN_FOLLOWED:
         motion = global_motion(previous, now)
