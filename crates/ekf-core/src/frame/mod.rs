@@ -456,7 +456,7 @@ impl Filter {
             return Outcome::RejectedGate;
         }
         let level = self.settings.validate.gate_level;
-        validate::individual_gate(
+        validate::reject_each(
             self.batch.s(),
             self.batch.rows(),
             self.batch.g(),

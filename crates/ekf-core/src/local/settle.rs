@@ -23,11 +23,8 @@ pub(super) fn working_state(whole: &State, stays: impl Fn(&Block) -> bool) -> St
     let rows = stored_rows(whole, &stays);
     let a = rows.len();
     let mut near = whole.camera_alone(Covariance::of_stored(2 * a, 4 * a, None));
-    for (j, &column) in rows.iter().enumerate() {
-        for (i, &row) in rows.iter().enumerate().skip(j) {
-            let value = whole.p.stored_entry(row, column);
-            near.p.set_stored(i, j, value);
-        }
+    near.p.copy_stored(0, &whole.p, &rows);
+    for j in 0..a {
         near.p.set_stored(a + j, j, 1.0);
     }
     let place = |row: usize| rows.partition_point(|&r| r < row);
@@ -62,31 +59,23 @@ impl Far {
             let mate = self.mate(&mates, block);
             for k in 0..block.kind.dim() {
                 let row = self.then.p.slot(block.offset + k);
-                if place_far[row].is_none() {
-                    place_far[row] = Some(match mate {
-                        Some(mate) if k < 3 => place_near(near.p.slot(mate + k)),
-                        _ => {
-                            far_rows.push(row);
-                            a + far_rows.len() - 1
-                        }
-                    });
+                match mate {
+                    Some(mate) if k < 3 => place_far[row] = Some(place_near(near.p.slot(mate + k))),
+                    _ => far_rows.push(row),
                 }
             }
+        }
+        far_rows.sort_unstable();
+        far_rows.dedup();
+        for (k, &row) in far_rows.iter().enumerate() {
+            place_far[row] = Some(a + k);
         }
         let b = far_rows.len();
         let capacity = self.then.p.stored().ld;
         let mut whole = near.camera_alone(Covariance::of_stored(a + b, capacity, spare));
         let p = &mut whole.p;
-        for (j, &column) in near_rows.iter().enumerate() {
-            for (i, &row) in near_rows.iter().enumerate().skip(j) {
-                p.set_stored(i, j, near.p.stored_entry(row, column));
-            }
-        }
-        for (j, &column) in far_rows.iter().enumerate() {
-            for (i, &row) in far_rows.iter().enumerate().skip(j) {
-                p.set_stored(a + i, a + j, self.then.p.stored_entry(row, column));
-            }
-        }
+        p.copy_stored(0, &near.p, &near_rows);
+        p.copy_stored(a, &self.then.p, &far_rows);
         // R of the rows outside, and M's columns of the duals.
         let mut r = Vec::with_capacity(depth * b);
         for &row in &far_rows {

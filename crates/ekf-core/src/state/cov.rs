@@ -132,6 +132,18 @@ impl Covariance {
         self.data[i + j * self.ld] = value;
     }
 
+    /// Copies the stored rows `rows` of another matrix (increasing), among themselves, to those from `at` on.
+    pub(crate) fn copy_stored(&mut self, at: usize, from: &Self, rows: &[usize]) {
+        for (j, &column) in rows.iter().enumerate() {
+            debug_assert!(j == 0 || rows[j - 1] < column);
+            let from = &from.data[column * from.ld..][..from.n];
+            let to = &mut self.data[at + j + (at + j) * self.ld..][..rows.len() - j];
+            for (value, &row) in to.iter_mut().zip(&rows[j..]) {
+                *value = from[row];
+            }
+        }
+    }
+
     /// The stored triangle, to write to, and its leading dimension.
     pub(crate) fn entries(&mut self) -> (&mut [f64], usize) {
         (&mut self.data, self.ld)

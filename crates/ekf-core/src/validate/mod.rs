@@ -237,21 +237,36 @@ pub fn individual_gate(
     level: f64,
     ws: &mut Workspace,
 ) -> Verdict {
-    check(s, ld, g, units);
-    ws.rejected.clear();
+    reject_each(s, ld, g, units, level, ws);
     ws.joint.clear();
-    let mut dof = 0;
+    let mut rejected = ws.rejected.iter().peekable();
     for unit in 0..units.len() {
-        let rows = units.count(unit);
-        if individual_distance(s, ld, g, units, unit) <= ws.quantiles.get(level, rows) {
+        if rejected.next_if_eq(&&unit).is_none() {
             ws.joint.push(s, ld, g, units, unit);
-            dof += rows;
-        } else {
-            ws.rejected.push(unit);
         }
     }
     let accepted = ws.rejected.len() < units.len() || units.is_empty();
-    Verdict::joint(ws.rejected.len(), ws.joint.d2(), dof, accepted)
+    Verdict::joint(ws.rejected.len(), ws.joint.d2(), ws.joint.len(), accepted)
+}
+
+/// Rejects the units that [`individual_gate`] rejects, and asks no more of the others: O(m) in place of O(m^3).
+pub(crate) fn reject_each(
+    s: &[f64],
+    ld: usize,
+    g: &[f64],
+    units: Units,
+    level: f64,
+    ws: &mut Workspace,
+) {
+    check(s, ld, g, units);
+    ws.rejected.clear();
+    for unit in 0..units.len() {
+        let far = ws.quantiles.get(level, units.count(unit));
+        let distance = individual_distance(s, ld, g, units, unit);
+        if distance.is_nan() || distance > far {
+            ws.rejected.push(unit);
+        }
+    }
 }
 
 /// `g_i^T S_ii^-1 g_i`; infinite if `S_ii` is not positive definite.
