@@ -117,18 +117,6 @@ def _correction(worn: WornView, matches: WornMatches) -> tuple[Array, float]:
     return xi, float(np.sqrt(xi @ np.linalg.solve(worn.covariance, xi) / 6.0))
 
 
-def _check_bias(bias: Array, covariance: Array) -> None:
-    """Raises InputError if it is no part of the covariance."""
-    if bias.shape != (6, 6) or not np.isfinite(bias).all() or not np.allclose(bias, bias.T, 1e-9, 0.0):
-        raise InputError("the bias of T_CF must be a finite symmetric (6, 6) matrix.")
-    least = -1e-12 * float(np.trace(covariance))
-    if min(np.linalg.eigvalsh(part)[0] for part in (bias, covariance - bias)) < least:
-        raise InputError(
-            "the bias of T_CF is no part of its covariance: what it leaves has a negative variance; give a "
-            "smaller bias or a larger covariance."
-        )
-
-
 class WornLook:
     """Decides whether Cf helps in a frame, and matches it to Cs."""
 
@@ -162,15 +150,13 @@ class WornLook:
                 f"the worn image is {worn.image.shape} {worn.image.dtype}, its calibration is for "
                 f"({camera.height}, {camera.width}) uint8; scale the calibration or the images."
             )
-        self._filter.predict_overlap(worn.t_cf, worn.covariance)  # raises for an impossible pose
+        self._filter.check_worn(worn.t_cf, worn.covariance, worn.bias)
         try:
             np.linalg.cholesky(worn.covariance)
         except np.linalg.LinAlgError as error:
             raise InputError(
                 "the covariance of T_CF is singular; give every direction a standard deviation."
             ) from error
-        if worn.bias is not None:
-            _check_bias(np.asarray(worn.bias), worn.covariance)
 
     def match(self, image: Image, worn: WornView | None, found: Found, missing: int) -> Overlap:
         """Pairs of this frame; known features first, then as many new points as the view is missing."""

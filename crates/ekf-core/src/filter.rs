@@ -9,7 +9,7 @@ use crate::batch::Workspace;
 use crate::camera::Camera;
 use crate::drift::{FrameDrift, Misfit};
 use crate::error::EkfError;
-use crate::frame::{self, check_pose};
+use crate::frame::{self, check_bias, check_pose};
 use crate::gauge::Gauge;
 use crate::guard;
 use crate::kernel::Panels;
@@ -466,10 +466,7 @@ impl Filter {
         t_cf: &Pose,
         covariance: &Matrix6<f64>,
     ) -> Result<Option<Overlap>, EkfError> {
-        let worn = self.worn_camera.as_ref().ok_or(EkfError::InvalidInput {
-            what: "worn camera",
-            why: "the filter was made without a camera model of Cf; give one".into(),
-        })?;
+        let worn = self.worn_model()?;
         check_pose(t_cf, covariance)?;
         let options = &self.settings.overlap;
         let settings = overlap::OverlapSettings {
@@ -487,6 +484,31 @@ impl Filter {
             covariance,
             &settings,
         ))
+    }
+
+    /// Whether a view of Cf can be measured; what is refused here is refused by [`Filter::update`].
+    ///
+    /// `covariance` is that of `t_cf`, 6x6, (translation, rotation), m^2 and rad^2, right tangent; `bias` the part of it
+    /// that lasts from frame to frame.
+    ///
+    /// # Errors
+    /// [`EkfError`] if the filter has no camera model of Cf, or if a number cannot be what it stands for.
+    pub fn check_worn(
+        &self,
+        t_cf: &Pose,
+        covariance: &Matrix6<f64>,
+        bias: Option<&Matrix6<f64>>,
+    ) -> Result<(), EkfError> {
+        self.worn_model()?;
+        check_pose(t_cf, covariance)?;
+        bias.map_or(Ok(()), |bias| check_bias(bias, covariance))
+    }
+
+    fn worn_model(&self) -> Result<&Camera, EkfError> {
+        self.worn_camera.as_ref().ok_or(EkfError::InvalidInput {
+            what: "worn camera",
+            why: "the filter was made without a camera model of Cf; give one".into(),
+        })
     }
 
     /// T_WC as rotation matrix and position.

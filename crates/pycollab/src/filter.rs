@@ -665,6 +665,23 @@ impl PyFilter {
         Ok(out)
     }
 
+    /// Raises InputError if a view of Cf with this pose cannot be measured; ``bias`` is the part of the covariance
+    /// that lasts from frame to frame.
+    #[pyo3(signature = (t_cf, covariance, bias = None))]
+    fn check_worn(
+        &self,
+        py: Python<'_>,
+        t_cf: Argument<'_>,
+        covariance: Argument<'_>,
+        bias: Option<Argument<'_>>,
+    ) -> PyResult<()> {
+        let t_cf = pose("t_cf", &t_cf)?;
+        let covariance = covariance6("covariance of T_CF", &covariance)?;
+        let bias = bias.map(|b| covariance6("bias of T_CF", &b)).transpose()?;
+        py.detach(|| self.0.check_worn(&t_cf, &covariance, bias.as_ref()))
+            .map_err(to_python)
+    }
+
     /// Predicts whether Cs and Cf overlap (METHOD 9).
     ///
     /// Returns
@@ -714,7 +731,7 @@ fn worn_observation(
     same_length("worn uv_f", ids.len(), uv_f.len())?;
     let pairs = ids.into_iter().zip(uv).zip(uv_f);
     Ok(WornObservation {
-        bias: bias.map(|b| covariance6("worn_bias", b)).transpose()?,
+        bias: bias.map(|b| covariance6("bias of T_CF", b)).transpose()?,
         t_cf: pose("t_cf", t_cf)?,
         covariance: covariance6("covariance", covariance)?,
         pairs: pairs

@@ -340,22 +340,7 @@ impl Filter {
             guard::depth(depth.depth, depth.sigma)?;
         }
         if let Some(worn) = &z.worn {
-            check_pose(&worn.t_cf, &worn.covariance)?;
-            if let Some(bias) = &worn.bias {
-                check_pose(&worn.t_cf, bias)?;
-                if !is_covariance(&(worn.covariance - bias)) {
-                    return Err(EkfError::InvalidInput {
-                        what: "bias",
-                        why: "it must be a part of the covariance: their difference has a negative variance".into(),
-                    });
-                }
-            }
-            if self.worn_camera.is_none() {
-                return Err(EkfError::InvalidInput {
-                    what: "worn camera",
-                    why: "the filter was made without a camera model of Cf; give one".into(),
-                });
-            }
+            self.check_worn(&worn.t_cf, &worn.covariance, worn.bias.as_ref())?;
         }
         Ok(())
     }
@@ -569,6 +554,25 @@ pub(crate) fn check_pose(pose: &Pose, covariance: &Matrix6<f64>) -> Result<(), E
         });
     }
     Ok(())
+}
+
+/// A covariance that is a part of that of T_CF: what it leaves has no negative variance beyond rounding.
+pub(crate) fn check_bias(bias: &Matrix6<f64>, covariance: &Matrix6<f64>) -> Result<(), EkfError> {
+    let what = "bias of T_CF";
+    if !bias.iter().all(|x| x.is_finite()) {
+        return Err(EkfError::NonFinite { what });
+    }
+    let rest = covariance - bias;
+    let rounding = Matrix6::identity() * (1e-12 * covariance.abs().max());
+    if is_covariance(bias) && is_covariance(&((rest + rest.transpose()) * 0.5 + rounding)) {
+        return Ok(());
+    }
+    Err(EkfError::InvalidInput {
+        what,
+        why: "it must be symmetric positive semi-definite and a part of the covariance, here one of both has a \
+              negative variance; give a smaller bias or a larger covariance"
+            .into(),
+    })
 }
 
 /// A rotation matrix and a position, all finite.

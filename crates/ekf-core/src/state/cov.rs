@@ -30,7 +30,7 @@ pub struct LinearPart<'a> {
 }
 
 /// Rounding error of a few products and sums, relative.
-const ROUNDING: f64 = 16.0 * f64::EPSILON;
+const OF_SUMS: f64 = 16.0 * f64::EPSILON;
 
 /// Symmetric covariance matrix of the state.
 #[derive(Clone, Debug)]
@@ -278,7 +278,7 @@ impl Covariance {
         let mut block = j * before * j.transpose();
         let sd = before.diagonal().map(|v| v.max(0.0).sqrt());
         let largest = (j.abs() * sd).map(|sum| sum * sum);
-        block += SMatrix::<f64, 3, 3>::from_diagonal(&(largest * ROUNDING));
+        block += SMatrix::<f64, 3, 3>::from_diagonal(&(largest * OF_SUMS));
         for i in (0..self.n).filter(|i| !own.contains(i)) {
             let row = j * SVector::from(slots.map(|slot| self.stored_entry(i, slot)));
             for (slot, &value) in own.clone().zip(row.iter()) {
@@ -335,7 +335,7 @@ impl Covariance {
         self.transform(start, f);
         for i in 0..K {
             let left = variance(self, i).max(0.0);
-            self.set(start + i, start + i, left + ROUNDING * largest);
+            self.set(start + i, start + i, left + OF_SUMS * largest);
         }
     }
 
