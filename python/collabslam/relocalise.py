@@ -107,7 +107,9 @@ class Relocaliser(Keeper):
         patches = [view for some in by_landmark for view in some]
         points: Array = landmarks["points"][use]
         views = self._describe(patches)
-        fix = locate(image, self._camera, points, patches, views, owner, rolls, self._options)
+        fix = locate(
+            image, self._camera, points, patches, views, owner, self._core.pose, rolls, self._options
+        )
         if fix is None:
             return None
         report = self._core.relocalise(fix.pose, ids[fix.landmarks], fix.uv)

@@ -99,6 +99,25 @@ def test_yaml_that_blows_up_or_runs_code_is_refused(text: str, tmp_path: Path) -
         Settings.load(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "before", "after"),
+    [
+        ("images-list", b"a.png", b"a" * 5000 + b".png"),
+        ("images-list", b"1403636579763555584", b"9" * 5000),
+        ("images-list", b"1403636579763555584", b"9" * 19),
+        ("images-list", b"1403636579763555584", "²".encode()),
+        ("extrinsics", b"0.1", b"9" * 400),
+    ],
+)
+def test_numbers_and_names_beyond_all_bounds_are_refused(
+    name: str, before: bytes, after: bytes, tmp_path: Path
+) -> None:
+    (tmp_path / "data").mkdir()
+    good = READERS[name].good
+    assert before in good
+    assert not read_one(READERS[name], tmp_path, good.replace(before, after))
+
+
 NUMBERS = st.one_of(st.floats(width=64), st.sampled_from([0.0, 0.1, 100.0, 1e300, -1.0]))
 ROWS = st.lists(st.tuples(NUMBERS, NUMBERS), max_size=4)
 CALLS = st.lists(

@@ -78,7 +78,7 @@ def _numbers(value: Any, count: tuple[int, ...] | None, key: str, path: Path | s
     try:
         # PyYAML reads 1e-05 as text, hence float() of each item.
         numbers = [float(x) for x in np.asarray(value, dtype=object).ravel().tolist()]
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise DataError(f"The key '{key}' of {path} is not a list of numbers; correct it.") from error
     if not bool(np.all(np.isfinite(numbers))):
         raise DataError(f"The key '{key}' of {path} holds a number that is not finite; correct it.")

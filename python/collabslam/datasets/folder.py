@@ -57,7 +57,7 @@ def _stamps(paths: list[Path], rate: object, camera: Path) -> Array:
     if rate is not None:
         try:
             hertz = float(rate)  # type: ignore[arg-type]
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             hertz = 0.0
         if not (np.isfinite(hertz) and hertz > 0.0):
             raise DataError(f"The key 'rate' of {camera} is not a positive number; give frames per second.")

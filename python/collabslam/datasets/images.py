@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 from pathlib import Path
 
@@ -166,7 +167,7 @@ def require_files(paths: list[Path]) -> None:
     DataError
         Naming the first missing file and how many are missing.
     """
-    missing = [p for p in paths if not p.is_file()]
+    missing = [p for p in paths if not os.path.isfile(p)]  # False also for a name that is too long
     if missing:
         raise DataError(
             f"{len(missing)} of {len(paths)} listed images are missing, the first is {missing[0]}; "

@@ -16,6 +16,7 @@ NANOSECONDS = 10**9
 # Integers from here on are nanoseconds since 1970; up to the other limit they are seconds.
 _LEAST_NANOSECONDS = 10**17
 _MOST_SECONDS = 10**11
+_MOST_DIGITS = 19  # of a stamp in nanoseconds
 _CLAMP_SECONDS = 1e-3
 _ROTATION_TOLERANCE = 1e-2
 
@@ -26,9 +27,11 @@ def seconds(nanoseconds: int) -> float:
 
 
 def nanoseconds(text: str, where: str) -> int:
-    """An integer nanosecond stamp; DataError if it is not one."""
-    if not text.isdigit():
+    """An integer nanosecond stamp; DataError if it is not one, or beyond 64 bits."""
+    if not re.fullmatch(r"[0-9]+", text):
         raise DataError(f"The stamp '{text}' in {where} is not an integer; this layout counts nanoseconds.")
+    if len(text) > _MOST_DIGITS or int(text) >= 1 << 63:
+        raise DataError(f"The stamp {text[:24]}... in {where} is beyond 64 bits; correct it.")
     return int(text)
 
 
@@ -41,7 +44,9 @@ def parse_stamp(text: str, where: str) -> float:
         If it is no number, or an integer whose unit cannot be told.
     """
     text = text.strip()
-    if re.fullmatch(r"\d+", text):
+    if re.fullmatch(r"[0-9]+", text):
+        if len(text) > _MOST_DIGITS:
+            raise DataError(f"The stamp {text[:24]}... in {where} is far too large; write it in seconds.")
         value = int(text)
         if value >= _LEAST_NANOSECONDS:
             return seconds(value)

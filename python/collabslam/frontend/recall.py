@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from collabslam._core import Camera
 from collabslam.errors import InputError
@@ -76,7 +77,12 @@ def describe_corners(image: Image, uv: Array, roll: float, support: float) -> De
 
 
 def match_descriptors(
-    views: Descriptors, owner: Indices, corners: Descriptors, ratio: float, max_distance: float
+    views: Descriptors,
+    owner: Indices,
+    corners: Descriptors,
+    ratio: float,
+    max_distance: float,
+    near: NDArray[np.bool_] | None = None,
 ) -> tuple[Indices, Indices]:
     """Landmarks and corners that are each other's best, and clearly better than the next landmark.
 
@@ -89,6 +95,8 @@ def match_descriptors(
     corners : (S, C, D) float32
     ratio, max_distance : float
         Largest ratio of the best to the second best distance; largest distance.
+    near : (C, L) bool, optional
+        Which corners may be which landmark; any may if left out.
 
     Returns
     -------
@@ -103,6 +111,8 @@ def match_descriptors(
     for at_scale in corners:
         by_view = at_scale @ views.T
         np.maximum(likeness, np.maximum.reduceat(by_view, first, axis=1), out=likeness)
+    if near is not None:
+        likeness[~near] = -np.inf
     best = likeness.argmax(axis=1)
     rows = np.arange(len(best))
     top = np.partition(likeness, likeness.shape[1] - 2, axis=1)
@@ -193,10 +203,13 @@ def locate(
     patches: Sequence[Patch],
     views: Descriptors,
     owner: Indices,
+    guess: Array,
     rolls: Sequence[float],
     settings: FrontendSettings,
 ) -> Fix | None:
     """The pose from which an image shows a map; None where that cannot be told with confidence.
+
+    It is looked for near the guess, where few corners can be mistaken for a landmark, and then anywhere.
 
     Parameters
     ----------
@@ -210,6 +223,8 @@ def locate(
         Their descriptors (`describe_views`).
     owner : (V,) int64
         Landmark of each view, increasing; each landmark has at least one.
+    guess : (4, 4) float64
+        T_WC as it is expected.
     rolls : sequence of float
         By how much the camera may be turned about its axis against the views, radians, tried in this order; a
         quarter of a radian more or less does no harm.
@@ -221,16 +236,31 @@ def locate(
         return None
     for roll in rolls:
         described = describe_corners(image, corners, roll, options.support)
-        landmark, corner = match_descriptors(views, owner, described, options.ratio, options.max_distance)
-        first = pose_by_ransac(
-            points[landmark], corners[corner], camera, options.corner_residual, options.iterations
+        places = (
+            (_near(camera, corners, points, guess, options.guess_radius), None) if roll == 0.0 else (None,)
         )
-        if first is None or len(first[1]) < options.min_descriptors:
-            continue
-        fix = _confirmed(image, camera, first[0], points, patches, owner, settings)
-        if fix is not None:
-            return fix
+        for near in places:
+            landmark, corner = match_descriptors(
+                views, owner, described, options.ratio, options.max_distance, near
+            )
+            first = pose_by_ransac(
+                points[landmark], corners[corner], camera, options.corner_residual, options.iterations
+            )
+            if first is None or len(first[1]) < options.min_descriptors:
+                continue
+            fix = _confirmed(image, camera, first[0], points, patches, owner, settings)
+            if fix is not None:
+                return fix
     return None
+
+
+def _near(camera: Camera, corners: Array, points: Array, pose: Array, radius: float) -> NDArray[np.bool_]:
+    """(C, L) whether a corner lies near where a pose puts a landmark; ``radius`` as a share of the image's width."""
+    seen = np.ascontiguousarray((points - pose[:3, 3]) @ pose[:3, :3])
+    uv, ok = camera.project(seen)
+    uv[~ok | (seen[:, 2] <= 0.0)] = np.inf
+    distance = np.linalg.norm(corners[:, None] - uv, axis=2)
+    return np.asarray(distance < radius * camera.width)
 
 
 def _confirmed(

@@ -238,6 +238,13 @@ class RelocaliseSettings:
         "afterwards.",
     )
     max_distance: float = _number(0.8, 0.1, 2, "", "Largest distance of two descriptors (unit vectors).")
+    guess_radius: float = _number(
+        0.08,
+        0.01,
+        1,
+        "image width",
+        "Radius, as a share of the image's width, around where a landmark is expected that is tried first.",
+    )
     iterations: int = _number(2000, 10, 100000, "", "Most samples of RANSAC.")
     min_descriptors: int = _number(5, 4, 1000, "", "Fewest descriptors that must agree on a pose.")
     corner_residual: float = _number(
