@@ -151,7 +151,7 @@ def test_a_changed_recording_or_option_is_another_run(place: Path, tmp_path: Pat
 
 
 def test_the_ablation_changes_one_lever_at_a_time(place: Path, tmp_path: Path) -> None:
-    rows = evaluate(place, tmp_path, Choice(ablation=True, only=("walk",), jobs=1))
+    rows = evaluate(place, tmp_path, Choice(study="ablation", only=("walk",), jobs=1))
     assert [r["lever"] for r in rows] == [ablation.BASE, "fewer", "tight"]
     assert len({r["settings_hash"] for r in rows}) == 3
     assert [r["mode"] for r in rows] == ["collab"] * 3  # the column is the mode; the lever may be another

@@ -95,8 +95,10 @@ impl Pair {
             }
             Call::Update(shares, depth) => self.update(shares, *depth),
             Call::Undelayed(s) => {
-                let id = self.filter.add_undelayed(&[pixel(s)]).unwrap()[0].unwrap();
-                self.reference.born_undelayed(id, &pixel(s));
+                // None while the camera hardly knows where it looks.
+                if let Some(id) = self.filter.add_undelayed(&[pixel(s)]).unwrap()[0] {
+                    self.reference.born_undelayed(id, &pixel(s));
+                }
             }
             Call::Depth(s) => {
                 let new = DepthObservation {
@@ -110,11 +112,10 @@ impl Pair {
                     ..Measurements::default()
                 };
                 let report = self.filter.update(&z).unwrap();
-                let Outcome::Born(id) = report.depths[0] else {
-                    panic!("{report:?}")
-                };
-                self.reference
-                    .born_at_depth(id, &new.uv, new.depth, new.sigma);
+                if let Outcome::Born(id) = report.depths[0] {
+                    self.reference
+                        .born_at_depth(id, &new.uv, new.depth, new.sigma);
+                }
             }
             Call::Candidates(s) => {
                 let candidate = self.filter.add_candidates(&[pixel(s)]).unwrap()[0];
@@ -173,8 +174,10 @@ impl Pair {
                 }
             }
         }
-        self.filter.update(&z).unwrap();
-        let pixels: Vec<_> = z.bearings.iter().map(|b| (b.id, b.uv)).collect();
+        let report = self.filter.update(&z).unwrap();
+        let pixels = z.bearings.iter().zip(&report.bearings);
+        let pixels = pixels.filter(|(_, outcome)| **outcome != Outcome::TooUncertain);
+        let pixels: Vec<_> = pixels.map(|(b, _)| (b.id, b.uv)).collect();
         let depths: Vec<_> = z
             .depths
             .iter()

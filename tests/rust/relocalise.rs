@@ -184,7 +184,8 @@ fn in_a_map_of_its_own_it_is_as_honest_as_the_map() {
             }
         }
         let report = lost.warm.filter.relocalise(&lost.near, &lost.matches);
-        assert!(report.unwrap().believed);
+        let report = report.unwrap();
+        assert!(report.believed, "seed {seed}: {report:?}");
         sum += nees(&lost.warm.filter, &lost.truth);
         runs += 1.0;
     }

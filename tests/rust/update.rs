@@ -375,7 +375,10 @@ fn a_view_says_which_part_of_its_covariance_lasts() {
     let (result, block) = bias(1.1);
     assert!(matches!(
         result,
-        Err(EkfError::InvalidInput { what: "bias", .. })
+        Err(EkfError::InvalidInput {
+            what: "bias of T_CF",
+            ..
+        })
     ));
     assert!(block.is_none(), "nothing is changed");
 }

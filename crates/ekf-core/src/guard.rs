@@ -8,18 +8,22 @@ use crate::error::EkfError;
 use crate::observe::feature::FARTHEST;
 use crate::predict;
 use crate::settings::ProcessSettings;
-use crate::state::{BlockKind, CAMERA_DIM, State};
+use crate::state::{Block, BlockKind, CAMERA_DIM, State};
 use nalgebra::{SMatrix, Vector2};
 
 /// Largest coordinate of a pixel.
 const LARGEST_PIXEL: f64 = 1e6;
 /// Largest number in the mean; its square is the largest variance.
-const LARGEST: f64 = 1e12;
+const LARGEST: f64 = 1e7;
 /// Largest variance that is given with a measurement, m^2 or rad^2: a standard deviation of a kilometre.
 const LARGEST_VARIANCE: f64 = 1e6;
 /// Least depth that is measured, metres, and its least standard deviation: nothing nearer is seen, nothing finer known.
 const LEAST_DEPTH: f64 = 1e-3;
 const LEAST_DEPTH_SD: f64 = 1e-6;
+/// Largest inverse range of a newborn feature, 1/m, and standard deviation of it: the least depth.
+const LARGEST_RHO: f64 = 1.0 / LEAST_DEPTH;
+/// Largest variance of a newborn feature's direction, rad^2: beyond, no linearisation says where it is.
+const LARGEST_ANGLE_VARIANCE: f64 = 1.0;
 /// By how much a normalised quaternion may be off unit length.
 const UNIT: f64 = 1e-9;
 /// Least norm of a quaternion after an update, before it is normalised.
@@ -96,8 +100,18 @@ pub(crate) fn newborn_is_sane(new: &NewFeature) -> bool {
     let by_other = new.by_other.iter().flat_map(|(_, by, _)| by.iter());
     let jacobians = new.by_pose.iter().chain(by_other);
     within(new.mean.iter().copied(), LARGEST)
+        && new.mean[5].abs() <= LARGEST_RHO
         && within(jacobians.copied(), LARGEST)
         && within(new.noise.iter().copied(), LARGEST * LARGEST)
+}
+
+/// Whether it is known well enough where a newborn feature is, once it is in the state. One that is born while the camera
+/// hardly knows where it looks is not.
+pub(crate) fn newborn_is_located(state: &State, block: &Block) -> bool {
+    let variance = |i: usize| state.p.get(block.offset + i, block.offset + i);
+    variance(3) <= LARGEST_ANGLE_VARIANCE
+        && variance(4) <= LARGEST_ANGLE_VARIANCE
+        && variance(5) <= LARGEST_RHO * LARGEST_RHO
 }
 
 /// Whether the camera's block stays finite when it is predicted by `dt` seconds.

@@ -284,6 +284,10 @@ impl Filter {
             });
         }
         let block = self.state.append_feature(&new.mean, &parts, &new.noise);
+        if !guard::newborn_is_located(&self.state, &block) {
+            self.state.remove(|b| b.id == block.id);
+            return None;
+        }
         let record = FeatureRecord {
             last_found: self.time.unwrap_or(0.0),
             ..FeatureRecord::default()

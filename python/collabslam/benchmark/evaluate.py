@@ -8,18 +8,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from collabslam.benchmark import ablation, accuracy, descriptors, drift
+from collabslam.benchmark import ablation, accuracy, blackout, descriptors, drift
 from collabslam.benchmark.plan import Plan, find_plan
 from collabslam.benchmark.running import estimate, outcome, run_items
 from collabslam.benchmark.store import Item, Row
+from collabslam.benchmark.studies import ABLATION, ACCURACY, BLACKOUT, DESCRIPTORS, DRIFT
 from collabslam.errors import CollabslamError, DataError, SettingsError
 from collabslam.extras import drawing
 from collabslam.formats.files import write_text
 from collabslam.results import write_summary
 from collabslam.version import version
-
-ACCURACY, ABLATION, DESCRIPTORS, DRIFT = "evaluate", "ablation", "descriptors", "drift"
-"""Stems of the files: NAME.json, NAME.md, NAME.png."""
 
 
 @dataclass(frozen=True)
@@ -36,12 +34,8 @@ class Choice:
         In place of the plan's; empty for those.
     modes : sequence of str
         Of the modes of each recording, only these; all if empty.
-    ablation : bool
-        Run the levers instead of the recordings as they are.
-    descriptors : bool
-        Compare the descriptors by viewpoint angle instead.
-    drift : bool
-        Fit the drift settings instead, with each recording left out in turn.
+    study : str or None
+        Of `STUDIES`, instead of running the recordings as they are.
     changes : mapping
         Changes of the settings of every run.
     jobs : int
@@ -56,9 +50,7 @@ class Choice:
     only: Sequence[str] = ()
     seeds: Sequence[int] = ()
     modes: Sequence[str] = ()
-    ablation: bool = False
-    descriptors: bool = False
-    drift: bool = False
+    study: str | None = None
     changes: Mapping[str, Any] = field(default_factory=dict)
     jobs: int = 2
     again: bool = False
@@ -77,8 +69,7 @@ def evaluate(data: Path, out: Path, choice: Choice | None = None) -> list[Row]:
         Folder that holds the recordings.
     out : Path
         Gets ``evaluate.json``, ``evaluate.md``, ``evaluate.png`` and ``runs``, a result folder for each run;
-        or ``ablation.json``, ``ablation.md`` and ``ablation``; or the same of ``descriptors``
-        or ``drift``.
+        or ``STUDY.json``, ``STUDY.md`` and what runs leave in ``STUDY``.
     choice : Choice, optional
 
     Returns
@@ -102,10 +93,12 @@ def evaluate(data: Path, out: Path, choice: Choice | None = None) -> list[Row]:
     for name in missing:
         print(f"{name}: not in {data}, left out", flush=True)
     present = [e.name for e in plan.recordings if e.name not in missing]
-    if choice.descriptors:
+    if choice.study == DESCRIPTORS:
         return _compare_descriptors(plan, data, out, present, choice)
+    if choice.study == BLACKOUT:
+        return _lose_sight(plan, data, out, present, choice)
     items = _items(plan, data, out, present, choice)
-    if choice.drift:
+    if choice.study == DRIFT:
         return _fit_drift(items, out, choice)
     todo = [item for item in items if choice.again or item.done() is None]
     minutes = estimate(todo) / 60.0
@@ -118,15 +111,16 @@ def evaluate(data: Path, out: Path, choice: Choice | None = None) -> list[Row]:
         for item in items:
             print(f"  {'to do' if item in todo else 'done '}  {item.title}")
         return []
-    name = ABLATION if choice.ablation else ACCURACY
+    levers = choice.study == ABLATION
+    name = ABLATION if levers else ACCURACY
     report = _Report(plan, items, missing, out / f"{name}.json")
     rows = run_items(items, jobs=choice.jobs, told=report.told, again=choice.again)
     report.write(rows)
     how = command(choice)
-    text = ablation.page(plan, rows, how) if choice.ablation else accuracy.page(plan, rows, missing, how)
+    text = ablation.page(plan, rows, how) if levers else accuracy.page(plan, rows, missing, how)
     write_text(out / f"{name}.md", text)
     print("\n" + text)
-    if rows and not choice.ablation and drawing():
+    if rows and not levers and drawing():
         from collabslam.benchmark.pictures import plot_rows
 
         plot_rows(plan, rows, out / f"{name}.png")
@@ -140,8 +134,7 @@ def command(choice: Choice) -> str:
     words += ["--only", ",".join(choice.only)] if choice.only else []
     words += ["--seeds", ",".join(map(str, choice.seeds))] if choice.seeds else []
     words += ["--modes", ",".join(choice.modes)] if choice.modes else []
-    words += ["--ablation"] if choice.ablation else ["--descriptors"] if choice.descriptors else []
-    words += ["--drift"] if choice.drift else []
+    words += [] if choice.study is None else [f"--{choice.study}"]
     for key, value in choice.changes.items():
         words += ["--set", f"{key}={value}"]
     return " ".join(words)
@@ -176,7 +169,7 @@ def chosen(plan: Plan, choice: Choice) -> Plan:
 
 def _items(plan: Plan, data: Path, out: Path, present: Sequence[str], choice: Choice) -> list[Item]:
     changes = tuple(choice.changes.items())
-    if choice.ablation:
+    if choice.study == ABLATION:
         return ablation.lever_items(plan, data, out, present, changes)
     items = []
     for entry in plan.recordings:
@@ -193,9 +186,18 @@ def _compare_descriptors(
     """Every descriptor on pairs of views of every recording; the rows are done, whatever they hold."""
     kept = descriptors.Kept(out / DESCRIPTORS, data, plan.seeds[0], choice.again)
     rows, faults = descriptors.measure_all(plan, data, present, kept)
-    write_summary(out / f"{DESCRIPTORS}.json", {"version": version(), "faults": faults, "rows": rows})
-    text = descriptors.page(rows, faults, command(choice))
-    write_text(out / f"{DESCRIPTORS}.md", text)
+    return _tell(DESCRIPTORS, out, rows, faults, descriptors.page(rows, faults, command(choice)))
+
+
+def _lose_sight(plan: Plan, data: Path, out: Path, present: Sequence[str], choice: Choice) -> list[Row]:
+    """A second taken away at some places of every recording; the rows are done, whatever they hold."""
+    rows, faults = blackout.measure_all(plan, data, out, present)
+    return _tell(BLACKOUT, out, rows, faults, blackout.page(rows, faults, command(choice)))
+
+
+def _tell(study: str, out: Path, rows: Sequence[Row], faults: Sequence[str], text: str) -> list[Row]:
+    write_summary(out / f"{study}.json", {"version": version(), "faults": faults, "rows": rows})
+    write_text(out / f"{study}.md", text)
     print("\n" + text)
     return [{**row, "status": "done"} for row in rows] + [{"status": "failed", "error": f} for f in faults]
 

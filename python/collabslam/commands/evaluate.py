@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from collabslam.benchmark.studies import STUDIES
 from collabslam.commands import LOST, OK, options
 from collabslam.modes import MODES
 
@@ -48,19 +49,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--only", metavar="NAME,..", type=_names, default=(), help="only these recordings")
     parser.add_argument("--seeds", metavar="A-B", type=options.seed_list, default=(), help="not the plan's")
     parser.add_argument("--modes", metavar="MODE,..", type=_modes, default=(), help="only these modes")
-    parser.add_argument(
-        "--ablation", action="store_true", help="the plan's levers, changed one at a time, instead"
-    )
-    parser.add_argument(
-        "--drift",
-        action="store_true",
-        help="fit the drift settings, each recording left out in turn",
-    )
-    parser.add_argument(
-        "--descriptors",
-        action="store_true",
-        help="compare descriptors by viewpoint angle on pairs of views, instead (needs the extra surf)",
-    )
+    studies = parser.add_mutually_exclusive_group()
+    for study, what in STUDIES.items():
+        studies.add_argument(f"--{study}", dest="study", action="store_const", const=study, help=what)
     parser.add_argument(
         "--out", metavar="DIR", type=Path, default=Path("results/evaluate"), help=options.OUT_HELP
     )
@@ -82,9 +73,7 @@ def main(arguments: argparse.Namespace) -> int:
         only=arguments.only,
         seeds=arguments.seeds,
         modes=arguments.modes,
-        ablation=arguments.ablation,
-        descriptors=arguments.descriptors,
-        drift=arguments.drift,
+        study=arguments.study,
         changes=parse_assignments(arguments.set),
         jobs=arguments.jobs,
         again=arguments.again,

@@ -255,7 +255,7 @@ def locate(
 
 
 def _near(camera: Camera, corners: Array, points: Array, pose: Array, radius: float) -> NDArray[np.bool_]:
-    """(C, L) whether a corner lies near where a pose puts a landmark; ``radius`` as a share of the image's width."""
+    """(C, L) whether a corner lies where a pose puts a landmark, within a share of the image's width."""
     seen = np.ascontiguousarray((points - pose[:3, 3]) @ pose[:3, :3])
     uv, ok = camera.project(seen)
     uv[~ok | (seen[:, 2] <= 0.0)] = np.inf

@@ -180,6 +180,9 @@ fn refill<T: Clone>(list: &mut Vec<T>, value: T, len: usize) {
     list.resize(len, value);
 }
 
+/// Finds units of the batch that are to go, and says what to call them.
+type Test = fn(&mut Filter, &mut UpdateReport, &mut Vec<usize>) -> Outcome;
+
 /// Lists of an update; they only grow, so that a warm step allocates nothing.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
@@ -260,7 +263,7 @@ impl Filter {
             WornForm::Tight => self.start_tight_births(z, report),
             _ => Vec::new(),
         };
-        let measured = self.measure(z, form, &newborn, report, scratch);
+        let measured = self.measure(z, form, &newborn, &Self::TESTS, report, scratch);
         if !matches!(measured, Ok(true)) {
             // Only blocks at the end were added.
             self.take_back(&mark);
@@ -361,12 +364,21 @@ impl Filter {
         }
     }
 
+    /// What the matches must stand, in this order.
+    pub(super) const TESTS: [Test; 4] = [
+        Self::vague,
+        Self::gated,
+        Self::batch_test,
+        Self::contradicted,
+    ];
+
     /// False, and nothing is changed, if too few matches are accepted for the frame to be believed.
     fn measure(
         &mut self,
         z: &Measurements,
         form: WornForm,
         newborn: &[(usize, u64)],
+        tests: &[Test],
         report: &mut UpdateReport,
         scratch: &mut Scratch,
     ) -> Result<bool, EkfError> {
@@ -377,7 +389,7 @@ impl Filter {
             self.collect_units(z, form, newborn, report, scratch);
             self.batch.build(&self.state);
             let mut again = false;
-            for test in [Self::gated, Self::batch_test, Self::contradicted] {
+            for test in tests {
                 let outcome = test(self, report, &mut scratch.gone);
                 again |= scratch.note(outcome, report);
                 scratch.leave_out();
@@ -432,6 +444,26 @@ impl Filter {
             self.batch.factor()?;
         }
         Ok(())
+    }
+
+    /// Matches whose pixel was predicted no better than somewhere in the image, or beyond: no linearisation holds there.
+    fn vague(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
+        gone.clear();
+        let (s, m) = (self.batch.s(), self.batch.rows());
+        let widest = f64::from(self.camera.width.max(self.camera.height)).powi(2);
+        for (u, (unit, &at)) in self
+            .batch
+            .units()
+            .iter()
+            .zip(self.batch.offsets())
+            .enumerate()
+        {
+            let mut rows = at..at + unit.rows.count;
+            if unit.rows.is_pixel() && rows.any(|row| s[row * m + row] > widest) {
+                gone.push(u);
+            }
+        }
+        Outcome::TooUncertain
     }
 
     /// Matches that fail their own gate.

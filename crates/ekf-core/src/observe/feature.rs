@@ -8,8 +8,8 @@ use crate::math::inverse_depth;
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
-/// Range beyond which there are no points, metres: their numbers would leave f64 when they are squared and divided.
-pub const FARTHEST: f64 = 1e9;
+/// Range beyond which there are no points, metres: a millimetre there is all that f64 can hold beside its square.
+pub const FARTHEST: f64 = 1e6;
 
 /// How a feature is parametrised.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -28,6 +28,9 @@ pub struct Rows {
     pub by_worn: Option<SMatrix<f64, 3, 6>>,
 }
 
+/// Rows of a pixel.
+const PIXEL: usize = 2;
+
 /// The worn camera in one frame: model, measured pose and the present estimate of its error.
 #[derive(Clone, Debug)]
 pub struct WornView<'a> {
@@ -40,6 +43,11 @@ pub struct WornView<'a> {
 }
 
 impl Rows {
+    /// Whether it is a pixel, not a point.
+    pub fn is_pixel(&self) -> bool {
+        self.count == PIXEL
+    }
+
     /// The columns of [`Self::by_feature`] that there are, three numbers each.
     pub(crate) fn by_numbers(&self) -> &[f64] {
         &self.by_feature.as_slice()[..3 * self.form.dim()]
@@ -54,7 +62,7 @@ impl Rows {
         h: &PointInCamera,
     ) -> Self {
         let mut rows = Self {
-            count: 2,
+            count: PIXEL,
             innovation: Vector3::zeros(),
             noise: Matrix3::from_diagonal(&Vector3::new(sigma * sigma, sigma * sigma, 1.0)),
             by_pose: SMatrix::zeros(),

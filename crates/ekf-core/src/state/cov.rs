@@ -16,7 +16,7 @@ const ANCHOR: usize = 3;
 /// What leaves less than this share of a variance has lost digits of it...
 const LEAST_SHARE: f64 = 1e-2;
 /// ...at most this share of what it was, which the variance is then raised by.
-const LOST_DIGITS: f64 = 1e-12;
+const LOST_DIGITS: f64 = 1e-11;
 
 /// A linear map from one stretch of the state, used to append rows that are linear in the state.
 #[derive(Clone, Copy, Debug)]

@@ -1,0 +1,12 @@
+"""What a plan's recordings serve besides accuracy. NAME.json, NAME.md and NAME.png are its files."""
+
+from __future__ import annotations
+
+ACCURACY, ABLATION, DESCRIPTORS, DRIFT, BLACKOUT = "evaluate", "ablation", "descriptors", "drift", "blackout"
+
+STUDIES = {
+    ABLATION: "the plan's levers, changed one at a time, instead",
+    DRIFT: "fit the drift settings, each recording left out in turn, instead",
+    DESCRIPTORS: "compare descriptors by viewpoint angle on pairs of views, instead (needs the extra surf)",
+    BLACKOUT: "take a second away here and there and see how soon the camera is found again, instead",
+}
