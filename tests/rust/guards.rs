@@ -102,6 +102,39 @@ fn an_update_that_tells_nearly_all_leaves_p_sound() {
 }
 
 #[test]
+fn what_may_be_anywhere_is_not_used_and_nothing_is_born_of_it() {
+    let (mut filter, z) = warm(&[("process.angular_acceleration_density", Value::Float(1e3))]);
+    filter
+        .predict(filter.time().expect("started") + 2.0)
+        .expect("a gap");
+    let seen = filter.predict_pixels();
+    assert!(seen.iter().any(|f| f.s[(0, 0)] > 720.0 * 720.0));
+    let bearings = seen.iter().map(|f| Bearing { id: f.id, uv: f.uv });
+    let depth = DepthObservation {
+        id: None,
+        uv: Vector2::new(300.0, 200.0),
+        depth: 3.0,
+        sigma: 0.1,
+    };
+    let z = Measurements {
+        bearings: bearings.collect(),
+        depths: vec![depth],
+        worn: z.worn,
+        ..Measurements::default()
+    };
+    let size = filter.map_size();
+    let report = filter.update(&z).expect("good numbers");
+    for (outcome, f) in report.bearings.iter().zip(&seen) {
+        let vague = f.s[(0, 0)].max(f.s[(1, 1)]) > 720.0 * 720.0;
+        assert!(!vague || *outcome != Outcome::Pixel, "{outcome:?}");
+    }
+    assert!(report.bearings.contains(&Outcome::TooUncertain));
+    assert_eq!(report.depths, [Outcome::NotVisible]);
+    assert_eq!(filter.map_size(), size);
+    filter.check().expect("sound");
+}
+
+#[test]
 fn coasting_for_ever_ends_in_an_error_and_never_in_an_infinity() {
     let (mut filter, _) = warm(&[("process.acceleration_density", Value::Float(1e3))]);
     let mut t = filter.time().expect("started");
