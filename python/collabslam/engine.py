@@ -265,7 +265,7 @@ class Slam:
             least=self._monitor.least(len(found.searched)),
         )
         stages.done("update")
-        again = None if report.believed or not was_lost else self._relocaliser.attempt(image)
+        again = None if report.believed or not was_started else self._relocaliser.attempt(image)
         stages.done("relocalise")
         deleted = np.empty(0, np.int64)
         if report.believed and not was_lost:
@@ -278,7 +278,8 @@ class Slam:
             births["births_instant"] += self._start_from_target(image)
         else:  # the map stays as it is while the camera does not know where it is
             births = dict.fromkeys(BIRTHS, 0)
-            self.filter.drop_candidates(self.filter.candidates if was_lost else found.lost)
+            moved = was_lost or again is not None
+            self.filter.drop_candidates(self.filter.candidates if moved else found.lost)
             self._tracks.keep_candidates(self.filter.candidates)
         target_residual = self._target_residual(image)
         tracked = np.array([o in ("pixel", "replaced") for o in report.bearings], dtype=np.bool_)

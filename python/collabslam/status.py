@@ -40,10 +40,11 @@ class StatusMonitor(Keeper):
         """Fewest accepted matches with which a frame is believed in which so many features were searched.
 
         A few wrong matches pass any test.  Half of a small number is asked for, and a share of a large one; a
-        camera that is lost must be found by a full set.  Where hardly anything is expected, nothing is asked.
+        camera that is lost must be found by a full set.  Where hardly anything is expected, nothing is asked,
+        unless the frame before failed: who looks where nothing is known may have jumped there.
         """
         share = math.ceil(self._min_share * searched)
-        if self.lost:
+        if self.lost or (self._failed and searched < self._min_matches):
             return max(self._min_matches, share)
         if searched < self._min_matches:
             return 0
@@ -69,7 +70,10 @@ class StatusMonitor(Keeper):
         """
         if self._last_ok is None:
             self._last_ok = t
-        self._failed = 0 if believed else self._failed + 1
+        if not believed:
+            self._failed += 1
+        elif accepted:  # a frame that shows nothing, as it may, says nothing of those before
+            self._failed = 0
         if believed and accepted >= self._min_matches:
             self._last_ok, self.lost = t, False
             return Status.OK

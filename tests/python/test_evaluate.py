@@ -13,7 +13,7 @@ from conftest import Clip
 from test_viewing import Short
 
 from collabslam import cli
-from collabslam.benchmark import ablation, accuracy, descriptors, drift, pairs, running
+from collabslam.benchmark import ablation, accuracy, blackout, descriptors, drift, pairs, running
 from collabslam.benchmark.evaluate import Choice, chosen, evaluate
 from collabslam.benchmark.plan import find_plan, parse_plan
 from collabslam.benchmark.store import Item, Row, code_hash
@@ -255,6 +255,28 @@ def test_descriptors_are_judged_by_the_truth(
     depth = clip.recording.renderer.depth(scene.poses[pair.i], scene.camera)[[200, 300], [300, 500]]
     rays = scene.camera.unproject(uv)
     np.testing.assert_allclose(rays[:, 2] / rho, depth, rtol=1e-9)
+
+
+def test_a_second_taken_away_is_noticed_and_what_is_found_again_is_right(
+    clip: Clip, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(running, "_rendered", lambda seed: clip.recording)
+    monkeypatch.setattr(blackout, "PLACES", 1)
+    monkeypatch.setattr(blackout, "BLIND_S", 0.5)
+    monkeypatch.setattr(blackout, "AFTER_S", 0.3)
+    entry = parse_plan("recordings: {demo: {rendered: corridor}}").recordings[0]
+    rows = blackout.measure(entry, tmp_path, tmp_path)
+    assert [row["kind"] for row in rows] == list(blackout.KINDS)
+    for row in rows:
+        assert row["said_after"] == (None if row["kind"] == "jump" else blackout.SAYS)
+        assert row["in_sight_after_s"] == 0.0
+        assert blackout.in_time(row)
+        assert not row["wrong"]
+    text = blackout.page(rows, ["away: cannot be opened"], "collabslam evaluate DATA --blackout")
+    assert "| demo | hand | 1 | 1 | 1 | 1 | 0 | 0.00 | 0 |" in text
+    assert "- away: cannot be opened" in text
+    assert not blackout.in_time({**rows[0], "found_after_s": None})
+    assert not blackout.in_time({**rows[0], "found_after_s": 1.5})
 
 
 def test_true_depths_need_two_frames_that_agree() -> None:

@@ -17,11 +17,11 @@ from collabslam.benchmark.plan import Entry, Plan
 from collabslam.benchmark.running import open_entry
 from collabslam.benchmark.store import Item, Row
 from collabslam.engine import Slam, StepResult
-from collabslam.errors import CollabslamError, DataError
+from collabslam.errors import CollabslamError
 from collabslam.evaluation.consistency import pose_tangent_error, sigma_gate
 from collabslam.evaluation.scoring import OK_SIGMAS
 from collabslam.frontend.patch import Patch
-from collabslam.frontend.recall import search_from
+from collabslam.frontend.recall import confirmed
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.geometry import pose_inverse
 from collabslam.report import markdown_table, number
@@ -57,12 +57,10 @@ class _Place:
         return np.asarray(self.last.pose @ pose_inverse(truth[self.index]) @ truth[i])
 
     def in_sight(self, i: int, image: Image) -> bool:
-        """Whether enough landmarks are recognised, looked for from where the camera truly is."""
-        found, _, possible = search_from(
-            image, self.recording.camera, self.pose(i), self.points, self.patches, self.owner, self.options
-        )
-        least = self.options.relocalise
-        return len(found) >= max(least.min_patches, least.min_share * possible)
+        """Whether the map would confirm where the camera truly is."""
+        camera = self.recording.camera
+        fix = confirmed(image, camera, self.pose(i), self.points, self.patches, self.owner, self.options)
+        return fix is not None
 
 
 def measure(entry: Entry, data: Path, out: Path, *, seed: int = 0) -> list[Row]:
@@ -81,17 +79,18 @@ def measure(entry: Entry, data: Path, out: Path, *, seed: int = 0) -> list[Row]:
     list of dict
         A row for each: ``kind``, ``frame``, ``said_after`` (frames until LOST, None if it never was),
         ``in_sight_after_s`` (None if the map was not to be seen in `AFTER_S`), ``found_after_s`` (None if not
-        found), ``wrong`` (found with a pose that its covariance does not cover by `OK_SIGMAS`).
+        found), ``wrong`` (found with a pose that its covariance does not cover by `OK_SIGMAS`). None for a
+        recording without truth.
 
     Raises
     ------
     CollabslamError
-        If the recording cannot be opened, or has no truth.
+        If the recording cannot be opened.
     """
     item = Item(entry, MODE, seed, data, out, False, "", ())
     recording = open_entry(item)
     if recording.truth is None:
-        raise DataError(f"The recording {entry.name} has no truth.")
+        return []
     options = FrontendSettings.from_flat(item.settings.section("frontend"))
     rate = 1.0 / float(np.median(np.diff(recording.times)))
     blind, after = max(1, round(BLIND_S * rate)), max(1, round(AFTER_S * rate))
@@ -231,13 +230,13 @@ def page(rows: Sequence[Row], faults: Sequence[str], how: str) -> str:
     )
     text = (
         f"# Lost and found, measured\n\n```sh\n{how}\n```\n\n"
-        f"{BLIND_S:g} s of each recording is taken away at up to {PLACES} places spread over it, mode `{MODE}`: "
-        "black images, a hand before the lens (dark, noisy), or a jump (the frames cut out, the stamps closed "
-        f"up). *LOST within {SAYS} frames*: or OK by then, as after a jump that the search survives. *Map in "
-        f"sight again*: in the {AFTER_S:g} s that follow, from where the camera truly is, the patches of as many "
-        f"landmarks are found as a relocalisation asks for; *found*: OK at most {FINDS_S:g} s after that. A "
-        "camera that has turned away from all it knows has nothing to be found by. *Wrong*: OK with a pose "
-        f"beyond {OK_SIGMAS:g} sigma, measured from the pose before.\n\n"
+        f"{BLIND_S:g} s of each recording is taken away at up to {PLACES} places, mode `{MODE}`: black images, "
+        "a hand before the lens (dark, noisy), or a jump (the frames cut out, the stamps closed up). "
+        f"*LOST within {SAYS} frames*: or OK by then, as after a jump that ends where the map is known. "
+        f"*Map in sight again*: in the {AFTER_S:g} s that follow, a relocalisation that were told where the "
+        f"camera truly is would be confirmed by the map's patches; *found*: OK at most {FINDS_S:g} s after "
+        "that. A camera that has turned away from all it knows has nothing to be found by. *Wrong*: OK with a "
+        f"pose beyond {OK_SIGMAS:g} sigma, measured from the pose before.\n\n"
     )
     return text + "\n".join([markdown_table(header, lines), *(f"\n- {fault}" for fault in faults)]) + "\n"
 

@@ -248,7 +248,7 @@ def locate(
             )
             if first is None or len(first[1]) < options.min_descriptors:
                 continue
-            fix = _confirmed(image, camera, first[0], points, patches, owner, settings)
+            fix = confirmed(image, camera, first[0], points, patches, owner, settings)
             if fix is not None:
                 return fix
     return None
@@ -263,7 +263,7 @@ def _near(camera: Camera, corners: Array, points: Array, pose: Array, radius: fl
     return np.asarray(distance < radius * camera.width)
 
 
-def _confirmed(
+def confirmed(
     image: Image,
     camera: Camera,
     pose: Array,
