@@ -230,13 +230,13 @@ def page(rows: Sequence[Row], faults: Sequence[str], how: str) -> str:
     )
     text = (
         f"# Lost and found, measured\n\n```sh\n{how}\n```\n\n"
-        f"{BLIND_S:g} s of each recording is taken away at up to {PLACES} places, mode `{MODE}`: black images, "
-        "a hand before the lens (dark, noisy), or a jump (the frames cut out, the stamps closed up). "
+        f"{BLIND_S:g} s of each recording is taken away at up to {PLACES} places, mode `{MODE}`: black "
+        "images, a hand before the lens (dark, noisy), or a jump (the frames cut out, the stamps closed up). "
         f"*LOST within {SAYS} frames*: or OK by then, as after a jump that ends where the map is known. "
         f"*Map in sight again*: in the {AFTER_S:g} s that follow, a relocalisation that were told where the "
         f"camera truly is would be confirmed by the map's patches; *found*: OK at most {FINDS_S:g} s after "
-        "that. A camera that has turned away from all it knows has nothing to be found by. *Wrong*: OK with a "
-        f"pose beyond {OK_SIGMAS:g} sigma, measured from the pose before.\n\n"
+        "that. A camera that has turned away from all it knows has nothing to be found by. *Wrong*: OK with "
+        f"a pose beyond {OK_SIGMAS:g} sigma, measured from the pose before.\n\n"
     )
     return text + "\n".join([markdown_table(header, lines), *(f"\n- {fault}" for fault in faults)]) + "\n"
 
