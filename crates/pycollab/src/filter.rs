@@ -66,8 +66,9 @@ fn born_ids<'py>(py: Python<'py>, outcomes: &[Outcome]) -> Bound<'py, PyArray1<i
 
 #[pymethods]
 impl PyUpdateReport {
-    /// What became of each bearing: ``pixel``, ``replaced`` (by its depth rows), ``not-visible``,
-    /// ``rejected-gate``, ``rejected-batch``.
+    /// What became of each bearing: ``pixel``, ``replaced`` (by its depth rows), ``too-uncertain`` (predicted no
+    /// better than somewhere in the image), ``not-visible``, ``rejected-gate``, ``rejected-batch``,
+    /// ``rejected-conditional``.
     #[getter]
     fn bearings(&self) -> Vec<&'static str> {
         names(&self.0.bearings)

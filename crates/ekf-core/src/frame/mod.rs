@@ -91,7 +91,7 @@ pub enum Outcome {
     Depth,
     /// Its feature was measured by a better form of the same match.
     Replaced,
-    /// Not accurate enough to be worth more than its bearing.
+    /// Not accurate enough to be worth more than its bearing; of a pixel: predicted no better than somewhere in the image.
     TooUncertain,
     /// The rays do not meet in front of both cameras, or the feature predicts nothing.
     NotVisible,
