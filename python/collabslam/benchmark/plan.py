@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from collabslam.errors import SettingsError
+from collabslam.formats.yaml_text import load_yaml
 from collabslam.modes import MODES, STARTS
 from collabslam.settings import Settings, flatten
 
@@ -142,7 +143,7 @@ def parse_plan(text: str, origin: str = "the package's own plan") -> Plan:
         Naming the entry and what is wrong with it.
     """
     try:
-        tree = yaml.safe_load(text)
+        tree = load_yaml(text)
     except yaml.YAMLError as error:
         raise SettingsError(f"{origin} is not valid YAML: {' '.join(str(error).split())}.") from error
     top = _mapping(tree, origin, ("seeds", "defaults", "recordings", "ablation"))
@@ -222,9 +223,12 @@ def _choice(choices: Sequence[str]) -> Callable[[Any, str], Any]:
 
 
 def _number(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise SettingsError(f"{where} is {value!r}; give a number.")
-    return float(value)
+    try:
+        if not isinstance(value, bool) and isinstance(value, int | float):
+            return float(value)
+    except OverflowError:
+        pass
+    raise SettingsError(f"{where} is {value!r}; give a number.")
 
 
 def _modes(value: Any, where: str) -> tuple[str, ...]:

@@ -141,7 +141,7 @@ def read_sensors(path: Path) -> WornSensors:
         )
     except KeyError as error:
         raise DataError(f"The sensors file {path} lacks the key {error}; add it.") from error
-    except (InputError, TypeError, ValueError, AttributeError, IndexError) as error:
+    except (InputError, ArithmeticError, TypeError, ValueError, AttributeError, IndexError) as error:
         raise DataError(f"The sensors file {path} is not usable: {error}") from error
     return WornSensors(config, scans, ahrs)
 

@@ -15,12 +15,14 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 
+from collabslam.benchmark.plan import find_plan
 from collabslam.datasets import open_recording
 from collabslam.datasets.calibration import load_camera, load_extrinsics
 from collabslam.datasets.davison import read_calibration
 from collabslam.datasets.images import decode_grey
 from collabslam.datasets.poses import read_pose_rows, read_track
 from collabslam.datasets.stamped import read_stream
+from collabslam.datasets.worn_sensors import read_sensors
 from collabslam.engine import Slam
 from collabslam.errors import CollabslamError
 from collabslam.formats.bag_recording import TOPICS
@@ -148,6 +150,22 @@ def readers() -> dict[str, Reader]:
             "settings.yaml",
             b"filter:\n  estimator:\n    mode: collab\n  pixel:\n    sigma_cs: 1.5\n  map: {in_view: 30}\n"
             b"frontend:\n  search.min_score: 0.8\n",
+        ),
+        "worn-sensors": Reader(
+            read_sensors,
+            "sensors.yaml",
+            b"scanners:\n  front: {topic: /scan, ahead: 0.05, left: 0.0, up: -0.65, heading_deg: 0.0}\n"
+            b"ahrs:\n  robot: {topic: /imu}\n  worn: {topic: /head/imu}\ncamera_height: 0.95\n"
+            b"person:\n  camera_height: 1.7\n  neck_to_camera: [0.0, -0.1, 0.1]\nstart: [0.0, 2.0]\n",
+        ),
+        "plan": Reader(
+            lambda path: find_plan(path.parent, path),
+            "plan.yaml",
+            b"seeds: 0-4\ndefaults: {available: 0.4}\nrecordings:\n  kitchen:\n    worn: lag:2.0\n"
+            b"    noise: [0.03, 0.5, 0.5, 1]\n    modes: [mono, collab]\n"
+            b"    settings: {filter.map.in_view: 60}\n"
+            b"    reference: {system: other, ate_sim3_pct: 0.94, poses: 476}\n"
+            b"ablation:\n  seeds: 0-2\n  levers: {no gate: {filter.validate.conditional_level: 1.0}}\n",
         ),
         "trajectory-tum": Reader(read_track, "poses.tum", _written(lambda path: write_tum(path, _T, _POSES))),
         "trajectory-rows": Reader(read_pose_rows, "poses.txt", b"1 0 0 0.5 0 1 0 0.25 0 0 1 -3e-1\n" * 3),
