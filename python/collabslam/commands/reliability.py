@@ -15,8 +15,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="PART",
         nargs="*",
         default="all",
-        choices=["faults", "fuzz", "endurance", "kills", "all"],
-        help="faults, fuzz, endurance, kills or all (the default)",
+        choices=["faults", "readers", "core", "endurance", "kills", "all"],
+        help="faults, readers (of files), core, endurance, kills or all (the default)",
     )
     parser.add_argument(
         "--out",

@@ -19,7 +19,7 @@ from collabslam.reliability.table import faults_markdown, measure_faults
 from collabslam.report import markdown_table
 from collabslam.results import write_summary
 
-PARTS = ("faults", "fuzz", "endurance", "kills")
+PARTS = ("faults", "readers", "core", "endurance", "kills")
 
 
 @dataclass(frozen=True)
@@ -81,12 +81,17 @@ def measure(
     for part in parts:
         if part == "faults":
             results.update(_faults(amounts, seed))
-        elif part == "fuzz":
-            results.update(_fuzz(amounts, seed, driver))
+        elif part == "readers":
+            results["fuzz_readers"] = _readers(amounts, seed)
+        elif part == "core":
+            results["fuzz_core"] = _core(amounts, seed, driver)
         elif part == "kills":
             results["kills_survived"] = run_kills(amounts.kills, seed)
         else:
             results.update(_endurance(amounts, seed, driver))
+        fuzzed = [results[key] for key in ("fuzz_readers", "fuzz_core") if key in results]
+        for key in ("executions", "findings"):
+            results[f"fuzz_{key}"] = sum(part[key] for part in fuzzed)
         write_summary(out, results)
     print(figures_markdown(results))
     print(f"results are in {out}")
@@ -99,15 +104,18 @@ def _faults(amounts: Amounts, seed: int) -> dict[str, Any]:
     return {"faults": [row.jsonable() for row in rows], "fault_seeds": amounts.seeds}
 
 
-def _fuzz(amounts: Amounts, seed: int, driver: Path | None) -> dict[str, Any]:
+def _readers(amounts: Amounts, seed: int) -> dict[str, int]:
     found = fuzz_readers(amounts.reader_inputs, seed)
     for finding in found.findings:
         print(finding)
-    executions, findings = found.executions, len(found.findings)
-    if driver is not None:
-        core = _drive(driver, "inputs", amounts.core_inputs, seed, 2)
-        executions, findings = executions + int(core["executions"]), findings + int(core["findings"])
-    return {"fuzz_executions": executions, "fuzz_findings": findings, "fuzz_readers": found.executions}
+    return {"executions": found.executions, "findings": len(found.findings)}
+
+
+def _core(amounts: Amounts, seed: int, driver: Path | None) -> dict[str, int]:
+    if driver is None:
+        return {"executions": 0, "findings": 0}
+    done = _drive(driver, "inputs", amounts.core_inputs, seed, 2)
+    return {key: int(done[key]) for key in ("executions", "findings")}
 
 
 def _endurance(amounts: Amounts, seed: int, driver: Path | None) -> dict[str, Any]:
@@ -142,10 +150,13 @@ def _drive(driver: Path, *words: object) -> dict[str, Any]:
 def figures_markdown(results: dict[str, Any]) -> str:
     """The figures beside the faults, as a table."""
     session, alone = results.get("session", {}), results.get("filter_alone", {})
+    readers, core = results.get("fuzz_readers", {}), results.get("fuzz_core", {})
     rows = [
         ("kills survived", results.get("kills_survived")),
-        ("inputs to fuzz targets", results.get("fuzz_executions")),
-        ("promises broken by them", results.get("fuzz_findings")),
+        ("inputs to the core's targets", core.get("executions")),
+        ("promises broken by them", core.get("findings")),
+        ("damaged files", readers.get("executions")),
+        ("promises broken by them", readers.get("findings")),
         ("steps of a filter alone", results.get("endurance_steps")),
         ("its time a step, last tenth over second", alone.get("step_time_ratio")),
         ("frames of one session", session.get("frames")),
