@@ -44,7 +44,8 @@ def page(plan: Plan, rows: Sequence[Row], missing: Sequence[str], how: str = "")
         "beyond their number.",
         _table(plan, rows, _OTHERS, _other_cells),
         "## Milliseconds a frame",
-        "Wall time of one thread per stage, means over all frames; compare within one table only.",
+        "Wall time of one thread per stage, means over all frames; compare within one table only: what else "
+        "the machine did is in it (`make bench-frames` is for quiet ones).",
         _table(plan, rows, (*_HEAD, *_STAGES), _cost_cells),
     ]
     failed = [row for row in rows if row["status"] != "done"]
