@@ -11,9 +11,9 @@
 //! | step (predict, pixels of all, HOHCT with 3 wrong of 40, update) | 1.17 of the yardsticks | 1.5 |
 //! | HOHCT, 3 wrong of 40 | 0.19 of the update, N = 100, m = 80 | 0.3 |
 //! | HOHCT, 10 wrong of 100 | 0.59 of the update, N = 100, m = 200 | 1.0 |
-//! | local update, N = 400, 42 in view, against the plain one, both with the gauge transport | 0.198 | 0.2 |
+//! | local update, N = 400, 42 in view, against the plain one, both with the gauge transport | 0.198 to 0.205 | 0.2 |
 //! | heap allocations of a warm step | 0 | 0 |
-//! | a step through Python | 5.0 % more (some 60 us) | 5 % |
+//! | a step through Python | 5.0 to 5.5 % more (some 60 us) | 5 % |
 //! | plain dense update | 6 times the yardsticks | |
 //!
 //! The update includes the gauge transport (`estimator.consistency`).
