@@ -277,6 +277,8 @@ def test_a_second_taken_away_is_noticed_and_what_is_found_again_is_right(
     assert "- away: cannot be opened" in text
     assert not blackout.in_time({**rows[0], "found_after_s": None})
     assert not blackout.in_time({**rows[0], "found_after_s": 1.5})
+    late = blackout.page([{**rows[2], "ok_after": 4}], [], "")
+    assert "| demo | jump | 1 | 0 |" in late
 
 
 def test_true_depths_need_two_frames_that_agree() -> None:

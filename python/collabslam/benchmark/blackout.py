@@ -79,8 +79,8 @@ def measure(entry: Entry, data: Path, out: Path, *, seed: int = 0) -> list[Row]:
     list of dict
         A row for each: ``kind``, ``frame``, ``said_after`` (frames until LOST, None if it never was),
         ``in_sight_after_s`` (None if the map was not to be seen in `AFTER_S`), ``found_after_s`` (None if not
-        found), ``wrong`` (found with a pose that its covariance does not cover by `OK_SIGMAS`). None for a
-        recording without truth.
+        found), ``ok_after`` (frames until then), ``wrong`` (found with a pose that its covariance does not
+        cover by `OK_SIGMAS`). No rows for a recording without truth.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def _lose(place: _Place, kind: str, blind: int, after: int, seed: int) -> Row:
         if slam.step(frame.t, frame.image).status is Status.LOST and said is None:
             said = frames
     shift = recording.times[first] - recording.times[place.index + 1] if kind == "jump" else 0.0
-    in_sight = found = None
+    in_sight = found = ok = None
     wrong = False
     for i in range(first, min(first + after, len(recording))):
         frame = recording.frame(i)
@@ -144,12 +144,13 @@ def _lose(place: _Place, kind: str, blind: int, after: int, seed: int) -> Row:
         if result.status is Status.LOST and said is None:
             said = frames
         if result.status is Status.OK:
-            found, wrong = since, _is_wrong(place, result, i)
+            found, ok, wrong = since, frames, _is_wrong(place, result, i)
             break
     return {
         "said_after": said,
         "in_sight_after_s": in_sight,
         "found_after_s": found,
+        "ok_after": ok,
         "wrong": wrong,
     }
 
@@ -242,5 +243,5 @@ def page(rows: Sequence[Row], faults: Sequence[str], how: str) -> str:
 
 
 def _said(row: Row) -> bool:
-    said = row["said_after"]
-    return said <= SAYS if said is not None else row["found_after_s"] is not None
+    """Whether it was LOST in time, or OK by then."""
+    return any(row[key] is not None and row[key] <= SAYS for key in ("said_after", "ok_after"))
