@@ -76,8 +76,8 @@
 //! it and the plain filter. Which far features may be in view is told from points of up to 16 frames ago, with a
 //! margin: after a gross jump one may be predicted some frames late. The gauge transport works with it, as it moves
 //! only what follows the view. When dual rows have gathered, every 60 frames or so of that walk, all of P is written;
-//! more seldom makes the steps between dearer. In the median a step costs 0.16 of the plain one. It is off by default: the default map has 120 features, few of them out
-//! of view.
+//! more seldom makes the steps between dearer. In the median a step costs 0.16 of the plain one. It is off by default:
+//! the default map has 120 features, few of them out of view.
 //!
 //! # Python
 //! Each call that works on the state releases the interpreter's lock. A step makes three calls; measured pixels are
