@@ -9,7 +9,7 @@ import numpy as np
 from collabslam._core import Camera, Filter
 from collabslam.frontend.describe import Descriptors
 from collabslam.frontend.patch import Patch, capture
-from collabslam.frontend.recall import describe_views, locate
+from collabslam.frontend.recall import describe_views, in_one_list, locate
 from collabslam.frontend.settings import FrontendSettings, SearchSettings
 from collabslam.keeping import Keeper
 from collabslam.tracks import Tracks
@@ -100,11 +100,9 @@ class Relocaliser(Keeper):
         ids: Ids = landmarks["ids"][use]
         if len(ids) < self._options.relocalise.min_patches:
             return None
-        by_landmark = self.views(ids)
-        owner = np.repeat(np.arange(len(ids)), [len(some) for some in by_landmark])
+        patches, owner = in_one_list(self.views(ids))
         rolls = (0.0, ROLLS[self._attempts % len(ROLLS)])
         self._attempts += 1
-        patches = [view for some in by_landmark for view in some]
         points: Array = landmarks["points"][use]
         views = self._describe(patches)
         fix = locate(

@@ -12,7 +12,7 @@ from collabslam._core import Camera
 from collabslam.errors import DataError
 from collabslam.formats.container import read_container, write_container
 from collabslam.frontend.patch import Patch
-from collabslam.frontend.recall import in_other_camera
+from collabslam.frontend.recall import in_one_list, in_other_camera
 from collabslam.types import Array
 
 KIND, VERSION = "map", 1
@@ -48,14 +48,14 @@ class SavedMap:
 
     def save(self, path: str | Path) -> None:
         """Write it; raises DataError if the file cannot be written."""
-        views = [view for some in self.views for view in some]
+        views, owner = in_one_list(self.views)
         content = {
             "camera": self.camera.__getnewargs__(),
             "metric": self.metric,
             "landmarks": self.landmarks,
             "covariance": self.covariance,
             "drift": self.drift,
-            "owner": np.repeat(np.arange(len(self.views)), [len(some) for some in self.views]),
+            "owner": owner,
             "pixels": np.stack([v.pixels for v in views]) if views else np.empty((0, 1, 1), np.uint8),
             "uv": np.reshape([v.uv_ref for v in views], (-1, 2)),
             "t_wc": np.reshape([v.t_wc for v in views], (-1, 4, 4)),
@@ -87,7 +87,7 @@ class SavedMap:
         """
         if camera == self.camera:
             return self
-        flat = [view for some in self.views for view in some]
+        flat, _ = in_one_list(self.views)
         taken = iter(in_other_camera(flat, self.camera, camera))
         views = [[v for v in [next(taken) for _ in some] if v is not None] for some in self.views]
         kept = np.array([k for k, some in enumerate(views) if some], dtype=np.int64)

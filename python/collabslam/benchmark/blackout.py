@@ -21,7 +21,7 @@ from collabslam.errors import CollabslamError
 from collabslam.evaluation.consistency import pose_tangent_error, sigma_gate
 from collabslam.evaluation.scoring import OK_SIGMAS
 from collabslam.frontend.patch import Patch
-from collabslam.frontend.recall import confirmed
+from collabslam.frontend.recall import confirmed, in_one_list
 from collabslam.frontend.settings import FrontendSettings
 from collabslam.geometry import pose_inverse
 from collabslam.report import markdown_table, number
@@ -102,13 +102,9 @@ def measure(entry: Entry, data: Path, out: Path, *, seed: int = 0) -> list[Row]:
         frame = recording.frame(i)
         last = slam.step(frame.t, frame.image, frame.worn)
         if i + 1 in places and last.status is Status.OK and np.isfinite(recording.truth[i]).all():
-            views = slam.saved_map().views
             landmarks = slam.landmarks().points
-            place = _Place(
-                recording, options, slam.state(), last, i, landmarks,
-                [view for some in views for view in some],
-                np.repeat(np.arange(len(views)), [len(some) for some in views]),
-            )  # fmt: skip
+            views = in_one_list(slam.saved_map().views)
+            place = _Place(recording, options, slam.state(), last, i, landmarks, *views)
             rows += [
                 {
                     "recording": entry.name,

@@ -50,6 +50,12 @@ class Fix(NamedTuple):
     uv: Array
 
 
+def in_one_list(by_landmark: Sequence[Sequence[Patch]]) -> tuple[list[Patch], Indices]:
+    """All views, landmark after landmark, and the landmark (V,) int64 of each, by its place in the list."""
+    owner = np.repeat(np.arange(len(by_landmark)), [len(some) for some in by_landmark])
+    return [view for some in by_landmark for view in some], owner
+
+
 def describe_views(patches: Sequence[Patch], support: float) -> Descriptors:
     """Descriptors (V, D) of stored windows, upright; ``support`` is the side of what is described, pixels."""
     described = [np.empty((0, 128), dtype=np.float32)]
