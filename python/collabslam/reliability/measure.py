@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -73,29 +72,71 @@ def measure(
     -------
     bool
         Whether nothing was found and P was sound.
+
+    Raises
+    ------
+    DataError
+        If ``out`` holds something else, or the driver cannot be run.
     """
     amounts = FULL if full else SHORT
-    results: dict[str, Any] = {}
-    with contextlib.suppress(OSError, ValueError):
-        results = dict(json.loads(out.read_text(encoding="utf-8")))
+    results = _known(out)
     for part in parts:
-        if part == "faults":
-            results.update(_faults(amounts, seed))
-        elif part == "readers":
-            results["fuzz_readers"] = _readers(amounts, seed)
-        elif part == "core":
-            results["fuzz_core"] = _core(amounts, seed, driver)
-        elif part == "kills":
-            results["kills_survived"] = run_kills(amounts.kills, seed)
-        else:
-            results.update(_endurance(amounts, seed, driver))
-        fuzzed = [results[key] for key in ("fuzz_readers", "fuzz_core") if key in results]
-        for key in ("executions", "findings"):
-            results[f"fuzz_{key}"] = sum(part[key] for part in fuzzed)
-        write_summary(out, results)
+        for found in _measured(part, amounts, seed, driver):
+            results.update(found)
+            results.update(_totals(results))
+            write_summary(out, results)
     print(figures_markdown(results))
     print(f"results are in {out}")
     return not results.get("fuzz_findings") and results.get("endurance_sound", True) is True
+
+
+def _known(out: Path) -> dict[str, Any]:
+    """What the file holds already; asked before anything is measured, as that may take an hour."""
+    if not out.exists():
+        return {}
+    try:
+        results: dict[str, Any] = json.loads(out.read_text(encoding="utf-8"))
+        _totals(results)
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise DataError(
+            f"{out} does not hold results of this version of the command; remove it, or name another file "
+            "with --out."
+        ) from error
+    return results
+
+
+def _measured(part: str, amounts: Amounts, seed: int, driver: Path | None) -> Iterator[dict[str, Any]]:
+    """Results of a part, as they come."""
+    if part == "faults":
+        yield _faults(amounts, seed)
+    elif part == "readers":
+        yield {"fuzz_readers": _readers(amounts, seed)}
+    elif part == "core":
+        yield {"fuzz_core": _core(amounts, seed, driver)}
+    elif part == "kills":
+        yield {"kills_survived": run_kills(amounts.kills, seed)}
+    else:
+        yield {"session": endure_session(amounts.session_s, seed).jsonable()}
+        yield {"engines_growth_mb": many_dropped()}
+        if driver is not None:
+            yield {"filter_alone": _drive(driver, "endure", amounts.steps, seed)}
+
+
+def _totals(results: dict[str, Any]) -> dict[str, Any]:
+    """What follows from the parts that are there."""
+    fuzzed = [results[key] for key in ("fuzz_readers", "fuzz_core") if key in results]
+    totals = {f"fuzz_{key}": sum(part[key] for part in fuzzed) for key in ("executions", "findings")}
+    session, alone = results.get("session"), results.get("filter_alone")
+    growth = [results["engines_growth_mb"]] if "engines_growth_mb" in results else []
+    if session is not None:
+        growth.append(session["memory_growth_mb"])
+        totals["endurance_sound"] = session["sound"]
+    if alone is not None:
+        growth += [alone["memory_growth_mb"], alone["dropped_growth_mb"]]
+        totals["endurance_steps"] = alone["steps"]
+        totals["endurance_sound"] = totals.get("endurance_sound", True) and bool(alone["threads_equal"])
+    finite = [float(g) for g in growth if g is not None and math.isfinite(g)]
+    return totals | ({"memory_growth_mb": max(finite)} if finite else {})
 
 
 def _faults(amounts: Amounts, seed: int) -> dict[str, Any]:
@@ -116,23 +157,6 @@ def _core(amounts: Amounts, seed: int, driver: Path | None) -> dict[str, int]:
         return {"executions": 0, "findings": 0}
     done = _drive(driver, "inputs", amounts.core_inputs, seed, 2)
     return {key: int(done[key]) for key in ("executions", "findings")}
-
-
-def _endurance(amounts: Amounts, seed: int, driver: Path | None) -> dict[str, Any]:
-    session = endure_session(amounts.session_s, seed)
-    growth = [session.memory_growth_mb, many_dropped()]
-    out: dict[str, Any] = {
-        "session": session.jsonable(),
-        "dropped_growth_mb": growth[1],
-        "endurance_sound": session.sound,
-    }
-    if driver is not None:
-        core = _drive(driver, "endure", amounts.steps, seed)
-        growth += [float(core["memory_growth_mb"]), float(core["dropped_growth_mb"])]
-        out |= {"endurance_steps": core["steps"], "filter_alone": core}
-        out["endurance_sound"] = session.sound and bool(core["threads_equal"])
-    finite = [g for g in growth if math.isfinite(g)]
-    return out | {"memory_growth_mb": max(finite, default=None)}
 
 
 def _drive(driver: Path, *words: object) -> dict[str, Any]:
@@ -163,7 +187,7 @@ def figures_markdown(results: dict[str, Any]) -> str:
         ("its time a frame, last fifth over second", session.get("time_ratio")),
         ("least eigenvalue of the scaled P", session.get("least_eigenvalue")),
         ("largest growth of memory, MB", results.get("memory_growth_mb")),
-        ("of which 100 engines made and dropped, MB", results.get("dropped_growth_mb")),
+        ("of which 100 engines made and dropped, MB", results.get("engines_growth_mb")),
     ]
     shown = [(name, _shown(value)) for name, value in rows if value is not None]
     return markdown_table(("figure", "value"), shown)
