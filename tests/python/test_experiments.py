@@ -63,9 +63,9 @@ def test_every_experiment_writes_its_files_and_goes_on_where_it_was(
 
     monkeypatch.setattr(cases, "run_case", run_case)
     assert cli.main(["reproduce", "table1", "--jobs", "1", "--out", str(tmp_path)]) == 0
-    assert len(asked) == 10
+    assert len(asked) == 20
     assert cli.main(["reproduce", "paper", "--jobs", "1", "--out", str(tmp_path)]) == 0
-    assert len(asked) == len(set(asked)) == 50  # the corridors were there
+    assert len(asked) == len(set(asked)) == 60  # the corridors were there
     shown = capsys.readouterr().out
     for name in EXPERIMENTS:
         assert (tmp_path / f"{name}.md").read_text() in shown
@@ -75,7 +75,7 @@ def test_every_experiment_writes_its_files_and_goes_on_where_it_was(
         rows = list(csv.reader((tmp_path / f"{name}.csv").read_text().splitlines()))
         assert {len(row) for row in rows} == {len(rows[0])}
     table1 = json.loads((tmp_path / "table1.json").read_text())
-    assert len(table1["rows"]) == 10 * len(MODES) * 2
+    assert len(table1["rows"]) == 10 * len(MODES) * 2 + 10 * 2
     ratio = table1["aims"][0]
     assert ratio["reached"] == pytest.approx(0.3)
     assert ratio["met"]

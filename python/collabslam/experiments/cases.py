@@ -27,8 +27,9 @@ from collabslam.worlds import WorldRecording, world_recording
 
 Row = dict[str, Any]
 
-SENSORS, DIRECT = "sensors", "direct"
-"""Where the worn camera's pose comes from: laser and AHRS, or measured directly with Table C1's errors."""
+SENSORS, MEASURED, DIRECT = "sensors", "sensors-measured-person", "direct"
+"""Where the worn camera's pose comes from: laser and AHRS, the same with a person who was measured (on
+recordings of their own), or measured directly with Table C1's errors."""
 MODES = ("mono", "mono-undelayed", "collab-init", "collab")
 
 
@@ -42,7 +43,7 @@ class Case:
         Of the recipe.
     modes : tuple of str
     poses : tuple of str
-        `SENSORS`, `DIRECT` or both.
+        `SENSORS` and `DIRECT`, or one of all three.
     variants : tuple of Variant
         Changes to the worn camera, each run on its own (for the study); the recording as it is if empty.
     """

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from collabslam.experiments import table1
 from collabslam.experiments.cases import DIRECT, SENSORS, Case, CaseResult
 from collabslam.experiments.drawing import draw_tracks
-from collabslam.experiments.tables import COLUMNS, SOURCES, cells
+from collabslam.experiments.tables import COLUMNS, SOURCES, cases_of, cells
 from collabslam.report import number
 from collabslam.reproduce import style
 from collabslam.reproduce.outputs import Finding, Table
@@ -23,7 +22,7 @@ PAPER = [
 
 def cases(quick: bool) -> list[Case]:
     """The corridors."""
-    return table1.cases(quick)
+    return cases_of("corridor", quick)
 
 
 def make(results: Sequence[CaseResult]) -> Finding:

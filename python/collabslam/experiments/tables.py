@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from collabslam.experiments.cases import DIRECT, MODES, SENSORS, Case, CaseResult, Row
+from collabslam.experiments.cases import DIRECT, MEASURED, MODES, SENSORS, Case, CaseResult, Row
 from collabslam.report import number
 from collabslam.reproduce.outputs import Finding, Table
 from collabslam.worlds import SETS
@@ -20,7 +20,11 @@ COLUMNS = (
     "frames", "frames_ok", "frames_ok_reported", "frames_lost", "features_per_frame", "scale_error",
     "nees_mean", "ms_per_frame", "ms_pseudo_stereo", "ms_pseudo_stereo_overlap", "ms_per_frame_overlap",
 )  # fmt: skip
-SOURCES = {SENSORS: "laser and AHRS", DIRECT: "measured directly"}
+SOURCES = {
+    SENSORS: "laser and AHRS",
+    MEASURED: "laser and AHRS, person measured",
+    DIRECT: "measured directly",
+}
 QUICK_COUNT = 2
 
 

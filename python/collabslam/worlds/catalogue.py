@@ -49,6 +49,9 @@ class Recipe:
         Level of the light, 1 for a lit corridor.
     exposure : float
         Seconds that the shutters are open.
+    build_sd : (2,) tuple
+        How well the person was measured beforehand: standard deviations of Cf's height, and of the neck
+        over the legs along each axis, about what the sensors' configuration says, metres.
     shutter_lag : float
         Seconds by which Cf's shutter is later than Cs's and than the pose that is measured.
     """
@@ -64,6 +67,7 @@ class Recipe:
     style: Style = PLAIN
     light: float = 1.0
     exposure: float = 0.008
+    build_sd: tuple[float, float] = (0.02, 0.03)
     shutter_lag: float = 0.0
 
 
@@ -83,6 +87,12 @@ def _corridors() -> list[Recipe]:
         replace(straight, style=Style("doors", dim=True), light=0.5, exposure=0.02),
     ]
     return [replace(r, name=f"corridor-{k}", seed=100 + k) for k, r in enumerate(kinds)]
+
+
+def _measured() -> list[Recipe]:
+    """The corridors once more, with a person who was measured: height to 5 mm, the lean to 1 cm."""
+    rows = enumerate(_corridors())
+    return [replace(r, name=f"measured-{k}", build_sd=(0.005, 0.01)) for k, r in rows]
 
 
 def _turns(angle: int) -> list[Recipe]:
@@ -128,6 +138,7 @@ def _study() -> list[Recipe]:
 
 SETS: dict[str, tuple[Recipe, ...]] = {
     "corridor": tuple(_corridors()),
+    "measured": tuple(_measured()),
     "turn90": tuple(_turns(90)),
     "turn180": tuple(_turns(180)),
     "general": tuple(_general()),

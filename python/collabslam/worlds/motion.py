@@ -116,19 +116,24 @@ class Walk:
         Share of the time in which the head is meant to be along the way.
     seed : int
         Of gait, glances and sway.
+    build_sd : (2,) tuple
+        See `worlds.catalogue.Recipe`.
     """
 
     drive: Drive
     stations: Sequence[Station]
     along: float
     seed: int
+    build_sd: tuple[float, float]
 
     @cached_property
     def walker(self) -> Walker:
         """Legs and worn camera, with the gait of somebody drawn by the seed."""
         moments = np.arange(0.0, self.drive.duration + 1.0, _WALK_DT)
         rows = [self._intent(float(t)) for t in moments]
-        build = Build.drawn(np.random.Generator(np.random.PCG64((self.seed, 4))))
+        height, lean = self.build_sd
+        rng = np.random.Generator(np.random.PCG64((self.seed, 4)))
+        build = Build.drawn(rng, height_sd=height, lean_sd=lean)
         return Walker(moments, np.array([r[:2] for r in rows]), np.array([r[2:] for r in rows]), build)
 
     def camera(self, t: float) -> Array:

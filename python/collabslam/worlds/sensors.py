@@ -16,6 +16,7 @@ from collabslam.worlds.recording import WorldRecording
 from collabslam.worn_pose import (
     AhrsReading,
     LaserScan,
+    Person,
     WornPoseConfig,
     WornPoseEstimate,
     WornPoseEstimator,
@@ -52,7 +53,9 @@ def config_of(recording: WorldRecording) -> WornPoseConfig:
     """What the estimator is told: where the sensors sit, and about where the person starts."""
     _, ahead, left = recording.recipe.stations[0]
     right = -recording.recipe.side * left
-    return WornPoseConfig(start=(0.5 * round(2.0 * right), 0.5 * round(2.0 * ahead)))
+    height_sd, lever_sd = recording.recipe.build_sd
+    person = Person(height_sd=height_sd, lever_sd=lever_sd)
+    return WornPoseConfig(person=person, start=(0.5 * round(2.0 * right), 0.5 * round(2.0 * ahead)))
 
 
 def readings_of(recording: WorldRecording, seed: int) -> Readings:

@@ -60,12 +60,15 @@ class Build:
         rng: np.random.Generator,
         camera_height: float = 1.70,
         neck_to_camera: tuple[float, float, float] = (0.0, -0.10, 0.10),
+        *,
+        height_sd: float = 0.02,
+        lean_sd: float = 0.03,
     ) -> Build:
-        """Somebody: near the height and the lever arm that were measured, but not quite."""
+        """Somebody: near the height and the lever arm that were measured, but not quite (metres)."""
         return cls(
-            camera_height=float(camera_height + rng.normal(0.0, 0.02)),
+            camera_height=float(camera_height + rng.normal(0.0, height_sd)),
             neck_to_camera=neck_to_camera,
-            lean=(float(rng.normal(0.0, 0.03)), float(rng.normal(0.0, 0.03))),
+            lean=(float(rng.normal(0.0, lean_sd)), float(rng.normal(0.0, lean_sd))),
             leg_radius=float(rng.uniform(0.05, 0.07)),
             step_width=float(rng.uniform(0.12, 0.20)),
             bob=float(rng.uniform(0.015, 0.03)),
