@@ -130,9 +130,9 @@ def blas_in_use() -> str:
 
 
 SIZES = [(25, 20), (50, 40), (100, 20), (100, 40), (100, 80), (200, 40), (400, 40)]
-BURST, COLD = 50, 10
-"""Frames of the replay in a row, in Rust and in Python by turns, and how many of them are left out: after a
-turn the caches are cold, which a filter in use does not know."""
+FRAMES, COLD = 300, 50
+"""Frames of the replay, run as a whole in Rust and in Python by turns, and how many of them are left out: after a
+turn the caches are cold, which a filter in use does not know. (Turns of 50 frames give twice the overhead.)"""
 TESTS = [(n, wrong) for n in (40, 100) for wrong in (0, 1, 3, 10)]
 HARDEST = (100, 10)
 
@@ -146,7 +146,7 @@ def measure(rounds: Rounds, number: int) -> tuple[Samples, dict[str, Any]]:
         samples.setdefault(name, []).extend(values)
 
     yardsticks = {(n, 2 * k): Yardstick(n, 2 * k) for n, k in [*SIZES, (100, 100)]}
-    replay = Replay(rounds.ask("record 100 300"))
+    replay = Replay(rounds.ask(f"record 100 {FRAMES}"))
     for index in range(number):
         for n, k in [*SIZES, (100, 100)]:
             runs = 8 if (n, k) == (100, 40) else 2
@@ -162,8 +162,8 @@ def measure(rounds: Rounds, number: int) -> tuple[Samples, dict[str, Any]]:
                 single = rounds.run(f"update-single {n} {k}", runs)
                 add("update n=100 m=80, an anchor each", *(ns / 1e6 for ns, _ in single))
                 add("step n=100 m=80", *(run[0] / 1e6 for run in rounds.run("step 100 40 3", runs)))
-                add("replay rust", *(ns / 1e6 for (ns,) in rounds.run("replay 100 300", BURST)[COLD:]))
-                add("replay python", *[replay.run() for _ in range(BURST)][COLD:])
+                add("replay rust", *(ns / 1e6 for (ns,) in rounds.run(f"replay 100 {FRAMES}", FRAMES)[COLD:]))
+                add("replay python", *[replay.run() for _ in range(FRAMES)][COLD:])
         for n, wrong in TESTS:
             runs_ = rounds.run(f"hohct {n} {wrong}", 4)
             add(f"hohct {wrong} of {n}", *(run[0] / 1e6 for run in runs_))
