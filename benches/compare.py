@@ -131,8 +131,8 @@ def blas_in_use() -> str:
 
 SIZES = [(25, 20), (50, 40), (100, 20), (100, 40), (100, 80), (200, 40), (400, 40)]
 FRAMES, COLD = 300, 50
-"""Frames of the replay, run as a whole in Rust and in Python by turns, and how many of them are left out: after a
-turn the caches are cold, which a filter in use does not know. (Turns of 50 frames give twice the overhead.)"""
+"""Frames of the replay, run as a whole in Rust and in Python by turns, and how many of them are left out:
+after a turn the caches are cold, which a filter in use does not know."""
 TESTS = [(n, wrong) for n in (40, 100) for wrong in (0, 1, 3, 10)]
 HARDEST = (100, 10)
 
