@@ -33,8 +33,8 @@ Samples = dict[str, list[float]]
 class Rounds:
     """The Rust program: runs a case so many times, answers nanoseconds and counts."""
 
-    def __init__(self, program: Path) -> None:
-        self._process = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    def __init__(self, *command: str | Path) -> None:
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def ask(self, line: str) -> str:
         assert self._process.stdin is not None
@@ -49,6 +49,12 @@ class Rounds:
     def run(self, case: str, times: int) -> list[list[int]]:
         """One list per run: nanoseconds first."""
         return [[int(x) for x in run.split(",")] for run in self.ask(f"{case} {times}").split("|")]
+
+    def __enter__(self) -> Rounds:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.communicate()
 
 
 class Yardstick:
@@ -76,50 +82,6 @@ class Yardstick:
         return (syrk - start) * 1e3, (trsm - syrk) * 1e3, (potrf - trsm) * 1e3
 
 
-class Replay:
-    """The recorded frames through the Python package, one at a time."""
-
-    def __init__(self, lines: str) -> None:
-        from collabslam import _core
-
-        self._core = _core
-        self._births, self._frames = [], []
-        for line in lines.split("|"):
-            t, *parts = line.split(";")
-            rows = [[float(x) for x in part.split(",")] for part in parts]
-            seen = np.array([row for row in rows if len(row) == 3]).reshape(-1, 3)
-            frame = float(t), seen[:, 0].astype(np.int64), np.ascontiguousarray(seen[:, 1:])
-            births = np.array([row for row in rows if len(row) == 4])
-            if len(births):
-                self._births.append((frame, births))
-            else:
-                self._frames.append(frame)
-        self._next = len(self._frames)
-        self._filter: Any = None
-
-    def _start(self) -> None:
-        camera = self._core.Camera("pinhole", 720, 480, (600.0, 600.0, 360.0, 240.0), [])
-        features = sum(len(births) for _, births in self._births)
-        self._filter = self._core.Filter(camera, camera, settings={"map.max_features": features})
-        for (t, ids, uv), births in self._births:
-            self._filter.predict(t)
-            u, depth, sigma = births[:, :2].copy(), births[:, 2].copy(), births[:, 3].copy()
-            self._filter.update(ids, ids, uv, depths=(np.full(len(births), -1), u, depth, sigma))
-        self._next = 0
-
-    def run(self) -> float:
-        """Milliseconds of the next frame."""
-        if self._next == len(self._frames):
-            self._start()
-        t, ids, uv = self._frames[self._next]
-        self._next += 1
-        start = time.perf_counter()
-        self._filter.predict(t)
-        self._filter.predict_pixels()
-        self._filter.update(ids, ids, uv)
-        return (time.perf_counter() - start) * 1e3
-
-
 def blas_in_use() -> str:
     """Version and kernel of the OpenBLAS that scipy calls."""
     found = [library for library in threadpool_info() if library["internal_api"] == "openblas"]
@@ -130,9 +92,6 @@ def blas_in_use() -> str:
 
 
 SIZES = [(25, 20), (50, 40), (100, 20), (100, 40), (100, 80), (200, 40), (400, 40)]
-FRAMES, COLD = 300, 50
-"""Frames of the replay, run as a whole in Rust and in Python by turns, and how many of them are left out:
-after a turn the caches are cold, which a filter in use does not know."""
 TESTS = [(n, wrong) for n in (40, 100) for wrong in (0, 1, 3, 10)]
 HARDEST = (100, 10)
 
@@ -146,7 +105,6 @@ def measure(rounds: Rounds, number: int) -> tuple[Samples, dict[str, Any]]:
         samples.setdefault(name, []).extend(values)
 
     yardsticks = {(n, 2 * k): Yardstick(n, 2 * k) for n, k in [*SIZES, (100, 100)]}
-    replay = Replay(rounds.ask(f"record 100 {FRAMES}"))
     for index in range(number):
         for n, k in [*SIZES, (100, 100)]:
             runs = 8 if (n, k) == (100, 40) else 2
@@ -162,8 +120,6 @@ def measure(rounds: Rounds, number: int) -> tuple[Samples, dict[str, Any]]:
                 single = rounds.run(f"update-single {n} {k}", runs)
                 add("update n=100 m=80, an anchor each", *(ns / 1e6 for ns, _ in single))
                 add("step n=100 m=80", *(run[0] / 1e6 for run in rounds.run("step 100 40 3", runs)))
-                add("replay rust", *(ns / 1e6 for (ns,) in rounds.run(f"replay 100 {FRAMES}", FRAMES)[COLD:]))
-                add("replay python", *[replay.run() for _ in range(FRAMES)][COLD:])
         for n, wrong in TESTS:
             runs_ = rounds.run(f"hohct {n} {wrong}", 4)
             add(f"hohct {wrong} of {n}", *(run[0] / 1e6 for run in runs_))
@@ -183,6 +139,37 @@ def search(rounds: Rounds, frames: int, counts: dict[str, Any]) -> dict[str, flo
     key = f"{wrong} of {n}"
     counts["nodes"][key] = max(counts["nodes"][key], *(run[1] for run in runs))
     return {"hohct_worst_ms": max(run[0] for run in runs) / 1e6, "hohct_frames": float(frames)}
+
+
+FRAMES, TIMES, COLD = 300, 2, 100
+"""Frames of the replay, how often it is run in a turn, and how many frames at the start of a turn are left
+out: a filter in use has its code and its numbers in the caches."""
+
+
+def overhead(program: Path, pairs: int, samples: Samples) -> dict[str, float]:
+    """A step through Python over one in Rust: the median over so many pairs of turns.
+
+    Each turn is a process of its own: where its memory happens to lie makes some percent either way.
+    """
+    ratios = []
+    with Rounds(program) as rounds:
+        frames = rounds.ask(f"record 100 {FRAMES}")
+    for _ in range(pairs):
+        with Rounds(program) as rounds:
+            runs = rounds.run(f"replay 100 {FRAMES}", TIMES * FRAMES)
+        with Rounds(sys.executable, Path(__file__).with_name("replay.py"), str(TIMES)) as python:
+            answer = python.ask(frames).split("|")
+        turns = [[ns / 1e6 for (ns,) in runs[COLD:]], [int(ns) / 1e6 for ns in answer[COLD:]]]
+        for name, turn in zip(("replay rust", "replay python"), turns, strict=True):
+            samples.setdefault(name, []).extend(turn)
+        rust, python_ms = map(statistics.median, turns)
+        ratios.append(python_ms / rust)
+    least, most = min(ratios), max(ratios)
+    return {
+        "python_overhead_pct": 100 * (statistics.median(ratios) - 1),
+        "python_overhead_least_pct": 100 * (least - 1),
+        "python_overhead_most_pct": 100 * (most - 1),
+    }
 
 
 def shrunk(rounds: Rounds, number: int) -> dict[str, float]:
@@ -232,6 +219,7 @@ def main() -> None:
     parser.add_argument("--criterion", type=Path, help="criterion's folder, whose medians join the table")
     parser.add_argument("--allocations", type=Path, help="what the test that counts them has said")
     parser.add_argument("--rounds", type=int, default=40)
+    parser.add_argument("--pairs", type=int, default=15, help="of replays in Rust and in Python")
     parser.add_argument("--walk", type=int, default=600, help="frames of the walk through 400 features")
     parser.add_argument("--hardest", type=int, default=2400, help="frames of HOHCT's hardest case")
     parser.add_argument("--out", type=Path, default=Path("results/bench.json"))
@@ -239,6 +227,7 @@ def main() -> None:
     rounds = Rounds(args.program)
     samples, counts = measure(rounds, args.rounds)
     worst = search(rounds, args.hardest, counts) if args.hardest else {}
+    through_python = overhead(args.program, args.pairs, samples)
     median = {name: statistics.median(values) for name, values in samples.items()}
     unit, step = median["yardsticks n=100 m=80"], median["step n=100 m=80"]
     result: dict[str, Any] = {
@@ -252,7 +241,7 @@ def main() -> None:
         **worst,
         "update_iterations_median": statistics.median(counts["iterations"]),
         "warm_step_allocations": allocations(args.allocations),
-        "python_overhead_pct": 100 * (median["replay python"] / median["replay rust"] - 1),
+        **through_python,
     }
     result |= shrunk(rounds, 4 * args.rounds)
     if args.walk:

@@ -188,7 +188,7 @@ impl Far {
             return;
         }
         self.age = 0;
-        let means: Vec<_> = self.means(near).map(|(_, mean)| place(&mean)).collect();
+        let means: Vec<_> = self.means(near).iter().map(|(_, y)| place(y)).collect();
         for (outside, mean) in self.outside.iter_mut().zip(means) {
             outside.lately = mean;
         }
@@ -203,13 +203,8 @@ impl Far {
         let theta = Duals::of(near).theta(near);
         let mates = self.mates(near);
         let some = self.outside.iter().filter(move |o| may_be(&o.lately));
-        some.map(move |o| {
-            let mut mean = self.mean(&o.block, &theta);
-            if let Some(mate) = self.mate(&mates, &o.block) {
-                mean.numbers_mut()[..3].copy_from_slice(&near.x[mate..mate + 3]);
-            }
-            (o.block, mean)
-        })
+        let moved = move |row| dot(&theta, self.column(row, theta.len()));
+        some.map(move |o| (o.block, self.mean(near, &mates, &o.block, &moved)))
     }
 
     /// Whether the working state has grown so much that writing the whole state pays.
@@ -223,14 +218,38 @@ impl Far {
     }
 
     /// Present means of all features outside, in their order.
-    pub(crate) fn means(&self, near: &State) -> impl Iterator<Item = (Block, FeatureState)> {
-        self.maybe_in_view(near, |_| true)
+    pub(crate) fn means(&self, near: &State) -> Vec<(Block, FeatureState)> {
+        let theta = Duals::of(near).theta(near);
+        let (depth, total) = (theta.len(), self.columns.len());
+        // R^T theta at once: R is read in one go.
+        let mut moved = vec![0.0; total];
+        product(
+            MatMut::from_column_major_slice_mut(&mut moved, total, 1),
+            MatRef::from_column_major_slice_with_stride(&self.r, depth, total, self.ld).transpose(),
+            MatRef::from_column_major_slice(&theta, depth, 1),
+        );
+        let moved = |row: usize| moved[self.column[row].expect("a row outside has a column")];
+        let mates = self.mates(near);
+        let all = self.outside.iter().map(|o| &o.block);
+        all.map(|block| (*block, self.mean(near, &mates, block, &moved)))
+            .collect()
     }
 
-    fn mean(&self, block: &Block, theta: &[f64]) -> FeatureState {
+    /// Present mean of a feature, from how far its rows have moved.
+    fn mean(
+        &self,
+        near: &State,
+        mates: &[(usize, usize)],
+        block: &Block,
+        moved: &impl Fn(usize) -> f64,
+    ) -> FeatureState {
         let mut mean = block.feature(&self.then.x);
-        for (value, i) in mean.numbers_mut().iter_mut().zip(block.range()) {
-            *value += dot(theta, self.column(self.then.p.slot(i), theta.len()));
+        let mate = self.mate(mates, block);
+        for (k, value) in mean.numbers_mut().iter_mut().enumerate() {
+            match mate {
+                Some(mate) if k < 3 => *value = near.x[mate + k],
+                _ => *value += moved(self.then.p.slot(block.offset + k)),
+            }
         }
         mean
     }

@@ -1,0 +1,72 @@
+"""A recorded replay through the Python package, frame by frame: what ``compare.py`` sets beside the Rust one.
+
+Reads the recording, one line, from standard input and answers with nanoseconds of each frame, ``ns|ns|...``.
+The argument says how often the replay is run.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+from collabslam import _core
+
+
+class Replay:
+    """The recorded frames through the Python package, one at a time."""
+
+    def __init__(self, lines: str) -> None:
+        self._births, self._frames = [], []
+        for line in lines.split("|"):
+            t, *parts = line.split(";")
+            rows = [[float(x) for x in part.split(",")] for part in parts]
+            seen = np.array([row for row in rows if len(row) == 3]).reshape(-1, 3)
+            frame = float(t), seen[:, 0].astype(np.int64), np.ascontiguousarray(seen[:, 1:])
+            births = np.array([row for row in rows if len(row) == 4])
+            if len(births):
+                self._births.append((frame, births))
+            else:
+                self._frames.append(frame)
+        self._next = len(self._frames)
+        self._filter: Any = None
+
+    def _start(self) -> None:
+        camera = _core.Camera("pinhole", 720, 480, (600.0, 600.0, 360.0, 240.0), [])
+        features = sum(len(births) for _, births in self._births)
+        self._filter = _core.Filter(camera, camera, settings={"map.max_features": features})
+        for (t, ids, uv), births in self._births:
+            self._filter.predict(t)
+            u, depth, sigma = births[:, :2].copy(), births[:, 2].copy(), births[:, 3].copy()
+            self._filter.update(ids, ids, uv, depths=(np.full(len(births), -1), u, depth, sigma))
+        self._next = 0
+
+    @property
+    def frames(self) -> int:
+        """Number of frames after the births."""
+        return len(self._frames)
+
+    def run(self) -> int:
+        """Nanoseconds of the next frame."""
+        if self._next == len(self._frames):
+            self._start()
+        t, ids, uv = self._frames[self._next]
+        self._next += 1
+        start = time.perf_counter_ns()
+        self._filter.predict(t)
+        self._filter.predict_pixels()
+        self._filter.update(ids, ids, uv)
+        return time.perf_counter_ns() - start
+
+
+def main() -> None:
+    """See the module's page."""
+    replay = Replay(sys.stdin.readline().strip())
+    times = [replay.run() for _ in range(int(sys.argv[1]) * replay.frames)]
+    sys.stdout.write("|".join(map(str, times)) + "\n")
+
+
+if __name__ == "__main__":
+    main()
