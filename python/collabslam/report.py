@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -12,7 +13,7 @@ _MISSING = "-"
 
 def number(value: Any, digits: int = 3, unit: str = "", scale: float = 1.0) -> str:
     """A number with a fixed count of decimals; a dash where there is none."""
-    if not isinstance(value, int | float):
+    if not isinstance(value, int | float) or math.isnan(value):
         return _MISSING
     return f"{scale * value:.{digits}f}{' ' + unit if unit else ''}"
 

@@ -47,7 +47,8 @@ def make(results: Sequence[CaseResult]) -> Finding:
         values = sorted({float(r["value"]) for r in rows if r["factor"] == factor})
         curve = []
         for value in values:
-            group = [r for r in rows if r["factor"] == factor and r["value"] == value and "error" not in r]
+            group = [r for r in rows if r["factor"] == factor and r["value"] == value]
+            group = [r for r in group if r.get("avg_position_error_m") is not None]  # the filter started
             shares = np.array([average_share(r) for r in group])
             low, middle, high = np.percentile(shares, [10, 50, 90]) if len(shares) else [np.nan] * 3
             point = {"value": value, "runs": len(group), "median": middle, "p10": low, "p90": high}
@@ -65,7 +66,14 @@ def make(results: Sequence[CaseResult]) -> Finding:
         axes.set_xlabel(label)
         axes.set_ylabel("average error, % of the path")
     panels[0, 0].set_ylim(bottom=0.0)
-    header = ("factor", "value", "runs", "median average error, % of the path", "10th percentile", "90th")
+    header = (
+        "factor",
+        "value",
+        "runs that started",
+        "median average error, % of the path",
+        "10th percentile",
+        "90th",
+    )
     return Finding(
         title="Error against availability, overlap and noise of the worn camera",
         figure=figure,
