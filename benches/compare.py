@@ -3,8 +3,10 @@
 Run by ``make bench``. A machine that other jobs share is only fair to what runs in turns, so every round
 times each kernel of the core (by ``rounds``, the Rust program beside this file) and each yardstick (through
 scipy) a few times, and the medians over all rounds are compared. Ratios in the JSON file are medians over
-medians, except ``local_n400_ratio``: an amortised cost, so a sum over a sum. The update that HOHCT is set
-beside is that of the same matches in the same map: N = 100, 80 rows for 40 of them, 200 rows for 100.
+medians, but for two replays whose frames are the same in every run, so that the least time of each counts:
+``local_n400_ratio``, an amortised cost, is a sum over a sum, ``python_overhead_pct`` the median over frames.
+The update that HOHCT is set beside is that of the same matches in the same map: N = 100, 80 rows for 40 of
+them, 200 rows for 100.
 """
 
 from __future__ import annotations
@@ -141,35 +143,28 @@ def search(rounds: Rounds, frames: int, counts: dict[str, Any]) -> dict[str, flo
     return {"hohct_worst_ms": max(run[0] for run in runs) / 1e6, "hohct_frames": float(frames)}
 
 
-FRAMES, TIMES, COLD = 300, 2, 100
-"""Frames of the replay, how often it is run in a turn, and how many frames at the start of a turn are left
-out: a filter in use has its code and its numbers in the caches."""
+FRAMES, TIMES = 300, 2
+"""Frames of the replay, and how often a process runs it."""
 
 
-def overhead(program: Path, pairs: int, samples: Samples) -> dict[str, float]:
-    """A step through Python over one in Rust: the median over so many pairs of turns.
+def overhead(program: Path, processes: int, samples: Samples) -> dict[str, float]:
+    """A step through Python over the same one in Rust: the median over the frames of a replay.
 
-    Each turn is a process of its own: where its memory happens to lie makes some percent either way.
+    Every run of the replay gives the same bits. The least time of each frame counts, over so many processes
+    of each kind by turns: what other programs took, and where memory happens to lie, is not the frame's.
     """
-    ratios = []
+    times: dict[str, list[list[float]]] = {"replay rust": [], "replay python": []}
     with Rounds(program) as rounds:
         frames = rounds.ask(f"record 100 {FRAMES}")
-    for _ in range(pairs):
+    for _ in range(processes):
         with Rounds(program) as rounds:
             runs = rounds.run(f"replay 100 {FRAMES}", TIMES * FRAMES)
+        times["replay rust"].append([ns / 1e6 for (ns,) in runs])
         with Rounds(sys.executable, Path(__file__).with_name("replay.py"), str(TIMES)) as python:
-            answer = python.ask(frames).split("|")
-        turns = [[ns / 1e6 for (ns,) in runs[COLD:]], [int(ns) / 1e6 for ns in answer[COLD:]]]
-        for name, turn in zip(("replay rust", "replay python"), turns, strict=True):
-            samples.setdefault(name, []).extend(turn)
-        rust, python_ms = map(statistics.median, turns)
-        ratios.append(python_ms / rust)
-    least, most = min(ratios), max(ratios)
-    return {
-        "python_overhead_pct": 100 * (statistics.median(ratios) - 1),
-        "python_overhead_least_pct": 100 * (least - 1),
-        "python_overhead_most_pct": 100 * (most - 1),
-    }
+            times["replay python"].append([int(ns) / 1e6 for ns in python.ask(frames).split("|")])
+    least = {name: np.reshape(ms, (-1, FRAMES)).min(axis=0) for name, ms in times.items()}
+    samples.update({name: ms.tolist() for name, ms in least.items()})
+    return {"python_overhead_pct": 100 * float(np.median(least["replay python"] / least["replay rust"]) - 1)}
 
 
 def shrunk(rounds: Rounds, number: int) -> dict[str, float]:
@@ -182,14 +177,20 @@ def shrunk(rounds: Rounds, number: int) -> dict[str, float]:
     return result
 
 
-def walk(rounds: Rounds, frames: int) -> dict[str, float]:
-    """Plain and local filter over a replay of N = 400: sums, medians, features in view."""
-    runs = rounds.run("local 400", frames)
-    plain, local, seen = (np.array(column, float) for column in zip(*runs, strict=True))
+def walk(program: Path, frames: int, processes: int) -> dict[str, float]:
+    """Plain and local filter over a replay of N = 400: sums, medians, features in view.
+
+    As in `overhead`, the least time of each frame counts.
+    """
+    runs = []
+    for _ in range(processes):
+        with Rounds(program) as rounds:
+            runs.append(rounds.run("local 400", frames))
+    plain, local, seen = np.min(np.array(runs, float), axis=0).T
     return {
-        "local_n400_ratio": local.sum() / plain.sum(),
-        "local_n400_ms": local.mean() / 1e6,
-        "plain_n400_ms": plain.mean() / 1e6,
+        "local_n400_ratio": float(local.sum() / plain.sum()),
+        "local_n400_ms": float(local.mean()) / 1e6,
+        "plain_n400_ms": float(plain.mean()) / 1e6,
         "local_n400_median_ms": float(np.median(local)) / 1e6,
         "plain_n400_median_ms": float(np.median(plain)) / 1e6,
         "local_n400_in_view": float(seen.mean()),
@@ -219,15 +220,16 @@ def main() -> None:
     parser.add_argument("--criterion", type=Path, help="criterion's folder, whose medians join the table")
     parser.add_argument("--allocations", type=Path, help="what the test that counts them has said")
     parser.add_argument("--rounds", type=int, default=40)
-    parser.add_argument("--pairs", type=int, default=15, help="of replays in Rust and in Python")
+    parser.add_argument("--processes", type=int, default=12, help="that replay, of each kind")
     parser.add_argument("--walk", type=int, default=600, help="frames of the walk through 400 features")
+    parser.add_argument("--walks", type=int, default=3, help="processes that go it")
     parser.add_argument("--hardest", type=int, default=2400, help="frames of HOHCT's hardest case")
     parser.add_argument("--out", type=Path, default=Path("results/bench.json"))
     args = parser.parse_args()
     rounds = Rounds(args.program)
     samples, counts = measure(rounds, args.rounds)
     worst = search(rounds, args.hardest, counts) if args.hardest else {}
-    through_python = overhead(args.program, args.pairs, samples)
+    through_python = overhead(args.program, args.processes, samples)
     median = {name: statistics.median(values) for name, values in samples.items()}
     unit, step = median["yardsticks n=100 m=80"], median["step n=100 m=80"]
     result: dict[str, Any] = {
@@ -245,7 +247,7 @@ def main() -> None:
     }
     result |= shrunk(rounds, 4 * args.rounds)
     if args.walk:
-        result |= walk(rounds, args.walk)
+        result |= walk(args.program, args.walk, args.walks)
     result["blas"] = blas_in_use()
     result["medians_ms"] = median
     if args.criterion:
