@@ -34,7 +34,7 @@ from collabslam.saved_map import SavedMap
 from collabslam.settings import Settings
 from collabslam.status import StatusMonitor
 from collabslam.target_start import TargetStart
-from collabslam.tracks import Found, Tracks
+from collabslam.tracks import Found, Tracks, chosen
 from collabslam.types import Array, Ids, Image, Status, Target, WornView
 
 KIND, VERSION = "engine state", 1
@@ -176,6 +176,7 @@ class Slam:
         self._in_view = int(settings["filter.map.in_view"])
         self._reserve = round(self._in_view * float(settings["filter.map.reserve"]))
         self._undelayed = settings["filter.estimator.mode"] == "mono-undelayed"
+        self._vague_below = round(self._in_view * float(settings["filter.birth.vague_below"]))
         self._worn_camera, self._target = worn_camera, target
         self.filter = filter or _core.Filter(camera, worn_camera, settings=dict(settings.section("filter")))
         self._tracks = Tracks(camera, self._options)
@@ -243,13 +244,18 @@ class Slam:
         self.filter.predict(t)  # 1
         if sight := self._sight.judge(image):
             return self._coast(t, sight, stages)
-        self._corners.look_at(image)
+        hidden = self._look.hidden(worn)
+        self._corners.look_at(image, hidden)
         was_lost = self._monitor.lost
         expected = self.filter.predict_pixels()  # 2
+        if hidden is not None:
+            expected = chosen(expected, ~hidden(expected["uv"]))
         if was_lost:
             expected = searchable(expected, self._options.search)
         stages.done("predict")
-        found = self._tracks.search(image, self.filter.pose, expected, self.filter.predict_given)  # 3
+        found = self._tracks.search(  # 3
+            image, self.filter.pose, expected, self.filter.predict_given, hidden
+        )
         stages.done("search")
         missing = 0 if was_lost else self._missing(found)
         overlap = self._look.match(image, None if was_lost else worn, found, missing)  # 4
@@ -265,6 +271,7 @@ class Slam:
             least=self._monitor.least(len(found.searched)),
         )
         stages.done("update")
+        tracked = np.array([o in ("pixel", "replaced") for o in report.bearings], dtype=np.bool_)
         again = None if report.believed or not was_started else self._relocaliser.attempt(image)
         stages.done("relocalise")
         deleted = np.empty(0, np.int64)
@@ -274,7 +281,8 @@ class Slam:
             self._tracks.forget_features(deleted)
             self._relocaliser.forget(deleted)
             self._tracks.keep_candidates(self.filter.candidates)
-            births["births_undelayed"] = self._new_points(image, found)
+            vague = self._vague_births(int(tracked.sum()) + sum(births.values()))
+            births["births_undelayed"] = vague + self._new_points(image, found)
             births["births_instant"] += self._start_from_target(image)
         else:  # the map stays as it is while the camera does not know where it is
             births = dict.fromkeys(BIRTHS, 0)
@@ -282,7 +290,6 @@ class Slam:
             self.filter.drop_candidates(self.filter.candidates if moved else found.lost)
             self._tracks.keep_candidates(self.filter.candidates)
         target_residual = self._target_residual(image)
-        tracked = np.array([o in ("pixel", "replaced") for o in report.bearings], dtype=np.bool_)
         accepted = int(tracked.sum()) if again is None else len(again[0])
         accepted += births["births_instant"] + births["births_depth"]
         if not was_started:
@@ -467,6 +474,16 @@ class Slam:
             "births_depth": len(measured),
             "births_delayed": outcomes.count("born"),
         }
+
+    def _vague_births(self, tracked: int) -> int:
+        """Where the view runs out of features, those who waited longest are born without parallax."""
+        ids, uv = self._tracks.waiting(self._vague_below - tracked)
+        features = self.filter.add_undelayed(uv)
+        for candidate, feature in zip(ids.tolist(), features.tolist(), strict=True):
+            if feature >= 0:
+                self._tracks.promote(candidate, feature)
+        self.filter.drop_candidates(ids)
+        return int((features >= 0).sum())
 
     def _new_points(self, image: Image, found: Found) -> int:
         """Starts candidates (or vague features, undelayed) where the view lacks points."""

@@ -9,8 +9,9 @@ import numpy as np
 
 from collabslam._core import Camera, Filter, UpdateReport
 from collabslam.errors import InputError
-from collabslam.frontend.detect import Corners
+from collabslam.frontend.detect import Corners, Hidden
 from collabslam.frontend.settings import FrontendSettings
+from collabslam.frontend.wearer import covered
 from collabslam.frontend.worn_match import WornMatches, match_worn
 from collabslam.geometry import pose_inverse, se3_log
 from collabslam.settings import Settings
@@ -157,6 +158,13 @@ class WornLook:
             raise InputError(
                 "the covariance of T_CF is singular; give every direction a standard deviation."
             ) from error
+
+    def hidden(self, worn: WornView | None) -> Hidden | None:
+        """Which pixels of Cs show whoever wears Cf; None where that is nobody, or nobody knows."""
+        radius = self._options.worn.body_radius
+        if worn is None or radius == 0.0:
+            return None
+        return lambda uv: covered(self._camera, uv, worn.t_cf, radius)
 
     def match(self, image: Image, worn: WornView | None, found: Found, missing: int) -> Overlap:
         """Pairs of this frame; known features first, then as many new points as the view is missing."""

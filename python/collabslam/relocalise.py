@@ -12,7 +12,7 @@ from collabslam.frontend.patch import Patch, capture
 from collabslam.frontend.recall import describe_views, in_one_list, locate
 from collabslam.frontend.settings import FrontendSettings, SearchSettings
 from collabslam.keeping import Keeper
-from collabslam.tracks import Tracks
+from collabslam.tracks import Tracks, chosen
 from collabslam.types import Array, Ids, Image
 
 ROLLS = (0.5, -0.5)
@@ -30,7 +30,7 @@ def searchable(expected: dict[str, Any], options: SearchSettings) -> dict[str, A
     """
     variance = np.diagonal(expected["s"], axis1=1, axis2=2).max(axis=1, initial=0.0)
     fits = options.gate**2 * variance <= options.max_radius**2
-    return {name: values[fits] for name, values in expected.items()}
+    return chosen(expected, fits)
 
 
 class Relocaliser(Keeper):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from collabslam._core import Camera
+from collabslam.frontend.detect import Hidden
 from collabslam.frontend.flow import FlowImage, flow_guess, motion_of
 from collabslam.frontend.patch import Patch, capture, warp_templates
 from collabslam.frontend.search import FOUND, WIDE, SearchResult, active_search, wide_ellipses
@@ -20,6 +21,11 @@ Given = Callable[[Ids, Array, Ids], tuple[Array, Array]]
 """Expected pixels and their covariances of features, given others (ids and pixels) that were found."""
 
 _TOLD = 16  # found features, at most, that tell the camera's motion
+
+
+def chosen(expected: dict[str, Any], which: Mask) -> dict[str, Any]:
+    """Some of the rows of `Filter.predict_pixels`."""
+    return {name: values[which] for name, values in expected.items()}
 
 
 @dataclass(frozen=True)
@@ -92,11 +98,14 @@ class Tracks(Keeper):
             last = FlowImage.again(last[0], last[1], self._settings.flow)
         super().restore({**state, "_previous": last})
 
-    def search(self, image: Image, pose: Array, expected: dict[str, Any], given: Given) -> Found:
+    def search(
+        self, image: Image, pose: Array, expected: dict[str, Any], given: Given, hidden: Hidden | None = None
+    ) -> Found:
         """Active search of the expected features; candidates are followed into this frame (METHOD 7.3).
 
         A feature whose ellipse is wide, and of which the flow says nothing, is looked for last: where
-        ``given`` (`Filter.predict_given`) expects it once others have been found.
+        ``given`` (`Filter.predict_given`) expects it once others have been found.  Candidates at pixels that
+        are ``hidden`` are lost.
         """
         ids: Ids = expected["ids"]
         n = len(ids)
@@ -119,6 +128,8 @@ class Tracks(Keeper):
         self._search_wide(image, templates, ids, result, given)
         seen = usable[:n]
         alive = (result.code[n:] == FOUND) & usable[n:]
+        if hidden is not None:
+            alive[alive] = ~hidden(result.uv[n:][alive])
         found = Found(
             searched=ids[seen],
             result=SearchResult(
@@ -199,6 +210,11 @@ class Tracks(Keeper):
         alive = set(ids.tolist())
         self._candidates = {i: p for i, p in self._candidates.items() if i in alive}
         self._candidate_last = {i: p for i, p in self._candidate_last.items() if i in alive}
+
+    def waiting(self, count: int) -> tuple[Ids, Array]:
+        """Ids (N,) and pixels (N, 2) of at most so many candidates, those first that have waited longest."""
+        ids = sorted(self._candidate_last)[: max(count, 0)]
+        return np.array(ids, np.int64), np.reshape([self._candidate_last[i] for i in ids], (-1, 2))
 
     def patch(self, feature: int) -> Patch:
         """The patch of a feature."""

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 
 from collabslam import _core
 from collabslam.frontend.settings import DetectSettings
-from collabslam.types import Array, Image
+from collabslam.types import Array, Image, Mask
+
+Hidden = Callable[[Array], Mask]
+"""Which pixels (N, 2) show what is no landmark."""
 
 _HALF_RES_WIDTH = 400  # pixels of width from which corners are looked for at half resolution
 _SUBPIXEL_REACH = 2.0  # pixels a corner may move when it is refined
@@ -91,10 +96,11 @@ class Corners:
         self._settings, self._border, self._halve = settings, mask_border, halve
         self._image: Image | None = None
         self._peaks: Array | None = None
+        self._hidden: Hidden | None = None
 
-    def look_at(self, image: Image) -> None:
-        """Takes the image of a new frame."""
-        self._image, self._peaks = image, None
+    def look_at(self, image: Image, hidden: Hidden | None = None) -> None:
+        """Takes the image of a new frame; pixels that are ``hidden`` have no corners."""
+        self._image, self._peaks, self._hidden = image, None, hidden
 
     def pick(self, existing: Array, count: int) -> Array:
         """As :func:`detect_corners` of the frame's image: (M, 2) float64."""
@@ -103,7 +109,8 @@ class Corners:
         if self._peaks is None:
             halve = halves(self._image.shape[1]) if self._halve is None else self._halve
             distance = _distance(self._image, self._settings)
-            self._peaks = corner_peaks(self._image, self._settings, distance, max(1, self._border), halve)
+            peaks = corner_peaks(self._image, self._settings, distance, max(1, self._border), halve)
+            self._peaks = peaks if self._hidden is None else peaks[~self._hidden(peaks)]
         return _spread(self._image, self._peaks, existing, count, self._settings)
 
 

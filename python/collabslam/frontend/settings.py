@@ -212,6 +212,14 @@ class WornSettings:
         "Least share of the map's points matched in Cf, relative to that of new points; where new ones match "
         "and those of the map do not, T_CF contradicts the map and the view is not used.",
     )
+    body_radius: float = _number(
+        0.0,
+        0,
+        2,
+        "metre",
+        "Radius of the body of whoever wears Cf: where Cs sees it, nothing is searched and nothing is born "
+        "(0: nobody wears it).",
+    )
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,12 @@ What a recipe leaves open is drawn from its own seed; nothing in it was chosen b
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from collabslam.errors import InputError
 from collabslam.worlds.building import Style
 from collabslam.worlds.motion import Station
+from collabslam.worn_pose import Person
 
 BESIDE: tuple[Station, ...] = ((0.0, 0.4, 0.7),)
 AHEAD: tuple[Station, ...] = ((0.0, 0.4, 0.7), (0.2, 1.9, 0.6))
@@ -49,9 +50,8 @@ class Recipe:
         Level of the light, 1 for a lit corridor.
     exposure : float
         Seconds that the shutters are open.
-    build_sd : (2,) tuple
-        How well the person was measured beforehand: standard deviations of Cf's height, and of the neck
-        over the legs along each axis, about what the sensors' configuration says, metres.
+    person : Person
+        What was measured of the person beforehand, and how well.
     shutter_lag : float
         Seconds by which Cf's shutter is later than Cs's and than the pose that is measured.
     """
@@ -67,7 +67,7 @@ class Recipe:
     style: Style = PLAIN
     light: float = 1.0
     exposure: float = 0.008
-    build_sd: tuple[float, float] = (0.02, 0.03)
+    person: Person = field(default_factory=Person)
     shutter_lag: float = 0.0
 
 
@@ -92,7 +92,8 @@ def _corridors() -> list[Recipe]:
 def _measured() -> list[Recipe]:
     """The corridors once more, with a person who was measured: height to 5 mm, the lean to 1 cm."""
     rows = enumerate(_corridors())
-    return [replace(r, name=f"measured-{k}", build_sd=(0.005, 0.01)) for k, r in rows]
+    person = Person(height_sd=0.005, lever_sd=0.01)
+    return [replace(r, name=f"measured-{k}", person=person) for k, r in rows]
 
 
 def _turns(angle: int) -> list[Recipe]:

@@ -15,6 +15,7 @@ from collabslam.demo.walk import camera_pose, smooth_step, waves
 from collabslam.types import Array
 from collabslam.worlds.bodies import upright
 from collabslam.worlds.route import Route
+from collabslam.worn_pose import Person
 from collabslam.worn_pose.simulate import Build, Walker
 
 ROBOT_CAMERA_HEIGHT = 0.95
@@ -116,7 +117,7 @@ class Walk:
         Share of the time in which the head is meant to be along the way.
     seed : int
         Of gait, glances and sway.
-    build_sd : (2,) tuple
+    measured : Person
         See `worlds.catalogue.Recipe`.
     """
 
@@ -124,16 +125,15 @@ class Walk:
     stations: Sequence[Station]
     along: float
     seed: int
-    build_sd: tuple[float, float]
+    measured: Person
 
     @cached_property
     def walker(self) -> Walker:
         """Legs and worn camera, with the gait of somebody drawn by the seed."""
         moments = np.arange(0.0, self.drive.duration + 1.0, _WALK_DT)
         rows = [self._intent(float(t)) for t in moments]
-        height, lean = self.build_sd
         rng = np.random.Generator(np.random.PCG64((self.seed, 4)))
-        build = Build.drawn(rng, height_sd=height, lean_sd=lean)
+        build = Build.drawn(rng, self.measured)
         return Walker(moments, np.array([r[:2] for r in rows]), np.array([r[2:] for r in rows]), build)
 
     def camera(self, t: float) -> Array:

@@ -55,7 +55,7 @@ class WorldRecording(RenderedRecording):
         length = route.length if recipe.length is None else recipe.length
         self.drive = Drive(route, recipe.speed, -recipe.side * LANE, length, recipe.seed)
         stations = tuple((share, ahead, recipe.side * left) for share, ahead, left in recipe.stations)
-        self.walk = Walk(self.drive, stations, recipe.along, recipe.seed, recipe.build_sd)
+        self.walk = Walk(self.drive, stations, recipe.along, recipe.seed, recipe.person)
         count = int(self.drive.duration * RATE) + 1
         times = np.round(LEAD + np.arange(count) / RATE, 9)  # whole nanoseconds, as files hold them
         self._seed = seed

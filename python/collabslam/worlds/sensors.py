@@ -16,7 +16,6 @@ from collabslam.worlds.recording import WorldRecording
 from collabslam.worn_pose import (
     AhrsReading,
     LaserScan,
-    Person,
     WornPoseConfig,
     WornPoseEstimate,
     WornPoseEstimator,
@@ -53,9 +52,8 @@ def config_of(recording: WorldRecording) -> WornPoseConfig:
     """What the estimator is told: where the sensors sit, and about where the person starts."""
     _, ahead, left = recording.recipe.stations[0]
     right = -recording.recipe.side * left
-    height_sd, lever_sd = recording.recipe.build_sd
-    person = Person(height_sd=height_sd, lever_sd=lever_sd)
-    return WornPoseConfig(person=person, start=(0.5 * round(2.0 * right), 0.5 * round(2.0 * ahead)))
+    start = (0.5 * round(2.0 * right), 0.5 * round(2.0 * ahead))
+    return WornPoseConfig(person=recording.recipe.person, start=start)
 
 
 def readings_of(recording: WorldRecording, seed: int) -> Readings:

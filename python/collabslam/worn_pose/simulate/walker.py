@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from collabslam.errors import InputError
 from collabslam.types import Array
+from collabslam.worn_pose.config import Person
 
 _STANCE = 0.6
 _SHIN = 0.7
@@ -55,20 +56,13 @@ class Build:
     phase: float = 0.0
 
     @classmethod
-    def drawn(
-        cls,
-        rng: np.random.Generator,
-        camera_height: float = 1.70,
-        neck_to_camera: tuple[float, float, float] = (0.0, -0.10, 0.10),
-        *,
-        height_sd: float = 0.02,
-        lean_sd: float = 0.03,
-    ) -> Build:
-        """Somebody: near the height and the lever arm that were measured, but not quite (metres)."""
+    def drawn(cls, rng: np.random.Generator, measured: Person | None = None) -> Build:
+        """Somebody: near what was measured of them, but not quite, by as much as that says it may err."""
+        measured = measured or Person()
         return cls(
-            camera_height=float(camera_height + rng.normal(0.0, height_sd)),
-            neck_to_camera=neck_to_camera,
-            lean=(float(rng.normal(0.0, lean_sd)), float(rng.normal(0.0, lean_sd))),
+            camera_height=float(measured.camera_height + rng.normal(0.0, measured.height_sd)),
+            neck_to_camera=measured.neck_to_camera,
+            lean=(float(rng.normal(0.0, measured.lever_sd)), float(rng.normal(0.0, measured.lever_sd))),
             leg_radius=float(rng.uniform(0.05, 0.07)),
             step_width=float(rng.uniform(0.12, 0.20)),
             bob=float(rng.uniform(0.015, 0.03)),
