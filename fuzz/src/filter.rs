@@ -103,7 +103,7 @@ impl Life {
 
     /// The next call, as the bytes say.
     pub(crate) fn call(&mut self, bytes: &mut Bytes<'_>) -> Done {
-        match bytes.below(17) {
+        match bytes.below(18) {
             0..=2 => ("predict", self.predict(bytes)),
             3..=5 => ("update", self.update(bytes, false, false)),
             6 | 7 => ("update with worn", self.update(bytes, true, false)),
@@ -127,6 +127,7 @@ impl Life {
             }
             14 => ("start_from_points", self.start(bytes)),
             15 => ("snapshot and restore", self.save()),
+            16 => ("promote_candidates", self.promote(bytes)),
             _ => ("overlap", self.overlap(bytes)),
         }
     }
@@ -268,6 +269,18 @@ impl Life {
             seen.push((bytes.byte().into(), Vector2::new(50.0, 60.0)));
         }
         self.filter.observe_candidates(&seen).map(|_| ())
+    }
+
+    fn promote(&mut self, bytes: &mut Bytes<'_>) -> Result<(), EkfError> {
+        let mut ids: Vec<u64> = self
+            .filter
+            .candidate_ids()
+            .filter(|_| bytes.coin())
+            .collect();
+        if bytes.rough && bytes.below(16) == 0 {
+            ids.push(bytes.byte().into());
+        }
+        self.filter.promote_candidates(&ids).map(|_| ())
     }
 
     fn remove(&mut self, bytes: &mut Bytes<'_>) -> Result<(), EkfError> {

@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike
 
 from collabslam import _core
 from collabslam._core import Camera, UpdateReport
-from collabslam.depth_input import DepthInput, Depths
+from collabslam.births import BIRTHS, Births
+from collabslam.depth_input import DepthInput
 from collabslam.errors import CollabslamError, DataError, InputError, SettingsError
 from collabslam.features import FrameFeatures, frame_features, unsearched_features
 from collabslam.formats.container import read_container, write_container
@@ -28,7 +29,7 @@ from collabslam.frontend.settings import FrontendSettings
 from collabslam.frontend.sight import FROZEN, Sight
 from collabslam.keeping import parts_of
 from collabslam.modes import MODES, SLAM_STARTS
-from collabslam.overlap import Overlap, WornLook
+from collabslam.overlap import WornLook
 from collabslam.relocalise import Relocaliser, searchable
 from collabslam.saved_map import SavedMap
 from collabslam.settings import Settings
@@ -41,7 +42,6 @@ KIND, VERSION = "engine state", 1
 """Of the file that `Slam.save` writes; the version counts the changes of what is in it."""
 CLASSES = (Patch, Target)
 """Dataclasses that are in it."""
-BIRTHS = ("births_instant", "births_depth", "births_delayed", "births_undelayed")
 
 
 @dataclass(frozen=True)
@@ -173,14 +173,13 @@ class Slam:
         self._camera = camera
         self._start = start
         self._options = FrontendSettings.from_flat(settings.section("frontend"))
-        self._in_view = int(settings["filter.map.in_view"])
-        self._reserve = round(self._in_view * float(settings["filter.map.reserve"]))
-        self._undelayed = settings["filter.estimator.mode"] == "mono-undelayed"
-        self._vague_below = round(self._in_view * float(settings["filter.birth.vague_below"]))
         self._worn_camera, self._target = worn_camera, target
         self.filter = filter or _core.Filter(camera, worn_camera, settings=dict(settings.section("filter")))
         self._tracks = Tracks(camera, self._options)
         self._corners = Corners(self._options.detect, self._options.patch.size)
+        self._births = Births(
+            self.filter, self._tracks, self._corners, settings, scale_free=start == "scale-free"
+        )
         self._look = WornLook(self.filter, camera, worn_camera, settings, self._options, self._corners)
         self._target_start: TargetStart | None = None
         if start == "target" and target is not None:
@@ -257,7 +256,7 @@ class Slam:
             image, self.filter.pose, expected, self.filter.predict_given, hidden
         )
         stages.done("search")
-        missing = 0 if was_lost else self._missing(found)
+        missing = 0 if was_lost else self._births.missing(found)
         overlap = self._look.match(image, None if was_lost else worn, found, missing)  # 4
         stages.done("cf")
         depths = self._depth.take(found, overlap.ids, missing)
@@ -276,13 +275,13 @@ class Slam:
         stages.done("relocalise")
         deleted = np.empty(0, np.int64)
         if report.believed and not was_lost:
-            births = self._births(image, found, overlap, depths, report)  # 8
+            births = self._births.with_depth(image, found, overlap, depths, report)  # 8
             deleted = self.filter.manage_map()
             self._tracks.forget_features(deleted)
             self._relocaliser.forget(deleted)
             self._tracks.keep_candidates(self.filter.candidates)
-            vague = self._vague_births(int(tracked.sum()) + sum(births.values()))
-            births["births_undelayed"] = vague + self._new_points(image, found)
+            births["births_undelayed"] = self._births.vague(int(tracked.sum()) + sum(births.values()))
+            births["births_undelayed"] += self._births.start_others(image)
             births["births_instant"] += self._start_from_target(image)
         else:  # the map stays as it is while the camera does not know where it is
             births = dict.fromkeys(BIRTHS, 0)
@@ -437,7 +436,7 @@ class Slam:
         """First features from the known target (METHOD 10); returns their number."""
         if self._target_start is None or self.filter.started:
             return 0
-        ids, uv = self._target_start.start(image, self._in_view)
+        ids, uv = self._target_start.start(image, self._births.in_view)
         self._tracks.add_features(image, self.filter.pose, ids, uv)
         return len(ids)
 
@@ -446,65 +445,6 @@ class Slam:
         if self._target_start is None:
             return float("nan")
         return self._target_start.residual(image, self.filter.pose)
-
-    def _missing(self, found: Found) -> int:
-        """How many features the view lacks."""
-        return max(0, self._in_view - len(found.ids))
-
-    def _births(
-        self, image: Image, found: Found, overlap: Overlap, depths: Depths, report: UpdateReport
-    ) -> dict[str, int]:
-        """Takes over the features born with depth, and lets candidates with parallax be born."""
-        pose = self.filter.pose
-        instant, used = overlap.births(report)
-        self._tracks.add_features(image, pose, instant, overlap.uv_of(report))
-        measured, uv = depths.births(report)
-        self._tracks.add_features(image, pose, measured, uv)
-        self.filter.drop_candidates(np.concatenate([found.lost, used]))
-        ids, uv = found.candidates, found.candidate_uv
-        if len(used):
-            waiting = ~np.isin(ids, used)
-            ids, uv = ids[waiting], uv[waiting]
-        outcomes, features = self.filter.observe_candidates(ids, uv)
-        for candidate, feature in zip(ids.tolist(), features.tolist(), strict=True):
-            if feature >= 0:
-                self._tracks.promote(candidate, feature)
-        return {
-            "births_instant": len(instant),
-            "births_depth": len(measured),
-            "births_delayed": outcomes.count("born"),
-        }
-
-    def _vague_births(self, tracked: int) -> int:
-        """Where the view runs out of features, those who waited longest are born without parallax."""
-        ids, uv = self._tracks.waiting(self._vague_below - tracked)
-        features = self.filter.add_undelayed(uv)
-        for candidate, feature in zip(ids.tolist(), features.tolist(), strict=True):
-            if feature >= 0:
-                self._tracks.promote(candidate, feature)
-        self.filter.drop_candidates(ids)
-        return int((features >= 0).sum())
-
-    def _new_points(self, image: Image, found: Found) -> int:
-        """Starts candidates (or vague features, undelayed) where the view lacks points."""
-        scale_free = not self.filter.started and self._start == "scale-free"
-        if not (self.filter.started or scale_free):
-            return 0
-        pixels = self._tracks.pixels
-        wait = not (self._undelayed or scale_free)
-        wanted = self._in_view + (self._reserve if wait else 0)
-        lacking = wanted - len(pixels)
-        if lacking < self._in_view // 8:
-            return 0
-        uv = self._corners.pick(pixels, lacking)
-        if wait:
-            ids = self.filter.add_candidates(uv)
-            self._tracks.add_candidates(image, self.filter.pose, ids, uv)
-            return 0
-        ids = self.filter.add_undelayed(uv)
-        good = ids >= 0
-        self._tracks.add_features(image, self.filter.pose, ids[good], uv[good])
-        return int(good.sum())
 
 
 def _search_counts(predicted: Ids, found: Found, report: UpdateReport) -> dict[str, Any]:

@@ -211,10 +211,9 @@ class Tracks(Keeper):
         self._candidates = {i: p for i, p in self._candidates.items() if i in alive}
         self._candidate_last = {i: p for i, p in self._candidate_last.items() if i in alive}
 
-    def waiting(self, count: int) -> tuple[Ids, Array]:
-        """Ids (N,) and pixels (N, 2) of at most so many candidates, those first that have waited longest."""
-        ids = sorted(self._candidate_last)[: max(count, 0)]
-        return np.array(ids, np.int64), np.reshape([self._candidate_last[i] for i in ids], (-1, 2))
+    def waiting(self, count: int) -> Ids:
+        """Ids (N,) of at most so many candidates, those first that have waited longest."""
+        return np.array(sorted(self._candidate_last)[: max(count, 0)], np.int64)
 
     def patch(self, feature: int) -> Patch:
         """The patch of a feature."""

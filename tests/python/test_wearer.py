@@ -1,4 +1,4 @@
-"""Whoever wears Cf in front of Cs is left out of its pictures, and a view that runs out of features gets vague ones."""
+"""Whoever wears Cf is left out of the pictures of Cs; a view that runs out of features gets vague ones."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_nothing_is_searched_on_the_wearer(clip: Clip, steps: Any) -> None:
 
 
 def _starved(clip: Clip, below: float) -> list[StepResult]:
-    """`mono` that asks for more features than its start has, and for so much parallax that nothing is born."""
+    """`mono` that asks for more features than its start gives, and for so much parallax that none is born."""
     settings = Settings.default().replace(
         {"filter.birth.vague_below": below, "filter.birth.min_parallax": 60.0, "filter.map.in_view": 80}
     )

@@ -268,6 +268,46 @@ fn first_in_c(now: &CameraPose, first: &CameraPose) -> Pose {
 }
 
 #[test]
+fn a_promoted_candidate_is_the_undelayed_feature_of_its_first_view() {
+    for first_pose in ["clone", "independent"] {
+        let first_pose = Value::Name(first_pose.into());
+        let mut warm = warm(26, &[("birth.first_pose", first_pose.clone())]);
+        warm.update(false);
+        let pixels = [Vector2::new(150.0, 120.0), Vector2::new(260.0, 200.0)];
+        let (mut patient, mut eager) = (warm.filter.clone(), warm.filter.clone());
+        let waiting = patient.add_candidates(&pixels).expect("started");
+        let born = eager.add_undelayed(&pixels).expect("pixels");
+        for filter in [&mut patient, &mut eager] {
+            filter.predict(warm.t + 0.1).expect("time goes on");
+        }
+        assert!(patient.promote_candidates(&[waiting[0], 77]).is_err());
+        let promoted = patient.promote_candidates(&waiting).expect("candidates");
+        assert_eq!(patient.candidate_ids().count(), 0);
+        let rows = |filter: &Filter, ids: &[Option<u64>]| -> Vec<usize> {
+            let own = ids
+                .iter()
+                .flat_map(|id| indices_of(filter, id.expect("born")));
+            own.chain(0..13).collect()
+        };
+        let (a, b) = (rows(&patient, &promoted), rows(&eager, &born));
+        let (p, q) = (patient.state().covariance(), eager.state().covariance());
+        for (i, (&ia, &ib)) in a.iter().zip(&b).enumerate() {
+            assert!((patient.state().mean()[ia] - eager.state().mean()[ib]).abs() < 1e-12);
+            for (j, (&ja, &jb)) in a.iter().zip(&b).enumerate() {
+                // A first pose that is only noted has nothing in common with the rest.
+                let apart = i / 6 != j / 6 && i.min(j) < 12;
+                let expected = match &first_pose {
+                    Value::Name(kind) if apart && kind == "independent" => 0.0,
+                    _ => q.get(ib, jb),
+                };
+                let scale = (q.get(ib, ib) * q.get(jb, jb)).sqrt();
+                assert!((p.get(ia, ja) - expected).abs() < 1e-10 * scale, "{i} {j}");
+            }
+        }
+    }
+}
+
+#[test]
 fn delayed_births_depend_on_both_poses() {
     let (mut warm, tracked) = delayed(&[("birth.min_parallax", Value::Float(2.0))], 20);
     let seen = see(&mut warm, &tracked);

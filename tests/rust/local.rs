@@ -115,6 +115,8 @@ impl Pair {
             if frame % 20 == 19 {
                 let ids: Vec<(u64, _)> = filter.candidate_ids().zip(pixels.clone()).collect();
                 filter.observe_candidates(&ids).unwrap();
+                let rest: Vec<u64> = filter.candidate_ids().take(1).collect();
+                filter.promote_candidates(&rest).unwrap();
             }
             if frame % 9 == 8 {
                 filter.manage_map();

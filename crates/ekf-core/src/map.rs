@@ -190,20 +190,65 @@ impl Filter {
         Ok(outcomes)
     }
 
+    /// Pose of a candidate's first view, and where its uncertainty comes from; None without its clone.
+    fn first_pose<'a>(
+        &self,
+        candidate: &'a Candidate,
+    ) -> Option<(CameraPose, FirstPoseCovariance<'a>)> {
+        match &candidate.first {
+            FirstView::Clone(block) => {
+                let offset = self.state.layout.find(*block)?.offset;
+                let pose = self.state.pose_at(offset);
+                Some((pose, FirstPoseCovariance::InState(offset)))
+            }
+            FirstView::Noted(pose, cov) => Some((*pose, FirstPoseCovariance::Independent(cov))),
+        }
+    }
+
+    /// Candidates that shall wait for parallax no longer: each is born as the undelayed feature that it would have become
+    /// in its first view (METHOD 5), and is no candidate any more; None where that gives no feature.
+    ///
+    /// # Errors
+    /// `UnknownFeature` for an id that is not a candidate; nothing changes then.
+    pub fn promote_candidates(&mut self, ids: &[u64]) -> Result<Vec<Option<u64>>, EkfError> {
+        if let Some(&id) = ids.iter().find(|id| !self.candidates.contains_key(id)) {
+            return Err(EkfError::UnknownFeature { id });
+        }
+        self.changes();
+        let birth = &self.settings.birth;
+        let (rho, sd) = (birth.undelayed_rho, birth.undelayed_rho_sd);
+        let sigma = self.settings.pixel.sigma_cs;
+        let mut born = Vec::with_capacity(ids.len());
+        let mut view = None;
+        for id in ids {
+            let candidate = self.candidates.remove(id);
+            let clone = candidate.as_ref().and_then(|c| match c.first {
+                FirstView::Clone(block) => Some(block),
+                FirstView::Noted(..) => None,
+            });
+            // Only features of one view share an anchor.
+            if clone.is_none() || clone != view {
+                self.state.camera_moved();
+            }
+            view = clone;
+            born.push(candidate.and_then(|candidate| {
+                let (first, covariance) = self.first_pose(&candidate)?;
+                let uv = &candidate.uv;
+                let mut new =
+                    NewFeature::with_prior_depth(&self.camera, &first, uv, sigma, rho, sd)?;
+                new.seen_from_first_pose(covariance);
+                self.append_feature(&new).map(|block| block.id)
+            }));
+        }
+        self.state.camera_moved();
+        Ok(born)
+    }
+
     fn try_delayed_birth(&mut self, id: u64, uv: &Vector2<f64>) -> CandidateOutcome {
         let candidate = &self.candidates[&id];
         let now = self.state.camera_pose();
-        let (first, covariance) = match &candidate.first {
-            FirstView::Clone(block) => {
-                let Some(block) = self.state.layout.find(*block) else {
-                    return CandidateOutcome::Dropped;
-                };
-                (
-                    self.state.pose_at(block.offset),
-                    FirstPoseCovariance::InState(block.offset),
-                )
-            }
-            FirstView::Noted(pose, cov) => (*pose, FirstPoseCovariance::Independent(cov)),
+        let Some((first, covariance)) = self.first_pose(candidate) else {
+            return CandidateOutcome::Dropped;
         };
         let birth = &self.settings.birth;
         if (first.r - now.r).norm() < birth.min_baseline {

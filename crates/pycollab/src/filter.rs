@@ -572,6 +572,19 @@ impl PyFilter {
         Ok((names.collect(), to_ids(py, born)))
     }
 
+    /// Candidates that shall wait for parallax no longer are born with a vague depth, as features of their first view;
+    /// ids (N,) int64, -1 where that gives no feature.
+    fn promote_candidates<'py>(
+        &mut self,
+        py: Python<'py>,
+        ids: Argument<'py>,
+    ) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        let ids = self::ids("ids", &ids)?;
+        let filter = &mut self.0;
+        let born = py.detach(|| filter.promote_candidates(&ids));
+        Ok(to_ids(py, born.map_err(to_python)?.into_iter()))
+    }
+
     /// Forgets candidates that were lost.
     fn drop_candidates(&mut self, ids: Argument<'_>) -> PyResult<()> {
         self.0.drop_candidates(&self::ids("ids", &ids)?);

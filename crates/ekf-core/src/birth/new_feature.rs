@@ -120,6 +120,15 @@ impl NewFeature {
         self.by_other = Some((offset, by, 6));
     }
 
+    /// Lets a feature of one view depend on the pose of a candidate's first view instead of the camera's present one.
+    pub fn seen_from_first_pose(&mut self, first_pose: FirstPoseCovariance<'_>) {
+        let by = std::mem::replace(&mut self.by_pose, SMatrix::zeros());
+        match first_pose {
+            FirstPoseCovariance::InState(offset) => self.by_other = Some((offset, by, 7)),
+            FirstPoseCovariance::Independent(cov) => self.noise += by * cov * by.transpose(),
+        }
+    }
+
     /// Lets rho depend on the poses of a delayed birth's two views: `T = T_WC(now)^-1 T_WC(first)`. The first pose
     /// sits in the state at `clone_offset`, or is remembered with an independent 7x7 covariance.
     pub fn depend_on_first_pose(
