@@ -271,7 +271,14 @@ fn first_in_c(now: &CameraPose, first: &CameraPose) -> Pose {
 fn a_promoted_candidate_is_the_undelayed_feature_of_its_first_view() {
     for first_pose in ["clone", "independent"] {
         let first_pose = Value::Name(first_pose.into());
-        let mut warm = warm(26, &[("birth.first_pose", first_pose.clone())]);
+        let changes = [
+            ("birth.first_pose", first_pose.clone()),
+            ("birth.vague_rho", Value::Float(0.3)),
+            ("birth.vague_rho_sd", Value::Float(0.4)),
+            ("birth.undelayed_rho", Value::Float(0.3)),
+            ("birth.undelayed_rho_sd", Value::Float(0.4)),
+        ];
+        let mut warm = warm(26, &changes);
         warm.update(false);
         let pixels = [Vector2::new(150.0, 120.0), Vector2::new(260.0, 200.0)];
         let (mut patient, mut eager) = (warm.filter.clone(), warm.filter.clone());

@@ -205,8 +205,8 @@ impl Filter {
         }
     }
 
-    /// Candidates that shall wait for parallax no longer: each is born as the undelayed feature that it would have become
-    /// in its first view (METHOD 5), and is no candidate any more; None where that gives no feature.
+    /// Candidates that shall wait for parallax no longer: each is born as an undelayed feature of its first view (METHOD 5),
+    /// with the depth of `birth.vague_rho`, and is no candidate any more; None where that gives no feature.
     ///
     /// # Errors
     /// `UnknownFeature` for an id that is not a candidate; nothing changes then.
@@ -216,7 +216,7 @@ impl Filter {
         }
         self.changes();
         let birth = &self.settings.birth;
-        let (rho, sd) = (birth.undelayed_rho, birth.undelayed_rho_sd);
+        let (rho, sd) = (birth.vague_rho, birth.vague_rho_sd);
         let sigma = self.settings.pixel.sigma_cs;
         let mut born = Vec::with_capacity(ids.len());
         let mut view = None;

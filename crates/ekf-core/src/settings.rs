@@ -325,8 +325,12 @@ settings! {
         /// Standard deviation of the inverse depth of an undelayed birth.
         undelayed_rho_sd: f64 = 0.5, "1/m", Some(1e-3), Some(1e3);
         /// Where fewer features than this share of `map.in_view` are tracked, as in a turn, candidates that wait are born
-        /// with the inverse depth of an undelayed birth, as seen from their first view; 0 for never.
+        /// with a vague inverse depth, as seen from their first view; 0 for never.
         vague_below: f64 = 0.0, "", Some(0.0), Some(1.0);
+        /// Inverse depth of such a birth: what has shown no parallax is far.
+        vague_rho: f64 = 0.1, "1/m", Some(1e-3), Some(1e3);
+        /// Standard deviation of the inverse depth of such a birth.
+        vague_rho_sd: f64 = 0.2, "1/m", Some(1e-3), Some(1e3);
         /// Standard deviation, as a share of rho, with which the tight form starts a matched feature
         /// before its pixel in Cf is measured.
         tight_rho_ratio: f64 = 2.0, "", Some(0.5), Some(20.0);

@@ -15,6 +15,7 @@ LINES = {
     "mono-undelayed": (style.MONO, ":"),
     "collab-init": (style.COLLAB, ":"),
     "collab": (style.COLLAB, "-"),
+    "collab-tight": (style.COLLAB, "--"),
 }
 
 
