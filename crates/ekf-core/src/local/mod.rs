@@ -18,9 +18,11 @@
 //!
 //! and the plain filter run on `M` keeps all three, with no code of its own: `A` gains and loses blocks as ever.
 //!
-//! *A feature of `B` that comes into view* joins `A` alone: its rows of `P` now become rows of `R`, and it brings dual
-//! rows of its own (`Phi = I`, `Psi = 0`). That is O(n) a feature, where writing all of `P_BB` is O(n^2). When dual rows
-//! have become too many, [`Far::settle`] writes the whole state once and a new working set is chosen.
+//! *A feature `J` of `B` that comes into view* joins `A` alone. Its rows of `P(then)` become rows of `R`, copied as they
+//! are, and it brings dual rows of its own: what `P_JB = P_JB(then) - R_J^T Psi R` says are its rows
+//! `[-R_J^T Psi, I]` of `Phi`, with `Psi = 0` for the new rows. That is O(n) a feature, where writing all of `P_BB` is
+//! O(n^2). When dual rows have become too many, [`Far::settle`] writes the whole state once and a new working set is
+//! chosen.
 
 mod image;
 mod settle;
@@ -339,45 +341,30 @@ impl Far {
         for &row in &rows {
             of_rows.extend_from_slice(self.column(row, depth));
         }
-        let of_rows = MatRef::from_column_major_slice(&of_rows, depth, width);
         let mut by_dual = vec![0.0; n * depth];
         for (column, &d) in by_dual.chunks_exact_mut(n).zip(&duals.rows) {
             near.p.stored_column(d, column);
         }
-        // `M R_J`: the rows of A are P_AJ, those of the duals -Psi R_J.
-        let mut with_near = vec![0.0; n * width];
+        // `M R_J`: the rows of A are P_AJ, those of the duals -Psi R_J, the new rows of Phi.
+        let mut with_duals = vec![0.0; n * width];
         product(
-            MatMut::from_column_major_slice_mut(&mut with_near, n, width),
+            MatMut::from_column_major_slice_mut(&mut with_duals, n, width),
             MatRef::from_column_major_slice(&by_dual, n, depth),
-            of_rows,
+            MatRef::from_column_major_slice(&of_rows, depth, width),
         );
-        let mut shared = Vec::with_capacity(depth * width);
-        for column in with_near.chunks_exact_mut(n) {
-            for &d in &duals.rows {
-                shared.push(std::mem::take(&mut column[d]));
-            }
-        }
-        let shared = MatRef::from_column_major_slice(&shared, depth, width);
-        // R's new rows.
-        let total = self.columns.len();
-        let mut with_far = vec![0.0; width * total];
-        product(
-            MatMut::from_column_major_slice_mut(&mut with_far, width, total),
-            shared.transpose(),
-            MatRef::from_column_major_slice_with_stride(&self.r, depth, total, self.ld),
-        );
+        // R's new rows: as they were.
         self.make_room(depth + width, depth);
-        for (k, new) in with_far.chunks_exact(width).enumerate() {
-            let column = &mut self.r[k * self.ld + depth..];
-            for ((value, new), &row) in column.iter_mut().zip(new).zip(&rows) {
-                *value = new + self.then.p.stored_entry(row, self.columns[k]);
+        for (column, &b) in self.r.chunks_exact_mut(self.ld).zip(&self.columns) {
+            for (value, &row) in column[depth..].iter_mut().zip(&rows) {
+                *value = self.then.p.stored_entry(row, b);
             }
         }
         let own = |i: usize, j: usize| {
-            let k = self.column[rows[j]].expect("a row outside has a column");
-            self.r[k * self.ld + depth + i]
+            let moved = duals.rows.iter().zip(&of_rows[i * depth..(i + 1) * depth]);
+            let moved: f64 = moved.map(|(&d, r)| r * with_duals[j * n + d]).sum();
+            self.then.p.stored_entry(rows[i], rows[j]) + moved
         };
-        near.p.append_stored(&with_near, own, width);
+        near.p.append_stored(&with_duals, own, width);
         for (block, slots) in entering.iter().zip(&slots) {
             let mate = self.mate(&mates, block);
             let value = |(k, slot): (usize, &usize)| match (slot.checked_sub(n), mate) {
