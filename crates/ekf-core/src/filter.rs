@@ -13,7 +13,7 @@ use crate::frame::{self, check_bias, check_pose};
 use crate::gauge::Gauge;
 use crate::guard;
 use crate::kernel::Panels;
-use crate::local::Far;
+use crate::local::{Far, Spare};
 use crate::map::{Candidate, FeatureRecord};
 use crate::math::pose::Pose;
 use crate::math::quat;
@@ -22,7 +22,7 @@ use crate::observe::{FeatureState, PointInCamera};
 use crate::overlap::{self, Overlap};
 use crate::predict;
 use crate::settings::{Consistency, Settings};
-use crate::state::{Block, CAMERA_DIM, Covariance, State};
+use crate::state::{Block, CAMERA_DIM, State};
 use crate::validate;
 use nalgebra::{Matrix2, Matrix3, Matrix6, SMatrix, Vector2, Vector3};
 use std::collections::BTreeMap;
@@ -60,8 +60,8 @@ pub struct Filter {
     pub(crate) in_view: Vec<u64>,
     /// What is outside of the working state `state`, with `map.local`.
     pub(crate) far: Option<Far>,
-    /// Room for the next whole covariance of `map.local`.
-    pub(crate) spare: Option<Covariance>,
+    /// Room for the next working set of `map.local`.
+    pub(crate) spare: Spare,
     /// The whole state, if it was asked for since the last change.
     pub(crate) shown: OnceLock<Box<State>>,
 }
@@ -131,7 +131,7 @@ impl Filter {
             scratch: frame::Scratch::default(),
             in_view: Vec::new(),
             far: None,
-            spare: None,
+            spare: Spare::default(),
             shown: OnceLock::new(),
         }
     }
@@ -146,7 +146,7 @@ impl Filter {
         match &self.far {
             Some(far) => self
                 .shown
-                .get_or_init(|| Box::new(far.settle(&self.state, None))),
+                .get_or_init(|| Box::new(far.settle(&self.state, &mut Spare::default()))),
             None => &self.state,
         }
     }
@@ -398,15 +398,14 @@ impl Filter {
             near.extend_from_slice(self.followed());
         }
         near.sort_unstable();
+        let (state, spare) = (State::at_origin(0), &mut self.spare);
+        let state = std::mem::replace(&mut self.state, state);
         let whole = match self.far.take() {
-            Some(far) => {
-                let whole = far.settle(&self.state, self.spare.take());
-                self.spare = Some(far.into_spare());
-                whole
-            }
-            None => std::mem::replace(&mut self.state, State::at_origin(0)),
+            Some(far) => far.into_whole(state, spare),
+            None => state,
         };
-        let (state, far) = Far::split(whole, |block| near.binary_search(&block.id).is_ok());
+        let is_near = |block: &Block| near.binary_search(&block.id).is_ok();
+        let (state, far) = Far::split(whole, is_near, spare);
         (self.state, self.far) = (state, Some(far));
     }
 
@@ -414,7 +413,7 @@ impl Filter {
     pub(crate) fn make_whole(&mut self) {
         self.changes();
         if let Some(far) = self.far.take() {
-            self.state = far.settle(&self.state, None);
+            self.state = far.settle(&self.state, &mut self.spare);
         }
     }
 

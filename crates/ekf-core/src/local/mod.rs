@@ -56,6 +56,22 @@ pub(crate) struct Far {
     first: usize,
 }
 
+/// Room of the working set of before, megabytes whose pages are there already.
+#[derive(Debug, Default)]
+pub(crate) struct Spare {
+    whole: Option<Covariance>,
+    near: Option<Covariance>,
+    r: Vec<f64>,
+    products: settle::Products,
+}
+
+impl Clone for Spare {
+    /// Nothing is carried over: a copy starts empty.
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
 /// A feature outside of the working set.
 #[derive(Clone, Copy, Debug)]
 struct Outside {
@@ -103,10 +119,14 @@ impl Duals {
 
 impl Far {
     /// Takes the features for which `is_near` holds, and all that is no feature, out of a whole state as working state.
-    pub(crate) fn split(whole: State, is_near: impl Fn(&Block) -> bool) -> (State, Self) {
+    pub(crate) fn split(
+        whole: State,
+        is_near: impl Fn(&Block) -> bool,
+        spare: &mut Spare,
+    ) -> (State, Self) {
         let stays = |b: &Block| !b.kind.is_feature() || is_near(b);
         let n = whole.p.stored().n;
-        let near = settle::working_state(&whole, stays);
+        let near = settle::working_state(&whole, stays, spare.near.take());
         let outside = whole.layout.blocks().iter().filter(|b| !stays(b));
         let outside = outside.map(|block| Outside {
             block: *block,
@@ -125,7 +145,8 @@ impl Far {
         let reference = settle::stored_rows(&whole, stays);
         let first = reference.len();
         let ld = 2 * first;
-        let mut r = vec![0.0; ld * columns.len()];
+        let mut r = std::mem::take(&mut spare.r);
+        r.resize(ld * columns.len(), 0.0);
         // Some columns at a time: they lie side by side in P's cache lines.
         for (k, some) in columns.chunks(LINE).enumerate() {
             for (i, &a) in reference.iter().enumerate() {
@@ -413,9 +434,13 @@ impl Far {
         (self.r, self.ld) = (r, ld);
     }
 
-    /// The covariance of before, to be written over.
-    pub(crate) fn into_spare(self) -> Covariance {
-        self.then.p
+    /// The whole state as it is now; what it was put together from is kept to be written over.
+    pub(crate) fn into_whole(self, near: State, spare: &mut Spare) -> State {
+        let whole = self.settle(&near, spare);
+        spare.whole = Some(self.then.p);
+        spare.near = Some(near.p);
+        spare.r = self.r;
+        whole
     }
 }
 

@@ -1,6 +1,6 @@
 //! From a working state and what is outside of it to the whole state, and back.
 
-use super::{Duals, Far, product};
+use super::{Duals, Far, Spare, product};
 use crate::state::{Block, BlockKind, CAMERA_DIM, Covariance, State};
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::{Accum, MatMut, MatRef, Par};
@@ -18,15 +18,33 @@ pub(super) fn stored_rows(state: &State, chosen: impl Fn(&Block) -> bool) -> Vec
     (0..stored.n).filter(|&row| used[row]).collect()
 }
 
-/// The working state of the blocks for which `stays` holds, with dual rows for all of its own.
-pub(super) fn working_state(whole: &State, stays: impl Fn(&Block) -> bool) -> State {
+/// Factors of a settling, and what they give; every entry is written before it is read.
+#[derive(Debug, Default)]
+pub(super) struct Products {
+    r: Vec<f64>,
+    phi: Vec<f64>,
+    psi: Vec<f64>,
+    psi_r: Vec<f64>,
+}
+
+/// So many entries, whatever they are.
+fn room(buffer: &mut Vec<f64>, len: usize) -> &mut [f64] {
+    buffer.resize(len, 0.0);
+    buffer
+}
+
+/// The working state of the blocks for which `stays` holds, with dual rows for all of its own; its covariance is written
+/// over a spare one if there is one.
+pub(super) fn working_state(
+    whole: &State,
+    stays: impl Fn(&Block) -> bool,
+    spare: Option<Covariance>,
+) -> State {
     let rows = stored_rows(whole, &stays);
     let a = rows.len();
-    let mut near = whole.camera_alone(Covariance::of_stored(2 * a, 4 * a, None));
+    let mut near = whole.camera_alone(Covariance::of_stored(2 * a, 4 * a, spare));
     near.p.copy_stored(0, &whole.p, &rows);
-    for j in 0..a {
-        near.p.set_stored(a + j, j, 1.0);
-    }
+    near.p.clear_duals(a);
     let place = |row: usize| rows.partition_point(|&r| r < row);
     for block in whole.layout.blocks().iter().filter(|b| stays(b)) {
         let slots: Vec<usize> = block
@@ -44,7 +62,7 @@ pub(super) fn working_state(whole: &State, stays: impl Fn(&Block) -> bool) -> St
 
 impl Far {
     /// The whole state as it is now, its covariance written over a spare one if there is one.
-    pub(crate) fn settle(&self, near: &State, spare: Option<Covariance>) -> State {
+    pub(crate) fn settle(&self, near: &State, spare: &mut Spare) -> State {
         let is_dual = |b: &Block| matches!(b.kind, BlockKind::Dual(_));
         let duals = Duals::of(near);
         let depth = duals.rows.len();
@@ -72,38 +90,40 @@ impl Far {
         }
         let b = far_rows.len();
         let capacity = self.then.p.stored().ld;
-        let mut whole = near.camera_alone(Covariance::of_stored(a + b, capacity, spare));
+        let mut whole =
+            near.camera_alone(Covariance::of_stored(a + b, capacity, spare.whole.take()));
         let p = &mut whole.p;
         p.copy_stored(0, &near.p, &near_rows);
         p.copy_stored(a, &self.then.p, &far_rows);
         // R of the rows outside, and M's columns of the duals.
-        let mut r = Vec::with_capacity(depth * b);
+        let Products { r, phi, psi, psi_r } = &mut spare.products;
+        r.clear();
         for &row in &far_rows {
             r.extend_from_slice(self.column(row, depth));
         }
-        let r = MatRef::from_column_major_slice(&r, depth, b);
-        let mut phi = vec![0.0; depth * a];
+        let r = MatRef::from_column_major_slice(r, depth, b);
+        let phi = room(phi, depth * a);
         for (k, &row) in near_rows.iter().enumerate() {
             for (value, &d) in phi[k * depth..].iter_mut().zip(&duals.rows) {
                 *value = near.p.stored_entry(row, d);
             }
         }
-        let mut psi = vec![0.0; depth * depth];
+        let psi = room(psi, depth * depth);
         for (k, &row) in duals.rows.iter().enumerate() {
             for (value, &d) in psi[k * depth..].iter_mut().zip(&duals.rows) {
                 *value = near.p.stored_entry(row, d);
             }
         }
-        let mut psi_r = vec![0.0; depth * b];
+        let psi_r = room(psi_r, depth * b);
         product(
-            MatMut::from_column_major_slice_mut(&mut psi_r, depth, b),
-            MatRef::from_column_major_slice(&psi, depth, depth),
+            MatMut::from_column_major_slice_mut(psi_r, depth, b),
+            MatRef::from_column_major_slice(psi, depth, depth),
             r,
         );
         let (entries, ld) = p.entries();
         let all = MatMut::from_column_major_slice_with_stride_mut(entries, a + b, a + b, ld);
         let (_, _, cross, outside) = all.split_at_mut(a, a);
-        let phi = MatRef::from_column_major_slice(&phi, depth, a);
+        let phi = MatRef::from_column_major_slice(phi, depth, a);
         product(cross, r.transpose(), phi);
         triangular::matmul(
             outside,
@@ -111,7 +131,7 @@ impl Far {
             Accum::Add,
             r.transpose(),
             BlockStructure::Rectangular,
-            MatRef::from_column_major_slice(&psi_r, depth, b),
+            MatRef::from_column_major_slice(psi_r, depth, b),
             BlockStructure::Rectangular,
             1.0,
             Par::Seq,

@@ -9,7 +9,7 @@ use crate::error::EkfError;
 use crate::filter::{Filter, LAST_TIME};
 use crate::gauge::Gauge;
 use crate::guard;
-use crate::local::{Far, FarImage};
+use crate::local::{Far, FarImage, Spare};
 use crate::map::{Candidate, CandidateImage, FeatureRecord};
 use crate::settings::{Settings, Value};
 use crate::state::{BlockKind, Layout, State, StateImage};
@@ -179,7 +179,7 @@ impl Filter {
             in_view: Vec::new(),
             scratch: frame::Scratch::default(),
             far,
-            spare: None,
+            spare: Spare::default(),
             shown: OnceLock::new(),
         };
         guard::state_is_sane(&filter.state).map_err(bad)?;

@@ -132,6 +132,18 @@ impl Covariance {
         self.data[i + j * self.ld] = value;
     }
 
+    /// Makes the stored rows from `n` on, half of all, the dual rows of those before: 1 where a dual row meets its own,
+    /// else 0.
+    pub(crate) fn clear_duals(&mut self, n: usize) {
+        debug_assert!(self.n == 2 * n);
+        for j in 0..2 * n {
+            self.data[j.max(n) + j * self.ld..2 * n + j * self.ld].fill(0.0);
+        }
+        for j in 0..n {
+            self.set_stored(n + j, j, 1.0);
+        }
+    }
+
     /// Copies the stored rows `rows` of another matrix (increasing), among themselves, to those from `at` on.
     pub(crate) fn copy_stored(&mut self, at: usize, from: &Self, rows: &[usize]) {
         for (j, &column) in rows.iter().enumerate() {
