@@ -26,6 +26,7 @@ from collabslam.worn_pose import (
     AhrsReading,
     LaserScan,
     WornPoseConfig,
+    WornPoseEstimate,
     WornPoseEstimator,
     ahrs_readings,
     estimates_at,
@@ -47,6 +48,8 @@ from collabslam.worn_pose.simulate import (
     simulate_scans,
     table,
 )
+from collabslam.worn_pose.surroundings import Surroundings
+from collabslam.worn_pose.track import Candidates, LegTrack
 
 SECONDS = 7.0
 WALLS = polyline([[-4, -1.6], [14, -1.6], [14, 1.6], [-4, 1.6]], closed=True)
@@ -132,6 +135,90 @@ def test_furniture_is_nobody() -> None:
     times = sensor_times(0.0, SECONDS - 0.1, 10.0)
     estimates = estimates_at(times, WornPoseEstimator(), *sensors(there=False))
     assert all(e.t_cf is None for e in estimates)
+
+
+FAST = 1.5
+"""Metres a second."""
+
+
+def quick_robot(t: float) -> np.ndarray:
+    return g.pose(camera_attitude(0.0, 0.0, 0.0), [FAST * t, 0.0, 0.95])
+
+
+def quick_walk(
+    start: tuple[float, float], hidden: tuple[float, float], others: list[Walker] | None = None
+) -> list[tuple[float, WornPoseEstimate]]:
+    """Estimates, and how far they are from a person ahead of a fast robot who is hidden for a time."""
+    path = np.column_stack([1.5 + FAST * STAMPS, np.full(len(STAMPS), 0.4)])
+    person, rng = Walker(STAMPS, path, np.zeros((len(STAMPS), 2))), np.random.default_rng(6)
+
+    def legs(t: float) -> np.ndarray:
+        who = [*(others or []), *([] if hidden[0] < t < hidden[1] else [person])]
+        return np.concatenate([w.legs(t) for w in who]) if who else np.zeros((0, 3))
+
+    config, scans = WornPoseConfig(start=start), []
+    for name, phase in (("front", 0.005), ("back", 0.0)):  # the back one looks just before the front one
+        times = sensor_times(0.0, SECONDS, 25.0, phase)
+        pose = config.scanners[name]
+        scans += simulate_scans(PLAN, times, quick_robot, pose, legs, rng=rng, scanner=name)
+    times = sensor_times(0.0, SECONDS, 100.0)
+    readings = simulate_ahrs(times, quick_robot, AHEAD_LEFT_UP, rng=rng, where="robot")
+    readings += simulate_ahrs(times, person.camera, AHEAD_LEFT_UP, rng=rng, where="worn")
+    out = []
+    stamps = sensor_times(0.5, SECONDS - 0.1, 10.0)
+    for e in estimates_at(stamps, WornPoseEstimator(config), scans, readings):
+        true = g.pose_inverse(quick_robot(e.t)) @ person.camera(e.t)
+        gone = np.nan if e.t_cf is None else float(np.linalg.norm(e.t_cf[:3, 3] - true[:3, 3]))
+        out.append((gone, e))
+    return out
+
+
+def test_a_lost_person_is_found_again_however_fast_the_robot() -> None:
+    walk = quick_walk((-0.4, 1.5), (2.0, 4.0))
+    assert any(np.isnan(gone) for gone, e in walk if 3.0 < e.t < 4.0)
+    assert all(gone < 0.3 for gone, e in walk if e.t < 2.0 or e.t > 6.0)
+    assert not any(gone > 1.0 for gone, _ in walk)
+
+
+def test_a_stranger_who_comes_towards_the_robot_is_not_the_lost_person() -> None:
+    path = np.column_stack([12.0 - 1.0 * STAMPS, np.full(len(STAMPS), -0.9)])
+    walk = quick_walk((-0.4, 1.5), (2.0, SECONDS + 1.0), [Walker(STAMPS, path)])
+    assert all(np.isnan(gone) for gone, e in walk if e.t > 4.0)
+
+
+def test_furniture_where_the_person_was_said_to_be_is_left_for_the_person() -> None:
+    walk = quick_walk((-1.2, 3.1), (-1.0, -1.0))
+    assert any(gone > 1.0 for gone, e in walk if e.t < 1.0) or np.isnan(walk[0][0])
+    assert all(gone < 0.3 for gone, e in walk if e.t > 4.0)
+
+
+def test_a_scanner_that_looks_elsewhere_takes_nothing_of_what_one_leg_says() -> None:
+    one = Candidates(np.zeros((1, 2)), 1e-4 * np.eye(2)[None], *(np.array([v]) for v in (False, 0.02, True)))
+    none = one.some(np.zeros(0, np.int64))
+    tracks = [LegTrack(0.0, np.zeros(2), 0.01 * np.eye(2), WornPoseConfig().person) for _ in range(2)]
+    for k in range(1, 20):
+        for track, other in zip(tracks, (False, True), strict=True):
+            track.predict(0.035, 0.0)
+            if other:
+                track.update(0.04 * k - 0.005, none, 0.0, np.zeros(0), in_view=False)
+            track.predict(0.005, 0.0)
+            track.update(0.04 * k, one, 0.0, np.zeros(1), in_view=True)
+    assert tracks[0].position_sd == pytest.approx(tracks[1].position_sd)
+    assert tracks[0].position_sd < WornPoseConfig().max_position_sd
+
+
+def test_beams_open_what_they_pass_and_nothing_behind() -> None:
+    surroundings = Surroundings()
+    wall = np.column_stack([np.full(81, 4.05), np.linspace(-0.4, 0.4, 81)])
+    for k in range(20):
+        surroundings.predict(0.1)
+        surroundings.align(0.1 * k, wall)
+        nobody = np.zeros(len(wall), np.bool_)
+        surroundings.learn(0.1 * k, np.zeros(2), wall, ~nobody, nobody)
+    before, behind = (np.column_stack([x, 0.0 * x]) for x in (np.arange(0.5, 3.2, 0.1), np.arange(5.0, 12.0)))
+    assert surroundings.standing(before)[1].all()
+    assert not surroundings.standing(behind)[1].any()
+    assert surroundings.standing(wall)[0].all()
 
 
 def test_a_gap_is_bridged_with_growing_covariance_and_ends() -> None:

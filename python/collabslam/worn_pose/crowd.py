@@ -21,8 +21,11 @@ _COMPANY = 5.0
 _HINT_REACH, _HINT_WAIT = 0.8, 0.5
 """Metres from where the person was said to start, and seconds after which one leg will do."""
 _DROP_TIME, _KEEP_TIME = 0.3, 1.5
-_REACH_AT_ONCE, _WALK = 1.0, 1.0
-"""Metres from where the person was lost, and metres a second since, within which somebody is the person."""
+_REACH_AT_ONCE, _WALK = 1.0, 2.0
+"""Metres from where the person was last seen, and metres a second since (faster than anybody walks), within
+which somebody is the person."""
+_LEFT = 1.5
+"""Metres that the robot goes on until what has stayed where it was said to be is furniture."""
 _STRANGER_SD = 0.5
 _TRIAL = 2.0
 """Seconds in which a new track must have walked."""
@@ -83,7 +86,7 @@ class Crowd:
             away = track.x[:2] - robot
             noise = heading * float(away @ away) + 0.01**2
             track.update(t, c, noise, whole - own, in_view=view(track.x[:2]))
-        self._retire(t)
+        self._retire(t, robot)
         self._recruit(t, c, robot, hint)
         self._choose(t, robot, motion)
 
@@ -104,16 +107,20 @@ class Crowd:
     def _all(self) -> list[LegTrack]:
         return self.others if self.person is None else [self.person, *self.others]
 
-    def _retire(self, t: float) -> None:
+    def _retire(self, t: float, robot: Array) -> None:
         limit = self._config
         person = self.person
-        if person is not None and (
-            person.doubtful or t - person.seen > limit.max_gap or person.position_sd > limit.max_position_sd
-        ):
-            self.lost = (t, person.x[:2].copy())
-            self.person = None
-            for other in self.others:  # was there beside the person, so is somebody else
-                other.stranger |= other.born < person.seen
+        if person is not None:
+            known = _known(person, robot)
+            if known is not None or (
+                t - person.seen > limit.max_gap or person.position_sd > limit.max_position_sd
+            ):
+                self.lost = known or person.met
+                self.person = None
+                # Was there beside the person, so is somebody else; what was followed since may be anything.
+                until = min(self.lost[0], person.sure[0])
+                for other in self.others:
+                    other.stranger |= other.born < until
         self.others = [
             o
             for o in self.others
@@ -145,6 +152,7 @@ class Crowd:
             if found is None and len(order) and t - self._began > _HINT_WAIT:  # one leg hides the other
                 found = LegTrack(t, told.centre[0], person.one_leg_sd**2 * np.eye(2), person)
             if found is not None:
+                found.robot = robot.copy()
                 self.person, self._hint = found, None
                 return
         if len(self.others) >= _MOST_OTHERS:
@@ -156,7 +164,7 @@ class Crowd:
             free &= (d * d).sum(axis=1) > reach**2
         found = new_track(t, c, free & c.moving, person)
         if found is not None:
-            found.distance = float(np.hypot(*(found.start - robot)))
+            found.robot = robot.copy()
             self.others.append(found)
 
     def _choose(self, t: float, robot: Array, motion: Array) -> None:
@@ -177,7 +185,7 @@ class Crowd:
 
 def _accompanies(track: LegTrack, t: float, robot: Array, motion: Array) -> bool:
     """Whether somebody keeps up with the robot, other than who comes towards it or stays behind."""
-    change = abs(float(np.hypot(*(track.x[:2] - robot))) - track.distance)
+    change = abs(float(np.hypot(*(track.x[:2] - robot)) - np.hypot(*(track.start - track.robot))))
     apart = float(np.hypot(*(track.x[2:4] - motion)))
     return apart < _COMPANY_SPEED and change < _PARTING_SPEED * (t - track.born)
 
@@ -185,6 +193,13 @@ def _accompanies(track: LegTrack, t: float, robot: Array, motion: Array) -> bool
 def _walks(track: LegTrack) -> bool:
     """Whether a track has left the place where it began."""
     return float(np.hypot(*(track.x[:2] - track.start))) >= _CONFIRM_WAY
+
+
+def _known(track: LegTrack, robot: Array) -> tuple[float, Array] | None:
+    """When and where somebody was there, if what is followed now is furniture; None if it is not."""
+    if not _walks(track) and float(np.hypot(*(robot - track.robot))) > _LEFT:
+        return track.born, track.start
+    return track.sure if track.doubtful else None
 
 
 def _confirmed(track: LegTrack, t: float) -> bool:

@@ -75,7 +75,7 @@ class Surroundings:
         if t - self._seen > _LONGEST_GAP:  # too long ago to lay a scan on it without doubt
             self._evidence[:] = 0.0
             self._met[:] = np.inf
-            self._any = False
+            self._any, self._since = False, None
         self._seen = t
         if not self._any or not len(points):
             return
@@ -116,7 +116,7 @@ class Surroundings:
         self._roll()
         rays = points - origin
         length = np.hypot(rays[:, 0], rays[:, 1])
-        step = (rays / (CELL * length[:, None])).astype(np.float32)
+        step = (rays / length[:, None]).astype(np.float32)
         inside = _RAY[:, None] * CELL < _SHARE * length - CELL
         x = (np.float32(origin[0] / CELL) + _RAY[:, None] * step[:, 0])[inside]
         y = (np.float32(origin[1] / CELL) + _RAY[:, None] * step[:, 1])[inside]

@@ -32,11 +32,14 @@ _HIDDEN = 0.3
 _SEEN = 0.5
 _MOVING_TIME, _WALKED, _DOUBTFUL = 0.5, 0.6, 0.05
 """Memory, in seconds, of whether the legs are where beams went through before, and its levels."""
+_SURE = 0.5
+"""Probability, from one scan, of legs where beams went through before: somebody was there then."""
 _MEMORY = 0.1
 _DAMPING = 0.2
 """Of the swing: cadence and gait are not known, and change."""
 _ONE_LEG_TIME = 0.3
-"""Seconds over which readings of one leg share their error; as white noise they get its spectral density."""
+"""Time constant, in seconds, of the error that readings of one leg share; as white noise they get its
+spectral density: twice that time."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,13 @@ class LegTrack:
     covariance : (2, 2) array
         Of ``at``.
     person : Person
+
+    Attributes
+    ----------
+    robot : (2,) array
+        Where the robot was when the track began, metres.
+    met, sure : tuple of float and (2,) array
+        When and where this was last seen, and last seen to be somebody, not furniture: seconds, metres.
     """
 
     def __init__(self, t: float, at: Array, covariance: Array, person: Person) -> None:
@@ -93,10 +103,11 @@ class LegTrack:
         self.p[[6, 7], [6, 7]] = (2.0 * np.pi * person.step_rate * person.gait_sd) ** 2
         # The swing was part of what was seen first.
         self.p[[0, 1, 4, 5], [4, 5, 0, 1]] = -(person.gait_sd**2)
-        self.born, self.seen, self._updated = t, t, t
+        self.born, self.seen, self._updated, self._read = t, t, t, t
         self.start = self.x[:2].copy()
-        self.distance = 0.0
+        self.robot = self.start
         self.stranger = False
+        self.met = self.sure = (t, self.start)
         self.quality = 0.5
         self.moving = 0.5
         self._walked = False
@@ -140,14 +151,18 @@ class LegTrack:
         hypotheses = self._hypotheses(c, noise, elsewhere, hidden) if len(c) else None
         if hypotheses is not None:
             z, spread, swing, weight, moving = hypotheses
+            # A scanner that looks elsewhere takes nothing of what one leg says.
+            alone, self._read = max(t - self._read, 5e-3), t
             total = (_NONE if in_view and not hidden else _NONE_AFTER) + weight.sum()
             seen = float(weight.sum() / total)
-            self._mix(z, spread, swing * max(1.0, _ONE_LEG_TIME / dt), weight / total)
+            self._mix(z, spread, swing * max(1.0, 2.0 * _ONE_LEG_TIME / alone), weight / total)
             share = float(weight @ moving / total)
+            if share > _SURE:
+                self.sure = (t, self.x[:2].copy())
             self.moving += min(dt / _MOVING_TIME, 1.0) * (share - seen * self.moving)
             self._walked |= self.moving > _WALKED
         if seen > _SEEN:
-            self.seen = t
+            self.seen, self.met = t, (t, self.x[:2].copy())
         if in_view or seen > _SEEN:
             self.quality += _MEMORY * (seen - self.quality)
 
