@@ -43,6 +43,7 @@ class Crowd:
         self.others: list[LegTrack] = []
         self.lost: tuple[float, Array] | None = None
         self._began = np.inf
+        self._origin: Array | None = None
 
     def predict(self, dt: float, robot: Array, drift: float) -> None:
         """Carry everybody on; ``drift`` (rad^2/s) is how fast the robot's heading error changes."""
@@ -79,6 +80,10 @@ class Crowd:
             Whether the scanner looks at a place.
         """
         self._began = min(self._began, t)
+        if self._origin is None:
+            self._origin = robot.copy()
+        if float(np.hypot(*(robot - self._origin))) > _LEFT:  # nobody who comes along is still there
+            self._hint = None
         tracks = self._all()
         densities = [track.density(c.centre) for track in tracks]
         whole = sum(densities, np.zeros(len(c)))
