@@ -14,8 +14,8 @@ _MOST_OTHERS = 3
 _CONFIRM_TIME, _CONFIRM_QUALITY, _CONFIRM_WAY, _CONFIRM_SPEED = 1.3, 0.8, 0.5, 0.25
 _CONFIRM_MOVING = 0.6
 _COMPANY_SPEED, _PARTING_SPEED = 1.3, 0.6
-"""Metres a second by which the velocity of somebody who comes along differs from the robot's at most, and by
-which the distance between the two changes."""
+"""Metres a second by which the velocity of somebody who comes along differs from the robot's at most (now,
+and on average: a passer-by may stop), and by which the distance between the two changes."""
 _COMPANY = 5.0
 """Metres from the robot within which a person is first looked for."""
 _HINT_REACH, _HINT_WAIT = 0.8, 0.5
@@ -190,9 +190,10 @@ class Crowd:
 
 def _accompanies(track: LegTrack, t: float, robot: Array, motion: Array) -> bool:
     """Whether somebody keeps up with the robot, other than who comes towards it or stays behind."""
-    change = abs(float(np.hypot(*(track.x[:2] - robot)) - np.hypot(*(track.start - track.robot))))
-    apart = float(np.hypot(*(track.x[2:4] - motion)))
-    return apart < _COMPANY_SPEED and change < _PARTING_SPEED * (t - track.born)
+    age, before, now = t - track.born, track.start - track.robot, track.x[:2] - robot
+    change = abs(float(np.hypot(*now) - np.hypot(*before)))
+    apart = max(float(np.hypot(*(track.x[2:4] - motion))), float(np.hypot(*(now - before))) / max(age, 1e-3))
+    return apart < _COMPANY_SPEED and change < _PARTING_SPEED * age
 
 
 def _walks(track: LegTrack) -> bool:
