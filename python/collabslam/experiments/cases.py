@@ -32,8 +32,8 @@ SENSORS, MEASURED, DIRECT = "sensors", "sensors-measured-person", "direct"
 recordings of their own), or measured directly with Table C1's errors."""
 MODES = ("mono", "mono-undelayed", "collab-init", "collab", "collab-tight")
 CHANGES = {"frontend.worn.body_radius": 0.3, "filter.birth.vague_below": 0.6}
-"""All that differs from the default settings, in every mode: in these worlds a person wears Cf, 0.44 m wide; in a
-turn nothing but the far end of a corridor may come into view."""
+"""All that differs from the default settings, in every mode: in these worlds a person wears Cf, 0.44 m wide;
+and in a turn nothing but the far end of a corridor may come into view."""
 
 
 @dataclass(frozen=True)
