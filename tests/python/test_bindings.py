@@ -134,6 +134,8 @@ CALLS: dict[str, tuple[Callable[[Filter], object], str]] = {
     "candidate nan": (lambda f: f.add_candidates(NAN_UV), "pixel"),
     "candidate columns": (lambda f: f.add_candidates(np.zeros((1, 3))), "uv has shape"),
     "candidate unknown": (lambda f: f.observe_candidates(UNKNOWN, ONE_UV), "candidate with id 1000000"),
+    "candidate promoted unknown": (lambda f: f.promote_candidates(UNKNOWN), "candidate with id 1000000"),
+    "candidate promoted twice": (lambda f: f.promote_candidates(f.candidates[[0, 0]]), "twice"),
     "candidate seen nan": (lambda f: f.observe_candidates(f.candidates[:1], NAN_UV), "pixel"),
     "candidate rows": (lambda f: f.observe_candidates(f.candidates[:1], NO_UV), "uv has shape"),
     "candidate twice": (lambda f: f.observe_candidates(f.candidates[[0, 0]], np.zeros((2, 2))), "twice"),

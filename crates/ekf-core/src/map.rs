@@ -209,8 +209,9 @@ impl Filter {
     /// with the depth of `birth.vague_rho`, and is no candidate any more; None where that gives no feature.
     ///
     /// # Errors
-    /// `UnknownFeature` for an id that is not a candidate; nothing changes then.
+    /// `UnknownFeature` for an id that is not a candidate, `InvalidInput` for one given twice; nothing changes then.
     pub fn promote_candidates(&mut self, ids: &[u64]) -> Result<Vec<Option<u64>>, EkfError> {
+        check_once("candidates", ids.iter().copied(), &mut Vec::new())?;
         if let Some(&id) = ids.iter().find(|id| !self.candidates.contains_key(id)) {
             return Err(EkfError::UnknownFeature { id });
         }
