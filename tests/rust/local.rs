@@ -112,11 +112,14 @@ impl Pair {
             if frame % 12 == 11 {
                 filter.add_candidates(&pixels).unwrap();
             }
+            if frame % 12 == 3 {
+                let waiting: Vec<u64> = filter.candidate_ids().take(1).collect();
+                assert!(frame < 12 || !waiting.is_empty());
+                filter.promote_candidates(&waiting).unwrap();
+            }
             if frame % 20 == 19 {
                 let ids: Vec<(u64, _)> = filter.candidate_ids().zip(pixels.clone()).collect();
                 filter.observe_candidates(&ids).unwrap();
-                let rest: Vec<u64> = filter.candidate_ids().take(1).collect();
-                filter.promote_candidates(&rest).unwrap();
             }
             if frame % 9 == 8 {
                 filter.manage_map();
