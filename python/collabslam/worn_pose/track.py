@@ -103,7 +103,7 @@ class LegTrack:
         self.p[[6, 7], [6, 7]] = (2.0 * np.pi * person.step_rate * person.gait_sd) ** 2
         # The swing was part of what was seen first.
         self.p[[0, 1, 4, 5], [4, 5, 0, 1]] = -(person.gait_sd**2)
-        self.born, self.seen, self._updated, self._read = t, t, t, t
+        self.born, self._updated, self._read = t, t, t
         self.start = self.x[:2].copy()
         self.robot = self.start
         self.stranger = False
@@ -111,6 +111,11 @@ class LegTrack:
         self.quality = 0.5
         self.moving = 0.5
         self._walked = False
+
+    @property
+    def seen(self) -> float:
+        """When this was last seen, seconds."""
+        return self.met[0]
 
     @property
     def position_sd(self) -> float:
@@ -162,7 +167,7 @@ class LegTrack:
             self.moving += min(dt / _MOVING_TIME, 1.0) * (share - seen * self.moving)
             self._walked |= self.moving > _WALKED
         if seen > _SEEN:
-            self.seen, self.met = t, (t, self.x[:2].copy())
+            self.met = (t, self.x[:2].copy())
         if in_view or seen > _SEEN:
             self.quality += _MEMORY * (seen - self.quality)
 
