@@ -374,10 +374,11 @@ impl Workspace {
             self.look_along(gauge, state.p.stored().slots);
         }
         let products = self.along.len() / self.rows();
-        resize(&mut self.moved, state.p.stored().n * products);
-        let (moved, packed) = (&mut self.moved, &mut self.packed);
-        kernel::solve(&mut self.pht, &self.l, &self.along, moved, packed);
-        self.pht.row_squares(&mut self.squares);
+        let n = state.p.stored().n;
+        resize(&mut self.moved, n * products);
+        resize(&mut self.squares, n);
+        let gives = (&mut self.moved[..], &mut self.squares[..]);
+        kernel::solve(&mut self.pht, &self.l, &self.along, gives, &mut self.packed);
         guard::update_is_sane(state, &self.moved, &self.squares)
     }
 

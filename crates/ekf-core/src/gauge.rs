@@ -22,6 +22,7 @@ use crate::math::{inverse_depth, quat};
 use crate::observe::{FeatureState, Form};
 use crate::state::{Block, BlockKind, CAMERA_DIM, Covariance, Layout, POSE_DIM, State};
 use nalgebra::{SMatrix, Vector3};
+use std::ops::Range;
 
 /// Turns about the three axes of W, and scale.
 pub const GAUGES: usize = 4;
@@ -44,6 +45,8 @@ pub(crate) struct Gauge {
     /// `P B`, then `P+ B + D (B^T P+ B) / 2`.
     along: Vec<f64>,
     column: Vec<f64>,
+    /// Stored rows that no coordinate has a say in: dual ones.
+    idle: Vec<Range<usize>>,
     carried: Vec<bool>,
     change: Product,
 }
@@ -119,7 +122,9 @@ impl Gauge {
         }
         let by_scale = column(&self.stored, n, SCALE);
         if by_scale.iter().any(|&b| b != 0.0) {
-            state.p.times(by_scale, scale);
+            self.idle.clear();
+            self.idle.extend(state.dual_rows());
+            state.p.times(by_scale, &self.idle, scale);
         }
     }
 

@@ -64,21 +64,6 @@ impl Panels {
         }
     }
 
-    /// The sum of squares of each row.
-    pub(crate) fn row_squares(&self, out: &mut Vec<f64>) {
-        out.clear();
-        out.resize(self.rows.next_multiple_of(HEIGHT), 0.0);
-        let panels = self.data.chunks_exact(self.stride);
-        for (panel, out) in panels.zip(out.as_chunks_mut::<HEIGHT>().0) {
-            for column in panel[..self.columns * HEIGHT].as_chunks::<HEIGHT>().0 {
-                for (sum, v) in out.iter_mut().zip(column) {
-                    *sum += v * v;
-                }
-            }
-        }
-        out.truncate(self.rows);
-    }
-
     /// Keeps the columns listed in `kept` (increasing).
     pub(crate) fn keep_columns(&mut self, kept: &[usize]) {
         for panel in self.data.chunks_exact_mut(self.stride) {

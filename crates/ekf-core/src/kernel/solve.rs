@@ -1,12 +1,25 @@
-//! `V = A L^-T` where `A` lies, and what it does to the mean.
+//! `V = A L^-T` where `A` lies, what it does to the mean, and what it takes off the variances.
 
 use super::{HEIGHT, Kernel, Panels, dispatch, tile};
 use pulp::Simd;
 
 /// `a <- a L^-T`, `x = a w` with the new `a`. `l` is `m x m`, lower triangle; `w` has up to six columns, and `x` as many;
-/// all are column-major. `packed` is scratch.
-pub(crate) fn solve(a: &mut Panels, l: &[f64], w: &[f64], x: &mut [f64], packed: &mut Vec<f64>) {
-    dispatch(Solve { a, l, w, x, packed });
+/// all are column-major. `squares` are the sums of squares of the new rows of `a`. `packed` is scratch.
+pub(crate) fn solve(
+    a: &mut Panels,
+    l: &[f64],
+    w: &[f64],
+    (x, squares): (&mut [f64], &mut [f64]),
+    packed: &mut Vec<f64>,
+) {
+    dispatch(Solve {
+        a,
+        l,
+        w,
+        x,
+        squares,
+        packed,
+    });
 }
 
 pub(super) struct Solve<'a> {
@@ -14,6 +27,7 @@ pub(super) struct Solve<'a> {
     pub(super) l: &'a [f64],
     pub(super) w: &'a [f64],
     pub(super) x: &'a mut [f64],
+    pub(super) squares: &'a mut [f64],
     pub(super) packed: &'a mut Vec<f64>,
 }
 
@@ -21,7 +35,14 @@ impl Kernel for Solve<'_> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd, const V: usize, const W: usize, const C: usize>(self, simd: S) {
-        let Self { a, l, w, x, packed } = self;
+        let Self {
+            a,
+            l,
+            w,
+            x,
+            squares,
+            packed,
+        } = self;
         let (m, n) = (a.columns, a.rows);
         let products = x.len() / n;
         assert!(products <= W, "the products of a row fit a tile");
@@ -58,19 +79,47 @@ impl Kernel for Solve<'_> {
             }
             for at in (0..C).step_by(V) {
                 let first = index * HEIGHT + at * S::F64_LANES;
-                let rows = (V * S::F64_LANES).min(n.saturating_sub(first));
+                if first >= n {
+                    break;
+                }
+                let rows = (V * S::F64_LANES).min(n - first);
                 let sums = tile::<S, V, W, C>(simd, panel, at, weights, 0);
                 for (column, sums) in sums.iter().enumerate().take(products) {
-                    let mut values = [0.0; HEIGHT];
-                    let to = &mut values[..V * S::F64_LANES];
-                    S::as_mut_simd_f64s(to).0.copy_from_slice(sums);
-                    for (r, value) in values.iter().enumerate().take(rows) {
-                        x[column * n + first + r] = *value;
-                    }
+                    write::<S, V>(sums, &mut x[column * n + first..][..rows]);
                 }
+                let sums = row_squares::<S, V, C>(simd, &panel[..m * HEIGHT], at);
+                write::<S, V>(&sums, &mut squares[first..][..rows]);
             }
         }
     }
+}
+
+/// Sums of squares of a panel's rows, those of the vectors from `at` on.
+#[inline(always)]
+fn row_squares<S: Simd, const V: usize, const C: usize>(
+    simd: S,
+    panel: &[f64],
+    at: usize,
+) -> [S::f64s; V] {
+    let (columns, _) = S::as_simd_f64s(panel);
+    let (columns, _) = columns.as_chunks::<C>();
+    let mut sums = [simd.splat_f64s(0.0); V];
+    for k in 0..columns.len() {
+        for v in 0..V {
+            let entry = columns[k][at + v];
+            sums[v] = simd.mul_add_f64s(entry, entry, sums[v]);
+        }
+    }
+    sums
+}
+
+/// The first numbers of some vectors.
+#[inline(always)]
+fn write<S: Simd, const V: usize>(vectors: &[S::f64s; V], to: &mut [f64]) {
+    let mut values = [0.0; HEIGHT];
+    let whole = &mut values[..V * S::F64_LANES];
+    S::as_mut_simd_f64s(whole).0.copy_from_slice(vectors);
+    to.copy_from_slice(&values[..to.len()]);
 }
 
 /// The few columns of `w`, `m` rows each, row by row, a row taking the room of a panel's column.

@@ -2,6 +2,7 @@
 
 use super::{HEIGHT, Kernel, Panels, add_tile, dispatch, tile};
 use pulp::Simd;
+use std::ops::Range;
 
 /// Columns of `V` that are taken at a time, so that two panels fit the first cache.
 const DEPTH: usize = 128;
@@ -120,15 +121,22 @@ fn subtract_part<S: Simd, const V: usize, const W: usize>(
     }
 }
 
-/// `P b`, one pass over the lower triangle.
-pub(crate) fn times(p: &[f64], ld: usize, b: &[f64], out: &mut [f64]) {
-    dispatch(Times { p, ld, b, out });
+/// `P b`, one pass over the lower triangle, but for the triangles of the stretches `idle` (increasing), where `b` is zero.
+pub(crate) fn times(p: &[f64], ld: usize, b: &[f64], idle: &[Range<usize>], out: &mut [f64]) {
+    dispatch(Times {
+        p,
+        ld,
+        b,
+        idle,
+        out,
+    });
 }
 
 pub(super) struct Times<'a> {
     pub(super) p: &'a [f64],
     pub(super) ld: usize,
     pub(super) b: &'a [f64],
+    pub(super) idle: &'a [Range<usize>],
     pub(super) out: &'a mut [f64],
 }
 
@@ -136,14 +144,24 @@ impl Kernel for Times<'_> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd, const V: usize, const W: usize, const C: usize>(self, simd: S) {
-        let Self { p, ld, b, out } = self;
+        let Self {
+            p,
+            ld,
+            b,
+            idle,
+            out,
+        } = self;
         let n = b.len();
+        let mut idle = idle.iter().peekable();
         out.fill(0.0);
         for j in 0..n {
-            let column = &p[j * (ld + 1)..j * (ld + 1) + n - j];
-            let (own, out) = out[j..n].split_at_mut(1);
-            let (column, column_tail) = S::as_simd_f64s(&column[1..]);
-            let (below, below_tail) = S::as_simd_f64s(&b[j + 1..]);
+            while idle.next_if(|stretch| stretch.end <= j).is_some() {}
+            let stretch = idle.peek().filter(|stretch| stretch.start <= j);
+            let next = stretch.map_or(j + 1, |stretch| stretch.end);
+            let (above, out) = out[..n].split_at_mut(next);
+            let own = &mut above[j];
+            let (column, column_tail) = S::as_simd_f64s(&p[next + j * ld..n + j * ld]);
+            let (below, below_tail) = S::as_simd_f64s(&b[next..]);
             let (out, out_tail) = S::as_mut_simd_f64s(out);
             let weight = simd.splat_f64s(b[j]);
             let mut sums = [simd.splat_f64s(0.0); 2];
@@ -156,7 +174,7 @@ impl Kernel for Times<'_> {
                 out_tail[i] += column_tail[i] * b[j];
                 sum += column_tail[i] * below_tail[i];
             }
-            own[0] += sum + simd.reduce_sum_f64s(simd.add_f64s(sums[0], sums[1]));
+            *own += sum + simd.reduce_sum_f64s(simd.add_f64s(sums[0], sums[1]));
         }
     }
 }

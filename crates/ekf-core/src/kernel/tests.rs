@@ -110,17 +110,21 @@ fn times_is_its_sum() {
     for with in BOTH {
         for (n, _) in SIZES {
             let p = symmetric(n);
-            let b = DVector::from_fn(n, |i, _| wave(i, 3));
-            let (data, mut out) = (lower(&p, n + 5), vec![f64::NAN; n]);
-            let kernel = Times {
-                p: &data,
-                ld: n + 5,
-                b: b.as_slice(),
-                out: &mut out,
-            };
-            run(with, kernel);
-            for (got, expected) in out.iter().zip((p * b).iter()) {
-                close(&format!("{with:?} times {n}"), *got, *expected);
+            for idle in [vec![], vec![2..5, 9..n]] {
+                let is_idle = |i: usize| idle.iter().any(|stretch| stretch.contains(&i));
+                let b = DVector::from_fn(n, |i, _| if is_idle(i) { 0.0 } else { wave(i, 3) });
+                let (data, mut out) = (lower(&p, n + 5), vec![f64::NAN; n]);
+                let kernel = Times {
+                    p: &data,
+                    ld: n + 5,
+                    b: b.as_slice(),
+                    idle: &idle,
+                    out: &mut out,
+                };
+                run(with, kernel);
+                for (got, expected) in out.iter().zip((&p * b).iter()) {
+                    close(&format!("{with:?} times {n} {idle:?}"), *got, *expected);
+                }
             }
         }
     }
@@ -134,17 +138,24 @@ fn solve_is_its_inverse() {
             let l = symmetric(m).cholesky().expect("positive definite").l();
             let expected = l.solve_lower_triangular(&a.transpose()).expect("regular");
             let (expected, mut moved) = (expected.transpose(), vec![f64::NAN; 5 * n]);
+            let mut squares = vec![f64::NAN; n];
             let (mut out, mut packed) = (panels(&a), Vec::new());
             let kernel = solve::Solve {
                 a: &mut out,
                 l: l.as_slice(),
                 w: w.as_slice(),
                 x: &mut moved,
+                squares: &mut squares,
                 packed: &mut packed,
             };
             run(with, kernel);
             let products = &expected * &w;
             for i in 0..n {
+                close(
+                    &format!("{with:?} squares {n} {m}"),
+                    squares[i],
+                    expected.row(i).norm_squared(),
+                );
                 for k in 0..m {
                     close(
                         &format!("{with:?} solve {n} {m}"),

@@ -93,7 +93,7 @@ fn place(feature: &FeatureState) -> Vector3<f64> {
 }
 
 /// Frames after which all means are worked out again.
-const OLDEST: usize = 16;
+const OLDEST: usize = 32;
 
 /// Where the dual rows of a working state are.
 struct Duals {
@@ -105,11 +105,10 @@ struct Duals {
 
 impl Duals {
     fn of(near: &State) -> Self {
-        let blocks = near.layout.blocks().iter();
-        let blocks = blocks.filter(|b| matches!(b.kind, BlockKind::Dual(_)));
-        let mean: Vec<usize> = blocks.flat_map(Block::range).collect();
-        let rows = mean.iter().map(|&i| near.p.slot(i)).collect();
-        Self { mean, rows }
+        Self {
+            mean: near.duals().flat_map(Block::range).collect(),
+            rows: near.dual_rows().flatten().collect(),
+        }
     }
 
     fn theta(&self, near: &State) -> Vec<f64> {
@@ -243,14 +242,9 @@ impl Far {
     /// Present means of all features outside, in their order.
     pub(crate) fn means(&self, near: &State) -> Vec<(Block, FeatureState)> {
         let theta = Duals::of(near).theta(near);
-        let (depth, total) = (theta.len(), self.columns.len());
-        // R^T theta at once: R is read in one go.
-        let mut moved = vec![0.0; total];
-        product(
-            MatMut::from_column_major_slice_mut(&mut moved, total, 1),
-            MatRef::from_column_major_slice_with_stride(&self.r, depth, total, self.ld).transpose(),
-            MatRef::from_column_major_slice(&theta, depth, 1),
-        );
+        // R^T theta at once: features that share an anchor share its columns.
+        let columns = self.r.chunks_exact(self.ld).take(self.columns.len());
+        let moved: Vec<f64> = columns.map(|column| dot(&theta, column)).collect();
         let moved = |row: usize| moved[self.column[row].expect("a row outside has a column")];
         let mates = self.mates(near);
         let all = self.outside.iter().map(|o| &o.block);

@@ -10,6 +10,7 @@
 use super::CAMERA_DIM;
 use crate::kernel::{self, Aligned, LINE, Panels, Product, Stored};
 use nalgebra::{DMatrix, SMatrix, SVector};
+use std::ops::Range;
 
 /// Rows of a feature's anchor, which come first.
 const ANCHOR: usize = 3;
@@ -326,9 +327,9 @@ impl Covariance {
         kernel::downdate(&mut self.data, self.ld, v, also);
     }
 
-    /// `P b` by stored rows, one pass over the stored triangle.
-    pub(crate) fn times(&self, b: &[f64], out: &mut [f64]) {
-        kernel::times(&self.data, self.ld, b, out);
+    /// `P b` by stored rows, one pass over the stored triangle; `b` is zero in the stretches `idle` (increasing).
+    pub(crate) fn times(&self, b: &[f64], idle: &[Range<usize>], out: &mut [f64]) {
+        kernel::times(&self.data, self.ld, b, idle, out);
     }
 
     /// Raises the variances that a downdate has all but taken away by the rounding error it left in their rows, so that P

@@ -17,6 +17,7 @@ use crate::math::quat;
 use crate::observe::point::CameraPose;
 use crate::observe::{FeatureState, Form};
 use nalgebra::{SMatrix, SVector, Vector3, Vector4, Vector6};
+use std::ops::Range;
 
 /// Mean, covariance and layout, always of the same dimension.
 #[derive(Clone, Debug)]
@@ -115,6 +116,20 @@ impl State {
     /// `w_C`, rad/s.
     pub fn angular_velocity(&self) -> Vector3<f64> {
         self.part::<3>(10)
+    }
+
+    /// The dual blocks of a working state.
+    pub(crate) fn duals(&self) -> impl Iterator<Item = &Block> {
+        let blocks = self.layout.blocks().iter();
+        blocks.filter(|b| matches!(b.kind, BlockKind::Dual(_)))
+    }
+
+    /// Where the rows of the dual blocks are stored, increasing.
+    pub(crate) fn dual_rows(&self) -> impl Iterator<Item = Range<usize>> {
+        self.duals().map(|b| {
+            let first = self.p.stored().slots[b.offset];
+            first..first + b.kind.dim()
+        })
     }
 
     /// The landmark of a feature's block.
