@@ -26,7 +26,9 @@ _REACH_AT_ONCE, _WALK = 1.0, 2.0
 which somebody is the person."""
 _LEFT = 1.5
 """Metres that the robot goes on until what has stayed where it was said to be is furniture."""
-_STRANGER_SD = 0.5
+_OWN_LEGS, _RIVAL = 0.35, 1.0
+"""Metres from somebody up to which leg-like things are their own legs, and may be somebody else's."""
+_STRANGER_SD, _LOST_SD = 0.5, 0.8
 _TRIAL = 2.0
 """Seconds in which a new track must have walked."""
 
@@ -34,16 +36,29 @@ View = Callable[[Array], bool]
 
 
 class Crowd:
-    """Tracks of people; ``person`` is the one who wears the camera, None while unknown."""
+    """Tracks of people.
+
+    Attributes
+    ----------
+    person : LegTrack or None
+        Who wears the camera, as far as is known.
+    sure : bool
+        Whether that is beyond doubt: nothing else was near where they were said to start, or they walk.
+    others : list of LegTrack
+    lost : tuple of float and (2,) array, or None
+        When and where the person was last: seconds, metres.
+    """
 
     def __init__(self, config: WornPoseConfig) -> None:
         self._config = config
         self._hint = config.start
         self.person: LegTrack | None = None
+        self.sure = False
         self.others: list[LegTrack] = []
         self.lost: tuple[float, Array] | None = None
         self._began = np.inf
         self._origin: Array | None = None
+        self._told: tuple[float, Array] | None = None
 
     def predict(self, dt: float, robot: Array, drift: float) -> None:
         """Carry everybody on; ``drift`` (rad^2/s) is how fast the robot's heading error changes."""
@@ -82,6 +97,7 @@ class Crowd:
         self._began = min(self._began, t)
         if self._origin is None:
             self._origin = robot.copy()
+            self._told = None if hint is None else (t, hint)
         if float(np.hypot(*(robot - self._origin))) > _LEFT:  # nobody who comes along is still there
             self._hint = None
         tracks = self._all()
@@ -92,7 +108,8 @@ class Crowd:
             noise = heading * float(away @ away) + 0.01**2
             track.update(t, c, noise, whole - own, in_view=view(track.x[:2]))
         self._retire(t, robot)
-        self._recruit(t, c, robot, hint)
+        self._begin(t, c, robot, hint, view)
+        self._recruit(t, c, robot)
         self._choose(t, robot, motion)
 
     def claimed(self, points: Array, hint: Array | None) -> Mask:
@@ -104,7 +121,7 @@ class Crowd:
         if self._hint is not None and hint is not None:
             out |= np.hypot(*(points - hint).T) < _HINT_REACH
         for track in self._all():
-            if track is self.person or _walks(track):
+            if self.sure if track is self.person else _walks(track):
                 d = points - track.x[:2]
                 out |= (d * d).sum(axis=1) < (0.4 + min(track.position_sd, 0.3)) ** 2
         return out
@@ -118,14 +135,15 @@ class Crowd:
         if person is not None:
             known = _known(person, robot)
             if known is not None or (
-                t - person.seen > limit.max_gap or person.position_sd > limit.max_position_sd
+                t - person.seen > limit.max_gap or person.position_sd > max(limit.max_position_sd, _LOST_SD)
             ):
-                self.lost = known or person.met
-                self.person = None
-                # Was there beside the person, so is somebody else; what was followed since may be anything.
-                until = min(self.lost[0], person.sure[0])
-                for other in self.others:
-                    other.stranger |= other.born < until
+                if self.sure:
+                    self.lost = known or person.met
+                    # Was there beside the person, so is somebody else; what was followed since may be anything.
+                    until = min(self.lost[0], person.sure[0])
+                    for other in self.others:
+                        other.stranger |= other.born < until
+                self.person, self.sure = None, False
         self.others = [
             o
             for o in self.others
@@ -145,47 +163,66 @@ class Crowd:
                 return True
         return False
 
-    def _recruit(self, t: float, c: Candidates, robot: Array, hint: Array | None) -> None:
-        if not len(c):
+    def _begin(self, t: float, c: Candidates, robot: Array, hint: Array | None, view: View) -> None:
+        """Take what is nearest to where the person was said to start; alone there it is the person."""
+        if self._hint is None or hint is None or self.person is not None or not len(c) or not view(hint):
             return
         person = self._config.person
-        if self._hint is not None and hint is not None and self.person is None:
-            distance = np.hypot(*(c.centre - hint).T)
-            order = np.argsort(distance)[: int((distance < _HINT_REACH).sum())]
-            told = c.some(order)
-            found = new_track(t, told, np.ones(len(order), np.bool_), person)
-            if found is None and len(order) and t - self._began > _HINT_WAIT:  # one leg hides the other
-                found = LegTrack(t, told.centre[0], person.one_leg_sd**2 * np.eye(2), person)
-            if found is not None:
-                found.robot = robot.copy()
-                self.person, self._hint = found, None
-                return
-        if len(self.others) >= _MOST_OTHERS:
+        distance = np.hypot(*(c.centre - hint).T)
+        order = np.argsort(distance)[: int((distance < _HINT_REACH).sum())]
+        told = c.some(order)
+        found = new_track(t, told, np.ones(len(order), np.bool_), person)
+        if found is None and len(order) and t - self._began > _HINT_WAIT:  # one leg hides the other
+            found = LegTrack(t, told.centre[0], person.one_leg_sd**2 * np.eye(2), person)
+        if found is not None:
+            found.robot = robot.copy()
+            self.person, self._hint = found, None
+            apart = np.hypot(*(c.centre - found.start).T)
+            self.sure = not bool(((apart > _OWN_LEGS) & (apart < _RIVAL)).any())
+
+    def _recruit(self, t: float, c: Candidates, robot: Array) -> None:
+        """Follow one more of those who walk about the robot."""
+        if not len(c) or len(self.others) >= _MOST_OTHERS:
             return
         free = np.hypot(*(c.centre - robot).T) < _COMPANY
         for track in self._all():
             d = c.centre - track.x[:2]
             reach = 0.6 + 2.0 * track.position_sd
             free &= (d * d).sum(axis=1) > reach**2
-        found = new_track(t, c, free & c.moving, person)
-        if found is not None:
-            found.robot = robot.copy()
-            self.others.append(found)
+        found = new_track(t, c, free & c.moving, self._config.person)
+        if found is None:
+            return
+        found.robot = robot.copy()
+        place = self._place()
+        if place is not None:
+            found.stranger = float(np.hypot(*(found.start - place[1]))) > _reach(t - place[0])
+        self.others.append(found)
+
+    def _place(self) -> tuple[float, Array] | None:
+        """When and where the person was last known to be; None if nothing was ever known."""
+        if self.person is not None and self.sure:
+            return self.person.met
+        return self._told if self.lost is None else self.lost
 
     def _choose(self, t: float, robot: Array, motion: Array) -> None:
         """Whoever walks along, nearest to the robot; after a loss only somebody who can have come there."""
         if self.person is not None:
-            return
-        ready = [o for o in self.others if _confirmed(o, t) and _accompanies(o, t, robot, motion)]
-        place = robot
-        if self.lost is not None:
-            since, place = self.lost
-            reach = _REACH_AT_ONCE + _WALK * (t - since)
-            ready = [o for o in ready if not o.stranger and float(np.hypot(*(o.x[:2] - place))) < reach]
-        if ready:
-            best = min(ready, key=lambda o: float(np.hypot(*(o.x[:2] - place))))
-            self.others.remove(best)
-            self.person = best
+            self.sure = self.sure or self.person.walked
+            if self.person.walked:
+                return
+        known = self._place()
+        place = robot if known is None else known[1]
+        able = [o for o in self.others if o.walked and not o.stranger and _accompanies(o, t, robot, motion)]
+        if able:
+            best = min(able, key=lambda o: float(np.hypot(*(o.x[:2] - place))))
+            if _confirmed(best, t):
+                self.others.remove(best)
+                self.person, self.sure = best, True
+
+
+def _reach(seconds: float) -> float:
+    """How far somebody can have come, metres."""
+    return _REACH_AT_ONCE + _WALK * seconds
 
 
 def _accompanies(track: LegTrack, t: float, robot: Array, motion: Array) -> bool:

@@ -188,7 +188,8 @@ class WornPoseEstimator:
         return found, doubted
 
     def _remember(self, t: float, plane: float, candidates: int) -> None:
-        person, crowd = self._crowd.person, self._crowd
+        crowd = self._crowd
+        person = crowd.person if crowd.sure else None
         x, p = (None, None) if person is None else (person.x, person.p)
         seen = person.seen if person is not None else -inf if crowd.lost is None else crowd.lost[0]
         self._moments.append(

@@ -33,7 +33,13 @@ _ACCELERATION = 0.5
 """Density of the robot's acceleration, m/s^1.5."""
 _MISFIT = 0.5
 """Standard deviation of a point's misfit to the grid."""
-_LONGEST_GAP = 0.7
+_LONGEST_GAP, _LONGEST_SEARCH = 0.7, 2.5
+"""Seconds without scans after which the place is searched for, and after which that is given up."""
+_SEARCHED, _UNIQUE, _DOUBT = 15, 3, 10.0
+"""Cells to each side of the predicted position, cells within which everything as good as the best must lie, and
+what counts as good: difference of log-likelihood."""
+_MISSED = 16
+"""Beams in turn that pass a place where something was: it has gone."""
 
 _SMOOTH = np.array([0.25, 0.5, 0.25], np.float32)
 _NINE = np.ones((3, 3), np.uint8)
@@ -52,6 +58,7 @@ class Surroundings:
         self._solid = np.zeros(_SIZE * _SIZE, np.bool_)
         self._met = np.full((_SIZE, _SIZE), np.inf, np.float32)
         self._open = np.zeros(_SIZE * _SIZE, np.bool_)
+        self._missed = np.zeros(_SIZE * _SIZE, np.int16)
         self._corner = np.zeros(2, np.int64)
         self._any = False
         self._since: float | None = None
@@ -72,15 +79,17 @@ class Surroundings:
 
     def align(self, t: float, points: Array) -> None:
         """Correct the robot's position by points (N, 2) seen from Cs, along N's axes."""
-        if t - self._seen > _LONGEST_GAP:  # too long ago to lay a scan on it without doubt
-            self._evidence[:] = 0.0
-            self._met[:] = np.inf
-            self._any, self._since = False, None
-        self._seen = t
+        gap, self._seen = t - self._seen, t
         if not self._any or not len(points):
             return
         start, prior = self.state[:2].copy(), np.linalg.inv(self._p[:2, :2])
         at = start.copy()
+        if gap > _LONGEST_GAP:
+            offset = self._search(points, prior) if gap < _LONGEST_SEARCH else None
+            if offset is None:
+                self._forget()
+                return
+            at += offset
         information = np.zeros((2, 2))
         for _ in range(3):
             value, slope = self._sample(points + at)
@@ -95,6 +104,28 @@ class Surroundings:
         self.state = self.state + columns @ prior @ (at - start)
         self._p = self._p - gain @ columns.T
         self._p = 0.5 * (self._p + self._p.T)
+
+    def _search(self, points: Array, prior: Array) -> Array | None:
+        """How far Cs is from where it was predicted, (2,) in metres, to a cell; None if there is any doubt."""
+        cells = np.floor((points + self.state[:2]) / CELL).astype(np.int64)
+        span = np.arange(-_SEARCHED, _SEARCHED + 1)
+        shift = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)
+        i, j = ((cells[:, k] + shift[:, k, None]) & (_SIZE - 1) for k in (0, 1))
+        misfit = ((1.0 - self._field[(i << _BITS) | j]) ** 2).sum(axis=1) / _MISFIT**2
+        away = CELL * shift
+        score = -0.5 * (misfit + ((away @ prior) * away).sum(axis=1))
+        best = int(np.argmax(score))
+        good = shift[score > score[best] - _DOUBT]
+        if np.abs(good - shift[best]).max() > _UNIQUE or np.abs(shift[best]).max() == _SEARCHED:
+            return None
+        return np.asarray(away[best])
+
+    def _forget(self) -> None:
+        self._evidence[:] = 0.0
+        self._met[:] = np.inf
+        self._missed[:] = 0
+        self._solid[:] = self._open[:] = False
+        self._any, self._since = False, None
 
     def learn(self, t: float, origin: Array, points: Array, still: Mask, doubted: Mask) -> None:
         """Take a scan into the grid.
@@ -131,7 +162,10 @@ class Surroundings:
         evidence[ended] = np.minimum(gained, _MOST)
         if self._since is None:
             self._since = t
+        self._missed[passed] += 1
+        self._missed[ended] = 0
         met, legs = self._met.ravel(), ended[still & doubted]
+        met[passed[self._missed[passed] > _MISSED]] = np.inf
         met[legs] = np.minimum(met[legs], t - self._since)
         self._refresh(t - self._since)
 
@@ -153,6 +187,7 @@ class Surroundings:
                 lines = (index, slice(None)) if axis == 0 else (slice(None), index)
                 self._evidence[lines] = 0.0
                 self._met[lines] = np.inf
+                self._missed.reshape(_SIZE, _SIZE)[lines] = 0
         self._corner = corner
 
     def _refresh(self, now: float) -> None:

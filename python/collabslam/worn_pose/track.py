@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from math import cos, exp, pi, sin, sqrt
+from math import cos, exp, hypot, pi, sin, sqrt
 
 import numpy as np
 
@@ -37,6 +37,8 @@ _SURE = 0.5
 _MEMORY = 0.1
 _DAMPING = 0.2
 """Of the swing: cadence and gait are not known, and change."""
+_PACE = 1.3
+"""Speed, in m/s, up to which `Person.acceleration_density` holds."""
 _ONE_LEG_TIME = 0.3
 """Time constant, in seconds, of the error that readings of one leg share; as white noise they get its
 spectral density: twice that time."""
@@ -110,7 +112,7 @@ class LegTrack:
         self.met = self.sure = (t, self.start)
         self.quality = 0.5
         self.moving = 0.5
-        self._walked = False
+        self.walked = False
 
     @property
     def seen(self) -> float:
@@ -165,7 +167,7 @@ class LegTrack:
             if share > _SURE:
                 self.sure = (t, self.x[:2].copy())
             self.moving += min(dt / _MOVING_TIME, 1.0) * (share - seen * self.moving)
-            self._walked |= self.moving > _WALKED
+            self.walked |= self.moving > _WALKED
         if seen > _SEEN:
             self.met = (t, self.x[:2].copy())
         if in_view or seen > _SEEN:
@@ -174,7 +176,7 @@ class LegTrack:
     @property
     def doubtful(self) -> bool:
         """Whether what is tracked has stood for long where beams never went through: furniture."""
-        return self._walked and self.moving < _DOUBTFUL
+        return self.walked and self.moving < _DOUBTFUL
 
     def _hypotheses(
         self, c: Candidates, noise: float, elsewhere: Array, hidden: bool
@@ -232,17 +234,24 @@ class LegTrack:
 
 
 def carried(x: Array, p: Array, dt: float, jitter: float, person: Person) -> tuple[Array, Array]:
-    """State and covariance ``dt`` seconds later."""
-    f, q = _motion(round(dt * 1e6), person)
+    """State and covariance ``dt`` seconds later.
+
+    Who turns with a radius r at a speed v changes the velocity by about v in a time r / v, so that the density
+    of the acceleration grows as v^1.5.
+    """
+    f, q, hurry = _motion(round(dt * 1e6), person)
     out = f @ p @ f.T + q
+    faster = max(1.0, hypot(x[2], x[3]) / _PACE) ** 3 - 1.0
+    if faster > 0.0:
+        out += faster * hurry
     out[0, 0] += jitter
     out[1, 1] += jitter
     return f @ x, out
 
 
 @lru_cache(maxsize=256)
-def _motion(microseconds: int, person: Person) -> tuple[Array, Array]:
-    """Transition and noise (8, 8) of a walk and its swing."""
+def _motion(microseconds: int, person: Person) -> tuple[Array, Array, Array]:
+    """Transition and noise (8, 8) of a walk and its swing, and the part of that noise that is the walk's."""
     dt = 1e-6 * microseconds
     w = 2.0 * pi * person.step_rate
     decay, turn = exp(-_DAMPING * w * dt), w * sqrt(1.0 - _DAMPING**2)
@@ -255,7 +264,9 @@ def _motion(microseconds: int, person: Person) -> tuple[Array, Array]:
     f[2:, 2:] = swing
     noise[:2, :2] = q * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
     noise[2:, 2:] = stationary - swing @ stationary @ swing.T
-    return np.asarray(np.kron(f, np.eye(2))), np.asarray(np.kron(noise, np.eye(2)))
+    walk = noise.copy()
+    walk[2:] = 0.0
+    return tuple(np.asarray(np.kron(m, np.eye(2))) for m in (f, noise, walk))
 
 
 def new_track(t: float, c: Candidates, which: Mask, person: Person) -> LegTrack | None:
