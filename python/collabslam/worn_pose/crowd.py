@@ -12,7 +12,7 @@ from collabslam.worn_pose.track import Candidates, LegTrack, new_track
 
 _MOST_OTHERS = 3
 _CONFIRM_TIME, _CONFIRM_QUALITY, _CONFIRM_WAY, _CONFIRM_SPEED = 1.3, 0.8, 0.5, 0.25
-_CONFIRM_MOVING = 0.6
+_CONFIRM_MOVING, _CONFIRM_SOON = 0.6, 0.7
 _COMPANY_SPEED, _PARTING_SPEED = 1.3, 0.6
 """Metres a second by which the velocity of somebody who comes along differs from the robot's at most (now,
 and on average: a passer-by may stop), and by which the distance between the two changes."""
@@ -28,8 +28,10 @@ _LEFT = 1.5
 """Metres that the robot goes on until what has stayed where it was said to be is furniture."""
 _OWN_LEGS, _RIVAL = 0.35, 1.0
 """Metres from somebody up to which leg-like things are their own legs, and may be somebody else's."""
+_DECISIVE = 3.0
+"""Logarithm of the odds from which one of two readings is the right one."""
 _STRANGER_SD, _LOST_SD = 0.5, 0.8
-_TRIAL = 2.0
+_SEEN_BACK, _TRIAL = 0.4, 2.0
 """Seconds in which a new track must have walked."""
 
 View = Callable[[Array], bool]
@@ -59,6 +61,8 @@ class Crowd:
         self._began = np.inf
         self._origin: Array | None = None
         self._told: tuple[float, Array] | None = None
+        self._ambiguous = False
+        self._back: tuple[float, Array] | None = None
 
     def predict(self, dt: float, robot: Array, drift: float) -> None:
         """Carry everybody on; ``drift`` (rad^2/s) is how fast the robot's heading error changes."""
@@ -103,10 +107,16 @@ class Crowd:
         tracks = self._all()
         densities = [track.density(c.centre) for track in tracks]
         whole = sum(densities, np.zeros(len(c)))
+        before = None if self.person is None else (self.person.x[:2].copy(), self.person.p[:2, :2].copy())
+        vague = self.person is not None and self.person.position_sd > self._config.max_position_sd
         for track, own in zip(tracks, densities, strict=True):
             away = track.x[:2] - robot
             noise = heading * float(away @ away) + 0.01**2
             track.update(t, c, noise, whole - own, in_view=view(track.x[:2]))
+        if vague and before is not None and self.person is not None and self.person.seen == t:
+            self._ambiguous = _rivalled(self.person.x[:2], *before, c)
+            self._back = (t, self.person.x[:2] - robot)
+        self._ambiguous |= self._parts(t, robot, motion)
         self._retire(t, robot)
         self._begin(t, c, robot, hint, view)
         self._recruit(t, c, robot)
@@ -134,7 +144,7 @@ class Crowd:
         person = self.person
         if person is not None:
             known = _known(person, robot)
-            if known is not None or (
+            if known is not None or self._ambiguous or (
                 t - person.seen > limit.max_gap or person.position_sd > max(limit.max_position_sd, _LOST_SD)
             ):
                 if self.sure:
@@ -143,7 +153,7 @@ class Crowd:
                     until = min(self.lost[0], person.sure[0])
                     for other in self.others:
                         other.stranger |= other.born < until
-                self.person, self.sure = None, False
+                self.person, self.sure, self._ambiguous, self._back = None, False, False, None
         self.others = [
             o
             for o in self.others
@@ -153,6 +163,14 @@ class Crowd:
             and not o.doubtful
             and not self._same(o)
         ]
+
+    def _parts(self, t: float, robot: Array, motion: Array) -> bool:
+        """Whether who came back just now goes against the robot's way, as a passer-by does."""
+        if self.person is None or self._back is None or not _SEEN_BACK < t - self._back[0] < _TRIAL:
+            return False
+        since, place = self._back
+        apart = float(np.hypot(*(self.person.x[:2] - robot - place)))
+        return apart > _COMPANY_SPEED * (t - since) and float(self.person.x[2:4] @ motion) < 0.0
 
     def _same(self, other: LegTrack) -> bool:
         """Whether a track has fallen together with the person's, or an older one."""
@@ -172,13 +190,14 @@ class Crowd:
         order = np.argsort(distance)[: int((distance < _HINT_REACH).sum())]
         told = c.some(order)
         found = new_track(t, told, np.ones(len(order), np.bool_), person)
+        both = found is not None
         if found is None and len(order) and t - self._began > _HINT_WAIT:  # one leg hides the other
             found = LegTrack(t, told.centre[0], person.one_leg_sd**2 * np.eye(2), person)
         if found is not None:
             found.robot = robot.copy()
             self.person, self._hint = found, None
             apart = np.hypot(*(c.centre - found.start).T)
-            self.sure = not bool(((apart > _OWN_LEGS) & (apart < _RIVAL)).any())
+            self.sure = both and not bool(((apart > _OWN_LEGS) & (apart < _RIVAL)).any())
 
     def _recruit(self, t: float, c: Candidates, robot: Array) -> None:
         """Follow one more of those who walk about the robot."""
@@ -215,9 +234,28 @@ class Crowd:
         able = [o for o in self.others if o.walked and not o.stranger and _accompanies(o, t, robot, motion)]
         if able:
             best = min(able, key=lambda o: float(np.hypot(*(o.x[:2] - place))))
-            if _confirmed(best, t):
+            if _confirmed(best, t, _CONFIRM_TIME if known is None or len(able) > 1 else _CONFIRM_SOON):
                 self.others.remove(best)
                 self.person, self.sure = best, True
+
+
+def _rivalled(at: Array, expected: Array, covariance: Array, c: Candidates) -> bool:
+    """Whether something else than what was taken for a person, hidden before, may as well be that person.
+
+    Parameters
+    ----------
+    at : (2,) array
+        Where the person now seems to be, metres.
+    expected, covariance : (2,), (2, 2) array
+        Where they were expected.
+    c : Candidates
+    """
+    d = np.vstack([at, c.centre]) - expected
+    mahalanobis = (d * np.linalg.solve(covariance, d.T).T).sum(axis=1)
+    own = np.hypot(*(c.centre - at).T) < _OWN_LEGS
+    clutter = c.clutter[own].min() if own.any() else c.clutter.min()
+    odds = 0.5 * (mahalanobis[0] - mahalanobis[1:]) + np.log(clutter / c.clutter)
+    return bool((odds[~own] > -_DECISIVE).any())
 
 
 def _reach(seconds: float) -> float:
@@ -245,12 +283,12 @@ def _known(track: LegTrack, robot: Array) -> tuple[float, Array] | None:
     return track.sure if track.doubtful else None
 
 
-def _confirmed(track: LegTrack, t: float) -> bool:
+def _confirmed(track: LegTrack, t: float, least: float) -> bool:
     """Whether a track is a person beyond doubt: seen for a while, and walking."""
     age = t - track.born
     way = float(np.hypot(*(track.x[:2] - track.start)))
     return (
-        age >= _CONFIRM_TIME
+        age >= least
         and track.quality >= _CONFIRM_QUALITY
         and track.moving >= _CONFIRM_MOVING
         and way >= max(_CONFIRM_WAY, min(age, _TRIAL) * _CONFIRM_SPEED)
