@@ -8,7 +8,7 @@ import numpy as np
 
 from collabslam.types import Array, Mask
 from collabslam.worn_pose.config import WornPoseConfig
-from collabslam.worn_pose.track import Candidates, LegTrack, new_track
+from collabslam.worn_pose.track import UNSEEN, Candidates, LegTrack, new_track
 
 _MOST_OTHERS = 3
 _CONFIRM_TIME, _CONFIRM_QUALITY, _CONFIRM_WAY, _CONFIRM_SPEED = 1.3, 0.8, 0.5, 0.25
@@ -18,16 +18,22 @@ _COMPANY_SPEED, _PARTING_SPEED = 1.3, 0.6
 and on average: a passer-by may stop), and by which the distance between the two changes."""
 _COMPANY = 5.0
 """Metres from the robot within which a person is first looked for."""
-_HINT_REACH, _HINT_WAIT = 0.8, 0.5
-"""Metres from where the person was said to start, and seconds after which one leg will do."""
+_HINT_REACH, _HINT_SD, _HINT_WAIT = 0.8, 0.25, 0.5
+"""Metres from where the person was said to start up to which things are not surroundings, how far from there
+they are, and seconds after which one leg will do."""
 _DROP_TIME, _KEEP_TIME = 0.3, 1.5
 _REACH_AT_ONCE, _WALK = 1.0, 2.0
 """Metres from where the person was last seen, and metres a second since (faster than anybody walks), within
 which somebody is the person."""
 _LEFT = 1.5
 """Metres that the robot goes on until what has stayed where it was said to be is furniture."""
-_OWN_LEGS, _RIVAL = 0.35, 1.0
-"""Metres from somebody up to which leg-like things are their own legs, and may be somebody else's."""
+_OWN_LEGS = 0.35
+"""Metres from somebody up to which leg-like things are their own legs."""
+_SURE = 0.95
+"""Probability of the reading of where the person was said to start from which it is the person."""
+_BESIDE_SD, _HALF = 0.1, 0.1
+"""Metres that a thing beside the person seems to move at first, and by which the trunk of somebody of whom both
+legs are seen differs from what is seen at most."""
 _DECISIVE = 3.0
 """Logarithm of the odds from which one of two readings is the right one."""
 _STRANGER_SD, _LOST_SD = 0.5, 0.8
@@ -62,6 +68,7 @@ class Crowd:
         self._origin: Array | None = None
         self._told: tuple[float, Array] | None = None
         self._ambiguous = False
+        self._beside = np.zeros((0, 2))
         self._back: tuple[float, Array] | None = None
 
     def predict(self, dt: float, robot: Array, drift: float) -> None:
@@ -107,6 +114,9 @@ class Crowd:
         tracks = self._all()
         densities = [track.density(c.centre) for track in tracks]
         whole = sum(densities, np.zeros(len(c)))
+        person = self.person
+        if person is not None and t - person.born < _TRIAL:
+            whole = whole + _legs_at(self._beside, c.centre)
         before = None if self.person is None else (self.person.x[:2].copy(), self.person.p[:2, :2].copy())
         vague = self.person is not None and self.person.position_sd > self._config.max_position_sd
         for track, own in zip(tracks, densities, strict=True):
@@ -182,22 +192,22 @@ class Crowd:
         return False
 
     def _begin(self, t: float, c: Candidates, robot: Array, hint: Array | None, view: View) -> None:
-        """Take what is nearest to where the person was said to start; alone there it is the person."""
+        """Take the likeliest reading of where the person was said to start; what else is there is not theirs."""
         if self._hint is None or hint is None or self.person is not None or not len(c) or not view(hint):
             return
-        person = self._config.person
-        distance = np.hypot(*(c.centre - hint).T)
-        order = np.argsort(distance)[: int((distance < _HINT_REACH).sum())]
-        told = c.some(order)
-        found = new_track(t, told, np.ones(len(order), np.bool_), person)
-        both = found is not None
-        if found is None and len(order) and t - self._began > _HINT_WAIT:  # one leg hides the other
-            found = LegTrack(t, told.centre[0], person.one_leg_sd**2 * np.eye(2), person)
-        if found is not None:
-            found.robot = robot.copy()
-            self.person, self._hint = found, None
-            apart = np.hypot(*(c.centre - found.start).T)
-            self.sure = both and not bool(((apart > _OWN_LEGS) & (apart < _RIVAL)).any())
+        told = LegTrack(t, hint, _HINT_SD**2 * np.eye(2), self._config.person).readings(c)
+        if told is None:
+            return
+        best = int(np.argmax(told.weight))
+        if told.swing[best] > _HALF**2 and t - self._began < _HINT_WAIT:  # one leg may hide the other for a moment
+            return
+        at = told.z[best]
+        covariance = told.spread[best] + told.swing[best] * np.eye(2)
+        self.person, self._hint = LegTrack(t, at, covariance, self._config.person), None
+        self.person.robot = robot.copy()
+        own = np.hypot(*(told.z - at).T) < _OWN_LEGS
+        self.sure = bool(told.weight[own].sum() > _SURE * (UNSEEN + told.weight.sum()))
+        self._beside = c.centre[np.hypot(*(c.centre - at).T) > _OWN_LEGS]
 
     def _recruit(self, t: float, c: Candidates, robot: Array) -> None:
         """Follow one more of those who walk about the robot."""
@@ -256,6 +266,13 @@ def _rivalled(at: Array, expected: Array, covariance: Array, c: Candidates) -> b
     clutter = c.clutter[own].min() if own.any() else c.clutter.min()
     odds = 0.5 * (mahalanobis[0] - mahalanobis[1:]) + np.log(clutter / c.clutter)
     return bool((odds[~own] > -_DECISIVE).any())
+
+
+def _legs_at(places: Array, points: Array) -> Array:
+    """Density (n,) per square metre at points (n, 2) of things that stand at places (m, 2)."""
+    d = points[:, None] - places
+    near = np.exp(-0.5 * (d * d).sum(axis=2) / _BESIDE_SD**2).sum(axis=1)
+    return np.asarray(near / (2.0 * np.pi * _BESIDE_SD**2))
 
 
 def _reach(seconds: float) -> float:

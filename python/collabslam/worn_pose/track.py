@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from math import cos, exp, hypot, pi, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from collabslam.types import Array, Indices, Mask
 from collabslam.worn_pose.config import Person
 
 _GATE = 16.0
-_PAIR, _WIDE, _ONE, _NONE = 0.6, 0.35, 0.3, 0.05
+_PAIR, _WIDE, _ONE, UNSEEN = 0.6, 0.35, 0.3, 0.05
 """Prior weights of how a person shows."""
 _NEAREST_LEGS, _FARTHEST_LEGS = 0.10, 0.65
 _START_SPEED = 0.8
@@ -72,6 +73,30 @@ class Candidates:
     def some(self, index: Indices) -> Candidates:
         """These candidates, in this order."""
         return Candidates(*(getattr(self, f.name)[index] for f in fields(self)))
+
+
+class Readings(NamedTuple):
+    """What candidates may show of a person.
+
+    Attributes
+    ----------
+    z : (h, 2) array
+        Metres.
+    spread : (h, 2, 2) array
+        Covariance.
+    swing : (h,) array
+        Variance of what gait adds to a reading of less than two legs.
+    weight : (h,) array
+        Likelihood ratios to nothing but clutter.
+    moving : (h,) array
+        Which share of it moves.
+    """
+
+    z: Array
+    spread: Array
+    swing: Array
+    weight: Array
+    moving: Array
 
 
 class LegTrack:
@@ -160,7 +185,7 @@ class LegTrack:
             z, spread, swing, weight, moving = hypotheses
             # A scanner that looks elsewhere takes nothing of what one leg says.
             alone, self._read = max(t - self._read, 5e-3), t
-            total = (_NONE if in_view and not hidden else _NONE_AFTER) + weight.sum()
+            total = (UNSEEN if in_view and not hidden else _NONE_AFTER) + weight.sum()
             seen = float(weight.sum() / total)
             self._mix(z, spread, swing * max(1.0, 2.0 * _ONE_LEG_TIME / alone), weight / total)
             share = float(weight @ moving / total)
@@ -178,12 +203,14 @@ class LegTrack:
         """Whether what is tracked has stood for long where beams never went through: furniture."""
         return self.walked and self.moving < _DOUBTFUL
 
+    def readings(self, c: Candidates) -> Readings | None:
+        """What the candidates may show of this person if nobody else is there; None without any."""
+        return self._hypotheses(c, 0.0, np.zeros(len(c)), hidden=False)
+
     def _hypotheses(
         self, c: Candidates, noise: float, elsewhere: Array, hidden: bool
-    ) -> tuple[Array, Array, Array, Array, Array] | None:
-        """Readings (h, 2), their covariance (h, 2, 2), the variance (h,) of what gait adds to a reading of
-        less than two legs, likelihood ratios to nothing but clutter (h,), and which share of them moves (h,);
-        None without any.  A person who was hidden comes back as something that moves."""
+    ) -> Readings | None:
+        """Readings that pass the gate.  A person who was hidden comes back as something that moves."""
         person = self._person
         pzz = self.p[:2, :2] + self.p[4:6, 4:6] + self.p[:2, 4:6] + self.p[4:6, :2]
         reach = 4.0 * np.sqrt(max(pzz[0, 0], pzz[1, 1])) + 0.5
@@ -216,7 +243,7 @@ class LegTrack:
         if not inside.any():
             return None
         weight = prior * np.exp(-0.5 * distance) / (2.0 * np.pi * np.sqrt(det))
-        return z[inside], spread[inside], swing[inside], weight[inside], moving[inside]
+        return Readings(z[inside], spread[inside], swing[inside], weight[inside], moving[inside])
 
     def _mix(self, z: Array, spread: Array, swing: Array, w: Array) -> None:
         """Moment-matched mixture of the updates by each reading, of probability ``w``, and of none."""
