@@ -27,8 +27,8 @@ _REACH_AT_ONCE, _WALK = 1.0, 2.0
 which somebody is the person."""
 _LEFT = 1.5
 """Metres that the robot goes on until what has stayed where it was said to be is furniture."""
-_OWN_LEGS = 0.35
-"""Metres from somebody up to which leg-like things are their own legs."""
+_OWN_LEGS, _SAME = 0.35, 0.15
+"""Metres from somebody up to which leg-like things are their own legs, and the middle of two is theirs."""
 _SURE = 0.95
 """Probability of the reading of where the person was said to start from which it is the person."""
 _BESIDE_SD, _HALF = 0.1, 0.1
@@ -157,7 +157,7 @@ class Crowd:
             if known is not None or self._ambiguous or (
                 t - person.seen > limit.max_gap or person.position_sd > max(limit.max_position_sd, _LOST_SD)
             ):
-                if self.sure:
+                if person.walked:
                     self.lost = known or person.met
                     # Was there beside the person, so is somebody else; what was followed since may be anything.
                     until = min(self.lost[0], person.sure[0])
@@ -205,7 +205,7 @@ class Crowd:
         covariance = told.spread[best] + told.swing[best] * np.eye(2)
         self.person, self._hint = LegTrack(t, at, covariance, self._config.person), None
         self.person.robot = robot.copy()
-        own = np.hypot(*(told.z - at).T) < _OWN_LEGS
+        own = np.hypot(*(told.z - at).T) < np.where(told.swing > _HALF**2, _OWN_LEGS, _SAME)
         self.sure = bool(told.weight[own].sum() > _SURE * (UNSEEN + told.weight.sum()))
         self._beside = c.centre[np.hypot(*(c.centre - at).T) > _OWN_LEGS]
 
@@ -229,7 +229,7 @@ class Crowd:
 
     def _place(self) -> tuple[float, Array] | None:
         """When and where the person was last known to be; None if nothing was ever known."""
-        if self.person is not None and self.sure:
+        if self.person is not None and self.person.walked:
             return self.person.met
         return self._told if self.lost is None else self.lost
 

@@ -31,7 +31,7 @@ _NONE_AFTER = 0.5
 _HIDDEN = 0.3
 """Seconds without legs from which the person counts as hidden."""
 _SEEN = 0.5
-_MOVING_TIME, _WALKED, _DOUBTFUL = 0.5, 0.6, 0.05
+_MOVING_TIME, _WALKED, _DOUBTFUL = 0.5, 0.75, 0.05
 """Memory, in seconds, of whether the legs are where beams went through before, and its levels."""
 _SURE = 0.5
 """Probability, from one scan, of legs where beams went through before: somebody was there then."""
