@@ -36,8 +36,8 @@ _MISFIT = 0.5
 _LONGEST_GAP, _LONGEST_SEARCH = 0.7, 2.5
 """Seconds without scans after which the place is searched for, and after which that is given up."""
 _SEARCHED, _UNIQUE, _DOUBT = 15, 3, 10.0
-"""Cells to each side of the predicted position, cells within which everything as good as the best must lie, and
-what counts as good: difference of log-likelihood."""
+"""Cells to each side of the predicted position, cells within which everything as good as the best must lie,
+and what counts as good: difference of log-likelihood."""
 _MISSED = 16
 """Beams in turn that pass a place where something was: it has gone."""
 
@@ -106,7 +106,7 @@ class Surroundings:
         self._p = 0.5 * (self._p + self._p.T)
 
     def _search(self, points: Array, prior: Array) -> Array | None:
-        """How far Cs is from where it was predicted, (2,) in metres, to a cell; None if there is any doubt."""
+        """How far Cs is from where it was predicted, (2,) metres, to a cell; None if in any doubt."""
         cells = np.floor((points + self.state[:2]) / CELL).astype(np.int64)
         span = np.arange(-_SEARCHED, _SEARCHED + 1)
         shift = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -121,6 +121,7 @@ class Surroundings:
         return np.asarray(away[best])
 
     def _forget(self) -> None:
+        """Start anew: what was learnt before cannot be placed any more."""
         self._evidence[:] = 0.0
         self._met[:] = np.inf
         self._missed[:] = 0

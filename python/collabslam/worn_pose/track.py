@@ -207,9 +207,7 @@ class LegTrack:
         """What the candidates may show of this person if nobody else is there; None without any."""
         return self._hypotheses(c, 0.0, np.zeros(len(c)), hidden=False)
 
-    def _hypotheses(
-        self, c: Candidates, noise: float, elsewhere: Array, hidden: bool
-    ) -> Readings | None:
+    def _hypotheses(self, c: Candidates, noise: float, elsewhere: Array, hidden: bool) -> Readings | None:
         """Readings that pass the gate.  A person who was hidden comes back as something that moves."""
         person = self._person
         pzz = self.p[:2, :2] + self.p[4:6, 4:6] + self.p[:2, 4:6] + self.p[4:6, :2]
@@ -263,8 +261,8 @@ class LegTrack:
 def carried(x: Array, p: Array, dt: float, jitter: float, person: Person) -> tuple[Array, Array]:
     """State and covariance ``dt`` seconds later.
 
-    Who turns with a radius r at a speed v changes the velocity by about v in a time r / v, so that the density
-    of the acceleration grows as v^1.5.
+    Who turns with a radius r at a speed v changes the velocity by about v in a time r / v, so that the
+    density of the acceleration grows as v^1.5.
     """
     f, q, hurry = _motion(round(dt * 1e6), person)
     out = f @ p @ f.T + q
@@ -293,7 +291,8 @@ def _motion(microseconds: int, person: Person) -> tuple[Array, Array, Array]:
     noise[2:, 2:] = stationary - swing @ stationary @ swing.T
     walk = noise.copy()
     walk[2:] = 0.0
-    return tuple(np.asarray(np.kron(m, np.eye(2))) for m in (f, noise, walk))
+    one = np.eye(2)
+    return np.asarray(np.kron(f, one)), np.asarray(np.kron(noise, one)), np.asarray(np.kron(walk, one))
 
 
 def new_track(t: float, c: Candidates, which: Mask, person: Person) -> LegTrack | None:
