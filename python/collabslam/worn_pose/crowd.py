@@ -73,7 +73,7 @@ class Crowd:
         self._origin: Array | None = None
         self._told: tuple[float, Array] | None = None
         self._beside = np.zeros((0, 2))
-        self._back: tuple[float, Array] | None = None
+        self._back: tuple[float, Array, tuple[float, Array]] | None = None
 
     def predict(self, dt: float, robot: Array, drift: float) -> None:
         """Carry everybody on; ``drift`` (rad^2/s) is how fast the robot's heading error changes."""
@@ -130,13 +130,14 @@ class Crowd:
             whole = whole + legs_at(self._beside, c.centre)
         vague = person is not None and person.position_sd > self._config.max_position_sd
         expected = (person.x[:2].copy(), person.p[:2, :2].copy()) if person is not None and vague else None
+        met = None if person is None else person.met
         for track, own in zip(tracks, densities, strict=True):
             away = track.x[:2] - robot
             noise = heading * float(away @ away) + 0.01**2
             track.update(t, c, noise, whole - own, in_view=view(track.x[:2]))
-        if person is None or expected is None or person.seen != t:
+        if person is None or met is None or expected is None or person.seen != t:
             return False
-        self._back = (t, person.x[:2] - robot)
+        self._back = (t, person.x[:2] - robot, met)
         return rivalled(person.x[:2], *expected, c)
 
     def claimed(self, points: Array, hint: Array | None) -> Mask:
@@ -164,11 +165,12 @@ class Crowd:
             vague = person.position_sd > max(self._config.max_position_sd, _LOST_SD)
             if doubt or vague or known is not None or t - person.seen > self._config.max_gap:
                 if person.walked:
-                    self.lost = known or person.met
+                    # Who came back and was not the person was met since: the place before counts.
+                    self.lost = known or (self._back[2] if doubt and self._back else person.met)
                     # Was beside the person, so is somebody else; what was followed since may be anything.
                     until = min(self.lost[0], person.sure[0])
                     for other in self.others:
-                        other.stranger |= other.born < until
+                        other.stranger = other.born < until or _out_of_reach(other, self.lost)
                 self._take(None, sure=False)
         self.others = [
             o
@@ -189,7 +191,7 @@ class Crowd:
         """Whether who came back just now goes against the robot's way, as a passer-by does."""
         if self.person is None or self._back is None or not _SEEN_BACK < t - self._back[0] < TRIAL:
             return False
-        since, place = self._back
+        since, place, _ = self._back
         apart = float(np.hypot(*(self.person.x[:2] - robot - place)))
         return apart > COMPANY_SPEED * (t - since) and float(self.person.x[2:4] @ motion) < 0.0
 
@@ -236,7 +238,7 @@ class Crowd:
         found.robot = robot.copy()
         place = self._place()
         if place is not None:
-            found.stranger = float(np.hypot(*(found.start - place[1]))) > _reach(t - place[0])
+            found.stranger = _out_of_reach(found, place)
         self.others.append(found)
 
     def _place(self) -> tuple[float, Array] | None:
@@ -261,6 +263,7 @@ class Crowd:
                 self._take(best, sure=True)
 
 
-def _reach(seconds: float) -> float:
-    """How far somebody can have come, metres."""
-    return _REACH_AT_ONCE + _WALK * seconds
+def _out_of_reach(track: LegTrack, known: tuple[float, Array]) -> bool:
+    """Whether somebody began where the person cannot have come by then from where they were known to be."""
+    since, place = known
+    return float(np.hypot(*(track.start - place))) > _REACH_AT_ONCE + _WALK * (track.born - since)

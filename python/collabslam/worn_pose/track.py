@@ -23,6 +23,8 @@ from collabslam.worn_pose.config import Person
 _GATE = 16.0
 _PAIR, _WIDE, _ONE, UNSEEN = 0.6, 0.35, 0.3, 0.05
 """Prior weights of how a person shows."""
+_PEOPLE = 0.02
+"""Other people per square metre, as long as nobody else is known of."""
 _NEAREST_LEGS, _FARTHEST_LEGS = 0.10, 0.65
 _START_SPEED = 0.8
 _WIDE_SD = 0.05
@@ -228,9 +230,9 @@ class LegTrack:
         spread = np.concatenate([cov, 0.25 * (cov[i] + cov[j])]) + noise * np.eye(2)
         swing = np.concatenate([single, np.zeros(len(i))])
         apart = 1.0 / (np.pi * (_FARTHEST_LEGS**2 - _NEAREST_LEGS**2))
-        prior = np.concatenate(
-            [np.where(wide, _WIDE, _ONE) / clutter, _PAIR * apart / (clutter[i] * clutter[j])]
-        )
+        prior = np.concatenate([np.where(wide, _WIDE, _ONE), np.full(len(i), _PAIR * apart)])
+        # Somebody not known of shows in the same ways.
+        prior /= np.concatenate([clutter, clutter[i] * clutter[j]]) + _PEOPLE * prior
         moving = np.concatenate([moves, 0.5 * (moves[i] + moves[j])])
         s = pzz + spread + swing[:, None, None] * np.eye(2)
         innovation = z - self.x[:2] - self.x[4:6]
