@@ -32,6 +32,7 @@ from collabslam.worn_pose import (
     estimates_at,
     laser_scans,
 )
+from collabslam.worn_pose.crowd import Crowd
 from collabslam.worn_pose.estimator import turned
 from collabslam.worn_pose.lever import worn_pose
 from collabslam.worn_pose.simulate import (
@@ -49,7 +50,7 @@ from collabslam.worn_pose.simulate import (
     table,
 )
 from collabslam.worn_pose.surroundings import Surroundings
-from collabslam.worn_pose.track import Candidates, LegTrack
+from collabslam.worn_pose.track import Candidates, LegTrack, carried
 
 SECONDS = 7.0
 WALLS = polyline([[-4, -1.6], [14, -1.6], [14, 1.6], [-4, 1.6]], closed=True)
@@ -184,6 +185,75 @@ def test_a_stranger_who_comes_towards_the_robot_is_not_the_lost_person() -> None
     path = np.column_stack([12.0 - 1.0 * STAMPS, np.full(len(STAMPS), -0.9)])
     walk = quick_walk((-0.4, 1.5), (2.0, SECONDS + 1.0), [Walker(STAMPS, path)])
     assert all(np.isnan(gone) for gone, e in walk if e.t > 4.0)
+
+
+def test_a_passer_by_at_the_edge_of_the_gate_is_not_a_hidden_person() -> None:
+    """Two moving legs of nobody known, far for the covariance from where somebody went out of sight."""
+    track = LegTrack(0.0, np.zeros(2), 0.01 * np.eye(2), WornPoseConfig().person)
+    legs = np.array([[0.0, 0.08], [0.0, -0.08]])
+
+    def seen(at: float) -> Candidates:
+        some = [np.array([v, v]) for v in (False, 0.02, True)]
+        return Candidates(legs + np.array([at, 0.0]), np.tile(1e-4 * np.eye(2), (2, 1, 1)), *some)
+
+    for k in range(25):
+        track.predict(0.04, 0.0)
+        track.update(0.04 * (k + 1), seen(0.0), 0.0, np.zeros(2), in_view=True)
+    for _ in range(18):
+        track.predict(0.04, 0.0)
+    at = float(track.x[0] + 3.7 * track.position_sd)
+    track.update(1.72, seen(at), 0.0, np.zeros(2), in_view=True)
+    assert abs(track.x[0]) < 0.5 * at
+
+
+def test_the_map_survives_a_silence_of_the_scanners() -> None:
+    scans, readings = sensors()
+    silent = [s for s in scans if not 3.0 < s.t < 4.2]
+    times = sensor_times(4.3, SECONDS - 0.1, 10.0)
+    estimator = WornPoseEstimator(WornPoseConfig(start=(0.0, 2.0)))
+    estimates = estimates_at(times, estimator, silent, readings)
+    assert sum(e.t_cf is None for e in estimates) <= 2
+    for e in estimates:
+        true = g.pose_inverse(robot(e.t)) @ walker().camera(e.t)
+        assert e.t_cf is None or np.linalg.norm(e.t_cf[:3, 3] - true[:3, 3]) < 0.3
+
+
+def test_after_a_longer_silence_nothing_old_is_held_for_the_surroundings() -> None:
+    surroundings = Surroundings()
+    wall = np.column_stack([np.full(81, 4.05), np.linspace(-0.4, 0.4, 81)])
+    nobody = np.zeros(len(wall), np.bool_)
+    for k in range(20):
+        surroundings.predict(0.1)
+        surroundings.align(0.1 * k, wall)
+        surroundings.learn(0.1 * k, np.zeros(2), wall, ~nobody, nobody)
+    surroundings.predict(3.0)
+    surroundings.align(4.9, wall)
+    before = np.column_stack([np.arange(0.5, 3.2, 0.1), np.zeros(27)])
+    assert not surroundings.standing(wall)[0].any()
+    assert not surroundings.standing(before)[1].any()
+
+
+def test_two_who_may_be_the_person_at_the_start_give_no_pose() -> None:
+    """Until one of them walks; with one of them alone there is a pose from the first scan on."""
+    config, legs = WornPoseConfig(start=(0.0, 2.0)), [[2.0, 0.4], [2.0, 0.2], [2.0, -0.2], [2.0, -0.4]]
+    for both in (False, True):
+        crowd = Crowd(config)
+        at = np.array(legs if both else legs[:2])
+        some = np.zeros(len(at), np.bool_)
+        c = Candidates(at, np.tile(1e-4 * np.eye(2), (len(at), 1, 1)), some, np.full(len(at), 0.2), some)
+        crowd.update(0.0, c, np.zeros(2), np.zeros(2), 0.0, np.array([2.0, 0.0]), lambda place: True)
+        assert crowd.person is not None
+        assert crowd.sure is not both
+
+
+def test_who_runs_is_predicted_with_less_confidence() -> None:
+    person = WornPoseConfig().person
+    spread = []
+    for speed in (0.5, 1.3, 2.6):
+        x = np.array([0.0, 0.0, speed, 0.0, 0.0, 0.0, 0.0, 0.0])
+        spread.append(carried(x, np.zeros((8, 8)), 1.0, 0.0, person)[1][1, 1])
+    assert spread[0] == pytest.approx(spread[1])
+    assert spread[2] == pytest.approx(8.0 * spread[1])
 
 
 def test_furniture_where_the_person_was_said_to_be_is_left_for_the_person() -> None:

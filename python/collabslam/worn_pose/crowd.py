@@ -19,6 +19,7 @@ from collabslam.worn_pose.evidence import (
     confirmed,
     known_before,
     legs_at,
+    may_walk,
     rivalled,
     walks,
 )
@@ -255,11 +256,12 @@ class Crowd:
                 return
         known = self._place()
         place = robot if known is None else known[1]
-        able = [o for o in self.others if o.walked and not o.stranger and accompanies(o, t, robot, motion)]
+        able = [o for o in self.others if may_walk(o) and not o.stranger and accompanies(o, t, robot, motion)]
         if able:
             best = min(able, key=lambda o: float(np.hypot(*(o.x[:2] - place))))
             if confirmed(best, t, CONFIRM_TIME if known is None or len(able) > 1 else CONFIRM_SOON):
                 self.others.remove(best)
+                best.walked = True
                 self._take(best, sure=True)
 
 

@@ -61,6 +61,11 @@ def accompanies(track: LegTrack, t: float, robot: Array, motion: Array) -> bool:
     return apart < COMPANY_SPEED and change < _PARTING_SPEED * age
 
 
+def may_walk(track: LegTrack) -> bool:
+    """Whether a track's legs are, or were for long, where beams went through before."""
+    return track.walked or track.moving >= _CONFIRM_MOVING
+
+
 def walks(track: LegTrack) -> bool:
     """Whether a track has left the place where it began."""
     return float(np.hypot(*(track.x[:2] - track.start))) >= _CONFIRM_WAY
