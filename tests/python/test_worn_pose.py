@@ -34,6 +34,7 @@ from collabslam.worn_pose import (
 )
 from collabslam.worn_pose.crowd import Crowd
 from collabslam.worn_pose.estimator import turned
+from collabslam.worn_pose.evidence import known_before
 from collabslam.worn_pose.lever import worn_pose
 from collabslam.worn_pose.simulate import (
     Z_UP_FROM_Y_DOWN,
@@ -204,6 +205,14 @@ def test_a_passer_by_at_the_edge_of_the_gate_is_not_a_hidden_person() -> None:
     at = float(track.x[0] + 3.7 * track.position_sd)
     track.update(1.72, seen(at), 0.0, np.zeros(2), in_view=True)
     assert abs(track.x[0]) < 0.5 * at
+
+
+def test_who_walked_a_round_and_is_back_is_no_furniture() -> None:
+    track = LegTrack(0.0, np.zeros(2), 0.01 * np.eye(2), WornPoseConfig().person)
+    away = np.array([3.0, 0.0])
+    assert known_before(track, away) is not None
+    track.walked, track.moving = True, 1.0
+    assert known_before(track, away) is None
 
 
 def test_the_map_survives_a_silence_of_the_scanners() -> None:

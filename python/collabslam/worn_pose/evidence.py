@@ -67,13 +67,13 @@ def may_walk(track: LegTrack) -> bool:
 
 
 def walks(track: LegTrack) -> bool:
-    """Whether a track has left the place where it began."""
+    """Whether a track is away from the place where it began."""
     return float(np.hypot(*(track.x[:2] - track.start))) >= _CONFIRM_WAY
 
 
 def known_before(track: LegTrack, robot: Array) -> tuple[float, Array] | None:
     """When and where somebody was there, if what is followed now is furniture; None if it is not."""
-    if not walks(track) and float(np.hypot(*(robot - track.robot))) > LEFT:
+    if not (track.walked or walks(track)) and float(np.hypot(*(robot - track.robot))) > LEFT:
         return track.born, track.start
     return track.sure if track.doubtful else None
 
