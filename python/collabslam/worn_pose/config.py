@@ -123,7 +123,8 @@ class WornPoseConfig:
         Noise of a range, metres.
     start : (2,) tuple or None
         Where the person stands at the start, if that is known: right and ahead of Cs, metres, to half a
-        metre.  Without it the person is found when they first move.
+        metre.  Without it, or if something else there may as well be their legs, the person is found when
+        they first move.
     max_gap : float
         Longest gap that is bridged, seconds.
     max_position_sd : float
