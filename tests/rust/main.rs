@@ -10,6 +10,7 @@ mod gauge;
 mod given;
 mod guards;
 mod jacobians;
+mod lasting;
 mod local;
 mod long_run;
 mod overlap;

@@ -55,6 +55,7 @@ pub struct Filter {
     pub(crate) drift: FrameDrift,
     pub(crate) misfit: Misfit,
     pub(crate) gauge: Gauge,
+    pub(crate) contradictions: frame::Contradictions,
     pub(crate) scratch: frame::Scratch,
     /// Room for the next list of features that the gauge follows.
     pub(crate) in_view: Vec<u64>,
@@ -128,6 +129,7 @@ impl Filter {
             drift: FrameDrift::default(),
             misfit: Misfit::default(),
             gauge: Gauge::default(),
+            contradictions: frame::Contradictions::default(),
             scratch: frame::Scratch::default(),
             in_view: Vec::new(),
             far: None,

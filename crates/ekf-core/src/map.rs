@@ -4,7 +4,7 @@ use crate::birth::new_feature::{FirstPoseCovariance, NewFeature};
 use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
 use crate::filter::{Filter, sight};
-use crate::frame::check_once;
+use crate::frame::{Contradiction, check_once};
 use crate::guard;
 use crate::math::pose::Pose;
 use crate::math::quat;
@@ -24,6 +24,8 @@ pub struct FeatureRecord {
     pub found: usize,
     /// Time of the last accepted match, seconds.
     pub last_found: f64,
+    /// How far it was off what the others say, in the last frames.
+    pub contradiction: Contradiction,
 }
 
 /// A point that is tracked until its parallax allows a birth.

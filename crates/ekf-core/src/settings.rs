@@ -359,6 +359,9 @@ settings! {
         gate_level: f64 = 0.999, "", Some(0.5), Some(0.999999999);
         /// Level of the gate that each match passes given all the others, after the batch was tested; 1 for none.
         conditional_level: f64 = 0.9999, "", Some(0.5), Some(1.0);
+        /// Level at which a feature is left out that the others contradicted in the sum of its last 8 to 16 frames, each
+        /// of them within that gate; 1 for never.
+        lasting_level: f64 = 1.0, "", Some(0.5), Some(1.0);
         /// Largest share of a frame's matches that HOHCT and the conditional gate may each leave out.
         max_share: f64 = 0.5, "", Some(0.0), Some(1.0);
         /// Radius of a low-innovation inlier of the one-point test, in standard deviations of its noise.

@@ -3,6 +3,7 @@
 
 mod births;
 mod given;
+mod lasting;
 mod relocalise;
 mod units;
 
@@ -20,6 +21,8 @@ use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, Vector2, Vector6};
 use units::Source;
 
 pub use given::Expectation;
+pub use lasting::Contradiction;
+pub(crate) use lasting::Contradictions;
 
 /// A feature found in Cs.
 #[derive(Clone, Copy, Debug)]
@@ -415,6 +418,7 @@ impl Filter {
         let gauge = carries.then_some(&mut self.gauge);
         self.batch.apply(&mut self.state, gauge);
         self.misfit.note(report.nis, report.dof);
+        self.note_contradictions();
         self.state.normalise_quaternions();
         if carries {
             self.gauge.settle(&mut self.state);
@@ -498,26 +502,6 @@ impl Filter {
         report.exact = verdict.exact;
         gone.extend_from_slice(self.test.rejected());
         Outcome::RejectedBatch
-    }
-
-    /// Matches that the other accepted ones contradict.
-    fn contradicted(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
-        gone.clear();
-        let options = &self.settings.validate;
-        if options.test == BatchTestKind::None || options.conditional_level >= 1.0 {
-            return Outcome::RejectedConditional;
-        }
-        validate::conditional_gate(
-            self.batch.l(),
-            self.batch.rows(),
-            self.batch.g(),
-            validate::Units::new(self.batch.offsets()),
-            options.conditional_level,
-            options.max_share,
-            &mut self.test,
-        );
-        gone.extend_from_slice(self.test.rejected());
-        Outcome::RejectedConditional
     }
 
     fn finish(&mut self, z: &Measurements, report: &mut UpdateReport) {

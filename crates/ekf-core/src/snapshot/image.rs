@@ -89,6 +89,7 @@ impl Filter {
             far,
             // Buffers, and what is worked out again when it is asked for.
             test: _,
+            contradictions: _,
             in_view: _,
             scratch: _,
             spare: _,
@@ -176,6 +177,7 @@ impl Filter {
             drift: FrameDrift(drift),
             misfit: Misfit { nis, dof },
             gauge: Gauge::following(followed),
+            contradictions: frame::Contradictions::default(),
             in_view: Vec::new(),
             scratch: frame::Scratch::default(),
             far,
@@ -202,7 +204,8 @@ fn records_of(
     let outside: BTreeSet<u64> = far.iter().flat_map(|far| far.ids()).collect();
     let inside: BTreeSet<u64> = layout.features().map(|b| b.id).collect();
     let count = records.len();
-    let sane = records.iter().all(|(_, r)| r.last_found.is_finite());
+    let mut records_alone = records.iter().map(|(_, r)| r);
+    let sane = records_alone.all(|r| r.last_found.is_finite() && r.contradiction.is_sane());
     let records: BTreeMap<u64, FeatureRecord> = records.into_iter().collect();
     let known = |id: &u64| inside.contains(id) != outside.contains(id);
     if !sane

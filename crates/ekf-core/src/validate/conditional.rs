@@ -11,7 +11,7 @@ use crate::validate::hohct::Scratch;
 ///
 /// `l` is the Cholesky factor of `S` (lower triangle, column-major, leading dimension `ld`), `g` the innovation. At most
 /// `max_share` of the units are left out; the verdict says whether the rest passed. Without an offender this costs the
-/// inverse of `l`.
+/// inverse of `l`. [`Workspace::given_others`] has the distances.
 pub fn conditional_gate(
     l: &[f64],
     ld: usize,
@@ -24,6 +24,7 @@ pub fn conditional_gate(
     check(l, ld, g, units);
     let n = units.len();
     ws.rejected.clear();
+    ws.given_others.clear();
     if units.is_empty() {
         return Verdict::joint(0, 0.0, 0, true);
     }
@@ -47,6 +48,14 @@ pub fn conditional_gate(
         ws.rejected.push(unit);
         dof -= units.count(unit);
     };
+    let scratch = &ws.hohct;
+    ws.given_others.extend((0..n).map(|unit| {
+        if scratch.greedy.taken[unit] {
+            f64::INFINITY
+        } else {
+            given_others(scratch, units, unit)
+        }
+    }));
     ws.rejected.sort_unstable();
     let left = (d2 - scratch.greedy.reduction).max(0.0);
     Verdict::joint(ws.rejected.len(), left, dof, passed)
@@ -59,12 +68,17 @@ fn worst(scratch: &Scratch, units: Units, level: f64, quantiles: &mut Quantiles)
         if scratch.greedy.taken[unit] {
             continue;
         }
-        let z = &scratch.greedy.z[units.start(unit)..][..units.count(unit)];
-        let distance = block_distance(&scratch.greedy.blocks[unit], z);
-        let ratio = distance / quantiles.get(level, z.len());
+        let distance = given_others(scratch, units, unit);
+        let ratio = distance / quantiles.get(level, units.count(unit));
         if ratio > worst.0 {
             worst = (ratio, Some(unit));
         }
     }
     worst.1
+}
+
+/// Squared distance of a unit given all others that are not left out.
+fn given_others(scratch: &Scratch, units: Units, unit: usize) -> f64 {
+    let z = &scratch.greedy.z[units.start(unit)..][..units.count(unit)];
+    block_distance(&scratch.greedy.blocks[unit], z)
 }

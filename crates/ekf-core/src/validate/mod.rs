@@ -201,6 +201,7 @@ impl Verdict {
 #[derive(Clone, Debug, Default)]
 pub struct Workspace {
     rejected: Vec<usize>,
+    given_others: Vec<f64>,
     whitened: Vec<f64>,
     quantiles: Quantiles,
     joint: Joint,
@@ -218,6 +219,11 @@ impl Workspace {
     /// Units that the last test rejected, in increasing order.
     pub fn rejected(&self) -> &[usize] {
         &self.rejected
+    }
+
+    /// After [`conditional_gate`]: the squared distance of each unit given all the others, infinite for those left out.
+    pub fn given_others(&self) -> &[f64] {
+        &self.given_others
     }
 
     fn reject_all(&mut self, units: Units) {
@@ -336,13 +342,13 @@ fn check(matrix: &[f64], ld: usize, g: &[f64], units: Units) {
 
 /// Chi-square quantiles of one level, worked out once per degree of freedom.
 #[derive(Clone, Debug, Default)]
-struct Quantiles {
+pub(crate) struct Quantiles {
     level: f64,
     values: Vec<f64>,
 }
 
 impl Quantiles {
-    fn get(&mut self, level: f64, dof: usize) -> f64 {
+    pub(crate) fn get(&mut self, level: f64, dof: usize) -> f64 {
         if self.level != level {
             self.values.clear();
             self.level = level;
