@@ -61,7 +61,7 @@ class Person:
         Of the walk over the floor, m/s^1.5: 0.6 is a corner of 1.3 m taken at 1.3 m/s, or a stop.
     gait_sd, step_rate : float
         The middle of both shins swings about the trunk (while both feet are on the floor it stands still):
-        metres along each axis, and steps a second.
+        metres along the way at 1.3 m/s, in proportion to the speed, and steps a second.
     one_leg_sd : float
         Of the trunk about one shin along each axis, metres.
     """
@@ -74,7 +74,7 @@ class Person:
     sway_sd: float = 0.016
     leg_radius: float = 0.06
     acceleration_density: float = 0.6
-    gait_sd: float = 0.04
+    gait_sd: float = 0.055
     step_rate: float = 1.8
     one_leg_sd: float = 0.15
 

@@ -41,7 +41,9 @@ _MEMORY = 0.1
 _DAMPING = 0.2
 """Of the swing: cadence and gait are not known, and change."""
 _PACE = 1.3
-"""Speed, in m/s, up to which `Person.acceleration_density` holds."""
+"""Speed, in m/s, up to which `Person.acceleration_density` holds, and at which `Person.gait_sd` is stated."""
+_ASIDE = 0.2
+"""Swing across the way, as a share of that along it."""
 _ONE_LEG_TIME = 0.3
 """Time constant, in seconds, of the error that readings of one leg share; as white noise they get its
 spectral density: twice that time."""
@@ -266,11 +268,13 @@ def carried(x: Array, p: Array, dt: float, jitter: float, person: Person) -> tup
     Who turns with a radius r at a speed v changes the velocity by about v in a time r / v, so that the
     density of the acceleration grows as v^1.5.
     """
-    f, q, hurry = _motion(round(dt * 1e6), person)
-    out = f @ p @ f.T + q
-    faster = max(1.0, hypot(x[2], x[3]) / _PACE) ** 3 - 1.0
-    if faster > 0.0:
-        out += faster * hurry
+    f, walk, swing = _motion(round(dt * 1e6), person)
+    speed = hypot(x[2], x[3])
+    out = f @ p @ f.T
+    out[:4, :4] += max(1.0, speed / _PACE) ** 3 * walk
+    # The shins swing along the way, the more the longer the steps.
+    along = min(speed / _PACE, 1.5) / max(speed, 1e-9) * x[2:4]
+    out[4:, 4:] += np.kron(swing, np.outer(along, along) + _ASIDE**2 * np.eye(2))
     out[0, 0] += jitter
     out[1, 1] += jitter
     return f @ x, out
@@ -278,7 +282,7 @@ def carried(x: Array, p: Array, dt: float, jitter: float, person: Person) -> tup
 
 @lru_cache(maxsize=256)
 def _motion(microseconds: int, person: Person) -> tuple[Array, Array, Array]:
-    """Transition and noise (8, 8) of a walk and its swing, and the part of that noise that is the walk's."""
+    """Transition (8, 8) of a walk and its swing, noise (4, 4) of the walk, and (2, 2) of the swing along an axis."""
     dt = 1e-6 * microseconds
     w = 2.0 * pi * person.step_rate
     decay, turn = exp(-_DAMPING * w * dt), w * sqrt(1.0 - _DAMPING**2)
@@ -286,15 +290,16 @@ def _motion(microseconds: int, person: Person) -> tuple[Array, Array, Array]:
     swing = np.array([[c + _DAMPING * w * s, s], [-w * w * s, c - _DAMPING * w * s]])
     stationary = person.gait_sd**2 * np.diag([1.0, w * w])
     q = person.acceleration_density**2
-    f, noise = np.zeros((4, 4)), np.zeros((4, 4))
+    f = np.zeros((4, 4))
     f[:2, :2] = [[1.0, dt], [0.0, 1.0]]
     f[2:, 2:] = swing
-    noise[:2, :2] = q * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
-    noise[2:, 2:] = stationary - swing @ stationary @ swing.T
-    walk = noise.copy()
-    walk[2:] = 0.0
+    walk = q * np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
     one = np.eye(2)
-    return np.asarray(np.kron(f, one)), np.asarray(np.kron(noise, one)), np.asarray(np.kron(walk, one))
+    return (
+        np.asarray(np.kron(f, one)),
+        np.asarray(np.kron(walk, one)),
+        stationary - swing @ stationary @ swing.T,
+    )
 
 
 def new_track(t: float, c: Candidates, which: Mask, person: Person) -> LegTrack | None:

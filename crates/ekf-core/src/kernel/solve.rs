@@ -104,9 +104,9 @@ fn row_squares<S: Simd, const V: usize, const C: usize>(
     let (columns, _) = S::as_simd_f64s(panel);
     let (columns, _) = columns.as_chunks::<C>();
     let mut sums = [simd.splat_f64s(0.0); V];
-    for k in 0..columns.len() {
+    for column in columns {
         for v in 0..V {
-            let entry = columns[k][at + v];
+            let entry = column[at + v];
             sums[v] = simd.mul_add_f64s(entry, entry, sums[v]);
         }
     }
