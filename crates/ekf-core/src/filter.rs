@@ -263,6 +263,7 @@ impl Filter {
             if any {
                 far.enter(&mut self.state, |id| close.binary_search(&id).is_ok());
             }
+            far.note_clear(&pose);
         }
         if self.carries() {
             self.follow_view(&pose);
@@ -342,7 +343,7 @@ impl Filter {
                 seen.push(self.expect(block.id, &feature, &view, (&p_pose, &p_cross, &p_own)));
             }
         }
-        if let Some(far) = &self.far {
+        if let Some(far) = self.far.as_ref().filter(|far| !far.is_clear(&pose)) {
             let seen_at = sight(&self.camera, &pose);
             let may_be = far.maybe_in_view(&self.state, |point| seen_at(point, -MAYBE));
             for (block, feature) in may_be {

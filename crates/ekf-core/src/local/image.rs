@@ -30,6 +30,7 @@ impl Far {
             r,
             ld,
             first,
+            clear_at: _, // saves looking again
         } = self;
         let depth = Duals::of(near).rows.len();
         let outside = outside.iter().map(|o| (o.block.id, o.lately.into()));
@@ -88,6 +89,7 @@ impl Far {
             r,
             ld,
             first: image.first,
+            clear_at: None,
         })
     }
 }

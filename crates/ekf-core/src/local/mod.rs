@@ -30,6 +30,7 @@ mod settle;
 pub(crate) use image::FarImage;
 
 use crate::kernel::{LINE, dot};
+use crate::observe::point::CameraPose;
 use crate::observe::{FeatureState, Form};
 use crate::state::{Block, BlockKind, Covariance, State};
 use faer::linalg::matmul::matmul;
@@ -54,6 +55,8 @@ pub(crate) struct Far {
     ld: usize,
     /// Dual rows at first.
     first: usize,
+    /// Where the camera was when no feature outside was in view.
+    clear_at: Option<CameraPose>,
 }
 
 /// Room of the working set of before, megabytes whose pages are there already.
@@ -163,6 +166,7 @@ impl Far {
             r,
             ld,
             first,
+            clear_at: None,
         };
         (near, far)
     }
@@ -214,6 +218,17 @@ impl Far {
         for (outside, mean) in self.outside.iter_mut().zip(means) {
             outside.lately = mean;
         }
+    }
+
+    /// Notes that no feature outside is in view from here.
+    pub(crate) fn note_clear(&mut self, pose: &CameraPose) {
+        self.clear_at = Some(*pose);
+    }
+
+    /// Whether no feature outside is in view from here, as far as was noted: the map moves with the camera only.
+    pub(crate) fn is_clear(&self, pose: &CameraPose) -> bool {
+        self.clear_at
+            .is_some_and(|at| at.r == pose.r && at.q == pose.q)
     }
 
     /// Present means of the features outside that may be in view, as far as a mean of late tells.

@@ -147,12 +147,21 @@ impl Covariance {
 
     /// Copies the stored rows `rows` of another matrix (increasing), among themselves, to those from `at` on.
     pub(crate) fn copy_stored(&mut self, at: usize, from: &Self, rows: &[usize]) {
+        let ends = |j: usize| j + 1 == rows.len() || rows[j + 1] != rows[j] + 1;
+        let ends: Vec<usize> = (0..rows.len()).filter(|&j| ends(j)).collect();
+        let mut run = 0;
         for (j, &column) in rows.iter().enumerate() {
             debug_assert!(j == 0 || rows[j - 1] < column);
             let from = &from.data[column * from.ld..][..from.n];
-            let to = &mut self.data[at + j + (at + j) * self.ld..][..rows.len() - j];
-            for (value, &row) in to.iter_mut().zip(&rows[j..]) {
-                *value = from[row];
+            let to = &mut self.data[at + (at + j) * self.ld..][..rows.len()];
+            // Stretch after stretch of rows that follow one another.
+            let mut first = j;
+            for &last in &ends[run..] {
+                to[first..=last].copy_from_slice(&from[rows[first]..=rows[last]]);
+                first = last + 1;
+            }
+            if j == ends[run] {
+                run += 1;
             }
         }
     }
