@@ -282,7 +282,7 @@ def carried(x: Array, p: Array, dt: float, jitter: float, person: Person) -> tup
 
 @lru_cache(maxsize=256)
 def _motion(microseconds: int, person: Person) -> tuple[Array, Array, Array]:
-    """Transition (8, 8) of walk and swing, noise (4, 4) of the walk, and (2, 2) of the swing along an axis."""
+    """Transition (8, 8) of walk and swing, noise (4, 4) of the walk, (2, 2) of the swing along an axis."""
     dt = 1e-6 * microseconds
     w = 2.0 * pi * person.step_rate
     decay, turn = exp(-_DAMPING * w * dt), w * sqrt(1.0 - _DAMPING**2)
