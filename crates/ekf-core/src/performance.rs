@@ -8,12 +8,12 @@
 //! |---|---|---|
 //! | update, N = 100, m = 80, four features an anchor | 0.82 to 0.85 of the yardsticks | 1.0 |
 //! | the same, an anchor for each feature | 1.47 to 1.55 | 1.0 |
-//! | step (predict, pixels of all, HOHCT with 3 wrong of 40, update) | 1.17 to 1.20 of the yardsticks | 1.5 |
+//! | step (predict, pixels of all, HOHCT with 3 wrong of 40, update) | 1.17 to 1.21 of the yardsticks | 1.5 |
 //! | HOHCT, 3 wrong of 40 | 0.18 to 0.19 of the update, N = 100, m = 80 | 0.3 |
 //! | HOHCT, 10 wrong of 100 | 0.48 to 0.56 of the update, N = 100, m = 200 | 1.0 |
-//! | local update, N = 400, 42 in view, against the plain one, both with the gauge transport | 0.196 to 0.203 | 0.2 |
+//! | local update, N = 400, 42 in view, against the plain one, both with the gauge transport | 0.199 | 0.2 |
 //! | heap allocations of a warm step | 0 | 0 |
-//! | a step through Python | 1.9 to 2.3 % more | 5 % |
+//! | a step through Python | 1.5 to 2.3 % more | 5 % |
 //! | plain dense update | 6 times the yardsticks | |
 //!
 //! The update includes the gauge transport (`estimator.consistency`).
@@ -76,7 +76,7 @@
 //! it and the plain filter. Which far features may be in view is told from points of up to 32 frames ago, with a
 //! margin: after a gross jump one may be predicted some frames late. The gauge transport works with it, as it moves
 //! only what follows the view. When dual rows have gathered, every 70 frames or so of that walk, all of P is written;
-//! more seldom makes the steps between dearer. In the median a step costs 0.165 of the plain one. It is off by default:
+//! more seldom makes the steps between dearer. In the median a step costs 0.164 of the plain one. It is off by default:
 //! the default map has 120 features, few of them out of view.
 //!
 //! # Python
