@@ -18,7 +18,7 @@ pub(crate) use aligned::{Aligned, LINE};
 pub(crate) use dot::dot;
 pub(crate) use gather::fill;
 pub(crate) use panels::{Panels, Stored};
-pub(crate) use solve::{Room, invert, solve};
+pub(crate) use solve::solve;
 pub(crate) use symmetric::{Product, downdate, times};
 pub(crate) use transform::transform;
 

@@ -31,15 +31,6 @@ impl Panels {
         self.data.reshape(rows.div_ceil(HEIGHT) * self.stride);
     }
 
-    /// Ones where row and column are the same, else zeros.
-    pub(crate) fn make_identity(&mut self) {
-        self.data.fill(0.0);
-        for i in 0..self.rows.min(self.columns) {
-            let at = self.at(i, i);
-            self.data[at] = 1.0;
-        }
-    }
-
     /// Adds `by` (3 x N, column-major) times the `N` entries of column `k` from row `i` on.
     #[inline(always)]
     pub(crate) fn add<const N: usize>(&self, sums: &mut [f64; 3], i: usize, k: usize, by: &[f64]) {

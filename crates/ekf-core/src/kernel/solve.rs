@@ -22,38 +22,6 @@ pub(crate) fn solve(
     });
 }
 
-/// The inverse of `l` (`m x m`, lower triangle, column-major with leading dimension `ld`), in the same order, zeros above.
-pub(crate) fn invert(l: &[f64], ld: usize, m: usize, inverse: &mut Vec<f64>, room: &mut Room) {
-    let Room {
-        factor,
-        rows,
-        squares,
-        packed,
-    } = room;
-    factor.clear();
-    for column in l.chunks(ld).take(m) {
-        factor.extend_from_slice(&column[..m]);
-    }
-    rows.reshape(m, m);
-    rows.make_identity();
-    squares.resize(m, 0.0);
-    solve(rows, factor, &[], (&mut [], squares), packed);
-    // Row i of L^-T is column i of L^-1.
-    inverse.clear();
-    for i in 0..m {
-        inverse.extend((0..m).map(|j| rows.get(i, j)));
-    }
-}
-
-/// Buffers of [`invert`].
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Room {
-    factor: Vec<f64>,
-    rows: Panels,
-    squares: Vec<f64>,
-    packed: Vec<f64>,
-}
-
 pub(super) struct Solve<'a> {
     pub(super) a: &'a mut Panels,
     pub(super) l: &'a [f64],

@@ -176,18 +176,6 @@ fn solve_is_its_inverse() {
 }
 
 #[test]
-fn invert_is_the_inverse() {
-    let (mut inverse, mut room) = (Vec::new(), solve::Room::default());
-    for (m, spare) in [(1, 0), (23, 2), (80, 0), (26, 5)] {
-        let l = symmetric(m).cholesky().expect("positive definite").l();
-        solve::invert(&lower(&l, m + spare), m + spare, m, &mut inverse, &mut room);
-        let product = &l * DMatrix::from_column_slice(m, m, &inverse);
-        let off = (product - DMatrix::identity(m, m)).abs();
-        assert!(off.max() < 1e-12, "{m}");
-    }
-}
-
-#[test]
 fn dot_is_its_sum() {
     for with in BOTH {
         for n in [0, 1, 3, 4, 7, 16, 33, 100] {

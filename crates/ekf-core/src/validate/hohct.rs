@@ -72,14 +72,13 @@ mod pigeonhole;
 mod search;
 
 use faer::linalg::matmul::triangular::{BlockStructure, matmul};
+use faer::linalg::triangular_inverse::invert_lower_triangular;
 use faer::{Accum, MatMut, MatRef, Par};
 
 use greedy::Greedy;
 use level::{Level, Sums};
 use pigeonhole::{Pigeonhole, Rows};
 use search::{Search, Thresholds};
-
-use crate::kernel::{Room, invert};
 
 use super::{Quantiles, Units, Verdict, Workspace, check, dot, whiten};
 
@@ -108,7 +107,6 @@ impl Default for HohctSettings {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scratch {
     inverse: Vec<f64>,
-    room: Room,
     /// Whitened `A`, both triangles, `m x m`.
     pub(super) a: Vec<f64>,
     /// Whitened `z`.
@@ -191,7 +189,12 @@ impl Scratch {
     /// triangular, keeps them lower triangular: the whitened `A` is `B^T B`, the whitened `z` is `B^T (L^-1 g)`.
     pub(super) fn prepare_z(&mut self, l: &[f64], ld: usize, y: &[f64], units: Units) {
         let (m, n) = (y.len(), units.len());
-        invert(l, ld, m, &mut self.inverse, &mut self.room);
+        self.inverse.resize(m * m, 0.0);
+        invert_lower_triangular(
+            MatMut::from_column_major_slice_mut(&mut self.inverse[..m * m], m, m),
+            MatRef::from_column_major_slice_with_stride(l, m, m, ld),
+            Par::Seq,
+        );
         self.z.clear();
         for unit in 0..n {
             whiten_columns(&mut self.inverse, m, units.start(unit), units.count(unit));
