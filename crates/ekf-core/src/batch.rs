@@ -8,9 +8,8 @@ use crate::gauge::{GAUGES, Gauge};
 use crate::guard;
 use crate::kernel::{self, Panels};
 use crate::observe::{Form, Rows};
-use crate::settings::ValidateSettings;
 use crate::state::{POSE_DIM, State};
-use crate::validate::{self, Batch, Units};
+use crate::validate::{Batch, Units};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor;
 use faer::linalg::triangular_solve::{
@@ -155,23 +154,6 @@ impl Workspace {
             noise: &self.noise,
             units: Units::new(&self.offsets),
         }
-    }
-
-    /// Leaves out, in a test's workspace, the units that the others contradict.
-    pub(crate) fn conditional_gate(
-        &self,
-        options: &ValidateSettings,
-        test: &mut validate::Workspace,
-    ) {
-        validate::conditional_gate(
-            &self.l,
-            self.rows(),
-            &self.g,
-            Units::new(&self.offsets),
-            options.conditional_level,
-            options.max_share,
-            test,
-        );
     }
 
     /// Normalised innovation squared, `g^T S^-1 g`. Valid after the factorisation.

@@ -6,7 +6,7 @@
 
 use super::{Filter, Outcome, UpdateReport};
 use crate::settings::BatchTestKind;
-use crate::validate::Quantiles;
+use crate::validate::{Quantiles, conditional_gate};
 use serde::{Deserialize, Serialize};
 
 /// Frames of half a memory: what is remembered are 8 to 16 frames in which a feature was measured.
@@ -52,10 +52,10 @@ impl Contradiction {
     }
 }
 
-/// What this frame adds, by feature, until the update is made; and quantiles.
+/// What this frame makes of them, by feature, until the update is made; and quantiles.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Contradictions {
-    news: Vec<(u64, f64, usize)>,
+    news: Vec<(u64, Contradiction)>,
     quantiles: Quantiles,
 }
 
@@ -69,7 +69,16 @@ impl Filter {
         if options.test == BatchTestKind::None || options.conditional_level >= 1.0 {
             return Outcome::RejectedConditional;
         }
-        self.batch.conditional_gate(options, &mut self.test);
+        let batch = self.batch.as_batch();
+        conditional_gate(
+            batch.l,
+            batch.ld,
+            batch.g,
+            batch.units,
+            options.conditional_level,
+            options.max_share,
+            &mut self.test,
+        );
         gone.extend_from_slice(self.test.rejected());
         if options.lasting_level >= 1.0 {
             return Outcome::RejectedConditional;
@@ -82,12 +91,12 @@ impl Filter {
             let rows = unit.rows.count;
             // What the gate leaves out counts as what it lets pass at most.
             let d2 = d2.min(quantiles.get(options.conditional_level, rows));
-            news.push((unit.id, d2, rows));
             let mut with_this = record.contradiction;
             with_this.add(d2, rows);
             if with_this.lasts(options.lasting_level, quantiles) {
                 gone.push(u);
             }
+            news.push((unit.id, with_this));
         }
         gone.sort_unstable();
         gone.dedup();
@@ -96,9 +105,9 @@ impl Filter {
 
     /// Notes what the frame's last test said, once its update is made.
     pub(super) fn note_contradictions(&mut self) {
-        for (id, d2, rows) in self.contradictions.news.drain(..) {
+        for (id, with_this) in self.contradictions.news.drain(..) {
             if let Some(record) = self.records.get_mut(&id) {
-                record.contradiction.add(d2, rows);
+                record.contradiction = with_this;
             }
         }
     }

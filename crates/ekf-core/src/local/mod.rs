@@ -227,8 +227,7 @@ impl Far {
 
     /// Whether no feature outside is in view from here, as far as was noted: the map moves with the camera only.
     pub(crate) fn is_clear(&self, pose: &CameraPose) -> bool {
-        self.clear_at
-            .is_some_and(|at| at.r == pose.r && at.q == pose.q)
+        self.clear_at == Some(*pose)
     }
 
     /// Present means of the features outside that may be in view, as far as a mean of late tells.

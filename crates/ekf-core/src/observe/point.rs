@@ -5,7 +5,7 @@ use crate::math::quat;
 use nalgebra::{SMatrix, Vector3};
 
 /// Camera pose as the state holds it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraPose {
     /// `r_WC`, metres.
     pub r: Vector3<f64>,

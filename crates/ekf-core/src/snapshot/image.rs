@@ -12,7 +12,7 @@ use crate::guard;
 use crate::local::{Far, FarImage, Spare};
 use crate::map::{Candidate, CandidateImage, FeatureRecord};
 use crate::settings::{Settings, Value};
-use crate::state::{BlockKind, Layout, State, StateImage};
+use crate::state::{Layout, State, StateImage};
 use crate::{frame, validate};
 use nalgebra::Matrix6;
 use serde::{Deserialize, Serialize};
@@ -135,7 +135,8 @@ impl Filter {
         let worn_camera = worn_camera.map(|c| c.camera()).transpose()?;
         let state = State::from_image(&state)?;
         let far = far.map(|far| Far::from_image(far, &state)).transpose()?;
-        if far.is_some() != has_duals(&state.layout) || (far.is_some() && !settings.map.local) {
+        if far.is_some() != state.duals().next().is_some() || (far.is_some() && !settings.map.local)
+        {
             return Err(bad("its working set and its settings disagree"));
         }
         let increasing = followed.windows(2).all(|w| w[0] < w[1]);
@@ -188,11 +189,6 @@ impl Filter {
         guard::attitude_is_sane(&filter.state).map_err(bad)?;
         Ok(filter)
     }
-}
-
-fn has_duals(layout: &Layout) -> bool {
-    let mut blocks = layout.blocks().iter();
-    blocks.any(|b| matches!(b.kind, BlockKind::Dual(_)))
 }
 
 /// Each feature has its record, and nothing else has one.
