@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collabslam._core import Camera
+from collabslam.errors import InputError
 
 Image = NDArray[np.uint8]
 Array = NDArray[np.float64]
@@ -94,6 +95,37 @@ class Target:
     patches: Sequence[Image]
     t_tc: Array
     covariance: Array
+
+
+@dataclass(frozen=True)
+class Board:
+    """A checkerboard.
+
+    Attributes
+    ----------
+    columns, rows : int
+        Inner corners along and across; one odd and one even, so that both cameras agree where it begins.
+    square : float
+        Side of a square, metres.
+
+    Raises
+    ------
+    InputError
+        If it is no such board.
+    """
+
+    columns: int
+    rows: int
+    square: float
+
+    def __post_init__(self) -> None:
+        if min(self.columns, self.rows) < 3 or (self.columns + self.rows) % 2 == 0:
+            raise InputError(
+                f"A board of {self.columns} x {self.rows} inner corners does not do; take 3 x 4 or more, one "
+                "number odd and one even."
+            )
+        if not (np.isfinite(self.square) and self.square > 0.0):
+            raise InputError(f"The board's squares are {self.square}; give their side in metres.")
 
 
 class Recording(Protocol):

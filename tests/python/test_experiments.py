@@ -55,10 +55,10 @@ def made_up(case: Case, seed: int) -> str:
 def test_every_experiment_writes_its_files_and_goes_on_where_it_was(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    asked: list[str] = []
+    asked: list[Case] = []
 
     def run_case(case: Case, seed: int) -> str:
-        asked.append(case.name)
+        asked.append(case)
         return made_up(case, seed)
 
     monkeypatch.setattr(cases, "run_case", run_case)
@@ -143,7 +143,7 @@ def test_somebody_who_stands_at_the_start_is_not_furniture(name: str, seed: int)
 
 
 def test_poses_and_settings_come_from_the_sensors(world: WorldRecording) -> None:
-    recording, changes = sensed(world, world, 0)
+    recording, changes = sensed(world, world, 0, calibrated=False)
     estimates = estimated_poses(world, readings_of(world, 0))
     assert changes == {"filter.worn.bias_time": 60.0}
     last = len(world) - 1

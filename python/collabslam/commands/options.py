@@ -228,6 +228,15 @@ def topics(text: str) -> dict[str, str]:
     return dict(pairs)
 
 
+def board_corners(text: str) -> tuple[int, int]:
+    """``9x6`` as (9, 6)."""
+    try:
+        columns, rows = (int(x) for x in text.split("x"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no board; give its inner corners as 9x6") from None
+    return columns, rows
+
+
 def seed_list(text: str) -> list[int]:
     """``0-4`` or ``0,2,5`` as a list."""
     try:

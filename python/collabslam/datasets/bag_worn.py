@@ -12,7 +12,7 @@ from collabslam.datasets.bag import IMU_TYPE, POSE_TYPES, SCAN_TYPE, Bag
 from collabslam.datasets.calibration import load_rig
 from collabslam.datasets.pose_noise import RIG_NOISE, PoseNoise
 from collabslam.datasets.poses import interpolate_track
-from collabslam.datasets.worn_sensors import EstimatedPoses, bag_sensors, read_sensors
+from collabslam.datasets.worn_sensors import ESTIMATED, EstimatedPoses, bag_sensors, read_sensors
 from collabslam.errors import DataError, SettingsError
 from collabslam.types import Array
 
@@ -21,8 +21,6 @@ T_CF_ROLE = (
     "deviations that tf does not carry), or rig (cam1 of the Kalibr camchain given with --camera), or "
     "sensors:FILE (estimated from laser scans and AHRSs, where FILE says how they are mounted)"
 )
-ESTIMATED = "sensors:"
-"""What a source begins with whose poses are estimated."""
 
 
 class WornPoses(NamedTuple):

@@ -21,6 +21,7 @@ from collabslam.worn_pose import (
     LaserScan,
     Person,
     WornPoseConfig,
+    WornPoseEstimate,
     WornPoseEstimator,
     ahrs_readings,
     estimates_at,
@@ -28,6 +29,9 @@ from collabslam.worn_pose import (
     scanner_pose,
 )
 from collabslam.worn_pose.readings import Wearer
+
+ESTIMATED = "sensors:"
+"""What the role ``t_cf`` begins with where its poses are estimated; the file follows."""
 
 _WHERE: tuple[Wearer, ...] = ("robot", "worn")
 _PLACED = ("ahead", "left", "up", "heading_deg")
@@ -62,10 +66,14 @@ class EstimatedPoses(NamedTuple):
     shift: float = 0.0
     camera: Camera | None = None
 
+    def estimates(self, times: Array) -> list[WornPoseEstimate]:
+        """One at each of increasing times."""
+        return estimates_at(times.tolist(), WornPoseEstimator(self.config), self.scans, self.readings)
+
     def at(self, times: Array) -> tuple[Array, Array, list[Array | None]]:
         """(M, 4, 4) poses at increasing times, NaN where the person is not known, (M, 6, 6) covariances, and
         what of them lasts."""
-        estimates = estimates_at(times.tolist(), WornPoseEstimator(self.config), self.scans, self.readings)
+        estimates = self.estimates(times)
         poses, covariances = np.full((len(times), 4, 4), np.nan), np.full((len(times), 6, 6), np.nan)
         for k, e in enumerate(estimates):
             if e.t_cf is not None and e.covariance is not None:
@@ -126,8 +134,7 @@ def read_sensors(path: Path) -> WornSensors:
         }
         person = content.get("person", {})
         _only(person, {f.name for f in fields(Person)}, path)
-        if "neck_to_camera" in person:
-            person = {**person, "neck_to_camera": tuple(float(v) for v in person["neck_to_camera"])}
+        person = {k: tuple(float(u) for u in v) if isinstance(v, list) else v for k, v in person.items()}
         errors = content.get("ahrs_errors", {})
         _only(errors, {*_DEGREES, "drift_time"}, path)
         drift = {_DEGREES.get(k, k): math.radians(v) if k in _DEGREES else v for k, v in errors.items()}

@@ -263,6 +263,13 @@ def leaf(rng: Rng, width: float, height: float) -> Grey:
     return image
 
 
+def checkerboard(columns: int, rows: int, square: float) -> Grey:
+    """A board of so many inner corners, a white margin of half a square about it."""
+    side = texels(square)
+    y, x = np.mgrid[: (rows + 1) * side, : (columns + 1) * side] // side
+    return np.pad(np.where((x + y) % 2 == 0, 25, 230).astype(np.uint8), side // 2, constant_values=230)
+
+
 def ceiling(rng: Rng, width: float, height: float) -> Grey:
     """Ceiling tiles of 0.65 x 0.5 m with a lamp in the middle."""
     image = blocks(rng, width, height, block=(0.65, 0.5), level=170.0, spread=4.0, bond=False)

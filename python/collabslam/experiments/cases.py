@@ -27,9 +27,9 @@ from collabslam.worlds import WorldRecording, world_recording
 
 Row = dict[str, Any]
 
-SENSORS, MEASURED, DIRECT = "sensors", "sensors-measured-person", "direct"
-"""Where the worn camera's pose comes from: laser and AHRS, the same with a person who was measured (on
-recordings of their own), or measured directly with Table C1's errors."""
+SENSORS, UNCALIBRATED, DIRECT = "sensors", "sensors-uncalibrated", "direct"
+"""Where the worn camera's pose comes from: laser and AHRS with a person who first walked towards a board, the
+same with a person of whom no more than the height is known, or measured directly with Table C1's errors."""
 MODES = ("mono", "mono-undelayed", "collab-init", "collab", "collab-tight")
 CHANGES = {
     "frontend.worn.body_radius": 0.3,
@@ -124,7 +124,10 @@ def run_case(case: Case, seed: int) -> str:
             rows.append({**row, "factor": variant.factor, "value": variant.value})
         return json.dumps({"rows": rows, "tracks": tracks})
     for poses in case.poses:
-        recording, changes = (held, {}) if poses == DIRECT else sensed(world, held, seed)
+        calibrated = poses == SENSORS
+        recording, changes = (
+            (held, {}) if poses == DIRECT else sensed(world, held, seed, calibrated=calibrated)
+        )
         for mode in case.modes:
             row, positions = _scored(world, recording, mode, poses, changes)
             rows.append(row)

@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from collabslam.checks.wearer import calibrate_from_board
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.types import Array, Frame, Recording, WornView
 from collabslam.worlds import WorldRecording
+from collabslam.worlds.catalogue import BOARD, with_board
+from collabslam.worlds.sensors import config_of, estimated_poses, readings_of
+from collabslam.worn_pose import Person, PersonFit
 
 
 class WithPoses(WrappedRecording):
@@ -32,20 +36,37 @@ class WithPoses(WrappedRecording):
         return Frame(frame.index, frame.t, frame.image, WornView(frame.worn.image, *self._poses[i]))
 
 
-def sensed(world: WorldRecording, held: Recording, seed: int) -> tuple[Recording, dict[str, Any]]:
+def sensed(
+    world: WorldRecording, held: Recording, seed: int, *, calibrated: bool
+) -> tuple[Recording, dict[str, Any]]:
     """The recording with poses from laser and AHRS, each with the part of its covariance that lasts.
+
+    Parameters
+    ----------
+    world, held : Recording
+        As it is made, and the same with its pictures kept.
+    seed : int
+        Of the sensors' noise.
+    calibrated : bool
+        Whether the person first walked towards a board, or is only known as `Person` says.
 
     Returns
     -------
     recording, settings
         The setting is ``filter.worn.bias_time``: how long it lasts.
     """
-    from collabslam.worlds.sensors import config_of, estimated_poses, readings_of
-
-    estimates = estimated_poses(world, readings_of(world, seed))
+    person = calibrated_person(world, seed).person if calibrated else None
+    estimates = estimated_poses(world, readings_of(world, seed), person)
     poses = {
         i: (e.t_cf, e.covariance, e.bias)
         for i, e in enumerate(estimates)
         if e.t_cf is not None and e.covariance is not None
     }
     return WithPoses(held, poses), {"filter.worn.bias_time": config_of(world).ahrs.drift_time}
+
+
+def calibrated_person(world: WorldRecording, seed: int) -> PersonFit:
+    """How the person of a recording is built, from another walk with them, towards a board."""
+    walk = WorldRecording(with_board(world.recipe), seed)
+    estimates = estimated_poses(walk, readings_of(walk, seed))
+    return calibrate_from_board(walk, Person(), estimates, BOARD)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from collabslam.experiments.cases import DIRECT, MEASURED, MODES, SENSORS, Case, CaseResult, Row
+from collabslam.experiments.cases import DIRECT, MODES, SENSORS, UNCALIBRATED, Case, CaseResult, Row
 from collabslam.report import number
 from collabslam.reproduce.outputs import Finding, Table
 from collabslam.worlds import SETS
@@ -22,7 +22,7 @@ COLUMNS = (
 )  # fmt: skip
 SOURCES = {
     SENSORS: "laser and AHRS",
-    MEASURED: "laser and AHRS, person measured",
+    UNCALIBRATED: "laser and AHRS, person not calibrated",
     DIRECT: "measured directly",
 }
 QUICK_COUNT = 2

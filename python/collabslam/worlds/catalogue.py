@@ -5,12 +5,12 @@ What a recipe leaves open is drawn from its own seed; nothing in it was chosen b
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from collabslam.errors import InputError
+from collabslam.types import Board
 from collabslam.worlds.building import Style
 from collabslam.worlds.motion import Station
-from collabslam.worn_pose import Person
 
 BESIDE: tuple[Station, ...] = ((0.0, 0.4, 0.7),)
 AHEAD: tuple[Station, ...] = ((0.0, 0.4, 0.7), (0.2, 1.9, 0.6))
@@ -22,6 +22,9 @@ Beside means half a step ahead of Cs: right beside it, between the arcs of both 
 """
 
 PLAIN = Style()
+
+BOARD = Board(9, 6, 0.15)
+_WITH_BOARD = "-board"
 
 
 @dataclass(frozen=True)
@@ -50,10 +53,10 @@ class Recipe:
         Level of the light, 1 for a lit corridor.
     exposure : float
         Seconds that the shutters are open.
-    person : Person
-        What was measured of the person beforehand, and how well.
     shutter_lag : float
         Seconds by which Cf's shutter is later than Cs's and than the pose that is measured.
+    board : float or None
+        Metres along the way at which a checkerboard (`BOARD`) hangs, if there is one.
     """
 
     name: str
@@ -67,8 +70,8 @@ class Recipe:
     style: Style = PLAIN
     light: float = 1.0
     exposure: float = 0.008
-    person: Person = field(default_factory=Person)
     shutter_lag: float = 0.0
+    board: float | None = None
 
 
 def _corridors() -> list[Recipe]:
@@ -87,13 +90,6 @@ def _corridors() -> list[Recipe]:
         replace(straight, style=Style("doors", dim=True), light=0.5, exposure=0.02),
     ]
     return [replace(r, name=f"corridor-{k}", seed=100 + k) for k, r in enumerate(kinds)]
-
-
-def _measured() -> list[Recipe]:
-    """The corridors once more, with a person who was measured: height to 5 mm, the lean to 1 cm."""
-    rows = enumerate(_corridors())
-    person = Person(height_sd=0.005, lever_sd=0.01)
-    return [replace(r, name=f"measured-{k}", person=person) for k, r in rows]
 
 
 def _turns(angle: int) -> list[Recipe]:
@@ -139,7 +135,6 @@ def _study() -> list[Recipe]:
 
 SETS: dict[str, tuple[Recipe, ...]] = {
     "corridor": tuple(_corridors()),
-    "measured": tuple(_measured()),
     "turn90": tuple(_turns(90)),
     "turn180": tuple(_turns(180)),
     "general": tuple(_general()),
@@ -148,8 +143,16 @@ SETS: dict[str, tuple[Recipe, ...]] = {
 """Every recording by set."""
 
 
+def with_board(walk: Recipe) -> Recipe:
+    """Ten seconds down a lit corridor, towards a board, beside the person of another recording."""
+    way = replace(walk, route="S4", length=6.5, speed=0.7, along=1.0, stations=BESIDE, board=9.6)
+    return replace(way, name=walk.name + _WITH_BOARD, style=Style(furniture=0.0), light=1.0, exposure=0.008)
+
+
 def recipe(name: str) -> Recipe:
-    """The recipe of a name; raises InputError if there is none."""
+    """The recipe of a name, `with_board` for ``NAME-board``; raises InputError if there is none."""
+    if name.endswith(_WITH_BOARD):
+        return with_board(recipe(name.removesuffix(_WITH_BOARD)))
     known = {r.name: r for rows in SETS.values() for r in rows}
     if name not in known:
         raise InputError(f"There is no world '{name}'; there are {', '.join(known)}.")

@@ -15,7 +15,6 @@ from collabslam.demo.walk import camera_pose, smooth_step, waves
 from collabslam.types import Array
 from collabslam.worlds.bodies import upright
 from collabslam.worlds.route import Route
-from collabslam.worn_pose import Person
 from collabslam.worn_pose.simulate import Build, Walker
 
 ROBOT_CAMERA_HEIGHT = 0.95
@@ -117,15 +116,12 @@ class Walk:
         Share of the time in which the head is meant to be along the way.
     seed : int
         Of gait, glances and sway.
-    measured : Person
-        See `worlds.catalogue.Recipe`.
     """
 
     drive: Drive
     stations: Sequence[Station]
     along: float
     seed: int
-    measured: Person
 
     @cached_property
     def walker(self) -> Walker:
@@ -133,7 +129,7 @@ class Walk:
         moments = np.arange(0.0, self.drive.duration + 1.0, _WALK_DT)
         rows = [self._intent(float(t)) for t in moments]
         rng = np.random.Generator(np.random.PCG64((self.seed, 4)))
-        build = Build.drawn(rng, self.measured)
+        build = Build.drawn(rng)
         return Walker(moments, np.array([r[:2] for r in rows]), np.array([r[2:] for r in rows]), build)
 
     def camera(self, t: float) -> Array:

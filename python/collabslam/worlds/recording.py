@@ -6,21 +6,24 @@ Each frame has its own generator, so that frames may be asked for in any order.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from collabslam._core import Camera
+from collabslam.demo import textures
 from collabslam.demo.recording import measured_pose
 from collabslam.demo.rendered import RenderedRecording
 from collabslam.demo.renderer import Mover, Renderer
 from collabslam.demo.walk import waves
+from collabslam.demo.world import Panel, panel
 from collabslam.errors import InputError
 from collabslam.geometry import pose_inverse, rounded_covariance
 from collabslam.types import Array, Frame, Image, WornView
 from collabslam.worlds.bodies import Person, robot
 from collabslam.worlds.building import Building, build
-from collabslam.worlds.catalogue import Recipe, recipe
+from collabslam.worlds.catalogue import BOARD, Recipe, recipe
 from collabslam.worlds.motion import Drive, Walk
 from collabslam.worlds.route import Route
 
@@ -35,6 +38,8 @@ SCALE = 1.5
 """Samples per pixel along each axis."""
 LEAD = 0.6
 """Stamp of the first frame, seconds: robot and person stand still before, while other sensors run already."""
+
+_BOARD_HEIGHT = 1.25
 
 
 class WorldRecording(RenderedRecording):
@@ -55,7 +60,7 @@ class WorldRecording(RenderedRecording):
         length = route.length if recipe.length is None else recipe.length
         self.drive = Drive(route, recipe.speed, -recipe.side * LANE, length, recipe.seed)
         stations = tuple((share, ahead, recipe.side * left) for share, ahead, left in recipe.stations)
-        self.walk = Walk(self.drive, stations, recipe.along, recipe.seed, recipe.person)
+        self.walk = Walk(self.drive, stations, recipe.along, recipe.seed)
         count = int(self.drive.duration * RATE) + 1
         times = np.round(LEAD + np.arange(count) / RATE, 9)  # whole nanoseconds, as files hold them
         self._seed = seed
@@ -80,7 +85,15 @@ class WorldRecording(RenderedRecording):
         """The scene's panels, and its floor plan."""
         moments = np.arange(0.0, self.drive.duration + 0.1, 0.1)
         places = [self.drive.base(t)[:2, 3] for t in moments] + [self.walk.walker.trunk(t) for t in moments]
-        return build(self._scene(0), self.drive.route.cells, self.recipe.style, np.array(places))
+        built = build(self._scene(0), self.drive.route.cells, self.recipe.style, np.array(places))
+        return built if self.recipe.board is None else replace(built, panels=(*built.panels, self._board()))
+
+    def _board(self) -> Panel:
+        """A checkerboard that hangs across the way."""
+        image = textures.checkerboard(BOARD.columns, BOARD.rows, BOARD.square)
+        width, height = ((n + 2) * BOARD.square for n in (BOARD.columns, BOARD.rows))
+        corner = (self.recipe.board or 0.0, 0.5 * width, _BOARD_HEIGHT + 0.5 * height)
+        return panel(corner, (0.0, -width, 0.0), (0.0, 0.0, -height), image)
 
     @cached_property
     def renderer(self) -> Renderer:

@@ -16,6 +16,7 @@ from collabslam.worlds.recording import WorldRecording
 from collabslam.worn_pose import (
     AhrsReading,
     LaserScan,
+    Person,
     WornPoseConfig,
     WornPoseEstimate,
     WornPoseEstimator,
@@ -30,6 +31,8 @@ from collabslam.worn_pose.simulate import (
     simulate_scans,
 )
 
+LEVEL_SD = 0.005
+"""How far the robot's camera is from level, radians: the floor is flat, driving shakes it."""
 AFTER = 0.3
 """Seconds for which they run on after the last one."""
 
@@ -48,17 +51,19 @@ class Readings:
     attitudes: list[AhrsReading]
 
 
-def config_of(recording: WorldRecording) -> WornPoseConfig:
-    """What the estimator is told: where the sensors sit, and about where the person starts."""
+def config_of(recording: WorldRecording, person: Person | None = None) -> WornPoseConfig:
+    """What the estimator is told: where the sensors sit, about where the person starts, and, if that was
+    measured, how the person is built."""
     _, ahead, left = recording.recipe.stations[0]
     right = -recording.recipe.side * left
     start = (0.5 * round(2.0 * right), 0.5 * round(2.0 * ahead))
-    return WornPoseConfig(person=recording.recipe.person, start=start)
+    return WornPoseConfig(person=person or Person(), start=start, level_sd=LEVEL_SD)
 
 
 def readings_of(recording: WorldRecording, seed: int) -> Readings:
     """Simulated readings; `seed` is that of their noise."""
-    rng = np.random.Generator(np.random.PCG64((seed, recording.recipe.seed, 7)))
+    part = 7 if recording.recipe.board is None else 8
+    rng = np.random.Generator(np.random.PCG64((seed, recording.recipe.seed, part)))
     config, plan = config_of(recording), FloorPlan(recording.building.plan)
     start, stop = 0.0, float(recording.times[-1]) + AFTER
     robot = recording.robot
@@ -75,9 +80,11 @@ def readings_of(recording: WorldRecording, seed: int) -> Readings:
     return Readings(kept, attitudes)
 
 
-def estimated_poses(recording: WorldRecording, readings: Readings) -> list[WornPoseEstimate]:
+def estimated_poses(
+    recording: WorldRecording, readings: Readings, person: Person | None = None
+) -> list[WornPoseEstimate]:
     """The worn camera's pose at each frame, from the sensors alone."""
-    estimator = WornPoseEstimator(config_of(recording))
+    estimator = WornPoseEstimator(config_of(recording, person))
     return estimates_at(recording.times.tolist(), estimator, readings.scans, readings.attitudes)
 
 

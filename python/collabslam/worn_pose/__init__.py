@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collabslam.worn_pose.calibrate import PersonFit, calibrate_person
 from collabslam.worn_pose.config import AHEAD_LEFT_UP, AhrsErrors, Person, WornPoseConfig, scanner_pose
 from collabslam.worn_pose.estimator import WornPoseEstimator
 from collabslam.worn_pose.readings import AhrsReading, Diagnostics, LaserScan, WornPoseEstimate
@@ -14,10 +15,12 @@ __all__ = [
     "Diagnostics",
     "LaserScan",
     "Person",
+    "PersonFit",
     "WornPoseConfig",
     "WornPoseEstimate",
     "WornPoseEstimator",
     "ahrs_readings",
+    "calibrate_person",
     "estimates_at",
     "laser_scans",
     "scanner_pose",

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from math import acos, sin, sqrt
+from math import acos, atan2, hypot, sin, sqrt
 
 import numpy as np
 
 from collabslam.errors import InputError
+from collabslam.geometry import se3_exp
 from collabslam.types import Array
 from collabslam.worn_pose.readings import AhrsReading
 
@@ -30,9 +31,14 @@ class AttitudeTrack:
         Longest extrapolation, and half the longest gap to interpolate over, seconds.
     history : float
         Seconds to remember.
+    tilt_share : float
+        Share of the tilt to believe: less than 1 for a camera that is known to be nearly level.
     """
 
-    def __init__(self, name: str, r_ahrs_camera: Array, max_age: float, history: float) -> None:
+    def __init__(
+        self, name: str, r_ahrs_camera: Array, max_age: float, history: float, tilt_share: float = 1.0
+    ) -> None:
+        self._tilt_share = tilt_share
         self._name, self._mount = name, np.asarray(r_ahrs_camera, np.float64)
         self._max_age, self._history = max_age, history
         self._times: list[float] = []
@@ -58,6 +64,10 @@ class AttitudeTrack:
 
     def at(self, t: float) -> Array | None:
         """R_NC (3, 3): turns the camera's axes into N at time t; None where the readings do not say."""
+        read = self._read(t)
+        return read if read is None or self._tilt_share == 1.0 else _levelled(read, self._tilt_share)
+
+    def _read(self, t: float) -> Array | None:
         times = self._times
         k = bisect_left(times, t)
         if k < len(times) and times[k] == t:
@@ -101,3 +111,11 @@ def _matrix(q: Quaternion) -> Array:
             [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
         ]
     )
+
+
+def _levelled(r_nc: Array, share: float) -> Array:
+    """R_NC with this share of its tilt."""
+    x, y, z = (-r_nc[:, 1]).tolist()  # up, as the camera has it
+    angle, size = atan2(hypot(x, y), z), max(hypot(x, y), 1e-12)
+    turn = se3_exp(np.array([0.0, 0.0, 0.0, y, -x, 0.0]) * ((1.0 - share) * angle / size))
+    return np.asarray(turn[:3, :3] @ r_nc)

@@ -49,6 +49,8 @@ class Person:
         Of Cf above the floor, standing upright and looking ahead, metres.
     neck_to_camera : (3,) array
         From the point about which the head turns to Cf, along F's axes (right, down, ahead), metres.
+    lean : (2,) tuple
+        Of the neck before, and left of, the legs' centre, metres.
     height_sd, lever_sd : float
         Of what stays for the whole walk: of that height, and of the neck over the legs' centre along each
         horizontal axis (build, lean, how the camera is fastened), metres.
@@ -68,6 +70,7 @@ class Person:
 
     camera_height: float = 1.70
     neck_to_camera: tuple[float, float, float] = (0.0, -0.10, 0.10)
+    lean: tuple[float, float] = (0.0, 0.0)
     height_sd: float = 0.02
     lever_sd: float = 0.03
     bob_sd: float = 0.016
@@ -119,6 +122,10 @@ class WornPoseConfig:
     person : Person
     ahrs : AhrsErrors
         Of both.
+    level_sd : float or None
+        How far Cs is from level where the robot drives, about each horizontal axis, radians: a floor
+        indoors, a stiff mount and the shake of driving make about 0.005.  None where the ground may be
+        anything: then its AHRS alone says.
     range_sd : float
         Noise of a range, metres.
     start : (2,) tuple or None
@@ -146,12 +153,26 @@ class WornPoseConfig:
     camera_height: float = 0.95
     person: Person = field(default_factory=Person)
     ahrs: AhrsErrors = field(default_factory=AhrsErrors)
+    level_sd: float | None = None
     range_sd: float = 0.02
     start: tuple[float, float] | None = None
     max_gap: float = 2.5
     max_position_sd: float = 0.35
     max_ahrs_age: float = 0.1
     history: float = 10.0
+
+    @property
+    def tilt_share(self) -> float:
+        """Share of the tilt that the robot's AHRS reads which is believed."""
+        return 1.0 if self.level_sd is None else self.level_sd**2 / (self.level_sd**2 + self.ahrs.tilt_sd**2)
+
+    @property
+    def robot_tilt(self) -> tuple[float, float]:
+        """Variances of what then is wrong with the tilt of Cs, about each horizontal axis: of the part that
+        lasts, and of what is new in every reading, the shake included; rad^2."""
+        share, ahrs = self.tilt_share, self.ahrs
+        lasting = share**2 * (ahrs.tilt_sd**2 - ahrs.tilt_white_sd**2)
+        return lasting, share * ahrs.tilt_sd**2 - lasting
 
     def __post_init__(self) -> None:
         if not self.scanners:
@@ -162,6 +183,8 @@ class WornPoseConfig:
         for what, turn in (("r_c_ahrs", self.r_c_ahrs), ("r_f_ahrs", self.r_f_ahrs)):
             if not is_rotation(turn):
                 raise InputError(f"{what} is no rotation; give a 3x3 that turns the AHRS's axes.")
+        if np.shape(self.person.lean) != (2,) or not np.isfinite(self.person.lean).all():
+            raise InputError("lean is not two finite numbers; give ahead and left in metres.")
         if np.shape(self.person.neck_to_camera) != (3,) or not np.isfinite(self.person.neck_to_camera).all():
             raise InputError("neck_to_camera is not three finite numbers; give right, down, ahead in metres.")
         if self.start is not None and (np.shape(self.start) != (2,) or not np.isfinite(self.start).all()):

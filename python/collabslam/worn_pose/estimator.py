@@ -15,7 +15,7 @@ from collabslam.worn_pose.attitude import AttitudeTrack
 from collabslam.worn_pose.config import WornPoseConfig
 from collabslam.worn_pose.crowd import Crowd
 from collabslam.worn_pose.legs import FARTHEST, find_legs
-from collabslam.worn_pose.lever import worn_pose
+from collabslam.worn_pose.lever import trunk, worn_pose
 from collabslam.worn_pose.readings import AhrsReading, Diagnostics, LaserScan, WornPoseEstimate
 from collabslam.worn_pose.surroundings import REACH, Surroundings
 from collabslam.worn_pose.track import Candidates, carried
@@ -68,7 +68,7 @@ class WornPoseEstimator:
         self.config = config or WornPoseConfig()
         c = self.config
         keep = c.history + 1.0
-        self._robot = AttitudeTrack("robot's", np.asarray(c.r_c_ahrs).T, c.max_ahrs_age, keep)
+        self._robot = AttitudeTrack("robot's", np.asarray(c.r_c_ahrs).T, c.max_ahrs_age, keep, c.tilt_share)
         self._worn = AttitudeTrack("worn", np.asarray(c.r_f_ahrs).T, c.max_ahrs_age, keep)
         self._scanners = {name: np.asarray(pose, np.float64) for name, pose in c.scanners.items()}
         self._learnt = dict.fromkeys(self._scanners, -inf)
@@ -256,7 +256,8 @@ class WornPoseEstimator:
             return _none(t, f"the legs were not seen for {since:.1f} s", d)
         if sd > c.max_position_sd:
             return _none(t, f"the legs are known to {sd:.2f} m only", d)
-        return WornPoseEstimate(t, *worn_pose(c, r_nc, r_nf, away, legs, m.plane, d.speed), None, d)
+        pose = worn_pose(c, r_nc, r_nf, away, legs, m.plane, x[2:4])
+        return WornPoseEstimate(t, *pose, None, d, r_nc.T @ trunk(x[2:4], r_nf))
 
 
 def turned(scan: LaserScan, beams: Indices, mount: Array, before: Array, after: Array) -> Array:

@@ -1,9 +1,9 @@
 """From the legs' centre to the worn camera, with everything that is uncertain on the way.
 
 In N (z up), with the legs' centre p (horizontal, from Cs) and s_z the height of the scanner's plane over Cs:
-F = [p + l, h] with the neck upright over the legs, n = R_NF n_F from the neck to the camera, l its horizontal
-part, and h the height of F over Cs. Both attitudes err, R_NC = Exp(e) R_NC_hat and R_NF = Exp(f) R_NF_hat.
-The legs were seen from C, so that a wrong heading of the robot turns only what stands on them:
+F = [p + d + l, h] with the neck upright over the legs but for the lean d, n = R_NF n_F from the neck to the
+camera, l its horizontal part, and h the height of F over Cs. Both attitudes err, R_NC = Exp(e) R_NC_hat and
+R_NF = Exp(f) R_NF_hat. Legs and way were seen from C, so that its wrong heading turns only the head:
 
     dt_N = [e_y (s_z - h) + e_z l_y, -e_x (s_z - h) - e_z l_x, -e_x p_y + e_y p_x] + f x n + (legs, lever)
     xi = (R_FN dt_N, R_FN (f - e))
@@ -13,6 +13,8 @@ except for the white part of the heading: it differs between scan and image and 
 
 from __future__ import annotations
 
+from math import hypot
+
 import numpy as np
 
 from collabslam.types import Array
@@ -20,6 +22,8 @@ from collabslam.worn_pose.config import WornPoseConfig
 
 _WALK, _FASTEST = 1.3, 1.5
 """Speed at which sway and bob are stated, m/s, and the largest multiple of it that still adds to them."""
+_STEP = 0.2
+"""Speed, in m/s, from which the trunk faces the way rather than what the head looks at."""
 
 
 def worn_pose(
@@ -29,7 +33,7 @@ def worn_pose(
     legs: Array,
     legs_covariance: Array,
     plane: float,
-    speed: float,
+    velocity: Array,
 ) -> tuple[Array, Array, Array]:
     """``T_CF``, its covariance, and the part of it that is bias.
 
@@ -43,8 +47,8 @@ def worn_pose(
     legs_covariance : (2, 2) array
     plane : float
         Height of the scanner's plane over Cs, metres (negative below).
-    speed : float
-        Of the person, m/s: the head moves with the steps.
+    velocity : (2,) array
+        Of the person, m/s: the head moves with the steps, and the trunk faces the way.
 
     Returns
     -------
@@ -55,7 +59,8 @@ def worn_pose(
     arm = r_nf @ np.asarray(person.neck_to_camera)
     neck = person.camera_height + person.neck_to_camera[1] - config.camera_height
     height = neck + arm[2]
-    t_n = np.array([legs[0] + arm[0], legs[1] + arm[1], height])
+    lean = trunk(velocity, r_nf)[:2, :2] @ np.asarray(person.lean)
+    t_n = np.array([legs[0] + lean[0] + arm[0], legs[1] + lean[1] + arm[1], height])
     t_cf = np.eye(4)
     t_cf[:3, :3] = r_nc.T @ r_nf
     t_cf[:3, 3] = r_nc.T @ t_n
@@ -76,16 +81,25 @@ def worn_pose(
     slow = np.zeros((12, 12))
     tilt = ahrs.tilt_sd**2 - ahrs.tilt_white_sd**2
     yaw = ahrs.yaw_sd**2 - ahrs.yaw_white_sd**2
+    steady, shaken = config.robot_tilt
     slow[range(2, 12), range(2, 12)] = (
-        *(person.lever_sd**2,) * 2, person.height_sd**2, tilt, tilt, yaw, 0.0, tilt, tilt, yaw,
+        *(person.lever_sd**2,) * 2, person.height_sd**2, steady, steady, yaw, 0.0, tilt, tilt, yaw,
     )  # fmt: skip
-    pace = min(speed / _WALK, _FASTEST)
+    pace = min(float(np.hypot(*velocity)) / _WALK, _FASTEST)
     white = np.zeros((12, 12))
     white[:2, :2] = legs_covariance
     white[range(2, 12), range(2, 12)] = (
-        *((pace * person.sway_sd) ** 2,) * 2, (pace * person.bob_sd) ** 2, *(ahrs.tilt_white_sd**2,) * 2, 0.0,
+        *((pace * person.sway_sd) ** 2,) * 2, (pace * person.bob_sd) ** 2, shaken, shaken, 0.0,
         ahrs.yaw_white_sd**2, *(ahrs.tilt_white_sd**2,) * 2, ahrs.yaw_white_sd**2,
     )  # fmt: skip
     bias = j @ slow @ j.T
     covariance = bias + j @ white @ j.T
     return t_cf, 0.5 * (covariance + covariance.T), 0.5 * (bias + bias.T)
+
+
+def trunk(velocity: Array, r_nf: Array) -> Array:
+    """(3, 3): turns the axes of somebody's trunk (ahead, left, up) into N's: they face the way that they
+    walk, at ``velocity`` (2,) in m/s, or stand and face what they look at."""
+    x, y = (velocity + _STEP * r_nf[:2, 2]).tolist()
+    size = max(hypot(x, y), 1e-9)
+    return np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, size]]) / size

@@ -155,6 +155,8 @@ class WornPoseEstimate:
     reason : str or None
         Why there is no pose.
     diagnostics : Diagnostics
+    trunk : (3, 3) array or None
+        Turns the axes of the person's trunk (ahead, left, up) into C's; None without a pose.
     """
 
     t: float
@@ -163,6 +165,7 @@ class WornPoseEstimate:
     bias: Array | None
     reason: str | None
     diagnostics: Diagnostics
+    trunk: Array | None = None
 
     @property
     def bias_share(self) -> float:

@@ -56,9 +56,9 @@ class Build:
     phase: float = 0.0
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator, measured: Person | None = None) -> Build:
-        """Somebody: near what was measured of them, but not quite, by as much as that says it may err."""
-        measured = measured or Person()
+    def drawn(cls, rng: np.random.Generator) -> Build:
+        """Somebody: near what `Person` has unless told, but not quite, by as much as that says it may err."""
+        measured = Person()
         return cls(
             camera_height=float(measured.camera_height + rng.normal(0.0, measured.height_sd)),
             neck_to_camera=measured.neck_to_camera,

@@ -1,0 +1,55 @@
+"""``collabslam calibrate-person``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from collabslam.commands import OK, options
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    options.add_source(parser)
+    parser.add_argument(
+        "--board",
+        metavar="COLUMNSxROWS",
+        type=options.board_corners,
+        required=True,
+        help="inner corners of the checkerboard, as 9x6; one odd and one even",
+    )
+    parser.add_argument(
+        "--square", metavar="M", type=float, required=True, help="side of one of its squares, metres"
+    )
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Print what to write under ``person:`` in the sensors file."""
+    from collabslam.checks.wearer import calibrate_from_board
+    from collabslam.datasets.bag import Bag, is_bag
+    from collabslam.datasets.worn_sensors import ESTIMATED, bag_sensors, read_sensors
+    from collabslam.errors import DataError
+    from collabslam.types import Board
+
+    columns, rows = arguments.board
+    board = Board(columns, rows, arguments.square)
+    source = (arguments.topics or {}).get("t_cf", "")
+    if not is_bag(arguments.source) or not source.startswith(ESTIMATED):
+        raise DataError(
+            "A person is calibrated from a bag with laser scans and attitudes; give it with --topics "
+            "cs=TOPIC,cf=TOPIC,t_cf=sensors:FILE."
+        )
+    recording = options.open_source(arguments)
+    with Bag(arguments.source) as bag:
+        sensors = bag_sensors(bag, read_sensors(Path(source.removeprefix(ESTIMATED))))
+    told = sensors.config.person
+    fit = calibrate_from_board(recording, told, sensors.estimates(recording.times), board)
+    ahead, left, up = (100.0 * x for x in fit.correction)
+    print(f"# {fit.used} of {fit.given} frames fit; from where it was thought to be, the neck is")
+    print(f"# {ahead:.1f} cm ahead, {left:.1f} cm to the left, {up:.1f} cm up")
+    print("person:")
+    for name in ("camera_height", "height_sd", "lever_sd"):
+        print(f"  {name}: {getattr(fit.person, name):.4f}")
+    print(f"  lean: [{fit.person.lean[0]:.4f}, {fit.person.lean[1]:.4f}]")
+    print(f"  neck_to_camera: {list(fit.person.neck_to_camera)}")
+    return OK
