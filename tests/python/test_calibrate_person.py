@@ -7,21 +7,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from collabslam import cli
 from collabslam import geometry as g
 from collabslam.checks.wearer import board_poses, pose_between
+from collabslam.datasets.worn_sensors import WornSensors, read_sensors, write_sensors
 from collabslam.errors import DataError, InputError
+from collabslam.experiments.poses import calibrated_person
 from collabslam.formats.bag_recording import TOPICS
 from collabslam.types import Board
 from collabslam.worlds import WorldRecording, world_recording
 from collabslam.worlds.catalogue import BOARD
 from collabslam.worlds.sensors import config_of, estimated_poses, readings_of
-from collabslam.worn_pose import Person, WornPoseEstimate, calibrate_person
+from collabslam.worn_pose import AhrsErrors, Person, WornPoseConfig, WornPoseEstimate, calibrate_person
 from collabslam.worn_pose.attitude import AttitudeTrack
 from collabslam.worn_pose.lever import trunk
-from collabslam.worn_pose.readings import AhrsReading
+from collabslam.worn_pose.readings import AhrsReading, Wearer
 from collabslam.worn_pose.simulate import camera_attitude
 
 NAMES = ("corridor-2", "turn90-5", "h", "f")
@@ -60,7 +61,7 @@ def test_a_person_is_found_as_built_and_as_well_as_is_said() -> None:
 
 def test_what_was_found_makes_the_pose_better() -> None:
     lasting = np.zeros(2)
-    for name in NAMES:
+    for name in NAMES[:2]:
         _, *measured = walk(name)
         fitted = calibrate_person(Person(), *measured).person
         world = world_recording(name)
@@ -160,28 +161,38 @@ def test_a_recording_without_cf_is_named(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_a_person_from_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    bag, file = tmp_path / "walk", tmp_path / "sensors.yaml"
+    bag = tmp_path / "walk"
     assert cli.main(["record", "world:corridor-2-board", str(bag), "--bag", "sqlite3"]) == 0
-    scanner = {"left": 0.0, "up": -0.65}
-    content = {
-        "scanners": {
-            "front": {"topic": "/front/scan", "ahead": 0.05, "heading_deg": 0.0, **scanner},
-            "back": {"topic": "/back/scan", "ahead": -0.45, "heading_deg": 180.0, **scanner},
-        },
-        "ahrs": {"robot": {"topic": "/cs/imu"}, "worn": {"topic": "/cf/imu"}},
-        "camera_height": 0.95,
-        "level_sd": 0.005,
-        "start": [0.5, 0.5],
-    }
-    file.write_text(yaml.safe_dump(content))
+    file = bag / "sensors.yaml"
     topics = f"cs={TOPICS['cs']},cf={TOPICS['cf']},t_cf=sensors:{file}"
     capsys.readouterr()
     words = ["calibrate-person", str(bag), "--topics", topics, "--board", "9x6", "--square", "0.15"]
     assert cli.main(words) == 0
-    found = yaml.safe_load(capsys.readouterr().out)["person"]
-    build = world_recording("corridor-2").walk.walker.build
-    person = Person(**{**found, "lean": tuple(found["lean"])})
+    printed = capsys.readouterr().out
+    world = world_recording("corridor-2-board")
+    fit = calibrated_person(world_recording("corridor-2"), 0)
+    assert f"# {fit.used} of {fit.given} frames fit" in printed
+    file.write_text(file.read_text() + printed)  # what is printed can be written there
+    person = read_sensors(file).config.person
+    assert person.camera_height == pytest.approx(fit.person.camera_height, abs=1e-4)
+    np.testing.assert_allclose(person.lean, fit.person.lean, atol=1e-4)
+    build = world.walk.walker.build
     assert person.camera_height == pytest.approx(build.camera_height, abs=0.02)
     np.testing.assert_allclose(person.lean, build.lean, atol=0.025)
-    file.write_text(yaml.safe_dump({**content, "person": found}))  # what is printed can be written there
-    assert cli.main(["info", str(bag), "--topics", topics]) == 0
+
+
+def test_a_sensors_file_comes_back_as_it_was(tmp_path: Path) -> None:
+    person = Person(camera_height=1.66, lean=(0.02, -0.01), lever_sd=0.009)
+    errors = AhrsErrors(yaw_sd=0.03, drift_time=20.0)
+    config = WornPoseConfig(person=person, ahrs=errors, start=(0.5, 1.0), level_sd=0.004, max_gap=1.5)
+    ahrs: dict[Wearer, str] = {"robot": "/imu", "worn": "/head/imu"}
+    sensors = WornSensors(config, {"front": "/scan", "back": "/scan_back"}, ahrs)
+    write_sensors(tmp_path / "sensors.yaml", sensors)
+    found = read_sensors(tmp_path / "sensors.yaml")
+    assert (found.scans, found.ahrs) == (sensors.scans, sensors.ahrs)
+    assert found.config.person == person
+    assert found.config.ahrs.yaw_sd == pytest.approx(0.03)
+    assert (found.config.start, found.config.level_sd, found.config.max_gap) == ((0.5, 1.0), 0.004, 1.5)
+    for name, pose in config.scanners.items():
+        assert np.array_equal(found.config.scanners[name], pose)
+    assert np.array_equal(found.config.r_f_ahrs, config.r_f_ahrs)

@@ -20,7 +20,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--bag",
         choices=("sqlite3", "mcap"),
-        help="write a ROS 2 bag; of a world:NAME also its laser scans and attitudes",
+        help="write a ROS 2 bag; of a world:NAME also its laser scans and attitudes, and OUT/sensors.yaml",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier recording")
 
@@ -42,17 +42,20 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _write_bag(recording: Recording, arguments: argparse.Namespace) -> int:
-    from collabslam.formats.bag_recording import TOPICS, write_bag
+    from collabslam.datasets.worn_sensors import WornSensors, write_sensors
+    from collabslam.formats.bag_recording import AHRS_TOPICS, SCAN_TOPIC, TOPICS, write_bag
     from collabslam.progress import Progress
     from collabslam.worn_pose import AhrsReading, LaserScan
 
     scans, attitudes = list[LaserScan](), list[AhrsReading]()
+    sensors = None
     if recording.source.startswith("world:"):
         from collabslam.worlds import world_recording
-        from collabslam.worlds.sensors import readings_of
+        from collabslam.worlds.sensors import config_of, readings_of
 
-        read = readings_of(world_recording(recording.name, arguments.seed), arguments.seed)
-        scans, attitudes = read.scans, read.attitudes
+        world = world_recording(recording.name, arguments.seed)
+        read = readings_of(world, arguments.seed)
+        scans, attitudes, sensors = read.scans, read.attitudes, config_of(world)
     with Progress(len(recording), f"{recording.name} writing") as bar:
         write_bag(
             recording,
@@ -62,6 +65,9 @@ def _write_bag(recording: Recording, arguments: argparse.Namespace) -> int:
             storage=arguments.bag,
             progress=lambda done, total: bar.update(),
         )
+    if sensors is not None:
+        topics = {name: SCAN_TOPIC.format(name) for name in sensors.scanners}
+        write_sensors(arguments.out / "sensors.yaml", WornSensors(sensors, topics, dict(AHRS_TOPICS)))
     roles = ",".join(f"{role}={topic}" for role, topic in TOPICS.items())
     print(f"{len(recording)} frames are in {arguments.out}; read it with --topics {roles}")
     return OK

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 
 from collabslam._core import Camera
 from collabslam.datasets.bag import Bag
 from collabslam.datasets.calibration import read_yaml
 from collabslam.errors import DataError, InputError
+from collabslam.formats.files import write_text
 from collabslam.types import Array
 from collabslam.worn_pose import (
     AhrsErrors,
@@ -151,6 +153,34 @@ def read_sensors(path: Path) -> WornSensors:
     except (InputError, ArithmeticError, TypeError, ValueError, AttributeError, IndexError) as error:
         raise DataError(f"The sensors file {path} is not usable: {error}") from error
     return WornSensors(config, scans, ahrs)
+
+
+def write_sensors(path: Path, sensors: WornSensors) -> None:
+    """A sensors file of which `read_sensors` makes the same; what is as usual is left out."""
+    config = sensors.config
+    mounts: dict[Wearer, Array] = {"robot": config.r_c_ahrs, "worn": config.r_f_ahrs}
+    told, usual = asdict(config), asdict(WornPoseConfig())
+    content: dict[str, Any] = {
+        "scanners": {
+            name: {"topic": sensors.scans[name], "t_c_scanner": np.asarray(pose).tolist()}
+            for name, pose in config.scanners.items()
+        },
+        "ahrs": {
+            where: {"topic": topic, "rotation": np.asarray(mounts[where]).tolist()}
+            for where, topic in sensors.ahrs.items()
+        },
+        **{k: told[k] for k in sorted(_NUMBERS) if told[k] != usual[k]},
+        "camera_height": config.camera_height,
+    }
+    own = {k: v for k, v in told["person"].items() if v != usual["person"][k]}
+    if own:
+        content["person"] = {k: list(v) if isinstance(v, tuple) else v for k, v in own.items()}
+    if config.ahrs != AhrsErrors():
+        turned = {key: math.degrees(told["ahrs"][name]) for key, name in _DEGREES.items()}
+        content["ahrs_errors"] = {**turned, "drift_time": config.ahrs.drift_time}
+    if config.start is not None:
+        content["start"] = list(config.start)
+    write_text(path, yaml.safe_dump(content, sort_keys=False))
 
 
 def _scanner(part: Mapping[str, Any], path: Path) -> Array:

@@ -19,9 +19,12 @@ from collabslam.extras import needs
 from collabslam.geometry import tangent_to_fixed
 from collabslam.types import Array, Image, Recording
 from collabslam.worn_pose import AhrsReading, LaserScan
+from collabslam.worn_pose.readings import Wearer
 
 TOPICS = {"cs": "/cs/image_raw", "cf": "/cf/image_raw", "t_cf": "/t_cf", "truth": "/truth"}
 """Roles of the topics, as ``collabslam.open_recording(path, topics=...)`` takes them."""
+SCAN_TOPIC = "/{}/scan"
+AHRS_TOPICS: dict[Wearer, str] = {"robot": "/cs/imu", "worn": "/cf/imu"}
 ROBOT, WORN, WORLD = "cs_optical", "cf_optical", "world"
 
 _NANOSECONDS = 10**9
@@ -129,24 +132,24 @@ class _Bag:
         self._write(topic, kind, stamp, self._header(stamp, ROBOT), value)
 
     def scan(self, scan: LaserScan) -> None:
-        stamp, beams = _stamp(scan.t), len(scan.ranges)
+        stamp, beams, topic = _stamp(scan.t), len(scan.ranges), SCAN_TOPIC.format(scan.scanner)
         angles = (scan.angle_min, scan.angle_min + (beams - 1) * scan.angle_increment, scan.angle_increment)
         times = (scan.time_increment, scan.time_increment * (beams - 1), scan.range_min, scan.range_max)
         ranges = np.asarray(scan.ranges, np.float32)
         self._write(
-            f"/{scan.scanner}/scan", "sensor_msgs/msg/LaserScan", stamp, self._header(stamp, scan.scanner),
+            topic, "sensor_msgs/msg/LaserScan", stamp, self._header(stamp, scan.scanner),
             *angles, *times, ranges, np.empty(0, np.float32),
         )  # fmt: skip
 
     def attitude(self, reading: AhrsReading) -> None:
         stamp = _stamp(reading.t)
-        above, frame = ("/cs", "cs_ahrs") if reading.where == "robot" else ("/cf", "cf_ahrs")
+        frame = "cs_ahrs" if reading.where == "robot" else "cf_ahrs"
         unknown, none = np.zeros(9), self._make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
         unknown[0] = -1.0
         x, y, z, w = (float(v) for v in reading.q_xyzw)
         quaternion = self._make("geometry_msgs/msg/Quaternion", x, y, z, w)
         self._write(
-            f"{above}/imu", "sensor_msgs/msg/Imu", stamp, self._header(stamp, frame),
+            AHRS_TOPICS[reading.where], "sensor_msgs/msg/Imu", stamp, self._header(stamp, frame),
             quaternion, np.zeros(9), none, unknown, none, unknown,
         )  # fmt: skip
 
