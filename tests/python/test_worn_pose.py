@@ -373,7 +373,10 @@ def test_the_covariance_of_the_lever_arm() -> None:
     columns = [(g.se3_log(inverse @ geometry(h)) - g.se3_log(inverse @ geometry(-h))) / 2e-5 for h in steps]
     sigma = np.zeros((11, 11))
     sigma[:2, :2] = spread
-    body = [person.lever_sd**2 + person.sway_sd**2] * 2 + [person.height_sd**2 + person.bob_sd**2]
+    turned_away = (0.1 + 0.6 * 0.2 / 1.5) * np.hypot(*person.lean)
+    body = [person.lever_sd**2 + person.sway_sd**2 + turned_away**2] * 2 + [
+        person.height_sd**2 + person.bob_sd**2
+    ]
     tilt, yaw = config.ahrs.tilt_sd**2, config.ahrs.yaw_sd**2
     sigma[range(2, 11), range(2, 11)] = [*body, tilt, tilt, yaw, tilt, tilt, yaw]
     j = np.array(columns).T

@@ -24,6 +24,8 @@ _WALK, _FASTEST = 1.3, 1.5
 """Speed at which sway and bob are stated, m/s, and the largest multiple of it that still adds to them."""
 _STEP = 0.2
 """Speed, in m/s, from which the trunk faces the way rather than what the head looks at."""
+_WALKS, _STANDS = 0.1, 0.7
+"""How far it then faces elsewhere, of somebody who walks fast and of somebody who stands, radians."""
 
 
 def worn_pose(
@@ -85,11 +87,14 @@ def worn_pose(
     slow[range(2, 12), range(2, 12)] = (
         *(person.lever_sd**2,) * 2, person.height_sd**2, steady, steady, yaw, 0.0, tilt, tilt, yaw,
     )  # fmt: skip
-    pace = min(float(np.hypot(*velocity)) / _WALK, _FASTEST)
+    speed = float(np.hypot(*velocity))
+    pace = min(speed / _WALK, _FASTEST)
+    elsewhere = _WALKS + (_STANDS - _WALKS) * _STEP / (speed + _STEP)
+    aside = (pace * person.sway_sd) ** 2 + (elsewhere * hypot(*person.lean)) ** 2
     white = np.zeros((12, 12))
     white[:2, :2] = legs_covariance
     white[range(2, 12), range(2, 12)] = (
-        *((pace * person.sway_sd) ** 2,) * 2, (pace * person.bob_sd) ** 2, shaken, shaken, 0.0,
+        aside, aside, (pace * person.bob_sd) ** 2, shaken, shaken, 0.0,
         ahrs.yaw_white_sd**2, *(ahrs.tilt_white_sd**2,) * 2, ahrs.yaw_white_sd**2,
     )  # fmt: skip
     bias = j @ slow @ j.T
