@@ -8,7 +8,7 @@ use ekf_core::math::{inverse_depth, pose::Pose, quat};
 use ekf_core::observe::point::CameraPose;
 use ekf_core::observe::{FeatureState, Form, PointInCamera, Rows, WornView};
 use ekf_core::predict;
-use ekf_core::settings::ProcessSettings;
+use ekf_core::settings::{MotionModel, ProcessSettings};
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector2, Vector3, Vector4, Vector6};
 use rand::Rng;
 use rand_pcg::Pcg64;
@@ -422,15 +422,16 @@ fn birth_from_a_point() {
 #[test]
 fn motion_model() {
     let mut rng = rng(9);
-    for _ in 0..30 {
+    for k in 0..60 {
+        let model = [MotionModel::World, MotionModel::Body][k % 2];
         let mut x = normals::<13>(&mut rng);
         x.fixed_rows_mut::<4>(3).normalize_mut();
         let dt = rng.random_range(0.02..0.2);
         let mut moved = x;
-        let f = predict::transition(moved.as_mut_slice(), dt);
+        let f = predict::transition(moved.as_mut_slice(), dt, model);
         check("transition", &x, &f, |x| {
             let mut y = *x;
-            predict::transition(y.as_mut_slice(), dt);
+            predict::transition(y.as_mut_slice(), dt, model);
             y
         });
     }
@@ -444,7 +445,7 @@ fn process_noise_does_not_depend_on_the_frame_rate() {
     let whole = predict::process_noise(&q, 0.1, &settings);
     let mut x = SMatrix::<f64, 13, 1>::zeros();
     x[3] = 1.0;
-    let f = predict::transition(x.as_mut_slice(), 0.01);
+    let f = predict::transition(x.as_mut_slice(), 0.01, settings.velocity);
     let mut sum = predict::CameraMatrix::zeros();
     for _ in 0..10 {
         sum = f * sum * f.transpose() + predict::process_noise(&q, 0.01, &settings);

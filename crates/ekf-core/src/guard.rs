@@ -122,7 +122,7 @@ pub(crate) fn prediction(
 ) -> Result<(), EkfError> {
     let mut x = [0.0; CAMERA_DIM];
     x.copy_from_slice(&state.mean()[..CAMERA_DIM]);
-    let f = predict::transition(&mut x, dt);
+    let f = predict::transition(&mut x, dt, process.velocity);
     let p: SMatrix<f64, CAMERA_DIM, CAMERA_DIM> = state.covariance().block(0, 0);
     let q = SMatrix::from_column_slice(&x[3..7]);
     let p = f * p * f.transpose() + predict::process_noise(&q, dt, process);

@@ -1,15 +1,19 @@
 //! Prediction (METHOD 3): constant velocity, white acceleration densities, O(13^2 n).
+//!
+//! A robot's velocity turns with it. With `process.velocity = body` it is constant along the camera's axes:
+//! `v' = R(q) Exp(w dt) R(q)^T v` and `r' = r + (v + v') dt / 2`. In W, the acceleration towards the inside of every bend is an
+//! error of the model with the same sign in each frame, which a view without known depths turns into rotation.
 
 use crate::math::quat;
-use crate::settings::{ProcessSettings, WornSettings};
+use crate::settings::{MotionModel, ProcessSettings, WornSettings};
 use crate::state::{BlockKind, CAMERA_DIM, State};
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::{Matrix3, Matrix3x4, SMatrix, Vector3};
 
 /// 13x13 matrix of the camera's block.
 pub type CameraMatrix = SMatrix<f64, CAMERA_DIM, CAMERA_DIM>;
 
 /// Moves the camera's mean by `dt` seconds and returns the 13x13 transition matrix.
-pub fn transition(state: &mut [f64], dt: f64) -> CameraMatrix {
+pub fn transition(state: &mut [f64], dt: f64, model: MotionModel) -> CameraMatrix {
     let v = Vector3::from_column_slice(&state[7..10]);
     let w = Vector3::from_column_slice(&state[10..13]);
     let q = quat::Quat::from_column_slice(&state[3..7]);
@@ -22,11 +26,54 @@ pub fn transition(state: &mut [f64], dt: f64) -> CameraMatrix {
         .copy_from(&quat::right(&turn));
     f.fixed_view_mut::<4, 3>(3, 10)
         .copy_from(&(quat::left(&q) * quat::exp_jacobian(&(w * dt)) * dt));
+    let mut way = v * dt;
+    if model == MotionModel::Body {
+        let turned = Turned::new(&q, &v, &w, dt);
+        way = (v + turned.v) * (0.5 * dt);
+        turned.write(&mut f, 0, 0.5 * dt);
+        let mut half = f.fixed_view_mut::<3, 3>(0, 7);
+        half += Matrix3::identity() * (0.5 * dt);
+        turned.write(&mut f, 7, 1.0);
+        state[7..10].copy_from_slice(turned.v.as_slice());
+    }
     for i in 0..3 {
-        state[i] += v[i] * dt;
+        state[i] += way[i];
     }
     state[3..7].copy_from_slice(moved.as_slice());
     f
+}
+
+/// A velocity that turns with the camera, and its derivatives by attitude, velocity and angular velocity.
+struct Turned {
+    v: Vector3<f64>,
+    by_q: Matrix3x4<f64>,
+    by_v: Matrix3<f64>,
+    by_w: Matrix3<f64>,
+}
+
+impl Turned {
+    fn new(q: &quat::Quat, v: &Vector3<f64>, w: &Vector3<f64>, dt: f64) -> Self {
+        let r = quat::rotation(q);
+        let turn = quat::rotation(&quat::exp(&(w * dt)));
+        let own = r.transpose() * v;
+        let by_attitude = turn * quat::skew(&own) - quat::skew(&(turn * own));
+        Self {
+            v: r * turn * own,
+            by_q: r * by_attitude * quat::tangent(q),
+            by_v: r * turn * r.transpose(),
+            by_w: -r * turn * quat::skew(&own) * quat::right_jacobian(&(w * dt)) * dt,
+        }
+    }
+
+    /// Writes the derivatives, times `scale`, into three rows of the transition.
+    fn write(&self, f: &mut CameraMatrix, row: usize, scale: f64) {
+        f.fixed_view_mut::<3, 4>(row, 3)
+            .copy_from(&(self.by_q * scale));
+        f.fixed_view_mut::<3, 3>(row, 7)
+            .copy_from(&(self.by_v * scale));
+        f.fixed_view_mut::<3, 3>(row, 10)
+            .copy_from(&(self.by_w * scale));
+    }
 }
 
 /// Process noise over `dt`: `sigma^2 [dt^3/3, dt^2/2; dt^2/2, dt]` for (position, velocity) and for
@@ -59,7 +106,7 @@ pub fn process_noise(q: &quat::Quat, dt: f64, settings: &ProcessSettings) -> Cam
 /// Predicts the whole state over `dt` seconds. Only the camera's block and its cross-covariances change, and the
 /// worn camera's bias decays (Gauss-Markov, METHOD 6).
 pub(crate) fn predict(state: &mut State, dt: f64, process: &ProcessSettings, worn: &WornSettings) {
-    let f = transition(&mut state.x, dt);
+    let f = transition(&mut state.x, dt, process.velocity);
     state.camera_moved();
     state.p.transform(0, &f);
     let q = state.part::<4>(3);

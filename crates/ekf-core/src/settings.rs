@@ -148,6 +148,16 @@ choice! {
 }
 
 choice! {
+    /// What stays as it is when nothing accelerates the camera (METHOD 3).
+    MotionModel {
+        World = "world",
+        /// Its velocity along its own axes, as on wheels, which turns with it in a bend.
+        Body = "body",
+    }
+    "Its velocity in W, as of something that is free to turn about itself."
+}
+
+choice! {
     /// How the pose of a candidate's first view is treated at its delayed birth (METHOD 5).
     FirstPose {
         Clone = "clone",
@@ -288,6 +298,8 @@ settings! {
     }
     /// The motion model: constant velocity with white acceleration (METHOD 3).
     process: ProcessSettings {
+        /// Whether the velocity is constant in W, or along the camera's own axes, as on a robot with wheels.
+        velocity: MotionModel = MotionModel::World, "", None, None;
         /// Density of the camera's acceleration. Larger follows jerkier motion and searches wider.
         acceleration_density: f64 = 1.0, "m/s^1.5", Some(0.0), Some(1e3);
         /// Density of its angular acceleration.
