@@ -10,7 +10,7 @@ import pytest
 
 from collabslam import cli
 from collabslam import geometry as g
-from collabslam.checks.wearer import board_poses, pose_between
+from collabslam.checks.board import board_poses, pose_between
 from collabslam.datasets.worn_sensors import WornSensors, read_sensors, write_sensors
 from collabslam.errors import DataError, InputError
 from collabslam.experiments.poses import calibrated_person

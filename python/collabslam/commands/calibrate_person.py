@@ -25,11 +25,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Print what to write under ``person:`` in the sensors file."""
-    from collabslam.checks.wearer import calibrate_from_board
+    from collabslam.checks.board import board_poses
     from collabslam.datasets.bag import Bag, is_bag
     from collabslam.datasets.worn_sensors import ESTIMATED, bag_sensors, read_sensors
     from collabslam.errors import DataError
     from collabslam.types import Board
+    from collabslam.worn_pose import calibrate_person
 
     columns, rows = arguments.board
     board = Board(columns, rows, arguments.square)
@@ -42,8 +43,8 @@ def main(arguments: argparse.Namespace) -> int:
     recording = options.open_source(arguments)
     with Bag(arguments.source) as bag:
         sensors = bag_sensors(bag, read_sensors(Path(source.removeprefix(ESTIMATED))))
-    told = sensors.config.person
-    fit = calibrate_from_board(recording, told, sensors.estimates(recording.times), board)
+    estimates = sensors.estimates(recording.times)
+    fit = calibrate_person(sensors.config.person, estimates, *board_poses(recording, board))
     ahead, left, up = (100.0 * x for x in fit.correction)
     print(f"# {fit.used} of {fit.given} frames fit; from where it was thought to be, the neck is")
     print(f"# {ahead:.1f} cm ahead, {left:.1f} cm to the left, {up:.1f} cm up")

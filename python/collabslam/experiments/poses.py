@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from collabslam.checks.wearer import calibrate_from_board
+from collabslam.checks.board import board_poses
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.types import Array, Frame, Recording, WornView
 from collabslam.worlds import WorldRecording
 from collabslam.worlds.catalogue import BOARD, with_board
 from collabslam.worlds.sensors import config_of, estimated_poses, readings_of
-from collabslam.worn_pose import Person, PersonFit
+from collabslam.worn_pose import Person, PersonFit, calibrate_person
 
 
 class WithPoses(WrappedRecording):
@@ -69,4 +69,4 @@ def calibrated_person(world: WorldRecording, seed: int) -> PersonFit:
     """How the person of a recording is built, from another walk with them, towards a board."""
     walk = WorldRecording(with_board(world.recipe), seed)
     estimates = estimated_poses(walk, readings_of(walk, seed))
-    return calibrate_from_board(walk, Person(), estimates, BOARD)
+    return calibrate_person(Person(), estimates, *board_poses(walk, BOARD))

@@ -86,14 +86,8 @@ class WorldRecording(RenderedRecording):
         moments = np.arange(0.0, self.drive.duration + 0.1, 0.1)
         places = [self.drive.base(t)[:2, 3] for t in moments] + [self.walk.walker.trunk(t) for t in moments]
         built = build(self._scene(0), self.drive.route.cells, self.recipe.style, np.array(places))
-        return built if self.recipe.board is None else replace(built, panels=(*built.panels, self._board()))
-
-    def _board(self) -> Panel:
-        """A checkerboard that hangs across the way."""
-        image = textures.checkerboard(BOARD.columns, BOARD.rows, BOARD.square)
-        width, height = ((n + 2) * BOARD.square for n in (BOARD.columns, BOARD.rows))
-        corner = (self.recipe.board or 0.0, 0.5 * width, _BOARD_HEIGHT + 0.5 * height)
-        return panel(corner, (0.0, -width, 0.0), (0.0, 0.0, -height), image)
+        at = self.recipe.board
+        return built if at is None else replace(built, panels=(*built.panels, _board(at)))
 
     @cached_property
     def renderer(self) -> Renderer:
@@ -145,6 +139,14 @@ class WorldRecording(RenderedRecording):
         """Level of a picture: light, and the wandering of the camera's own exposure control."""
         a, b = np.random.Generator(np.random.PCG64((self.recipe.seed, 20 + which))).uniform(0.0, 6.28, 2)
         return self.recipe.light * (1.0 + waves(t, [(0.07, 0.13, float(a)), (0.04, 0.41, float(b))]))
+
+
+def _board(at: float) -> Panel:
+    """A checkerboard that hangs across the way, ``at`` metres along it."""
+    image = textures.checkerboard(BOARD.columns, BOARD.rows, BOARD.square)
+    width, height = ((n + 2) * BOARD.square for n in (BOARD.columns, BOARD.rows))
+    corner = (at, 0.5 * width, _BOARD_HEIGHT + 0.5 * height)
+    return panel(corner, (0.0, -width, 0.0), (0.0, 0.0, -height), image)
 
 
 def world_recording(name: str, seed: int = 0) -> WorldRecording:

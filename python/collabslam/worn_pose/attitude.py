@@ -8,7 +8,7 @@ from math import acos, atan2, hypot, sin, sqrt
 import numpy as np
 
 from collabslam.errors import InputError
-from collabslam.geometry import se3_exp
+from collabslam.geometry import rotation_exp
 from collabslam.types import Array
 from collabslam.worn_pose.readings import AhrsReading
 
@@ -117,5 +117,5 @@ def _levelled(r_nc: Array, share: float) -> Array:
     """R_NC with this share of its tilt."""
     x, y, z = (-r_nc[:, 1]).tolist()  # up, as the camera has it
     angle, size = atan2(hypot(x, y), z), max(hypot(x, y), 1e-12)
-    turn = se3_exp(np.array([0.0, 0.0, 0.0, y, -x, 0.0]) * ((1.0 - share) * angle / size))
-    return np.asarray(turn[:3, :3] @ r_nc)
+    turn = rotation_exp(np.array([y, -x, 0.0]) * ((1.0 - share) * angle / size))
+    return np.asarray(turn @ r_nc)

@@ -3,7 +3,7 @@
 In N (z up), with the legs' centre p (horizontal, from Cs) and s_z the height of the scanner's plane over Cs:
 F = [p + d + l, h] with the neck upright over the legs but for the lean d, n = R_NF n_F from the neck to the
 camera, l its horizontal part, and h the height of F over Cs. Both attitudes err, R_NC = Exp(e) R_NC_hat and
-R_NF = Exp(f) R_NF_hat. Legs and way were seen from C, so that its wrong heading turns only the head:
+R_NF = Exp(f) R_NF_hat. Legs and way were seen from C: a wrong heading of C turns only the head:
 
     dt_N = [e_y (s_z - h) + e_z l_y, -e_x (s_z - h) - e_z l_x, -e_x p_y + e_y p_x] + f x n + (legs, lever)
     xi = (R_FN dt_N, R_FN (f - e))

@@ -1,9 +1,8 @@
-"""How a worn camera's wearer is built, from pictures of a board that both cameras see (METHOD 11)."""
+"""Poses of the worn camera from a board that both cameras see, for `worn_pose.calibrate_person`."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,32 +12,6 @@ from collabslam.frontend.settings import FrontendSettings
 from collabslam.frontend.target import checkerboard_points, pose_from_points
 from collabslam.geometry import adjoint, pose_inverse
 from collabslam.types import Array, Board, Image, Recording
-from collabslam.worn_pose import Person, PersonFit, WornPoseEstimate, calibrate_person
-
-
-def calibrate_from_board(
-    recording: Recording, person: Person, estimates: Sequence[WornPoseEstimate], board: Board
-) -> PersonFit:
-    """`calibrate_person` with the poses that a board shows in a recording's pictures.
-
-    Parameters
-    ----------
-    recording : Recording
-        With a worn camera; its own poses are not used.
-    person : Person
-        The one whom the estimator was told of.
-    estimates : sequence of WornPoseEstimate
-        One at each frame's stamp.
-    board : Board
-
-    Raises
-    ------
-    InputError
-        If there is no worn camera.
-    DataError
-        As `calibrate_person` does.
-    """
-    return calibrate_person(person, estimates, *board_poses(recording, board))
 
 
 def pose_between(
