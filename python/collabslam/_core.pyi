@@ -11,6 +11,7 @@ __all__ = [
     "__version__",
     "affine_at",
     "affine_maps",
+    "align_templates",
     "capture_windows",
     "corner_peaks",
     "describe_windows",
@@ -50,6 +51,9 @@ def search_templates(
     min_deviation: float,
     whole: bool = True,
 ) -> tuple[_Array, _Array, _Array, _Ids]: ...
+def align_templates(
+    image: NDArray[np.uint8], templates: NDArray[np.uint8], uv: ArrayLike
+) -> tuple[_Array, _Array]: ...
 def affine_maps(
     camera_ref: Camera,
     uv_ref: ArrayLike,

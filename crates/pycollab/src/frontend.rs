@@ -7,6 +7,7 @@ use crate::convert::{
 };
 use crate::errors::bad_shape;
 use ::frontend::Image;
+use ::frontend::affine::align_affine;
 use ::frontend::consensus::{self, Noise, Pair};
 use ::frontend::corners::{self, Grid, PeakOptions, Response};
 use ::frontend::describe::{LENGTH, describe};
@@ -132,19 +133,9 @@ pub(crate) fn search_templates<'py>(
         whole,
     };
     let grey = grey("image", &image)?;
-    let windows: PyReadonlyArray3<'_, u8> = templates
-        .extract()
-        .map_err(|_| invalid("templates", "an (N, h, h) array of uint8 is needed".into()))?;
+    let windows = windows(&templates)?;
     let shape = windows.as_array().raw_dim();
     let (count, side) = (shape[0], shape[1]);
-    if shape[2] != side {
-        return Err(bad_shape(
-            "templates",
-            "(N, h, h)",
-            &[count, side, shape[2]],
-        ));
-    }
-    odd_side("templates", side)?;
     let (uv, s, guess) = (
         pixels("uv", &uv)?,
         stack::<2, 2>("s", &s)?,
@@ -168,6 +159,69 @@ pub(crate) fn search_templates<'py>(
         PyArray1::from_iter(py, found.iter().map(|f| f.second)),
         PyArray1::from_iter(py, found.iter().map(|f| f.outcome as i64)),
     ))
+}
+
+/// Fits each template to the image around a position by an affine map, gain and offset.
+///
+/// Parameters
+/// ----------
+/// image : (H, W) uint8
+/// templates : (N, h, h) uint8
+///     Side h odd.
+/// uv : (N, 2) float64
+///     Where their middles are, to some pixels.
+///
+/// Returns
+/// -------
+/// uv : (N, 2) float64
+///     Where they are exactly; NaN where the template fits nowhere near.
+/// score : (N,) float64
+///     Correlation of template and image under the map; -1 where there is none.
+///
+/// Raises
+/// ------
+/// InputError
+///     If an argument has another type or shape.
+#[pyfunction]
+pub(crate) fn align_templates<'py>(
+    py: Python<'py>,
+    image: Argument<'py>,
+    templates: Argument<'py>,
+    uv: Argument<'py>,
+) -> PyResult<(Uv<'py>, Column<'py, f64>)> {
+    let grey = grey("image", &image)?;
+    let windows = windows(&templates)?;
+    let side = windows.as_array().raw_dim()[1];
+    let uv = pixels("uv", &uv)?;
+    let count = windows.as_array().raw_dim()[0];
+    same_length("uv", count, uv.len())?;
+    let (pixels, windows) = (in_order!(grey), in_order!(windows));
+    let view = self::image(&pixels, grey.as_array().shape())?;
+    let nowhere = (Vector2::repeat(f64::NAN), -1.0);
+    let found: Vec<_> = py.detach(|| {
+        let pairs = windows.chunks_exact(side * side).zip(uv);
+        pairs
+            .map(|(template, uv)| align_affine(&view, template, side, uv).unwrap_or(nowhere))
+            .collect()
+    });
+    Ok((
+        vectors(py, found.iter().map(|f| f.0), count),
+        PyArray1::from_iter(py, found.iter().map(|f| f.1)),
+    ))
+}
+
+/// Templates of one odd side.
+fn windows<'py>(templates: &Argument<'py>) -> PyResult<PyReadonlyArray3<'py, u8>> {
+    let windows: PyReadonlyArray3<'_, u8> = templates
+        .extract()
+        .map_err(|_| invalid("templates", "an (N, h, h) array of uint8 is needed".into()))?;
+    let shape = windows.as_array().raw_dim();
+    if shape[2] != shape[1] {
+        let got = [shape[0], shape[1], shape[2]];
+        return Err(bad_shape("templates", "(N, h, h)", &got));
+    }
+    odd_side("templates", shape[1])?;
+    Ok(windows)
 }
 
 /// Predicted pixel of patches in another view, and the affine map of pixel offsets into it.

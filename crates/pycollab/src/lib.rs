@@ -18,6 +18,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<filter::PyUpdateReport>()?;
     m.add_function(wrap_pyfunction!(settings::settings_schema, m)?)?;
     m.add_function(wrap_pyfunction!(frontend::search_templates, m)?)?;
+    m.add_function(wrap_pyfunction!(frontend::align_templates, m)?)?;
     m.add_function(wrap_pyfunction!(frontend::affine_maps, m)?)?;
     m.add_function(wrap_pyfunction!(frontend::affine_at, m)?)?;
     m.add_function(wrap_pyfunction!(frontend::warp_patches, m)?)?;

@@ -8,10 +8,13 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.errors import DataError, InputError
-from collabslam.frontend.settings import FrontendSettings
 from collabslam.frontend.target import checkerboard_points, pose_from_points
 from collabslam.geometry import adjoint, pose_inverse
 from collabslam.types import Array, Board, Image, Recording
+
+_SIGMA = 0.15
+"""Least standard deviation of a corner, pixels: a board has so many that their scatter tells it, but for what
+neighbours have in common."""
 
 
 def pose_between(
@@ -38,9 +41,8 @@ def pose_between(
     DataError
         If a camera does not see the board whole.
     """
-    sigma = FrontendSettings().target.sigma
     (t_bc, of_cs), (t_bf, of_cf) = (
-        pose_from_points(*checkerboard_points(picture, board.columns, board.rows, board.square), lens, sigma)
+        pose_from_points(*checkerboard_points(picture, board.columns, board.rows, board.square), lens, _SIGMA)
         for picture, lens in ((image, camera), (worn_image, worn_camera))
     )
     t_cf = pose_inverse(t_bc) @ t_bf

@@ -33,14 +33,14 @@ same with a person of whom no more than the height is known, or measured directl
 MODES = ("mono", "mono-undelayed", "collab-init", "collab", "collab-tight")
 CHANGES: dict[str, Any] = {
     "filter.process.velocity": "body",
+    "frontend.worn.fitted_score": 0.9,
     "frontend.worn.body_radius": 0.3,
     "filter.birth.vague_below": 0.6,
     "filter.validate.lasting_level": 0.999,
 }
-"""All that differs from the default settings, in every mode: the robot is on wheels; in these worlds a
-person wears Cf, 0.44 m wide;
-in a turn nothing but the far end of a corridor may come into view; and one brick looks like the next, so that
-a match of Cf may give a wrong depth that is believed."""
+"""All that differs from the default settings, in every mode: the robot is on wheels; walls along the way
+look to Cf other than their depth tells, and one brick looks like the next; a person wears Cf, 0.44 m wide;
+in a turn nothing but the far end of a corridor may come into view; a depth may be wrong and believed."""
 
 
 @dataclass(frozen=True)

@@ -178,6 +178,14 @@ class WornSettings:
     min_score: float = _number(
         0.7, -1, 1, "", "Least correlation of the warped patch of Cs at the match in Cf."
     )
+    fitted_score: float = _number(
+        0.0,
+        0,
+        1,
+        "",
+        "Least correlation once the patch was stretched by an affine map to fit Cf, which also says where it "
+        "is exactly; 0 fits nothing.",
+    )
     refine_radius: float = _number(7.0, 1, 20, "pixel", "Radius in which the correlation refines a match.")
     max_residual: float = _number(
         1.5,

@@ -9,7 +9,8 @@ Cf lie on a point's epipolar line and in front of both cameras, and how wide tha
 4. a consensus: the correction of T_CF that most matches agree on, under the prior of its covariance;
 5. the same again for all points under the corrected pose, whose gate is far narrower; points of known depth
    are searched with their own patch where they must be;
-6. each match located to sub-pixel by correlating the warped patch, and the consensus once more with these.
+6. each match located to sub-pixel by correlating the warped patch (with ``worn.fitted_score`` also stretched
+   to what Cf shows, which its depth alone does not tell), and the consensus once more with these.
 
 The corrected pose only vets the matches: the filter uses the measured one, or the images would count twice.
 """
@@ -22,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from collabslam._core import Camera, affine_at, match_pairs, sample_templates
+from collabslam._core import Camera, affine_at, align_templates, match_pairs, sample_templates
 from collabslam.errors import InputError
 from collabslam.frontend.describe import DESCRIPTORS, Descriptors, describe
 from collabslam.frontend.detect import detect_corners, halves
@@ -369,7 +370,12 @@ class _Matcher:
             dataclasses.replace(self.settings, search=near),
         )
         found = result.code == FOUND
-        return index[found], result.uv[found], result.score[found]
+        index, place, score = index[found], result.uv[found], result.score[found]
+        if self.options.fitted_score == 0.0:
+            return index, place, score
+        place, score = align_templates(self.image_f, templates[found], place)
+        fits = score >= self.options.fitted_score
+        return index[fits], place[fits], score[fits]
 
 
 def _focal(camera: Camera) -> float:
