@@ -33,7 +33,7 @@ same with a person of whom no more than the height is known, or measured directl
 MODES = ("mono", "mono-undelayed", "collab-init", "collab", "collab-tight")
 CHANGES: dict[str, Any] = {
     "filter.process.velocity": "body",
-    "frontend.worn.fitted_score": 0.9,
+    "frontend.worn.fitted_score": 0.8,
     "frontend.worn.body_radius": 0.3,
     "filter.birth.vague_below": 0.6,
     "filter.validate.lasting_level": 0.999,
