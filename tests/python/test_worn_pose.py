@@ -350,20 +350,21 @@ def test_a_sweep_while_the_robot_turns_is_straightened() -> None:
 
 def test_the_covariance_of_the_lever_arm() -> None:
     """Against numeric derivatives of the geometry, with everything that errs."""
-    person = Person(lean=(0.05, -0.03))
+    person = Person(lean=(0.05, -0.03), surge=(0.4, -0.2), bob=(0.3, 0.1))
+    swing = np.array([0.03, -0.02])
     config = WornPoseConfig(ahrs=AhrsErrors(yaw_white_sd=1e-9, tilt_white_sd=1e-9), person=person)
     r_nc, r_nf = camera_attitude(0.4, 0.05, -0.03), camera_attitude(1.2, -0.3, 0.1)
     legs, plane = np.array([1.5, -0.8]), -0.65
     spread = np.array([[0.01, 0.003], [0.003, 0.02]])
     velocity = 1.3 * np.array([0.6, 0.8])
-    lean = trunk(velocity, r_nf)[:2, :2] @ person.lean
-    t_cf, covariance, bias = worn_pose(config, r_nc, r_nf, legs, spread, plane, velocity)
+    lean = trunk(velocity, r_nf)[:2, :2] @ (person.lean + np.array([swing @ person.surge, 0.0]))
+    t_cf, covariance, bias = worn_pose(config, r_nc, r_nf, legs, spread, plane, velocity, swing)
     n_f = np.asarray(person.neck_to_camera)
 
     def geometry(theta: np.ndarray) -> np.ndarray:
         turn_c, turn_f = g.rotation_exp(theta[5:8]), g.rotation_exp(theta[8:11])
         seen = turn_c @ np.append(legs + lean, plane)  # legs and way were seen from C
-        neck = person.camera_height - n_f @ [0, -1, 0] - config.camera_height + theta[4]
+        neck = person.camera_height - n_f @ [0, -1, 0] - config.camera_height + swing @ person.bob + theta[4]
         f_n = np.append(seen[:2] + theta[:2] + theta[2:4], neck) + turn_f @ r_nf @ n_f
         return g.pose((turn_c @ r_nc).T @ turn_f @ r_nf, (turn_c @ r_nc).T @ f_n)
 

@@ -49,8 +49,10 @@ def main(arguments: argparse.Namespace) -> int:
     print(f"# {fit.used} of {fit.given} frames fit; from where it was thought to be, the neck is")
     print(f"# {ahead:.1f} cm ahead, {left:.1f} cm to the left, {up:.1f} cm up")
     print("person:")
-    for name in ("camera_height", "height_sd", "lever_sd"):
+    for name in ("camera_height", "height_sd", "lever_sd", "bob_sd"):
         print(f"  {name}: {getattr(fit.person, name):.4f}")
-    print(f"  lean: [{fit.person.lean[0]:.4f}, {fit.person.lean[1]:.4f}]")
+    for name in ("lean", "surge", "bob"):
+        first, second = getattr(fit.person, name)
+        print(f"  {name}: [{first:.4f}, {second:.4f}]")
     print(f"  neck_to_camera: {list(fit.person.neck_to_camera)}")
     return OK

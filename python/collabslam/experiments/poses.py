@@ -13,6 +13,9 @@ from collabslam.worlds.catalogue import BOARD, with_board
 from collabslam.worlds.sensors import config_of, estimated_poses, readings_of
 from collabslam.worn_pose import Person, PersonFit, calibrate_person
 
+_WALKS = 3
+"""Walks towards the board: one lasts some five seconds."""
+
 
 class WithPoses(WrappedRecording):
     """A recording with given poses of Cf; frames without one have no worn view.
@@ -66,7 +69,12 @@ def sensed(
 
 
 def calibrated_person(world: WorldRecording, seed: int) -> PersonFit:
-    """How the person of a recording is built, from another walk with them, towards a board."""
-    walk = WorldRecording(with_board(world.recipe), seed)
-    estimates = estimated_poses(walk, readings_of(walk, seed))
-    return calibrate_person(Person(), estimates, *board_poses(walk, BOARD))
+    """How the person of a recording is built and steps, from other walks with them, towards a board."""
+    person = Person()
+    for k in range(_WALKS):
+        noise = _WALKS * seed + k
+        walk = WorldRecording(with_board(world.recipe), noise)
+        estimates = estimated_poses(walk, readings_of(walk, noise), person)
+        fit = calibrate_person(person, estimates, *board_poses(walk, BOARD))
+        person = fit.person
+    return fit

@@ -144,8 +144,8 @@ SETS: dict[str, tuple[Recipe, ...]] = {
 
 
 def with_board(walk: Recipe) -> Recipe:
-    """Ten seconds down a lit corridor, towards a board, beside the person of another recording."""
-    way = replace(walk, route="S4", length=6.5, speed=0.7, along=1.0, stations=BESIDE, board=9.6)
+    """Some metres down a lit corridor, as fast as another recording, towards a board, beside its person."""
+    way = replace(walk, route="S4", length=6.5, along=1.0, stations=BESIDE, board=9.6)
     return replace(way, name=walk.name + _WITH_BOARD, style=Style(furniture=0.0), light=1.0, exposure=0.008)
 
 

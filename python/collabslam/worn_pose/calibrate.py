@@ -2,7 +2,8 @@
 
 What stays for a whole walk, the camera's height and the neck's place over the legs, goes straight into the
 length of the baseline and so into the scale: no later image corrects it. It is the same on every walk of the
-same person, so it can be measured once, for instance with a board that both cameras see.
+same person, so it can be measured once, for instance with a board that both cameras see. So can what the
+steps do to the head, as the legs tell where in a step the person is: it need not be taken for noise.
 """
 
 from __future__ import annotations
@@ -13,8 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from collabslam.errors import DataError, InputError
-from collabslam.types import Array
+from collabslam.types import Array, Mask
 from collabslam.worn_pose.config import Person
+from collabslam.worn_pose.lever import pace_of
 from collabslam.worn_pose.readings import WornPoseEstimate
 
 _GATE = 16.3
@@ -28,6 +30,12 @@ _CHECK = (
 )
 _STEP = 0.25
 """Seconds over which what gait does to head and legs lasts: half a step, then it changes sign."""
+_FULL, _SETTLES = 0.6, 0.8
+"""Share of the usual speed below which somebody sets out or stops, and seconds for the track to settle."""
+_STEPS_SD = 0.5
+"""Of the head's motion by the legs' swing, metres for a metre, before anything was measured."""
+_LEAST_BOB = 0.006
+"""Metres that the steps add to the head's height in any case: no walk is like another."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +45,8 @@ class PersonFit:
     Attributes
     ----------
     person : Person
-        With ``camera_height``, ``lean``, ``height_sd`` and ``lever_sd`` as measured.
+        With ``camera_height``, ``lean``, ``surge``, ``bob``, ``height_sd``, ``lever_sd`` and ``bob_sd`` as
+        measured.
     correction : (3,) array
         Of the neck against what was told: ahead, left, up, metres.
     covariance : (3, 3) array
@@ -58,8 +67,10 @@ def calibrate_person(
 ) -> PersonFit:
     """Correct what is known of a person by poses of their camera that were measured.
 
-    The difference of both poses, along the trunk's axes, is the correction; gait's errors last for half a
-    step, and what the AHRSs' slow errors make of it for the whole walk. What was told is the prior.
+    The difference of both poses, along the trunk's axes, is the correction and, ahead and up, the steps; what
+    is left of these lasts for half a step, and what the AHRSs' slow errors make of it for the whole walk.
+    What was told is the prior, so one walk after the other makes the person better known. The steps are
+    those of the speed that was walked at: walk as fast as later.
 
     Parameters
     ----------
@@ -90,25 +101,30 @@ def calibrate_person(
             f"{count} estimates need poses ({count}, 4, 4) and covariances ({count}, 6, 6); got "
             f"{poses.shape} and {spread.shape}."
         )
-    both = [k for k, e in enumerate(estimates) if e.t_cf is not None and np.isfinite(poses[k]).all()]
+    steady = _steady(estimates)
+    both = [k for k, e in enumerate(estimates) if steady[k] and np.isfinite(poses[k]).all()]
     if len(both) < _LEAST:
         raise DataError(
-            f"Only {len(both)} instants have an estimate and a measured pose; {_LEAST} are needed: walk for "
-            "some seconds where both cameras see the board."
+            f"Only {len(both)} instants of a steady walk have an estimate and a measured pose; {_LEAST} are "
+            "needed: walk on for some seconds, as fast as later, where both cameras see the board."
         )
+    speed = np.array([estimates[k].diagnostics.speed for k in both])
     built = np.diag([person.lever_sd**2, person.lever_sd**2, person.height_sd**2])
     rows = [_row(estimates[k], poses[k], spread[k], built) for k in both]
-    off, white, slow = (np.stack(parts) for parts in zip(*rows, strict=True))
+    off, white, slow, seen, steps = (np.stack(parts) for parts in zip(*rows, strict=True))
     distance = np.einsum("ki,kij,kj->k", off, np.linalg.inv(built + slow + white), off)
     fits = distance < _GATE
     if fits.mean() < _FITS:
         raise DataError(
             f"{int((~fits).sum())} of {len(both)} measured poses contradict the estimates: {_CHECK}"
         )
-    weight = np.linalg.inv(white[fits])
-    mean = np.linalg.solve(weight.sum(axis=0), (weight @ off[fits][:, :, None]).sum(axis=0)[:, 0])
     apart = float(np.median(np.diff([estimates[k].t for k in both])))
-    noise = max(1.0, _STEP / apart) * np.linalg.inv(weight.sum(axis=0)) + slow[fits].mean(axis=0)
+    turned = steps[fits].transpose(0, 2, 1) @ np.linalg.inv(white[fits]) / max(1.0, _STEP / apart)
+    known = np.diag([0.0] * 3 + [_STEPS_SD**-2] * 4)
+    spread_of_all = np.linalg.inv(known + (turned @ steps[fits]).sum(axis=0))
+    all_of_it = spread_of_all @ (turned @ off[fits][:, :, None]).sum(axis=0)[:, 0]
+    mean, surge, bob = all_of_it[:3], all_of_it[3:5], all_of_it[5:]
+    noise = spread_of_all[:3, :3] + slow[fits].mean(axis=0)
     if mean @ np.linalg.solve(built + noise, mean) > _GATE:
         far = 100.0 * float(np.linalg.norm(mean))
         raise DataError(f"The neck is {far:.0f} cm from where it was thought to be: {_CHECK}")
@@ -118,17 +134,48 @@ def calibrate_person(
         person,
         camera_height=person.camera_height + float(correction[2]),
         lean=(person.lean[0] + float(correction[0]), person.lean[1] + float(correction[1])),
+        surge=(person.surge[0] + float(surge[0]), person.surge[1] + float(surge[1])),
+        bob=(person.bob[0] + float(bob[0]), person.bob[1] + float(bob[1])),
+        bob_sd=_bob_left(person.bob_sd, (off - steps @ all_of_it)[fits, 2], seen[fits], speed[fits]),
         height_sd=float(np.sqrt(left[2, 2])),
         lever_sd=float(np.sqrt(max(left[0, 0], left[1, 1]))),
     )
     return PersonFit(better, correction, 0.5 * (left + left.T), int(fits.sum()), len(both))
 
 
-def _row(e: WornPoseEstimate, t_cf: Array, spread: Array, built: Array) -> tuple[Array, Array, Array]:
+def _steady(estimates: Sequence[WornPoseEstimate]) -> Mask:
+    """(N,) bool: estimates of somebody who has walked on for a while; as they set out, their track lags."""
+    t = np.array([e.t for e in estimates])
+    speed = np.array([0.0 if e.t_cf is None else e.diagnostics.speed for e in estimates])
+    slow = t[speed < _FULL * float(np.median(speed))]
+    before = np.searchsorted(slow, t, side="right")
+    since = t - np.concatenate([[-np.inf], slow])[before]
+    return np.asarray(np.array([e.t_cf is not None for e in estimates]) & (since > _SETTLES))
+
+
+def _bob_left(told: float, residual: Array, seen: Array, speed: Array) -> float:
+    """What the steps still do to the head's height, metres at 1.3 m/s: residuals (N,) less what the measured
+    poses' own variances (N,) make of them; as told if too few of these are exact."""
+    pace = np.array([pace_of(float(v)) for v in speed])
+    weight = (pace / (seen + (told * pace) ** 2 + 1e-12)) ** 2
+    if weight.sum() ** 2 < _LEAST * (weight**2).sum():
+        return told
+    square = float(weight @ (residual**2 - seen) / (weight @ pace**2))
+    return float(np.clip(np.sqrt(max(square, 0.0)), min(_LEAST_BOB, told), told))
+
+
+def _row(
+    e: WornPoseEstimate, t_cf: Array, spread: Array, built: Array
+) -> tuple[Array, Array, Array, Array, Array]:
     """Along the trunk's axes: where the measured camera is, from the estimated one; covariances of that, of
-    what is new in each instant and of what lasts but for the person's build."""
-    if e.t_cf is None or e.covariance is None or e.bias is None or e.trunk is None:
-        raise InputError(f"The estimate at {e.t} s has a pose but not its covariance, bias and trunk.")
+    what is new in each instant and of what lasts but for the person's build; the measured pose's variance
+    upwards; and derivatives (3, 7) by build, surge and bob."""
+    if e.t_cf is None or e.covariance is None or e.bias is None or e.trunk is None or e.swing is None:
+        raise InputError(f"The estimate at {e.t} s has a pose but not its covariance, bias, trunk and swing.")
     mine, theirs = e.trunk.T @ e.t_cf[:3, :3], e.trunk.T @ t_cf[:3, :3]
-    white = mine @ (e.covariance - e.bias)[:3, :3] @ mine.T + theirs @ spread[:3, :3] @ theirs.T
-    return e.trunk.T @ (t_cf[:3, 3] - e.t_cf[:3, 3]), white, mine @ e.bias[:3, :3] @ mine.T - built
+    seen = theirs @ spread[:3, :3] @ theirs.T
+    white = mine @ (e.covariance - e.bias)[:3, :3] @ mine.T + seen
+    by = np.hstack([np.eye(3), np.zeros((3, 4))])
+    by[0, 3:5] = by[2, 5:7] = e.swing
+    off = e.trunk.T @ (t_cf[:3, 3] - e.t_cf[:3, 3])
+    return off, white, mine @ e.bias[:3, :3] @ mine.T - built, seen[2, 2], by

@@ -54,9 +54,12 @@ class Person:
     height_sd, lever_sd : float
         Of what stays for the whole walk: of that height, and of the neck over the legs' centre along each
         horizontal axis (build, lean, how the camera is fastened), metres.
+    surge, bob : (2,) tuple
+        Motion of the head with the steps, ahead and up: metres for each metre by which the middle of both
+        shins swings ahead of the trunk, and for each metre of that swing's rate over 2 pi ``step_rate``.
     bob_sd, sway_sd : float
-        Of what each step does to the head, up and down and along each horizontal axis, walking at 1.3 m/s,
-        metres; they are in proportion to the speed.
+        Of what else each step does to the head, up and down and along each horizontal axis, walking at
+        1.3 m/s, metres; they are in proportion to the speed.
     leg_radius : float
         Of a shin with its trouser leg, metres.
     acceleration_density : float
@@ -71,6 +74,8 @@ class Person:
     camera_height: float = 1.70
     neck_to_camera: tuple[float, float, float] = (0.0, -0.10, 0.10)
     lean: tuple[float, float] = (0.0, 0.0)
+    surge: tuple[float, float] = (0.0, 0.0)
+    bob: tuple[float, float] = (0.0, 0.0)
     height_sd: float = 0.02
     lever_sd: float = 0.03
     bob_sd: float = 0.016
@@ -185,6 +190,10 @@ class WornPoseConfig:
                 raise InputError(f"{what} is no rotation; give a 3x3 that turns the AHRS's axes.")
         if np.shape(self.person.lean) != (2,) or not np.isfinite(self.person.lean).all():
             raise InputError("lean is not two finite numbers; give ahead and left in metres.")
+        for name in ("surge", "bob"):
+            value = getattr(self.person, name)
+            if np.shape(value) != (2,) or not np.isfinite(value).all():
+                raise InputError(f"{name} is not two finite numbers; give them by swing, and by its rate.")
         if np.shape(self.person.neck_to_camera) != (3,) or not np.isfinite(self.person.neck_to_camera).all():
             raise InputError("neck_to_camera is not three finite numbers; give right, down, ahead in metres.")
         if self.start is not None and (np.shape(self.start) != (2,) or not np.isfinite(self.start).all()):

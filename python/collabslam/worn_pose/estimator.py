@@ -256,8 +256,10 @@ class WornPoseEstimator:
             return _none(t, f"the legs were not seen for {since:.1f} s", d)
         if sd > c.max_position_sd:
             return _none(t, f"the legs are known to {sd:.2f} m only", d)
-        pose = worn_pose(c, r_nc, r_nf, away, legs, m.plane, x[2:4])
-        return WornPoseEstimate(t, *pose, None, d, r_nc.T @ trunk(x[2:4], r_nf))
+        way = trunk(x[2:4], r_nf)
+        swing = np.array([x[4:6], x[6:8] / (2.0 * pi * c.person.step_rate)]) @ way[:2, 0]
+        pose = worn_pose(c, r_nc, r_nf, away, legs, m.plane, x[2:4], swing)
+        return WornPoseEstimate(t, *pose, None, d, r_nc.T @ way, swing)
 
 
 def turned(scan: LaserScan, beams: Indices, mount: Array, before: Array, after: Array) -> Array:

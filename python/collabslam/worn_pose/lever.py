@@ -1,9 +1,9 @@
 """From the legs' centre to the worn camera, with everything that is uncertain on the way.
 
 In N (z up), with the legs' centre p (horizontal, from Cs) and s_z the height of the scanner's plane over Cs:
-F = [p + d + l, h] with the neck upright over the legs but for the lean d, n = R_NF n_F from the neck to the
-camera, l its horizontal part, and h the height of F over Cs. Both attitudes err, R_NC = Exp(e) R_NC_hat and
-R_NF = Exp(f) R_NF_hat. Legs and way were seen from C: a wrong heading of C turns only the head:
+F = [p + d + l, h] with the neck upright over the legs but for the lean d and the steps, n = R_NF n_F from the
+neck to the camera, l its horizontal part, and h the height of F over Cs. Both attitudes err, R_NC = Exp(e)
+R_NC_hat and R_NF = Exp(f) R_NF_hat. Legs and way were seen from C: a wrong heading of C turns only the head:
 
     dt_N = [e_y (s_z - h) + e_z l_y, -e_x (s_z - h) - e_z l_x, -e_x p_y + e_y p_x] + f x n + (legs, lever)
     xi = (R_FN dt_N, R_FN (f - e))
@@ -36,6 +36,7 @@ def worn_pose(
     legs_covariance: Array,
     plane: float,
     velocity: Array,
+    swing: Array,
 ) -> tuple[Array, Array, Array]:
     """``T_CF``, its covariance, and the part of it that is bias.
 
@@ -51,6 +52,8 @@ def worn_pose(
         Height of the scanner's plane over Cs, metres (negative below).
     velocity : (2,) array
         Of the person, m/s: the head moves with the steps, and the trunk faces the way.
+    swing : (2,) array
+        As in `WornPoseEstimate.swing`.
 
     Returns
     -------
@@ -60,8 +63,9 @@ def worn_pose(
     person, ahrs = config.person, config.ahrs
     arm = r_nf @ np.asarray(person.neck_to_camera)
     neck = person.camera_height + person.neck_to_camera[1] - config.camera_height
-    height = neck + arm[2]
-    lean = trunk(velocity, r_nf)[:2, :2] @ np.asarray(person.lean)
+    height = neck + arm[2] + float(np.dot(person.bob, swing))
+    ahead, left = person.lean
+    lean = trunk(velocity, r_nf)[:2, :2] @ np.array([ahead + float(np.dot(person.surge, swing)), left])
     t_n = np.array([legs[0] + lean[0] + arm[0], legs[1] + lean[1] + arm[1], height])
     t_cf = np.eye(4)
     t_cf[:3, :3] = r_nc.T @ r_nf
@@ -88,7 +92,7 @@ def worn_pose(
         *(person.lever_sd**2,) * 2, person.height_sd**2, steady, steady, yaw, 0.0, tilt, tilt, yaw,
     )  # fmt: skip
     speed = float(np.hypot(*velocity))
-    pace = min(speed / _WALK, _FASTEST)
+    pace = pace_of(speed)
     elsewhere = _WALKS + (_STANDS - _WALKS) * _STEP / (speed + _STEP)
     aside = (pace * person.sway_sd) ** 2 + (elsewhere * hypot(*person.lean)) ** 2
     white = np.zeros((12, 12))
@@ -100,6 +104,11 @@ def worn_pose(
     bias = j @ slow @ j.T
     covariance = bias + j @ white @ j.T
     return t_cf, 0.5 * (covariance + covariance.T), 0.5 * (bias + bias.T)
+
+
+def pace_of(speed: float) -> float:
+    """Share of what `Person` says of the steps at 1.3 m/s that is there at a speed in m/s."""
+    return min(speed / _WALK, _FASTEST)
 
 
 def trunk(velocity: Array, r_nf: Array) -> Array:

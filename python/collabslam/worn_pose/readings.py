@@ -157,6 +157,9 @@ class WornPoseEstimate:
     diagnostics : Diagnostics
     trunk : (3, 3) array or None
         Turns the axes of the person's trunk (ahead, left, up) into C's; None without a pose.
+    swing : (2,) array or None
+        How far the middle of both shins swings ahead of the trunk, and its rate over 2 pi
+        ``Person.step_rate``, metres; None without a pose.
     """
 
     t: float
@@ -166,6 +169,7 @@ class WornPoseEstimate:
     reason: str | None
     diagnostics: Diagnostics
     trunk: Array | None = None
+    swing: Array | None = None
 
     @property
     def bias_share(self) -> float:
