@@ -357,8 +357,9 @@ def test_the_covariance_of_the_lever_arm() -> None:
     legs, plane = np.array([1.5, -0.8]), -0.65
     spread = np.array([[0.01, 0.003], [0.003, 0.02]])
     velocity = 1.3 * np.array([0.6, 0.8])
-    lean = trunk(velocity, r_nf)[:2, :2] @ (person.lean + np.array([swing @ person.surge, 0.0]))
-    t_cf, covariance, bias = worn_pose(config, r_nc, r_nf, legs, spread, plane, velocity, swing)
+    way = trunk(velocity, r_nf)
+    lean = way[:2, :2] @ (person.lean + np.array([swing @ person.surge, 0.0]))
+    t_cf, covariance, bias = worn_pose(config, r_nc, r_nf, legs, spread, plane, 1.3, way, swing)
     n_f = np.asarray(person.neck_to_camera)
 
     def geometry(theta: np.ndarray) -> np.ndarray:

@@ -133,9 +133,7 @@ pub(crate) fn search_templates<'py>(
         whole,
     };
     let grey = grey("image", &image)?;
-    let windows = windows(&templates)?;
-    let shape = windows.as_array().raw_dim();
-    let (count, side) = (shape[0], shape[1]);
+    let (windows, count, side) = windows(&templates)?;
     let (uv, s, guess) = (
         pixels("uv", &uv)?,
         stack::<2, 2>("s", &s)?,
@@ -190,10 +188,8 @@ pub(crate) fn align_templates<'py>(
     uv: Argument<'py>,
 ) -> PyResult<(Uv<'py>, Column<'py, f64>)> {
     let grey = grey("image", &image)?;
-    let windows = windows(&templates)?;
-    let side = windows.as_array().raw_dim()[1];
+    let (windows, count, side) = windows(&templates)?;
     let uv = pixels("uv", &uv)?;
-    let count = windows.as_array().raw_dim()[0];
     same_length("uv", count, uv.len())?;
     let (pixels, windows) = (in_order!(grey), in_order!(windows));
     let view = self::image(&pixels, grey.as_array().shape())?;
@@ -210,8 +206,8 @@ pub(crate) fn align_templates<'py>(
     ))
 }
 
-/// Templates of one odd side.
-fn windows<'py>(templates: &Argument<'py>) -> PyResult<PyReadonlyArray3<'py, u8>> {
+/// Templates of one odd side, how many, and that side.
+fn windows<'py>(templates: &Argument<'py>) -> PyResult<(PyReadonlyArray3<'py, u8>, usize, usize)> {
     let windows: PyReadonlyArray3<'_, u8> = templates
         .extract()
         .map_err(|_| invalid("templates", "an (N, h, h) array of uint8 is needed".into()))?;
@@ -221,7 +217,7 @@ fn windows<'py>(templates: &Argument<'py>) -> PyResult<PyReadonlyArray3<'py, u8>
         return Err(bad_shape("templates", "(N, h, h)", &got));
     }
     odd_side("templates", shape[1])?;
-    Ok(windows)
+    Ok((windows, shape[0], shape[1]))
 }
 
 /// Predicted pixel of patches in another view, and the affine map of pixel offsets into it.

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,7 +53,7 @@ class PersonFit:
     covariance : (3, 3) array
         Of what is still wrong with it, m^2.
     used, given : int
-        Poses that fit, of those with an estimate.
+        Instants of a steady walk with both: those that fit, and all.
     """
 
     person: Person
@@ -60,6 +61,41 @@ class PersonFit:
     covariance: Array
     used: int
     given: int
+
+
+class _Instants(NamedTuple):
+    """Measured poses against estimates, along the trunk's axes.
+
+    Attributes
+    ----------
+    off : (N, 3) array
+        Where the measured camera is, from the estimated one, metres.
+    white, slow : (N, 3, 3) array
+        Covariances: of what is new in each instant, and of what lasts but for the person's build.
+    seen : (N,) array
+        The measured pose's variance upwards.
+    by : (N, 3, 7) array
+        Derivatives of ``off`` by build (3), surge (2) and bob (2).
+    """
+
+    off: Array
+    white: Array
+    slow: Array
+    seen: Array
+    by: Array
+
+    def distances(self, built: Array) -> Array:
+        """(N,) Mahalanobis distances from no correction, of a build known to ``built`` (3, 3)."""
+        spread = built + self.slow + self.white
+        return np.asarray(np.einsum("ki,kij,kj->k", self.off, np.linalg.inv(spread), self.off))
+
+    def solved(self, alike: float) -> tuple[Array, Array]:
+        """Build, surge and bob (7,) by least squares, and their covariance, where what is new lasts for
+        ``alike`` instants; the build without its prior."""
+        weighted = self.by.transpose(0, 2, 1) @ np.linalg.inv(self.white) / alike
+        known = np.diag([0.0] * 3 + [_STEPS_SD**-2] * 4)
+        covariance = np.linalg.inv(known + (weighted @ self.by).sum(axis=0))
+        return covariance @ (weighted @ self.off[:, :, None]).sum(axis=0)[:, 0], covariance
 
 
 def calibrate_person(
@@ -90,9 +126,9 @@ def calibrate_person(
     Raises
     ------
     InputError
-        If the shapes do not fit.
+        If the shapes do not fit, or an estimate lacks what belongs to its pose.
     DataError
-        If there are fewer than ten instants with both, or poses and estimates contradict each other.
+        If a steady walk has fewer than ten instants with both, or poses and estimates contradict each other.
     """
     poses, spread = np.asarray(t_cf, np.float64), np.asarray(covariance, np.float64)
     count = len(estimates)
@@ -111,32 +147,30 @@ def calibrate_person(
     speed = np.array([estimates[k].diagnostics.speed for k in both])
     built = np.diag([person.lever_sd**2, person.lever_sd**2, person.height_sd**2])
     rows = [_row(estimates[k], poses[k], spread[k], built) for k in both]
-    off, white, slow, seen, steps = (np.stack(parts) for parts in zip(*rows, strict=True))
-    distance = np.einsum("ki,kij,kj->k", off, np.linalg.inv(built + slow + white), off)
-    fits = distance < _GATE
+    instants = _Instants(*(np.stack(parts) for parts in zip(*rows, strict=True)))
+    fits = instants.distances(built) < _GATE
     if fits.mean() < _FITS:
         raise DataError(
             f"{int((~fits).sum())} of {len(both)} measured poses contradict the estimates: {_CHECK}"
         )
     apart = float(np.median(np.diff([estimates[k].t for k in both])))
-    turned = steps[fits].transpose(0, 2, 1) @ np.linalg.inv(white[fits]) / max(1.0, _STEP / apart)
-    known = np.diag([0.0] * 3 + [_STEPS_SD**-2] * 4)
-    spread_of_all = np.linalg.inv(known + (turned @ steps[fits]).sum(axis=0))
-    all_of_it = spread_of_all @ (turned @ off[fits][:, :, None]).sum(axis=0)[:, 0]
-    mean, surge, bob = all_of_it[:3], all_of_it[3:5], all_of_it[5:]
-    noise = spread_of_all[:3, :3] + slow[fits].mean(axis=0)
-    if mean @ np.linalg.solve(built + noise, mean) > _GATE:
-        far = 100.0 * float(np.linalg.norm(mean))
+    good = _Instants(*(part[fits] for part in instants))
+    found, covariance_found = good.solved(max(1.0, _STEP / apart))
+    neck, surge, bob = found[:3], found[3:5], found[5:]
+    noise = covariance_found[:3, :3] + good.slow.mean(axis=0)
+    if neck @ np.linalg.solve(built + noise, neck) > _GATE:
+        far = 100.0 * float(np.linalg.norm(neck))
         raise DataError(f"The neck is {far:.0f} cm from where it was thought to be: {_CHECK}")
     gain = built @ np.linalg.inv(built + noise)
-    correction, left = gain @ mean, (np.eye(3) - gain) @ built
+    correction, left = gain @ neck, (np.eye(3) - gain) @ built
+    upwards = (good.off - good.by @ found)[:, 2]
     better = replace(
         person,
         camera_height=person.camera_height + float(correction[2]),
         lean=(person.lean[0] + float(correction[0]), person.lean[1] + float(correction[1])),
         surge=(person.surge[0] + float(surge[0]), person.surge[1] + float(surge[1])),
         bob=(person.bob[0] + float(bob[0]), person.bob[1] + float(bob[1])),
-        bob_sd=_bob_left(person.bob_sd, (off - steps @ all_of_it)[fits, 2], seen[fits], speed[fits]),
+        bob_sd=_bob_left(person.bob_sd, upwards, good.seen, speed[fits]),
         height_sd=float(np.sqrt(left[2, 2])),
         lever_sd=float(np.sqrt(max(left[0, 0], left[1, 1]))),
     )
@@ -167,9 +201,7 @@ def _bob_left(told: float, residual: Array, seen: Array, speed: Array) -> float:
 def _row(
     e: WornPoseEstimate, t_cf: Array, spread: Array, built: Array
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """Along the trunk's axes: where the measured camera is, from the estimated one; covariances of that, of
-    what is new in each instant and of what lasts but for the person's build; the measured pose's variance
-    upwards; and derivatives (3, 7) by build, surge and bob."""
+    """One of `_Instants`."""
     if e.t_cf is None or e.covariance is None or e.bias is None or e.trunk is None or e.swing is None:
         raise InputError(f"The estimate at {e.t} s has a pose but not its covariance, bias, trunk and swing.")
     mine, theirs = e.trunk.T @ e.t_cf[:3, :3], e.trunk.T @ t_cf[:3, :3]

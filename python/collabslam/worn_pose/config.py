@@ -188,12 +188,14 @@ class WornPoseConfig:
         for what, turn in (("r_c_ahrs", self.r_c_ahrs), ("r_f_ahrs", self.r_f_ahrs)):
             if not is_rotation(turn):
                 raise InputError(f"{what} is no rotation; give a 3x3 that turns the AHRS's axes.")
-        if np.shape(self.person.lean) != (2,) or not np.isfinite(self.person.lean).all():
-            raise InputError("lean is not two finite numbers; give ahead and left in metres.")
-        for name in ("surge", "bob"):
+        for name, these in (
+            ("lean", "ahead and left in metres"),
+            ("surge", "them by swing, and by its rate"),
+            ("bob", "them by swing, and by its rate"),
+        ):
             value = getattr(self.person, name)
             if np.shape(value) != (2,) or not np.isfinite(value).all():
-                raise InputError(f"{name} is not two finite numbers; give them by swing, and by its rate.")
+                raise InputError(f"{name} is not two finite numbers; give {these}.")
         if np.shape(self.person.neck_to_camera) != (3,) or not np.isfinite(self.person.neck_to_camera).all():
             raise InputError("neck_to_camera is not three finite numbers; give right, down, ahead in metres.")
         if self.start is not None and (np.shape(self.start) != (2,) or not np.isfinite(self.start).all()):

@@ -247,7 +247,8 @@ class WornPoseEstimator:
         sd = float(np.sqrt(np.linalg.eigvalsh(legs)[-1]))
         since = t - m.seen
         state = "tracked" if since < _BRIDGED else "bridged"
-        d = Diagnostics(state, since, sd, float(np.hypot(x[2], x[3])), m.candidates, m.others, m.scans)
+        speed = float(np.hypot(x[2], x[3]))
+        d = Diagnostics(state, since, sd, speed, m.candidates, m.others, m.scans)
         r_nc, r_nf = self._robot.at(t), self._worn.at(t)
         if r_nc is None or r_nf is None:
             which = "robot" if r_nc is None else "worn camera"
@@ -258,7 +259,7 @@ class WornPoseEstimator:
             return _none(t, f"the legs are known to {sd:.2f} m only", d)
         way = trunk(x[2:4], r_nf)
         swing = np.array([x[4:6], x[6:8] / (2.0 * pi * c.person.step_rate)]) @ way[:2, 0]
-        pose = worn_pose(c, r_nc, r_nf, away, legs, m.plane, x[2:4], swing)
+        pose = worn_pose(c, r_nc, r_nf, away, legs, m.plane, speed, way, swing)
         return WornPoseEstimate(t, *pose, None, d, r_nc.T @ way, swing)
 
 

@@ -35,7 +35,8 @@ def worn_pose(
     legs: Array,
     legs_covariance: Array,
     plane: float,
-    velocity: Array,
+    speed: float,
+    way: Array,
     swing: Array,
 ) -> tuple[Array, Array, Array]:
     """``T_CF``, its covariance, and the part of it that is bias.
@@ -50,8 +51,10 @@ def worn_pose(
     legs_covariance : (2, 2) array
     plane : float
         Height of the scanner's plane over Cs, metres (negative below).
-    velocity : (2,) array
-        Of the person, m/s: the head moves with the steps, and the trunk faces the way.
+    speed : float
+        Of the person, m/s.
+    way : (3, 3) array
+        `trunk`.
     swing : (2,) array
         As in `WornPoseEstimate.swing`.
 
@@ -65,7 +68,7 @@ def worn_pose(
     neck = person.camera_height + person.neck_to_camera[1] - config.camera_height
     height = neck + arm[2] + float(np.dot(person.bob, swing))
     ahead, left = person.lean
-    lean = trunk(velocity, r_nf)[:2, :2] @ np.array([ahead + float(np.dot(person.surge, swing)), left])
+    lean = way[:2, :2] @ np.array([ahead + float(np.dot(person.surge, swing)), left])
     t_n = np.array([legs[0] + lean[0] + arm[0], legs[1] + lean[1] + arm[1], height])
     t_cf = np.eye(4)
     t_cf[:3, :3] = r_nc.T @ r_nf
@@ -91,7 +94,6 @@ def worn_pose(
     slow[range(2, 12), range(2, 12)] = (
         *(person.lever_sd**2,) * 2, person.height_sd**2, steady, steady, yaw, 0.0, tilt, tilt, yaw,
     )  # fmt: skip
-    speed = float(np.hypot(*velocity))
     pace = pace_of(speed)
     elsewhere = _WALKS + (_STANDS - _WALKS) * _STEP / (speed + _STEP)
     aside = (pace * person.sway_sd) ** 2 + (elsewhere * hypot(*person.lean)) ** 2
