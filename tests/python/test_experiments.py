@@ -86,7 +86,13 @@ def test_every_experiment_writes_its_files_and_goes_on_where_it_was(
     assert cost["share"] == pytest.approx(0.2)
     assert cost["worst_share"] == pytest.approx(1 / 3)
     study = json.loads((tmp_path / "study.json").read_text())["curves"]
-    assert {len(study["availability"]), len(study["overlap"])} == {7, 5}
+    assert {factor: len(curve) for factor, curve in study.items()} == {
+        "availability": 7,
+        "overlap": 10,
+        "position_sd": 12,
+        "angle_sd": 10,
+    }
+    assert [p["value"] for p in study["availability"] if p["mode"] == "mono"] == [0.0]
     assert {p["runs"] for curve in study.values() for p in curve} == {10}
 
 

@@ -31,15 +31,13 @@ class Variant:
     factor : {"availability", "overlap", "position_sd", "angle_sd"}
     value : float
         Share of time; share of Cf's picture, along each side, that is left; metres; degrees.
+    mode : {"collab", "mono"}
+        `mono` has Cf in the first frame only, so that its availability is 0.
     """
 
     factor: str
     value: float
-
-    @property
-    def mode(self) -> str:
-        """`mono` where the worn camera is never there after the start."""
-        return "mono" if self.factor == "availability" and self.value == 0.0 else "collab"
+    mode: str = "collab"
 
     def of(self, factor: str, otherwise: float) -> float:
         """The value of a factor."""
