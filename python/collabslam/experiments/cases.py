@@ -51,16 +51,14 @@ class Case:
     ----------
     name : str
         Of the recipe.
-    modes : tuple of str
-    poses : tuple of str
-        `SENSORS` and `DIRECT`, or one of all three.
+    runs : tuple of (str, str)
+        Modes, and where each has the poses from: `SENSORS`, `DIRECT` or `UNCALIBRATED`.
     variants : tuple of Variant
         Changes to the worn camera, each run on its own (for the study); the recording as it is if empty.
     """
 
     name: str
-    modes: tuple[str, ...] = MODES
-    poses: tuple[str, ...] = (SENSORS, DIRECT)
+    runs: tuple[tuple[str, str], ...] = ()
     variants: tuple[Variant, ...] = ()
 
     def key(self, seed: int) -> str:
@@ -125,12 +123,12 @@ def run_case(case: Case, seed: int) -> str:
             row, _ = _scored(world, recording, variant.mode, "direct", {})
             rows.append({**row, "factor": variant.factor, "value": variant.value})
         return json.dumps({"rows": rows, "tracks": tracks})
-    for poses in case.poses:
+    for poses in dict.fromkeys(poses for _, poses in case.runs):
         calibrated = poses == SENSORS
         recording, changes = (
             (held, {}) if poses == DIRECT else sensed(world, held, seed, calibrated=calibrated)
         )
-        for mode in case.modes:
+        for mode in [mode for mode, source in case.runs if source == poses]:
             row, positions = _scored(world, recording, mode, poses, changes)
             rows.append(row)
             tracks[f"{mode}/{poses}"] = positions

@@ -28,9 +28,8 @@ PAPER = {"mono": (694.0, 5.56, 6.78, None), "collab": (276.0, 2.21, 3.17, 0.387)
 
 
 def cases(quick: bool) -> list[Case]:
-    """The corridors, and again with a person who was not calibrated."""
-    corridors = cases_of("corridor", quick)
-    return corridors + [Case(c.name, ("mono", "collab"), (UNCALIBRATED,)) for c in corridors]
+    """The corridors."""
+    return cases_of("corridor", quick)
 
 
 def make(results: Sequence[CaseResult]) -> Finding:

@@ -26,12 +26,18 @@ SOURCES = {
     DIRECT: "measured directly",
 }
 QUICK_COUNT = 2
+_AIMED = ("mono", "collab")
 
 
 def cases_of(name: str, quick: bool) -> list[Case]:
-    """The recordings of a set; with `quick` the first ones, without the modes that take no part in an aim."""
+    """The recordings of a set; with `quick` the first ones, without the modes that take no part in an aim.
+    In corridors the person's calibration is left out as well."""
     recipes = SETS[name][:QUICK_COUNT] if quick else SETS[name]
-    return [Case(r.name, ("mono", "collab") if quick else MODES) for r in recipes]
+    modes = _AIMED if quick else MODES
+    runs = [(mode, poses) for poses in (SENSORS, DIRECT) for mode in modes]
+    if name == "corridor":
+        runs += [(mode, UNCALIBRATED) for mode in _AIMED]
+    return [Case(r.name, tuple(runs)) for r in recipes]
 
 
 def rows_of(results: Sequence[CaseResult]) -> list[Row]:
