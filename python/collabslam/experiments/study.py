@@ -29,6 +29,7 @@ LABELS = {
     "angle_sd": "sd of its heading (degrees; half of it in roll and pitch)",
 }
 _QUICK = 2
+_TICKS = (0.1, 0.3, 1.0, 3.0, 10.0)
 
 
 def cases(quick: bool) -> list[Case]:
@@ -53,7 +54,7 @@ def _modes(factor: str, value: float) -> tuple[str, ...]:
 def make(results: Sequence[CaseResult]) -> Finding:
     """A curve for each factor and mode."""
     rows = rows_of(results)
-    figure, panels = style.canvas(2, 2, (11.0, 8.0), "Error against what the worn camera gives")
+    figure, panels = style.canvas(2, 2, (11.0, 8.0), "Error against what the worn camera gives", sharey=True)
     lines, numbers = [], dict[str, list[dict[str, Any]]]()
     for axes, (factor, label) in zip(panels.flat, LABELS.items(), strict=True):
         numbers[factor] = []
@@ -72,7 +73,10 @@ def make(results: Sequence[CaseResult]) -> Finding:
             numbers[factor] += [{k: _plain(v) for k, v in point.items()} for point in curve]
         if factor.endswith("_sd"):
             axes.set_xscale("log")
+            axes.set_xticks(POINTS[factor], [f"{value:g}" for value in POINTS[factor]])
         axes.set_yscale("log")
+        axes.set_yticks(_TICKS, [f"{tick:g}" for tick in _TICKS])
+        axes.minorticks_off()
         axes.set_xlabel(label)
         axes.set_ylabel("average error, % of the path")
     style.legend(panels[1, 0])
