@@ -93,7 +93,7 @@ def test_a_second_walk_makes_the_person_better_known() -> None:
 
 def test_a_board_shows_the_pose_between_both_cameras() -> None:
     world = world_recording("corridor-2-board")
-    for i, metres in ((0, 0.5), (len(world) - 1, 0.03)):
+    for i, metres in ((0, 0.5), (len(world) - 1, 0.02)):
         frame = world.frame(i)
         assert frame.worn is not None
         t_cf, covariance = pose_between(frame.image, world.camera, frame.worn.image, world.worn_camera, BOARD)

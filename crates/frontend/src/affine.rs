@@ -5,12 +5,11 @@
 //! compositional: the template's derivatives and their normal matrix are formed once.
 
 use crate::Image;
+use crate::align::{DAMPING, LEAST_GAIN};
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 const STEPS: usize = 8;
 const SETTLED: f64 = 0.01; // pixels at the template's edge, of a step
-const LEAST_GAIN: f64 = 0.1; // contrast of the image over the template's below which a step says nothing
-const DAMPING: f64 = 1e-6; // of each diagonal element
 const REACH: f64 = 4.0; // pixels from the start that are believed
 const STRETCH: f64 = 0.8; // largest change of an element of the map that is
 
