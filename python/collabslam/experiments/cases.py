@@ -118,10 +118,13 @@ def run_case(case: Case, seed: int) -> str:
     rows: list[Row] = []
     tracks = {"truth": _rounded(world.truth[:, :2, 3])}
     if case.variants:
+        known: dict[Any, Row] = {}
         for variant in case.variants:
-            recording = varied(world, held, variant, seed)
-            row, _ = _scored(world, recording, variant.mode, "direct", {})
-            rows.append({**row, "factor": variant.factor, "value": variant.value})
+            run_of = variant.mode, variant.values
+            if run_of not in known:
+                recording = varied(world, held, variant, seed)
+                known[run_of], _ = _scored(world, recording, variant.mode, DIRECT, {})
+            rows.append({**known[run_of], "factor": variant.factor, "value": variant.value})
         return json.dumps({"rows": rows, "tracks": tracks})
     for poses in dict.fromkeys(poses for _, poses in case.runs):
         calibrated = poses == SENSORS

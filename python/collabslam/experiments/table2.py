@@ -92,8 +92,8 @@ def _aims(rows: Sequence[Row], poses: str) -> list[Aim]:
         return float(sum(won)) / max(len(collab), 1)
 
     return [
-        Aim("ways on which collab is better than mono on average", better("avg_position_error_m"), ">=", 1.0),
-        Aim("ways on which it is better at the end", better("final_position_error_m"), ">=", 1.0),
+        Aim("share of ways on which collab is better than mono", better("avg_position_error_m"), ">=", 1.0),
+        Aim("the same by the error at the end", better("final_position_error_m"), ">=", 1.0),
         Aim("mean error of collab at the end, % of the path", mean(collab, "final_error_pct"), "<=", 3.0),
         all_started(rows, poses),
         *no_strawman(rows, poses),

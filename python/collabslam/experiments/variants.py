@@ -32,32 +32,34 @@ class Variant:
     value : float
         Share of time; share of Cf's picture, along each side, that is left; metres; degrees.
     mode : {"collab", "mono"}
-        `mono` has Cf in the first frame only, so that its availability is 0.
+        `mono` has Cf in the first frame only.
     """
 
     factor: str
     value: float
     mode: str = "collab"
 
-    def of(self, factor: str, otherwise: float) -> float:
-        """The value of a factor."""
-        return self.value if self.factor == factor else otherwise
+    @property
+    def values(self) -> tuple[float, float, float, float]:
+        """Of all four factors; where curves cross, variants have the same."""
+        usual = {"availability": AVAILABLE, "overlap": 1.0, "position_sd": POSITION_SD, "angle_sd": ANGLE_SD}
+        usual[self.factor] = self.value
+        available, share, position, angle = usual.values()
+        return available, share, position, angle
 
 
 def varied(world: WorldRecording, held: Recording, variant: Variant, seed: int) -> Recording:
     """The recording with one factor changed; the noise is the same draw, scaled."""
-    position = variant.of("position_sd", POSITION_SD)
-    yaw = np.deg2rad(variant.of("angle_sd", ANGLE_SD))
+    available, share, position, angle = variant.values
+    yaw = np.deg2rad(angle)
     sd = np.array([position, position, position, 0.5 * yaw, yaw, 0.5 * yaw])
     poses = {}
     for i in range(len(world)):
         draw = np.random.Generator(np.random.PCG64((seed, world.recipe.seed, i, 5))).standard_normal(6)
         poses[i] = (world.true_t_cf(i) @ pose_inverse(se3_exp(sd * draw)), np.diag(sd**2), None)
     recording: Recording = WithPoses(held, poses)
-    share = variant.of("overlap", 1.0)
     if share < 1.0:
         recording = Cropped(recording, share)
-    available = variant.of("availability", AVAILABLE)
     return attach_worn(recording, "recorded", available=available or 1.0, period=PERIOD)
 
 
