@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 MANYLINUX := $(if $(filter Linux,$(shell uname)),--zig --compatibility manylinux2014)
-SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock pyproject.toml
+SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock pyproject.toml research/pyproject.toml
 
 .PHONY: demo test check docs wheel bench bench-frames reliability audit clean
 
@@ -35,13 +35,13 @@ bench-frames: $(VENV)/.built
 # tables of docs/reliability.md. SHORT=1 takes minutes.
 reliability: $(VENV)/.built
 	cargo build --release --locked -p collabslam-fuzz
-	$(BIN)/collabslam reliability --driver target/release/fuzz $(if $(SHORT),,--full)
+	$(BIN)/collabslam-lab reliability --driver target/release/fuzz $(if $(SHORT),,--full)
 
 check: $(VENV)/.built
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets --locked -- -D warnings
-	$(BIN)/ruff check python tests benches examples docs
-	$(BIN)/ruff format --check python tests benches examples docs
+	$(BIN)/ruff check python research tests benches examples docs
+	$(BIN)/ruff format --check python research tests benches examples docs
 	$(BIN)/mypy
 
 # For any Linux since 2014: zig links against the old C library, whatever this machine has.
@@ -63,6 +63,7 @@ $(VENV)/.installed: pyproject.toml
 
 $(VENV)/.built: $(VENV)/.installed $(SOURCES)
 	$(BIN)/pip install --quiet --no-build-isolation --editable '.[dev]'
+	$(BIN)/pip install --quiet --editable research --config-settings editable_mode=compat
 	touch $@
 
 # Known weaknesses, licences and sources of all dependencies. Needs the network: advisories are fetched.

@@ -21,11 +21,11 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is imported
 import cv2
 import numpy as np
 
+from collabslam.demo.demo_run import MODES, HeldRecording
 from collabslam.demo.recording import corridor_recording
-from collabslam.demo_run import MODES, HeldRecording
-from collabslam.report import STAGES, text_table
-from collabslam.runner import make_engine
-from collabslam.settings import Settings
+from collabslam.runs.report import STAGES, text_table
+from collabslam.runs.runner import make_engine
+from collabslam.settings.table import Settings
 from collabslam.types import Recording
 
 TOTAL = "frame"

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 
 def on_files(files, config):
     """Add the generated pages."""
-    from collabslam.settings import markdown
+    from collabslam.settings.table import markdown
 
     pages = {"settings.md": markdown(), "commands.md": commands(), "numbers.md": numbers()}
     for name, text in pages.items():
@@ -24,8 +24,8 @@ def on_files(files, config):
 
 def commands() -> str:
     """The help of every command."""
-    from collabslam import cli
-    from collabslam.commands import COMMANDS
+    from collabslam.cli import COMMANDS
+    from collabslam.cli import main as cli
 
     os.environ["COLUMNS"] = "100"
     lines = [

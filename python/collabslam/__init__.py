@@ -15,10 +15,10 @@ from collabslam.errors import CollabslamError, DataError, FilterError, InputErro
 if TYPE_CHECKING:
     from collabslam._core import Camera, Filter
     from collabslam.datasets import attach_worn, open_recording
-    from collabslam.engine import Slam, StepResult
-    from collabslam.runner import RunResult, resume, run
-    from collabslam.saved_map import SavedMap
-    from collabslam.settings import Settings
+    from collabslam.runs.runner import RunResult, resume, run
+    from collabslam.settings.table import Settings
+    from collabslam.slam.engine import Slam, StepResult
+    from collabslam.slam.saved_map import SavedMap
     from collabslam.types import Frame, Status, Target, WornView
 
     __version__: str
@@ -51,19 +51,19 @@ _HOMES = {
     "Camera": "_core",
     "Filter": "_core",
     "Frame": "types",
-    "RunResult": "runner",
-    "SavedMap": "saved_map",
-    "Settings": "settings",
-    "Slam": "engine",
+    "RunResult": "runs.runner",
+    "SavedMap": "slam.saved_map",
+    "Settings": "settings.table",
+    "Slam": "slam.engine",
     "Status": "types",
-    "StepResult": "engine",
+    "StepResult": "slam.engine",
     "Target": "types",
     "WornView": "types",
     "__version__": "_core",
     "attach_worn": "datasets",
     "open_recording": "datasets",
-    "resume": "runner",
-    "run": "runner",
+    "resume": "runs.runner",
+    "run": "runs.runner",
 }
 """Module that each public name is imported from on first use."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from collabslam.cli import main
+from collabslam.cli.main import main
 
 if __name__ == "__main__":
     sys.exit(main())

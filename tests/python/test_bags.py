@@ -15,10 +15,11 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from collabslam import cli
 from collabslam import geometry as g
-from collabslam.datasets import messages, open_recording
-from collabslam.datasets.bag import Bag
+from collabslam.cli import main as cli
+from collabslam.datasets import open_recording
+from collabslam.datasets.ros import messages
+from collabslam.datasets.ros.bag import Bag
 from collabslam.errors import DataError, SettingsError
 
 FRAMES, WIDTH, HEIGHT = 6, 32, 24

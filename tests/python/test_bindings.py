@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from collabslam import Camera, Filter, settings
+from collabslam import Camera, Filter
 from collabslam.errors import InputError, SettingsError
+from collabslam.settings import table as settings
 
 CS = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5))
 CF = Camera("radtan", 640, 480, (480.0, 482.0, 321.0, 238.0), (-0.05, 0.01, 0.0003, -0.0002))

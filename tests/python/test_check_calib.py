@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from conftest import Clip
 
-from collabslam import cli
 from collabslam import geometry as g
 from collabslam._core import Camera
 from collabslam.checks import calibration, worn
 from collabslam.checks.matching import Matches
+from collabslam.cli import main as cli
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.types import Frame, WornView
 

@@ -11,19 +11,20 @@ import numpy as np
 import pytest
 from conftest import Clip
 
-from collabslam import cli, runner
 from collabslam._core import Camera, Filter
-from collabslam.checkpoint import Checkpoint, Interval
+from collabslam.cli import main as cli
 from collabslam.datasets import write_recording
 from collabslam.datasets.wrapped import WrappedRecording
-from collabslam.engine import CLASSES, KIND, Slam
 from collabslam.errors import DataError, InputError, SettingsError
 from collabslam.formats import container
-from collabslam.formats.run_folder import RunFolder
-from collabslam.keeping import Keeper, parts_of
-from collabslam.reliability.kills import check_lines, compare_results, run_kills
-from collabslam.results import CHECKPOINT, COVARIANCE, FRAMES, TRAJECTORY
+from collabslam.runs import runner
+from collabslam.runs.checkpoint import Checkpoint, Interval
+from collabslam.runs.results import CHECKPOINT, COVARIANCE, FRAMES, TRAJECTORY
+from collabslam.runs.run_folder import RunFolder
+from collabslam.slam.engine import CLASSES, KIND, Slam
+from collabslam.slam.state import PersistentState, persistent_parts
 from collabslam.types import Frame, Target
+from collabslam_lab.reliability.kills import check_lines, compare_results, run_kills
 
 STOP = 7
 
@@ -118,17 +119,17 @@ def test_an_engine_that_was_saved_goes_on_bit_for_bit(clip: Clip, tmp_path: Path
 def test_every_part_with_a_memory_says_what_it_keeps(clip: Clip) -> None:
     recording = clip.recording
     slam = Slam(recording.camera, recording.worn_camera)
-    before = {name: dict(vars(part)) for name, part in parts_of(slam).items()}
+    before = {name: dict(vars(part)) for name, part in persistent_parts(slam).items()}
     for frame in clip.frames[:4]:
         slam.step(frame.t, frame.image, frame.worn)
     assert set(before) >= {"_tracks", "_depth", "_monitor"}
-    for name, part in parts_of(slam).items():
+    for name, part in persistent_parts(slam).items():
         changed = {k for k, v in vars(part).items() if v is not before[name][k]}
-        assert changed <= set(part.KEPT), name
-        assert set(part.KEPT) <= set(vars(part)), name
+        assert changed <= set(part.PERSISTENT), name
+        assert set(part.PERSISTENT) <= set(vars(part)), name
     for name, part in vars(slam).items():
         remembers = any(k.startswith(("_last", "_previous")) for k in getattr(part, "__dict__", {}))
-        assert isinstance(part, Keeper) or not remembers, name
+        assert isinstance(part, PersistentState) or not remembers, name
 
 
 def test_depths_and_a_target_are_kept(clip: Clip, tmp_path: Path) -> None:

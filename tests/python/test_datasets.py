@@ -12,8 +12,8 @@ import pytest
 from collabslam import geometry as g
 from collabslam._core import Camera
 from collabslam.datasets import load_camera, open_recording, write_recording
-from collabslam.datasets.base import ImageRecording, times_at_rate
 from collabslam.datasets.poses import interpolate_track, parse_stamp
+from collabslam.datasets.recording import ImageRecording, times_at_rate
 from collabslam.errors import DataError, InputError
 from collabslam.types import Frame, WornView
 

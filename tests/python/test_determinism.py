@@ -12,7 +12,7 @@ from conftest import Clip
 from test_viewing import Short
 
 from collabslam.datasets import write_recording
-from collabslam.reliability.kills import compare_results
+from collabslam_lab.reliability.kills import compare_results
 
 FRAMES = 12
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")

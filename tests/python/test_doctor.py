@@ -11,12 +11,12 @@ import cv2
 import numpy as np
 import pytest
 
-from collabslam import cli
 from collabslam.checks.doctor import diagnose
+from collabslam.cli import main as cli
 from collabslam.datasets import load_camera, open_recording
-from collabslam.formats.run_folder import RunFolder
-from collabslam.results import MARK
-from collabslam.settings import Settings, schema
+from collabslam.runs.results import MARK
+from collabslam.runs.run_folder import RunFolder
+from collabslam.settings.table import Settings, schema
 
 GOOD = {"status": "OK", "started": 1, "worn": 0, "predicted": 45, "searched": 40, "found": 36, "accepted": 35,
         "rejected_low_score": 3, "nis": 70, "nis_dof": 70}  # fmt: skip

@@ -19,16 +19,19 @@ from test_viewing import Short
 from test_worn_pose import write_sensor_bag
 
 import collabslam
-from collabslam import cli, demo_run
 from collabslam import geometry as g
-from collabslam.benchmark import evaluate
-from collabslam.commands import COMMANDS
+from collabslam.cli import COMMANDS
+from collabslam.cli import main as cli
 from collabslam.datasets import write_recording
 from collabslam.datasets.calibration import sensor_mapping
+from collabslam.demo import demo_run
+from collabslam_lab.benchmark import evaluate
+from collabslam_lab.cli import main as lab
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
 TOOLS = {"evo_ape", "smfeval", "rerun"}
+COMMAND_LINES = {"collabslam": cli.main, "collabslam-lab": lab.main}
 FRAMES = 9
 START = 1_700_000_000_000_000_000
 
@@ -115,12 +118,12 @@ def there(place: Path, clip: Clip, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def play(words: list[str], folder: Path) -> None:
     name, *rest = words
-    if name == "collabslam":
+    if name in COMMAND_LINES:
         for option in ("--out", "--animation"):  # runs of one page do not stand in another's way
             if option in rest and "results" not in rest[rest.index(option) + 1]:
                 shutil.rmtree(folder / rest[rest.index(option) + 1], ignore_errors=True)
         try:
-            status = cli.main(rest)
+            status = COMMAND_LINES[name](rest)
         except SystemExit as done:  # --help
             status = int(done.code or 0)
         assert status == 0, words

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from conftest import Clip
 
-from collabslam.engine import Slam, StepResult
 from collabslam.errors import InputError, SettingsError
-from collabslam.modes import MODES
-from collabslam.results import DIAGNOSTICS
+from collabslam.runs.results import DIAGNOSTICS
+from collabslam.settings.modes import MODES
+from collabslam.slam.engine import Slam, StepResult
 from collabslam.types import Frame, Status, WornView
 
 

@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from collabslam import cli
 from collabslam import geometry as g
+from collabslam.cli import main as cli
 from collabslam.errors import DataError
 from collabslam.evaluation.record import RunRecord
-from collabslam.formats import landmarks, rosbag, trajectory
-from collabslam.formats.run_folder import RunFolder
-from collabslam.results import MARK, ResultWriter
+from collabslam.formats import landmarks, trajectory
+from collabslam.formats import ros_odometry as rosbag
+from collabslam.runs.results import MARK, ResultWriter
+from collabslam.runs.run_folder import RunFolder
 
 TOOLS = Path(sys.executable).parent
 COUNT = 60

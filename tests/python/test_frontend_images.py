@@ -12,9 +12,9 @@ from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.flow import FlowImage, flow_guess, global_motion
 from collabslam.frontend.patch import affine_maps, capture, warp_templates
 from collabslam.frontend.search import AMBIGUOUS, FOUND, LOW_SCORE, OUTSIDE, active_search
-from collabslam.frontend.settings import FRONTEND, FrontendSettings
 from collabslam.geometry import se3_exp
-from collabslam.tracks import Tracks
+from collabslam.settings.frontend import FRONTEND, FrontendSettings
+from collabslam.slam.tracks import Tracks
 
 SETTINGS = FrontendSettings()
 NONE = np.empty((0, 2))

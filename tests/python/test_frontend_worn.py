@@ -14,12 +14,12 @@ from collabslam.errors import DataError, InputError
 from collabslam.frontend.describe import DESCRIPTORS, describe
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.epipolar import find_consensus, inverse_ranges
-from collabslam.frontend.settings import FrontendSettings
 from collabslam.frontend.target import checkerboard_points, find_target, marker_points, pose_from_points
 from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
+from collabslam.settings.frontend import FrontendSettings
 from collabslam.types import Target
-from collabslam.worlds import world_recording
+from collabslam_lab.worlds import world_recording
 
 SETTINGS = FrontendSettings()
 CAMERA = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5), [])

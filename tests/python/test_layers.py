@@ -10,66 +10,106 @@ from pathlib import Path
 import pytest
 
 import collabslam
+import collabslam_lab
 
-PACKAGE = Path(collabslam.__file__).parent
-ROOT = PACKAGE.parents[1]
-TOP = {
-    "engine", "runner", "cli", "commands", "checks", "demo_run", "reproduce", "benchmark", "report", "viz",
-    "experiments",
-}  # fmt: skip
-
-FORBIDDEN = {
-    "frontend": TOP | {"datasets", "evaluation", "results", "demo"},
-    "checks": (TOP - {"checks"}) | {"demo"},
-    "datasets": TOP | {"frontend", "evaluation", "results", "demo"},
-    "evaluation": TOP | {"frontend", "datasets", "results", "demo"},
-    "demo": TOP | {"frontend", "evaluation", "results"},
-    "formats": TOP | {"frontend", "demo"},
-    "viz": {"engine", "cli", "commands", "datasets", "frontend"},
-    "reproduce": {
-        "engine",
-        "runner",
-        "cli",
-        "commands",
-        "demo_run",
-        "benchmark",
-        "viz",
-        "frontend",
-        "datasets",
-    },
-    "worn_pose": TOP | {"frontend", "datasets", "evaluation", "results", "demo", "settings"},
-    "experiments": {"cli", "commands", "benchmark", "frontend"},
-    "worlds": TOP | {"frontend", "evaluation", "results", "datasets"},
-    "engine.py": {"runner", "commands", "cli", "datasets", "evaluation", "results", "viz", "demo"},
-    "depth_input.py": TOP | {"datasets", "evaluation", "results", "demo"},
-    "features.py": TOP | {"datasets", "evaluation", "results", "demo"},
-    "tracks.py": TOP | {"datasets", "evaluation", "results", "demo"},
-    "overlap.py": TOP | {"datasets", "evaluation", "results", "demo"},
-    "benchmark": {"cli", "commands", "reproduce"},
-    "runner.py": {"cli", "commands", "demo_run", "benchmark", "frontend", "demo"},
-    "types.py": TOP | {"datasets", "frontend", "evaluation", "results", "demo", "settings"},
-    "geometry.py": TOP | {"datasets", "frontend", "evaluation", "results", "demo", "settings"},
+ROOT = Path(collabslam.__file__).parents[2]
+SOURCES = {
+    "collabslam": Path(collabslam.__file__).parent,
+    "collabslam_lab": Path(collabslam_lab.__file__).parent,
 }
-"""Part of the package, and the parts that it must not import."""
+BASE = {"_core", "errors", "types", "geometry", "extras"}
+
+ALLOWED: dict[str, set[str]] = {
+    # what stands alone
+    "errors": set(),
+    "version": {"_core"},
+    "extras": {"errors"},
+    "types": {"_core", "errors"},
+    "geometry": {"errors", "types"},
+    # what the product is made of, from the bottom to the top
+    "evaluation": BASE,
+    "formats": BASE | {"evaluation"},
+    "settings": BASE | {"formats"},
+    "worn_pose": BASE,
+    "frontend": BASE | {"settings"},
+    "slam": BASE | {"settings", "formats", "frontend"},
+    "datasets": BASE | {"formats", "worn_pose"},
+    "runs": BASE | {"version", "settings", "formats", "evaluation", "slam", "datasets"},
+    "viz": BASE | {"formats", "evaluation", "slam", "runs"},
+    "checks": BASE | {"frontend", "datasets", "runs"},
+    "demo": BASE | {"settings", "datasets", "runs", "viz"},
+    "cli": BASE
+    | {"version", "settings", "formats", "worn_pose", "datasets", "runs", "viz", "checks", "demo"},
+    "__main__": {"cli"},
+    "__init__": {"_core", "errors", "types", "settings", "slam", "datasets", "runs"},
+}
+"""Part of the package, and the parts that it may import."""
+
+PRODUCT = {f"collabslam.{part}" for part in ALLOWED}
+LAB_ALLOWED: dict[str, set[str]] = {
+    "__init__": set(),
+    "report": set(),
+    "processes": set(),
+    "worn_sensors": set(),
+    "worlds": {"worn_sensors"},
+    "benchmark": {"report", "processes"},
+    "paper_simulation": {"report", "processes", "worn_sensors"},
+    "paper_worlds": {"report", "processes", "paper_simulation", "worlds"},
+    "reliability": {"report", "benchmark"},
+    "cli": {"benchmark", "paper_simulation", "paper_worlds", "reliability", "worlds"},
+    "__main__": {"cli"},
+}
+"""Part of the lab, and the parts of the lab that it may import; it may import all of the product."""
 
 
-def _imports(path: Path) -> set[str]:
-    """Parts of collabslam that a file imports, at its top or later."""
+def _module(path: Path, package: str) -> str:
+    parts = path.relative_to(SOURCES[package]).with_suffix("").parts
+    return ".".join([package, *parts]).removesuffix(".__init__")
+
+
+FILES = {_module(p, package): p for package, root in SOURCES.items() for p in sorted(root.rglob("*.py"))}
+
+
+def _imports(module: str) -> set[str]:
+    """Modules of ours that a file imports, at its top or later."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(FILES[module].read_text())):
         if isinstance(node, ast.Import):
             names |= {a.name for a in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
-            names |= {node.module, *(f"{node.module}.{a.name}" for a in node.names)}
-    return {n.split(".")[1] for n in names if n.startswith("collabslam.")}
+            known = {*FILES, "collabslam._core"}
+            names |= {
+                full if (full := f"{node.module}.{a.name}") in known else node.module for a in node.names
+            }
+    return {n for n in names if n.split(".")[0] in SOURCES} - {module}
 
 
-@pytest.mark.parametrize("part", sorted(FORBIDDEN))
-def test_imports_go_one_way(part: str) -> None:
-    files = [PACKAGE / part] if part.endswith(".py") else sorted((PACKAGE / part).rglob("*.py"))
-    assert files
-    for path in files:
-        assert not _imports(path) & FORBIDDEN[part], path.relative_to(PACKAGE)
+def _part(module: str) -> str:
+    package, _, rest = module.partition(".")
+    return f"{package}.{rest.split('.')[0] or '__init__'}"
+
+
+@pytest.mark.parametrize("module", sorted(FILES))
+def test_a_file_imports_what_the_table_allows(module: str) -> None:
+    part = _part(module)
+    package, name = part.split(".")
+    table = ALLOWED if package == "collabslam" else LAB_ALLOWED
+    assert name in table, f"{module} lies outside the folders of the table"
+    allowed = {f"{package}.{n}" for n in table[name]} | {part}
+    if package == "collabslam_lab":
+        allowed |= {f"collabslam.{n}" for n in (*ALLOWED, "_core")}
+    assert {_part(m) for m in _imports(module)} <= allowed
+
+
+def test_the_table_names_folders_that_exist() -> None:
+    assert {_part(m) for m in FILES} == PRODUCT | {f"collabslam_lab.{part}" for part in LAB_ALLOWED}
+
+
+def test_no_file_imports_itself_in_a_circle() -> None:
+    imports = {module: _imports(module) & set(FILES) for module in FILES}
+    while leaves := {m for m, targets in imports.items() if not targets & set(imports)}:
+        imports = {m: targets for m, targets in imports.items() if m not in leaves}
+    assert not imports, sorted(imports)
 
 
 @pytest.mark.skipif(not (ROOT / "crates").is_dir(), reason="needs the source tree")
@@ -92,7 +132,7 @@ def test_import_leaves_the_heavy_libraries_alone() -> None:
 def test_help_loads_next_to_nothing() -> None:
     """What makes it answer at once; the test of the wheel prints how soon."""
     code = (
-        "import sys; from collabslam import cli\n"
+        "import sys; from collabslam.cli import main as cli\n"
         "try: cli.main(['--help'])\n"
         "except SystemExit: pass\n"
         "print('LOADED', sum(m.split('.')[0] == 'collabslam' for m in sys.modules), *sys.modules)"
@@ -110,11 +150,11 @@ def test_every_public_name_is_there() -> None:
     assert set(collabslam.__all__) <= set(dir(collabslam))
 
 
-@pytest.mark.parametrize("first", ["collabslam.runner", "collabslam.cli", "collabslam.commands.run"])
+@pytest.mark.parametrize("first", ["collabslam.runs.runner", "collabslam.cli.main", "collabslam.cli.run"])
 def test_run_is_a_function_whatever_is_imported_first(first: str) -> None:
     assert _python("-c", f"import collabslam, {first}; print(callable(collabslam.run))").strip() == "True"
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:
-    with pytest.raises(AttributeError, match="'collabslam' has no attribute 'slam'"):
-        _ = collabslam.slam
+    with pytest.raises(AttributeError, match="'collabslam' has no attribute 'filters'"):
+        _ = collabslam.filters

@@ -11,13 +11,18 @@ import pytest
 
 from collabslam._core import settings_schema
 from collabslam.demo import DemoRecording, corridor_recording
-from collabslam.engine import Slam, StepResult
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.patch import capture
-from collabslam.frontend.recall import describe_corners, describe_views, match_descriptors, pose_by_ransac
-from collabslam.frontend.settings import FrontendSettings
+from collabslam.frontend.place_recognition import (
+    describe_corners,
+    describe_views,
+    match_descriptors,
+    pose_by_ransac,
+)
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
-from collabslam.status import StatusMonitor
+from collabslam.settings.frontend import FrontendSettings
+from collabslam.slam.engine import Slam, StepResult
+from collabslam.slam.status import StatusMonitor
 from collabslam.types import Array, Image, Status
 
 SEEN = 20

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from collabslam import geometry as g
-from collabslam import results
 from collabslam.errors import DataError
 from collabslam.evaluation.record import RunRecord
 from collabslam.formats.landmarks import write_ply
+from collabslam.runs import results
 
 CONFIG = results.MARK + ": test\n"
 

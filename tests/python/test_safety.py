@@ -12,7 +12,7 @@ from conftest import Clip
 import collabslam
 from collabslam.datasets import open_recording, write_recording
 from collabslam.errors import DataError, SettingsError
-from collabslam.settings import Settings
+from collabslam.settings.table import Settings
 from collabslam.types import Recording
 
 PACKAGE = Path(collabslam.__file__).parent

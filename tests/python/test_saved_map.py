@@ -13,17 +13,17 @@ import pytest
 from conftest import Clip
 
 from collabslam._core import Camera
-from collabslam.cli import main
+from collabslam.cli.main import main
 from collabslam.demo import DemoRecording
 from collabslam.demo.recording import WORN_CAMERA
-from collabslam.engine import Slam
 from collabslam.errors import DataError, InputError, SettingsError
 from collabslam.frontend.patch import Patch, capture
-from collabslam.frontend.recall import in_other_camera
+from collabslam.frontend.place_recognition import in_other_camera
 from collabslam.geometry import pose_inverse, se3_log
-from collabslam.modes import STARTS
-from collabslam.runner import run
-from collabslam.saved_map import SavedMap
+from collabslam.runs.runner import run
+from collabslam.settings.modes import STARTS
+from collabslam.slam.engine import Slam
+from collabslam.slam.saved_map import SavedMap
 from collabslam.types import Array, Image, Status
 
 OTHER = Camera("radtan", 640, 400, (500.0, 505.0, 322.0, 199.0), (-0.04, 0.01, 0.0, 0.0005))

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from collabslam import settings as module
-from collabslam.entry import Entry
 from collabslam.errors import SettingsError
-from collabslam.settings import Settings, parse_assignments
+from collabslam.settings import table as module
+from collabslam.settings.setting import Entry
+from collabslam.settings.table import Settings, parse_assignments
 
 ENTRIES = [
     Entry(

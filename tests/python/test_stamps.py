@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from collabslam.stamps import usable_frames
+from collabslam.runs.stamps import usable_frames
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ import pytest
 
 from collabslam._core import Camera
 from collabslam.frontend.search import AMBIGUOUS, FOUND
-from collabslam.frontend.settings import FrontendSettings
-from collabslam.tracks import Tracks
+from collabslam.settings.frontend import FrontendSettings
+from collabslam.slam.tracks import Tracks
 from collabslam.types import Array, Ids, Image
 
 TRUE = np.array([[60.0, 60.0], [150.0, 60.0], [60.0, 150.0], [105.0, 105.0]])

@@ -12,8 +12,9 @@ import pytest
 from conftest import Clip
 from PIL import Image as Pictures
 
-from collabslam import DataError, Slam, runner
-from collabslam.features import STATES
+from collabslam import DataError, Slam
+from collabslam.runs import runner
+from collabslam.slam.feature_states import STATES
 from collabslam.viz.animation import animate
 from collabslam.viz.rerun_log import COLOURS, RerunLog
 

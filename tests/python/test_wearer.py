@@ -11,10 +11,10 @@ import pytest
 from conftest import Clip
 
 from collabslam import Camera
-from collabslam.engine import Slam, StepResult
-from collabslam.frontend.wearer import covered
+from collabslam.frontend.wearer_mask import covered
 from collabslam.geometry import rotation_exp
-from collabslam.settings import Settings
+from collabslam.settings.table import Settings
+from collabslam.slam.engine import Slam, StepResult
 from collabslam.types import Array
 
 RADIUS = 0.3

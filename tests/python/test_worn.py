@@ -11,8 +11,8 @@ import pytest
 from collabslam import geometry as g
 from collabslam._core import Camera
 from collabslam.datasets import attach_worn, open_recording, write_recording
-from collabslam.datasets.overlap import grid_points, view_overlap
-from collabslam.datasets.pose_noise import PoseNoise
+from collabslam.datasets.emulated.pose_noise import PoseNoise
+from collabslam.datasets.emulated.view_overlap import grid_points, view_overlap
 from collabslam.errors import DataError, SettingsError
 from collabslam.types import Frame
 

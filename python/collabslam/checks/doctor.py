@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from collabslam.formats.run_folder import RunFolder
+from collabslam.runs.run_folder import RunFolder
 from collabslam.types import Array, Mask
 
 FEW_FEATURES = 20

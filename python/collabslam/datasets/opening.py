@@ -7,8 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from collabslam.datasets import (
-    bag_recording,
+from collabslam.datasets.calibration import load_camera
+from collabslam.datasets.overrides import Given
+from collabslam.datasets.readers import (
     collab,
     davison,
     euroc,
@@ -19,9 +20,8 @@ from collabslam.datasets import (
     tum_rgbd,
     video,
 )
-from collabslam.datasets.base import ImageRecording
-from collabslam.datasets.calibration import load_camera
-from collabslam.datasets.given import Given
+from collabslam.datasets.recording import ImageRecording
+from collabslam.datasets.ros import reader as bag_recording
 from collabslam.datasets.stream import StreamRecording
 from collabslam.errors import DataError
 
@@ -112,7 +112,7 @@ def open_recording(
     poses
         True trajectory of Cs in TUM format, used to emulate a worn camera and to score, never by the filter.
     topics
-        Of a bag: the topic for each role, see `collabslam.datasets.bag_recording.ROLES`.
+        Of a bag: the topic for each role, see `collabslam.datasets.ros.reader.ROLES`.
 
     Raises
     ------

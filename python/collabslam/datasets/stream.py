@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from collabslam._core import Camera
-from collabslam.datasets.base import check_frames, frame_index
 from collabslam.datasets.calibration import check_resolution
+from collabslam.datasets.recording import check_frames, frame_index
 from collabslam.types import Array, Frame, Image, Target, WornView
 
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from collabslam import _core
-from collabslam.frontend.settings import DetectSettings
+from collabslam.settings.frontend import DetectSettings
 from collabslam.types import Array, Image, Mask
 
 Hidden = Callable[[Array], Mask]

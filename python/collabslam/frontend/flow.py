@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collabslam.frontend.detect import halves
-from collabslam.frontend.settings import FlowSettings
+from collabslam.settings.frontend import FlowSettings
 from collabslam.types import Array, Image, Mask
 
 Small = NDArray[np.float32]

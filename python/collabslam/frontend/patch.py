@@ -13,7 +13,7 @@ import numpy as np
 
 from collabslam import _core
 from collabslam._core import Camera
-from collabslam.frontend.settings import PatchSettings
+from collabslam.settings.frontend import PatchSettings
 from collabslam.types import Array, Image, Mask
 
 

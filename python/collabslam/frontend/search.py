@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from collabslam import _core
-from collabslam.frontend.settings import FrontendSettings, SearchSettings
+from collabslam.settings.frontend import FrontendSettings, SearchSettings
 from collabslam.types import Array, Image, Indices, Mask
 
 FOUND, LOW_SCORE, AMBIGUOUS, OUTSIDE, WIDE = 0, 1, 2, 3, 4

@@ -16,8 +16,8 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.errors import DataError, InputError
 from collabslam.frontend.search import FOUND, active_search
-from collabslam.frontend.settings import FrontendSettings
 from collabslam.geometry import pose_inverse, se3_exp
+from collabslam.settings.frontend import FrontendSettings
 from collabslam.types import Array, Image, Indices, Target
 
 _STEP = 1e-6  # of the numeric derivatives, metres and radians

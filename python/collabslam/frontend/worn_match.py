@@ -30,8 +30,8 @@ from collabslam.frontend.detect import detect_corners, halves
 from collabslam.frontend.epipolar import Consensus, find_consensus, inverse_ranges, skews
 from collabslam.frontend.patch import inverse_maps
 from collabslam.frontend.search import FOUND, active_search
-from collabslam.frontend.settings import FrontendSettings
 from collabslam.geometry import pose_inverse
+from collabslam.settings.frontend import FrontendSettings
 from collabslam.types import Array, Image, Indices, Mask
 
 Region = tuple[float, float, float, float]

@@ -16,7 +16,7 @@ from collabslam.types import Image, Recording
 from collabslam.viz.plot import COLOURS, TRUTH, WORN
 
 if TYPE_CHECKING:
-    from collabslam.runner import RunResult
+    from collabslam.runs.runner import RunResult
 
 STRIDE = 4
 """Every so many frames is drawn."""

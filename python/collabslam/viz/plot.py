@@ -23,7 +23,7 @@ from collabslam.types import Array, Mask
 
 if TYPE_CHECKING:
     from collabslam.evaluation.scoring import AlignedTruth
-    from collabslam.runner import RunResult
+    from collabslam.runs.runner import RunResult
 
 
 TRUTH, WORN, POINTS = "#1b1b1b", "#f2b134", "#8a94a0"

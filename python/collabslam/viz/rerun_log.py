@@ -17,7 +17,7 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.errors import DataError
 from collabslam.extras import needs
-from collabslam.features import FrameFeatures
+from collabslam.slam.feature_states import FrameFeatures
 from collabslam.types import Array, Frame, Recording
 from collabslam.viz.rerun_layout import LOGGED, blueprint, curve
 

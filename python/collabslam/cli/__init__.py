@@ -1,0 +1,25 @@
+"""The subcommands, a module each; only the one that is called is imported.
+
+The module of the command ``check-calib`` is ``collabslam.cli.check_calib``.  It offers
+``configure(parser)``, which adds its options, and ``main(arguments)``, which does the work and returns the
+exit status.
+"""
+
+from __future__ import annotations
+
+OK, LOST, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+"""Exit statuses: fine, finished but lost the camera (or the filter gave up), bad input, Ctrl-C."""
+
+COMMANDS = {
+    "run": "run a recording through the filter",
+    "init": "write a settings file and a calibration for a recording",
+    "demo": "render a corridor walk and run it with and without Cf",
+    "info": "say what a recording holds",
+    "check-calib": "say whether calibration, poses and time stamps agree with the images",
+    "calibrate-person": "measure how the person who wears Cf is built, with a checkerboard",
+    "doctor": "explain in sentences why a run went well or badly",
+    "export": "write a run's trajectory or map in another format",
+    "settings": "list, write or check settings",
+    "record": "write a recording in the two-camera layout",
+}
+"""Every command with its help, in the order of ``collabslam --help``."""

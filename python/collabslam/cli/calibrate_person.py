@@ -1,0 +1,58 @@
+"""``collabslam calibrate-person``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from collabslam.cli import OK, options
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    options.add_source(parser)
+    parser.add_argument(
+        "--board",
+        metavar="COLUMNSxROWS",
+        type=options.board_corners,
+        required=True,
+        help="inner corners of the checkerboard, as 9x6; one odd and one even",
+    )
+    parser.add_argument(
+        "--square", metavar="M", type=float, required=True, help="side of one of its squares, metres"
+    )
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Print what to write under ``person:`` in the sensors file."""
+    from collabslam.checks.board import board_poses
+    from collabslam.datasets.ros.bag import Bag, is_bag
+    from collabslam.datasets.ros.sensors import ESTIMATED, bag_sensors, read_sensors
+    from collabslam.errors import DataError
+    from collabslam.types import Board
+    from collabslam.worn_pose import calibrate_person
+
+    columns, rows = arguments.board
+    board = Board(columns, rows, arguments.square)
+    source = (arguments.topics or {}).get("t_cf", "")
+    if not is_bag(arguments.source) or not source.startswith(ESTIMATED):
+        raise DataError(
+            "A person is calibrated from a bag with laser scans and attitudes; give it with --topics "
+            "cs=TOPIC,cf=TOPIC,t_cf=sensors:FILE."
+        )
+    recording = options.open_source(arguments)
+    with Bag(arguments.source) as bag:
+        sensors = bag_sensors(bag, read_sensors(Path(source.removeprefix(ESTIMATED))))
+    estimates = sensors.estimates(recording.times)
+    fit = calibrate_person(sensors.config.person, estimates, *board_poses(recording, board))
+    ahead, left, up = (100.0 * x for x in fit.correction)
+    print(f"# {fit.used} of {fit.given} frames fit; from where it was thought to be, the neck is")
+    print(f"# {ahead:.1f} cm ahead, {left:.1f} cm to the left, {up:.1f} cm up")
+    print("person:")
+    for name in ("camera_height", "height_sd", "lever_sd", "bob_sd"):
+        print(f"  {name}: {getattr(fit.person, name):.4f}")
+    for name in ("lean", "surge", "bob"):
+        first, second = getattr(fit.person, name)
+        print(f"  {name}: [{first:.4f}, {second:.4f}]")
+    print(f"  neck_to_camera: {list(fit.person.neck_to_camera)}")
+    return OK

@@ -1,0 +1,31 @@
+"""``collabslam demo``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from collabslam.cli import options
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, default=Path("results/demo"), help=options.OUT_HELP
+    )
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--seed", metavar="N", type=int, default=0, help="of the noise (default 0)")
+    which.add_argument("--seeds", metavar="A-B", type=options.seed_list, help="several: medians are printed")
+    parser.add_argument("--animation", metavar="FILE.gif", type=Path, help="write an animated picture")
+    options.add_settings(parser)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Render, run both modes, print the comparison."""
+    from collabslam.demo.demo_run import run_demo
+    from collabslam.runs.runner import exit_status
+
+    seeds = arguments.seeds or [arguments.seed]
+    settings = options.read_settings(arguments)
+    summaries = run_demo(arguments.out, seeds=seeds, settings=settings, animation=arguments.animation)
+    return exit_status(summaries["collab"])

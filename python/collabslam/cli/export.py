@@ -1,0 +1,48 @@
+"""``collabslam export``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from collabslam.cli import OK
+
+FORMATS = {
+    "euroc": "trajectory as EuRoC CSV",
+    "kitti": "trajectory as KITTI poses, with their stamps in a second file",
+    "csv": "landmarks with covariance as CSV",
+    "ros2": "trajectory with covariance as nav_msgs/Odometry in a ROS 2 bag (sqlite3)",
+    "ros2-mcap": "the same in an MCAP bag",
+}
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument("run", metavar="RUN", type=Path, help="result folder of a run")
+    parser.add_argument("out", metavar="OUT", type=Path, help="new file, or folder of a bag")
+    texts = "; ".join(f"{name}: {text}" for name, text in FORMATS.items())
+    parser.add_argument("--to", metavar="FORMAT", required=True, choices=FORMATS, help=texts)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Write one format."""
+    from collabslam.formats import landmarks, trajectory
+    from collabslam.formats import ros_odometry as rosbag
+    from collabslam.runs.run_folder import RunFolder
+
+    run, out, kind = RunFolder(arguments.run), arguments.out, arguments.to
+    if kind == "csv":
+        points = run.landmarks()
+        landmarks.write_csv(out, points)
+        print(f"{len(points.ids)} landmarks are in {out}")
+        return OK
+    times, poses, covariances = run.trajectory()
+    if kind == "euroc":
+        trajectory.write_euroc(out, times, poses)
+    elif kind == "kitti":
+        print(f"the stamps are in {trajectory.write_kitti(out, times, poses)}")
+    else:
+        storage = "mcap" if kind == "ros2-mcap" else "sqlite3"
+        rosbag.write_odometry(out, times, poses, covariances, storage=storage)
+    print(f"{len(times)} poses are in {out}")
+    return OK

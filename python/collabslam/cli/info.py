@@ -1,0 +1,66 @@
+"""``collabslam info``."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from collabslam.cli import OK, options
+
+if TYPE_CHECKING:
+    from collabslam._core import Camera
+    from collabslam.types import Recording
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    options.add_source(parser)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Print the topics of a bag, then what the recording is."""
+    from collabslam.datasets.ros.bag import Bag, is_bag
+    from collabslam.datasets.ros.reader import ROLES
+    from collabslam.runs.report import text_table
+
+    if is_bag(arguments.source):
+        with Bag(arguments.source) as bag:
+            print(f"topics of {arguments.source}")
+            print(text_table([[t.name, t.type, str(t.messages)] for t in bag.topics] or [["none"]]))
+        print("roles for --topics")
+        print(text_table([list(row) for row in ROLES.items()]))
+    recording = options.open_source(arguments)
+    print(recording.name)
+    print(text_table([[label, text] for label, text in describe(recording).items()]))
+    return OK
+
+
+def describe(recording: Recording) -> dict[str, str]:
+    """What a recording holds, in words."""
+    import numpy as np
+
+    times, truth = recording.times, recording.truth
+    seconds = float(times[-1] - times[0])
+    rate = (len(times) - 1) / seconds if seconds > 0.0 else 0.0
+    known = 0 if truth is None else int(np.isfinite(truth).all(axis=(1, 2)).sum())
+    rig = getattr(recording, "rig", None)
+    worn = recording.worn_camera
+    return {
+        "source": recording.source,
+        "frames": f"{len(times)} in {seconds:.2f} s ({rate:.1f} a second)",
+        "first stamp": f"{times[0]:.9f} s",
+        "camera Cs": _camera(recording.camera),
+        "worn camera Cf": "none recorded (see --worn)" if worn is None else _camera(worn),
+        "worn pose": "none" if worn is None else getattr(recording, "worn_pose", "measured"),
+        "second camera of the rig": "none"
+        if rig is None
+        else f"{_camera(rig.camera)}, {len(rig.paths)} images",
+        "true poses": f"{known} of {len(times)} frames" if known else "none (see --poses)",
+        "known target": "none" if recording.target is None else f"{len(recording.target.points)} points",
+        "conventions": "T_WC maps points of C into W; metres, seconds; C: x right, y down, z forward",
+    }
+
+
+def _camera(camera: Camera) -> str:
+    fx, fy, cx, cy = camera.intrinsics
+    return f"{camera.width}x{camera.height} {camera.model}, fx {fx:g} fy {fy:g} cx {cx:g} cy {cy:g} px"

@@ -1,0 +1,79 @@
+"""The command line: finds the command, and turns errors into one sentence and an exit status."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from typing import Any
+
+from collabslam.cli import BAD_INPUT, COMMANDS, INTERRUPTED, LOST
+from collabslam.errors import CollabslamError, FilterError
+
+DESCRIPTION = "Metric monocular SLAM for a robot, helped now and then by a camera that a person wears."
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command of ``collabslam``; returns the exit status."""
+    return run_command(build_parser("collabslam", DESCRIPTION, "collabslam.cli", COMMANDS), argv)
+
+
+def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = None) -> int:
+    """Parse, call the command, and turn errors into one sentence and an exit status."""
+    arguments = parser.parse_args(argv)
+    try:
+        status: int = arguments.main(arguments)
+    except CollabslamError as error:
+        print(f"{parser.prog}: error: {error}", file=sys.stderr)
+        return LOST if isinstance(error, FilterError) else BAD_INPUT
+    except KeyboardInterrupt:
+        print(f"{parser.prog}: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    return status
+
+
+def build_parser(
+    prog: str, description: str, package: str, commands: Mapping[str, str]
+) -> argparse.ArgumentParser:
+    """A whole command line; the options of a command are added when it is called.
+
+    Parameters
+    ----------
+    prog, description : str
+    package : str
+        Holds a module for each command, named as the command with ``-`` as ``_``.
+    commands : mapping
+        Each command's help.
+    """
+    parser = argparse.ArgumentParser(prog=prog, description=description)
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and leave")
+    subparsers = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=_CommandParser)
+    for name, text in commands.items():
+        module = f"{package}.{name.replace('-', '_')}"
+        subparsers.add_parser(name, help=text, description=text, module=module)
+    return parser
+
+
+class _CommandParser(argparse.ArgumentParser):
+    """Imports its command, and asks it for its options, when it has something to parse."""
+
+    def __init__(self, *, module: str = "", **options: Any) -> None:
+        super().__init__(**options)
+        self._module = module
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        if self._module:
+            module = import_module(self._module)
+            self._module = ""
+            self.set_defaults(main=module.main)
+            module.configure(self)
+        return super().parse_known_args(args, namespace)
+
+
+class _Version(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        from collabslam.version import version
+
+        print(f"{parser.prog} {version()}")
+        parser.exit()

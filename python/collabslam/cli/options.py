@@ -1,0 +1,245 @@
+"""Options that several commands share, and how their texts are read."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from collabslam.errors import DataError
+
+if TYPE_CHECKING:
+    from collabslam.runs.runner import Watch
+    from collabslam.settings.table import Settings
+    from collabslam.types import Recording
+
+OUT_HELP = "result folder (default: %(default)s)"
+NOISE_HELP = (
+    "standard deviation of T_CF: metres, then degrees of roll, pitch and yaw "
+    "(default 0.03,0.5,0.5,1; for a rig 0.002,0.05,0.05,0.05)"
+)
+
+
+def add_source(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
+    """SOURCE, and the files that may lie beside it."""
+    parser.add_argument(
+        "source",
+        metavar="SOURCE",
+        type=Path,
+        nargs="?" if optional else None,
+        help="folder or file of the recording",
+    )
+    group = parser.add_argument_group("files beside the recording")
+    group.add_argument(
+        "--camera", metavar="FILE", type=Path, help="calibration of Cs (Kalibr or OpenCV YAML)"
+    )
+    group.add_argument("--times", metavar="FILE", type=Path, help="time stamps, one a line")
+    group.add_argument(
+        "--poses", metavar="FILE", type=Path, help="true poses (TUM), to score and to emulate Cf"
+    )
+    group.add_argument(
+        "--topics",
+        metavar="ROLE=TOPIC,..",
+        type=topics,
+        help="of a bag: cs, cf, t_cf (a topic, tf:CS:CF:METRES:DEGREES, or rig), cs_info, cf_info, truth",
+    )
+
+
+def add_worn(parser: argparse.ArgumentParser) -> None:
+    """Where the worn camera's views come from."""
+    worn = parser.add_argument_group("worn camera Cf")
+    worn.add_argument("--worn", metavar="SPEC", help="recorded, none, lag:SECONDS, rig or views:FOLDER")
+    worn.add_argument(
+        "--worn-available",
+        metavar="SHARE",
+        type=share,
+        help="share of each period during which Cf is there, as 0.4 or 40%%",
+    )
+    worn.add_argument(
+        "--worn-period", metavar="S", type=float, default=5.0, help="seconds of a period (default 5)"
+    )
+    worn.add_argument(
+        "--worn-intervals",
+        metavar="A-B,..",
+        type=intervals,
+        help="instead of a share: seconds from the first frame, as 0-2,5-7.5",
+    )
+    worn.add_argument("--worn-noise", metavar="M,R,P,Y", type=noise, help=NOISE_HELP)
+    worn.add_argument(
+        "--worn-bias-per-block",
+        action="store_true",
+        help="one error of T_CF for each stretch in which Cf is there, instead of one for each frame",
+    )
+    worn.add_argument("--seed", metavar="N", type=int, default=0, help="of the noise of T_CF (default 0)")
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """A settings file and single settings."""
+    parser.add_argument(
+        "--config", metavar="FILE", type=Path, help="settings file, as collabslam settings dump prints it"
+    )
+    parser.add_argument(
+        "--set", metavar="KEY=VALUE", action="append", default=[], help="change one setting; may be repeated"
+    )
+
+
+def add_view(parser: argparse.ArgumentParser) -> None:
+    """Whether to look at the run."""
+    group = parser.add_argument_group("looking (needs the extra viz)")
+    group.add_argument("--view", action="store_true", help="open the Rerun viewer while it runs")
+    group.add_argument("--save", metavar="FILE.rrd", type=Path, help="write a Rerun recording")
+
+
+@contextlib.contextmanager
+def watching(recording: Recording, arguments: argparse.Namespace) -> Iterator[Watch | None]:
+    """What `add_view` asks for, as a function that is given every frame."""
+    if not arguments.view and arguments.save is None:
+        yield None
+        return
+    from collabslam.viz.rerun_log import RerunLog
+
+    with RerunLog(recording, view=arguments.view, save=arguments.save) as log:
+        yield log.frame
+
+
+def read_settings(arguments: argparse.Namespace) -> Settings:
+    """The settings that `add_settings` asks for."""
+    from collabslam.settings.table import Settings, parse_assignments
+
+    settings = Settings.default() if arguments.config is None else Settings.load(arguments.config)
+    return settings.replace(parse_assignments(arguments.set))
+
+
+def open_source(arguments: argparse.Namespace) -> Recording:
+    """The recording that `add_source` names, as it is."""
+    from collabslam.datasets import open_recording
+
+    return open_recording(
+        arguments.source,
+        camera=arguments.camera,
+        times=arguments.times,
+        poses=arguments.poses,
+        topics=arguments.topics,
+    )
+
+
+def open_with_worn(arguments: argparse.Namespace) -> Recording:
+    """The recording that `add_source` names, with the worn camera of `add_worn`."""
+    from collabslam.datasets import attach_worn
+
+    recording = open_source(arguments)
+    spec = arguments.worn or ("none" if recording.worn_camera is None else "recorded")
+    return attach_worn(
+        recording,
+        spec,
+        available=1.0 if arguments.worn_available is None else arguments.worn_available,
+        period=arguments.worn_period,
+        intervals=arguments.worn_intervals,
+        noise=arguments.worn_noise,
+        seed=arguments.seed,
+        bias_per_block=arguments.worn_bias_per_block,
+    )
+
+
+def opened_with(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What `open_with_worn` needs, for a checkpoint: paths are made absolute."""
+    kept: dict[str, Any] = {}
+    for name, value in _opening().items():
+        value = getattr(arguments, name, value)
+        if isinstance(value, Path):
+            value = {"path": str(value.resolve())}
+        elif name == "worn" and value is not None and value.startswith("views:"):
+            value = "views:" + str(Path(value.removeprefix("views:")).resolve())
+        kept[name] = value
+    return kept
+
+
+def open_again(kept: dict[str, Any], source: Path | None) -> Recording:
+    """The recording of `opened_with`; ``source`` says where it lies now, if it was moved.
+
+    Raises
+    ------
+    DataError
+        If it was not a command that opened it, or as `open_with_worn` does.
+    """
+    if set(kept) != set(_opening()):
+        raise DataError("The run was not started by a command; go on with it by collabslam.resume.")
+    paths = {k: Path(v["path"]) if isinstance(v, dict) and set(v) == {"path"} else v for k, v in kept.items()}
+    if source is not None:
+        paths["source"] = source
+    return open_with_worn(argparse.Namespace(**paths))
+
+
+def _opening() -> dict[str, Any]:
+    """The arguments by which a recording is opened, with their defaults."""
+    parser = argparse.ArgumentParser(add_help=False)
+    add_source(parser, optional=True)
+    add_worn(parser)
+    return vars(parser.parse_args([]))
+
+
+def worn_options(arguments: argparse.Namespace) -> dict[str, Any]:
+    """How the worn camera was made, for the summary."""
+    return {k: v for k, v in vars(arguments).items() if k.startswith("worn") and v is not None}
+
+
+def share(text: str) -> float:
+    """``0.4`` or ``40%`` as 0.4."""
+    try:
+        value = float(text[:-1]) / 100.0 if text.endswith("%") else float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value <= 1.0:
+        raise argparse.ArgumentTypeError(f"'{text}' is no share; give 0 to 1, or 0% to 100%")
+    return value
+
+
+def intervals(text: str) -> list[tuple[float, float]]:
+    """``0-2,5-7.5`` as [(0, 2), (5, 7.5)]."""
+    try:
+        pairs = [tuple(float(x) for x in part.split("-")) for part in text.split(",")]
+        return [(a, b) for a, b in pairs]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' are no intervals; give seconds as 0-2,5-7.5") from None
+
+
+def noise(text: str) -> tuple[float, ...]:
+    """``0.03,0.5,0.5,1`` as four numbers."""
+    try:
+        values = tuple(float(x) for x in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != 4:
+        raise argparse.ArgumentTypeError(f"'{text}' is no noise; give four numbers as 0.03,0.5,0.5,1")
+    return values
+
+
+def topics(text: str) -> dict[str, str]:
+    """``cs=/a,cf=/b`` as a dictionary."""
+    pairs = [part.partition("=")[::2] for part in text.split(",")]
+    if not all(role and topic for role, topic in pairs):
+        raise argparse.ArgumentTypeError(f"'{text}' are no topics; give ROLE=TOPIC, as cs=/cam0/image_raw")
+    return dict(pairs)
+
+
+def board_corners(text: str) -> tuple[int, int]:
+    """``9x6`` as (9, 6)."""
+    try:
+        columns, rows = (int(x) for x in text.split("x"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is no board; give its inner corners as 9x6") from None
+    return columns, rows
+
+
+def seed_list(text: str) -> list[int]:
+    """``0-4`` or ``0,2,5`` as a list."""
+    try:
+        first, dash, last = text.partition("-")
+        seeds = list(range(int(first), int(last) + 1)) if dash else [int(x) for x in text.split(",")]
+    except ValueError:
+        seeds = []
+    if not seeds or min(seeds) < 0:
+        raise argparse.ArgumentTypeError(f"'{text}' are no seeds; give 0-4 or 0,2,5")
+    return seeds

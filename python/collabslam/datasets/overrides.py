@@ -1,0 +1,29 @@
+"""What a user gives beside a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Given:
+    """Files and choices in place of the recording's own.
+
+    Attributes
+    ----------
+    camera : Path or None
+        Calibration of Cs.
+    times : Path or None
+        Time stamps, one a line.
+    poses : Path or None
+        True trajectory of Cs in TUM format.
+    topics : mapping
+        Topic of a bag for each role; see `collabslam.datasets.ros.bag.ROLES`.
+    """
+
+    camera: Path | None = None
+    times: Path | None = None
+    poses: Path | None = None
+    topics: Mapping[str, str] = field(default_factory=dict)

@@ -1,0 +1,1 @@
+"""Layouts that are read from disk, one file per layout."""

@@ -1,0 +1,78 @@
+"""EuRoC (ASL layout): ``mav0/cam0`` is Cs, ``mav0/cam1`` the rig's second camera.
+
+Truth comes from the first of these that exists: ``derived/*segment*T_world_cam0*.txt`` (poses of the camera),
+``mav0/state_groundtruth_estimate0/data.csv`` and ``gt/*.txt`` (poses of the body, composed with ``T_BS``).
+Files named ``*_original.txt`` are passed over.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from collabslam.datasets.calibration import load_camera, load_extrinsics
+from collabslam.datasets.poses import interpolate_track, read_track, seconds
+from collabslam.datasets.readers.stamped import match_stamps, read_stream
+from collabslam.datasets.recording import ImageRecording, Rig
+from collabslam.errors import DataError
+from collabslam.geometry import pose_inverse
+from collabslam.types import Array
+
+LAYOUT = "EuRoC (mav0/cam0/data, mav0/cam0/sensor.yaml)"
+_RIG_TOLERANCE = 1_000_000
+
+
+def _root(path: Path) -> Path:
+    return path.parent if path.name == "mav0" else path
+
+
+def matches(path: Path) -> bool:
+    """Whether ``path`` is an EuRoC sequence, or its folder ``mav0``."""
+    return (_root(path.absolute()) / "mav0" / "cam0").is_dir()
+
+
+def _truth(root: Path, times: Array) -> Array | None:
+    for file in sorted(root.glob("derived/*T_world_cam0*.txt")):
+        if "segment" in file.name:
+            return interpolate_track(*read_track(file), times)
+    body = root / "mav0" / "state_groundtruth_estimate0" / "data.csv"
+    if body.is_file():
+        stamps, poses = read_track(body, euroc=True)
+    else:
+        files = [f for f in sorted(root.glob("gt/*.txt")) if not f.stem.endswith("_original")]
+        if not files:
+            return None
+        if len(files) > 1:
+            raise DataError(
+                f"{root / 'gt'} holds {len(files)} trajectories; leave only the one of this sequence."
+            )
+        stamps, poses = read_track(files[0])
+    t_bc = load_extrinsics(root / "mav0" / "cam0" / "sensor.yaml")
+    return interpolate_track(stamps, poses @ t_bc, times)
+
+
+def _rig(root: Path, stamps: list[int]) -> Rig | None:
+    first, second = root / "mav0" / "cam0", root / "mav0" / "cam1"
+    if not (second / "data").is_dir():
+        return None
+    others, paths = read_stream(second)
+    pairs = match_stamps(stamps, others, _RIG_TOLERANCE)
+    t_cf = pose_inverse(load_extrinsics(first / "sensor.yaml")) @ load_extrinsics(second / "sensor.yaml")
+    return Rig(load_camera(second / "sensor.yaml"), t_cf, {i: paths[j] for i, j in pairs.items()})
+
+
+def open(path: Path) -> ImageRecording:
+    """Open an EuRoC sequence."""
+    root = _root(path.absolute())
+    stamps, paths = read_stream(root / "mav0" / "cam0")
+    times = np.asarray([seconds(s) for s in stamps])
+    return ImageRecording(
+        name=root.name,
+        source=str(root),
+        camera=load_camera(root / "mav0" / "cam0" / "sensor.yaml"),
+        paths=tuple(paths),
+        times=times,
+        truth=_truth(root, times),
+        rig=_rig(root, stamps),
+    )

@@ -1,0 +1,63 @@
+"""TUM RGB-D: ``rgb.txt`` (stamp, image), ``groundtruth.txt`` (poses of the colour camera).
+
+The calibration is that of the sensor whose name the folder carries (``freiburg1``, ``2`` or ``3``), or is
+given with ``--camera FILE``.  The depth images are not used.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from collabslam._core import Camera
+from collabslam.datasets.calibration import load_camera
+from collabslam.datasets.images import named_file, require_files
+from collabslam.datasets.overrides import Given
+from collabslam.datasets.poses import data_lines, interpolate_track, parse_stamp, read_track
+from collabslam.datasets.recording import ImageRecording
+from collabslam.errors import DataError
+
+LAYOUT = "TUM RGB-D (rgb.txt, rgb/, groundtruth.txt)"
+_SENSORS = {
+    "1": ((517.3, 516.5, 318.6, 255.3), (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)),
+    "2": ((520.9, 521.0, 325.1, 249.7), (0.2312, -0.7849, -0.0033, -0.0001, 0.9172)),
+    "3": ((535.4, 539.2, 320.1, 247.6), ()),
+}
+
+
+def matches(path: Path) -> bool:
+    """Whether ``path`` is a TUM RGB-D sequence."""
+    return (path / "rgb.txt").is_file()
+
+
+def open(path: Path, given: Given) -> ImageRecording:
+    """Open a TUM RGB-D sequence."""
+    listing = path / "rgb.txt"
+    rows = data_lines(listing)
+    short = next((n for n, fields in rows if len(fields) < 2), None)
+    if short is not None:
+        raise DataError(f"Line {short} of {listing} needs two columns: the stamp in seconds, the image file.")
+    paths = [named_file(path, fields[1], f"line {n} of {listing}") for n, fields in rows]
+    require_files(paths)
+    times = np.asarray([parse_stamp(fields[0], f"line {n} of {listing}") for n, fields in rows])
+    truth = path / "groundtruth.txt"
+    return ImageRecording(
+        name=path.name,
+        source=str(path),
+        camera=load_camera(given.camera) if given.camera else _sensor(path),
+        paths=tuple(paths),
+        times=times,
+        truth=interpolate_track(*read_track(truth), times) if truth.is_file() else None,
+    )
+
+
+def _sensor(path: Path) -> Camera:
+    found = re.search(r"(?:freiburg|fr)_?([123])", path.name)
+    if found is None:
+        raise DataError(
+            f"The folder's name {path.name} does not tell the sensor (freiburg1, 2 or 3); give --camera FILE."
+        )
+    intrinsics, distortion = _SENSORS[found.group(1)]
+    return Camera("radtan" if distortion else "pinhole", 640, 480, intrinsics, distortion)

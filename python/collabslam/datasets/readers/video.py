@@ -1,0 +1,90 @@
+"""A video file with ``--camera FILE``; frame times are the container's, or ``--times FILE``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from collabslam.datasets.calibration import load_camera
+from collabslam.datasets.overrides import Given
+from collabslam.datasets.poses import data_lines, parse_stamp
+from collabslam.datasets.stream import StreamRecording
+from collabslam.errors import DataError
+from collabslam.types import Array, Image
+
+LAYOUT = "a video file (.mp4, .avi, .mkv, .mov, .webm, .m4v) with --camera CAMERA.yaml"
+SUFFIXES = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
+
+
+def matches(path: Path) -> bool:
+    """Whether ``path`` is a video file."""
+    return path.is_file() and path.suffix.lower() in SUFFIXES
+
+
+def open(path: Path, given: Given) -> StreamRecording:
+    """Open a video.
+
+    Raises
+    ------
+    DataError
+        If it cannot be decoded, or the calibration is missing.
+    """
+    if given.camera is None:
+        raise DataError(f"The video {path} carries no calibration; give it with --camera FILE.")
+    video = _Video(path)
+    times = video.times
+    if given.times is not None:
+        lines = data_lines(given.times)
+        times = np.asarray([parse_stamp(f[0], f"line {n} of {given.times}") for n, f in lines])
+        if len(times) != len(video.times):
+            raise DataError(
+                f"{given.times} has {len(times)} stamps for {len(video.times)} frames; match them."
+            )
+    return StreamRecording(path.stem, str(path), load_camera(given.camera), times, video.read)
+
+
+def frame_size(path: Path) -> tuple[int, int]:
+    """(width, height) of a video's frames."""
+    capture = _capture(path)
+    width, height = (capture.get(p) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    return int(width), int(height)
+
+
+def _capture(path: Path) -> cv2.VideoCapture:
+    capture = cv2.VideoCapture(str(path))
+    if not capture.isOpened():
+        raise DataError(f"The video {path} cannot be decoded; convert it to another format.")
+    return capture
+
+
+class _Video:
+    """Frames of a video by number; quick in order."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._capture, self._next = _capture(self._path), 0
+        stamps = []
+        while self._capture.grab():
+            stamps.append(self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3)
+        rate = self._capture.get(cv2.CAP_PROP_FPS)
+        self._next = len(stamps)
+        self.times: Array = np.asarray(stamps, dtype=np.float64)
+        if not np.all(np.diff(self.times) > 0.0):  # some containers carry no stamps
+            if not rate > 0.0:
+                raise DataError(
+                    f"The video {path} carries neither stamps nor a frame rate; give --times FILE."
+                )
+            self.times = np.arange(len(stamps)) / rate
+
+    def read(self, i: int) -> Image:
+        if i < self._next:
+            self._capture, self._next = _capture(self._path), 0
+        while self._next < i and self._capture.grab():
+            self._next += 1
+        done, image = self._capture.read()
+        if not done or self._next != i:
+            raise DataError(f"The frame {i} of {self._path} cannot be decoded; convert the video again.")
+        self._next = i + 1
+        return np.asarray(image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)

@@ -1,0 +1,242 @@
+"""ROS 1 and ROS 2 bags (``.bag``, sqlite3, MCAP), without ROS; needs the extra ``ros``."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from collabslam._core import Camera
+from collabslam.datasets.ros import messages as m
+from collabslam.errors import DataError
+from collabslam.extras import needs
+from collabslam.geometry import pose_inverse
+from collabslam.types import Array, Image
+
+SUFFIXES = (".bag", ".mcap", ".db3")
+IMAGE_TYPES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+CAMERA_TYPE = "sensor_msgs/msg/CameraInfo"
+POSE_TYPES = ("geometry_msgs/msg/PoseWithCovarianceStamped", "nav_msgs/msg/Odometry")
+TRUTH_TYPES = (
+    *POSE_TYPES,
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/TransformStamped",
+)
+TF_TYPE = "tf2_msgs/msg/TFMessage"
+_TF_TYPES = (TF_TYPE, "tf/msg/tfMessage")
+SCAN_TYPE, IMU_TYPE = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu"
+
+
+class Topic(NamedTuple):
+    """What a bag holds of one topic: its name, the type and the number of its messages."""
+
+    name: str
+    type: str
+    messages: int
+
+
+def is_bag(path: Path) -> bool:
+    """Whether ``path`` is a bag: a file with a bag's ending, or a folder with ``metadata.yaml``."""
+    return path.suffix in SUFFIXES if path.is_file() else (path / "metadata.yaml").is_file()
+
+
+class Bag:
+    """A bag, open for reading until it is closed or no longer used; a context manager too.
+
+    Parameters
+    ----------
+    path : Path
+        A ``.bag``, ``.mcap`` or ``.db3`` file, or a ROS 2 bag's folder.
+
+    Raises
+    ------
+    DataError
+        If it is no bag or broken, or the extra ``ros`` is not installed.  Methods raise it where a topic is
+        missing, empty or of another type, naming the topics that there are.
+    """
+
+    def __init__(self, path: Path) -> None:
+        with needs("ros"):
+            from rosbags.highlevel import AnyReader
+        self.path = path
+        store = _typestore("ROS1_NOETIC" if path.suffix == ".bag" else "ROS2_HUMBLE")
+        try:
+            self._reader = AnyReader([path], default_typestore=store)
+            self._reader.open()
+            self._close = weakref.finalize(self, self._reader.close)
+        except Exception as error:  # rosbags raises many kinds for broken files
+            raise DataError(
+                f"The bag {path} cannot be read ({error}); record it again or reindex it."
+            ) from error
+
+    def __enter__(self) -> Bag:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the files."""
+        self._close()
+
+    @property
+    def topics(self) -> list[Topic]:
+        """Every topic, by name."""
+        found = self._reader.topics.items()
+        return sorted(Topic(name, info.msgtype or "several types", info.msgcount) for name, info in found)
+
+    def of_type(self, *types: str) -> list[Topic]:
+        """The topics of some types that have messages."""
+        return [t for t in self.topics if t.type in types and t.messages]
+
+    def listing(self) -> str:
+        """The topics in words, for messages."""
+        return "; ".join(f"{t.name} ({t.type}, {t.messages})" for t in self.topics) or "none"
+
+    def messages(self, topic: str, *types: str, start: int | None = None) -> Iterator[tuple[int, Any]]:
+        """(time of recording in ns, message) of a topic in order of recording, from ``start`` (ns) on."""
+        info = self._reader.topics.get(topic)
+        if info is None:
+            raise DataError(f"The bag {self.path} has no topic {topic}; its topics are: {self.listing()}.")
+        if types and info.msgtype not in types:
+            wanted = " or ".join(types)
+            raise DataError(f"The topic {topic} of {self.path} is a {info.msgtype}; a {wanted} is needed.")
+        if not info.msgcount:
+            raise DataError(
+                f"The topic {topic} of {self.path} is empty; record it again, or give another one of: "
+                f"{self.listing()}."
+            )
+        return self._read(topic, info.connections, start)
+
+    def _read(self, topic: str, connections: list[Any], start: int | None) -> Iterator[tuple[int, Any]]:
+        count = 0
+        try:
+            for connection, received, data in self._reader.messages(connections, start=start):
+                yield received, self._reader.deserialize(data, connection.msgtype)
+                count += 1
+        except DataError:
+            raise
+        except Exception as error:  # rosbags raises many kinds for broken files
+            raise DataError(
+                f"The bag {self.path} is broken ({error}); record it again or reindex it."
+            ) from error
+        if not count and start is None:
+            raise DataError(
+                f"The bag {self.path} is broken (its index tells of messages of {topic}, there are none); "
+                "record it again or reindex it."
+            )
+
+    def stamped(self, topic: str, *types: str) -> Iterator[tuple[float, Any]]:
+        """(stamp in seconds, message): the header's stamp, or the time of recording where it has none."""
+        return ((m.stamp_seconds(message, t), message) for t, message in self.messages(topic, *types))
+
+    def camera(self, topic: str) -> Camera:
+        """Camera of the first CameraInfo of a topic."""
+        _, message = next(self.messages(topic, CAMERA_TYPE))
+        return m.camera_of(message, f"{topic} in {self.path}")
+
+    def poses(self, topic: str) -> tuple[Array, Array, Array]:
+        """Stamps (N,), poses (N, 4, 4) and covariances (N, 6, 6) on the right tangent, sorted by stamp."""
+        where = f"{topic} in {self.path}"
+        rows = [(t, *m.pose_and_covariance_of(p, where)) for t, p in self.stamped(topic, *POSE_TYPES)]
+        rows.sort(key=lambda row: row[0])
+        return tuple(np.asarray(column) for column in zip(*rows, strict=True))  # type: ignore[return-value]
+
+    def track(self, topic: str) -> tuple[Array, Array]:
+        """Stamps (N,) and poses (N, 4, 4) of stamped poses of any kind, sorted by stamp."""
+        rows = []
+        for t, message in self.stamped(topic, *TRUTH_TYPES):
+            pose = getattr(message, "transform", None) or message.pose
+            rows.append((t, m.pose_of(getattr(pose, "pose", pose), f"{topic} in {self.path}")))
+        return _sorted(rows)
+
+    def transforms(self, parent: str, child: str, topic: str = "/tf") -> tuple[Array, Array]:
+        """Stamps (N,) and transforms (N, 4, 4) that map points of ``child`` into ``parent``, from tf.
+
+        Only a direct link of the two frames is found, in either direction.
+        """
+        rows, pairs = [], set()
+        for received, message in self.messages(topic, *_TF_TYPES):
+            for link in message.transforms:
+                ends = (link.header.frame_id.lstrip("/"), link.child_frame_id.lstrip("/"))
+                pairs.add(ends)
+                if ends in ((parent, child), (child, parent)):
+                    matrix = m.pose_of(link.transform, f"{topic} in {self.path}")
+                    t = m.stamp_seconds(link, received)
+                    rows.append((t, matrix if ends == (parent, child) else pose_inverse(matrix)))
+        if not rows:
+            known = ", ".join(f"{a} > {b}" for a, b in sorted(pairs))
+            raise DataError(f"{topic} in {self.path} does not link {parent} and {child}; it links {known}.")
+        return _sorted(rows)
+
+    def scans(self, topic: str) -> m.Scans:
+        """Laser scans of a topic."""
+        return m.scans_of(self.stamped(topic, SCAN_TYPE))
+
+    def imu(self, topic: str) -> m.ImuSamples:
+        """Inertial samples of a topic."""
+        return m.imu_of(self.stamped(topic, IMU_TYPE))
+
+
+@cache
+def _typestore(name: str) -> Any:
+    """Message types for bags that do not bring theirs; making one takes a tenth of a second."""
+    with needs("ros"):
+        from rosbags.typesys import Stores, get_typestore
+    return get_typestore(Stores[name])
+
+
+def _sorted(rows: list[tuple[float, Array]]) -> tuple[Array, Array]:
+    rows.sort(key=lambda row: row[0])
+    return np.asarray([t for t, _ in rows]), np.asarray([pose for _, pose in rows])
+
+
+class BagImages:
+    """The images of one topic by number; quick in order, by seeking otherwise.
+
+    Attributes
+    ----------
+    stamps : list of int
+        Nanoseconds, of each image, in order.
+    """
+
+    def __init__(self, bag: Bag, topic: str) -> None:
+        self._bag, self._topic = bag, topic
+        rows = [
+            (_nanoseconds(message, received), received, k)
+            for k, (received, message) in enumerate(bag.messages(topic, *IMAGE_TYPES))
+        ]
+        rows.sort()
+        self.stamps = [stamp for stamp, _, _ in rows]
+        self._received = [received for _, received, _ in rows]
+        self._next = -1
+        self._ahead: Iterator[tuple[int, Any]] = iter(())
+
+    def read(self, k: int) -> Image:
+        """Image ``k`` in order of the stamps."""
+        message = self._take(k) if k == self._next else None
+        if message is None:
+            self._ahead = self._bag.messages(self._topic, *IMAGE_TYPES, start=self._received[k])
+            message = self._take(k)
+        self._next = k + 1
+        where = f"{k} of {self._topic} in {self._bag.path}"
+        if message is None:
+            raise DataError(f"The image {where} cannot be found again; the bag has changed.")
+        return m.image_of(message, where)
+
+    def _take(self, k: int) -> Any:
+        """Message ``k`` if it is among the next ones recorded at its time, else None."""
+        for received, message in self._ahead:
+            if received > self._received[k]:
+                break
+            if received == self._received[k] and _nanoseconds(message, received) == self.stamps[k]:
+                return message
+        return None
+
+
+def _nanoseconds(message: Any, received: int) -> int:
+    return round(m.stamp_seconds(message, received) * 10**9)

@@ -1,0 +1,137 @@
+"""A bag as a recording: images of Cs, and where they are given, of Cf with the measured ``T_CF``."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from collabslam._core import Camera
+from collabslam.datasets.calibration import load_camera
+from collabslam.datasets.overrides import Given
+from collabslam.datasets.poses import interpolate_track, seconds
+from collabslam.datasets.readers.stamped import match_stamps
+from collabslam.datasets.ros.bag import CAMERA_TYPE, IMAGE_TYPES, Bag, BagImages, is_bag
+from collabslam.datasets.ros.sensors import EstimatedPoses
+from collabslam.datasets.ros.worn_pose_source import T_CF_ROLE, WornPoses, worn_poses
+from collabslam.datasets.stream import StreamRecording
+from collabslam.errors import DataError
+from collabslam.types import Array, WornView
+
+LAYOUT = "a ROS bag (.bag, .mcap, .db3, or the folder of a ROS 2 bag)"
+ROLES = {
+    "cs": "images of the robot's camera; the only image topic if left out",
+    "cf": "images of the worn camera",
+    "t_cf": T_CF_ROLE,
+    "cs_info": "CameraInfo of Cs; the one beside its images if left out",
+    "cf_info": "CameraInfo of Cf; the one beside its images if left out",
+    "truth": "true pose of Cs in a world, to score and to emulate Cf; or tf:WORLD:CAMERA",
+}
+_TOLERANCE = 10_000_000
+
+View = tuple[int, Array, Array, Array | None]
+"""Number of a view of Cf, ``T_CF``, its covariance, and the part of it that lasts, if that is known."""
+
+
+def matches(path: Path) -> bool:
+    """Whether ``path`` is a bag."""
+    return is_bag(path)
+
+
+def open(path: Path, given: Given) -> StreamRecording:
+    """Open a bag; ``given.topics`` says which topic is what, see `ROLES`."""
+    unknown = sorted(set(given.topics) - set(ROLES))
+    if unknown:
+        raise DataError(f"There is no topic's role '{unknown[0]}'; the roles are {', '.join(ROLES)}.")
+    bag = Bag(path)
+    topics = dict(given.topics)
+    topic = topics.get("cs") or _only_images(bag)
+    images = BagImages(bag, topic)
+    times = np.asarray([seconds(s) for s in images.stamps])
+    camera = load_camera(given.camera) if given.camera else _camera(bag, topic, topics.get("cs_info"))
+    worn_camera, worn_pose = None, "measured"
+    read_worn = partial(_no_view)
+    if "cf" in topics:
+        poses = worn_poses(bag, topics.get("t_cf"), given.camera)
+        worn_pose = "estimated" if isinstance(poses, EstimatedPoses) else "measured"
+        worn_camera = poses.camera or _camera(bag, topics["cf"], topics.get("cf_info"))
+        worn_images = BagImages(bag, topics["cf"])
+        views = _views(bag, images.stamps, worn_images.stamps, poses)
+        read_worn = partial(_view, worn_images, views)
+    return StreamRecording(
+        name=path.stem,
+        source=str(path),
+        camera=camera,
+        times=times,
+        read=images.read,
+        worn_camera=worn_camera,
+        read_worn=read_worn,
+        worn_pose=worn_pose,
+        truth=_truth(bag, topics["truth"], times) if "truth" in topics else None,
+    )
+
+
+def _no_view(_: int) -> WornView | None:
+    return None
+
+
+def _view(images: BagImages, views: dict[int, View], i: int) -> WornView | None:
+    if i not in views:
+        return None
+    k, t_cf, covariance, bias = views[i]
+    return WornView(images.read(k), t_cf, covariance, bias)
+
+
+def _only_images(bag: Bag) -> str:
+    found = bag.of_type(*IMAGE_TYPES)
+    if len(found) == 1:
+        return found[0].name
+    if not found:
+        raise DataError(f"The bag {bag.path} has no images; its topics are: {bag.listing()}.")
+    names = ", ".join(t.name for t in found)
+    raise DataError(
+        f"The bag {bag.path} has {len(found)} image topics ({names}); say which is which with --topics "
+        "cs=TOPIC, and for the worn camera cf=TOPIC,t_cf=TOPIC."
+    )
+
+
+def _camera(bag: Bag, images: str, info: str | None) -> Camera:
+    """Camera of the CameraInfo that is given, beside the images, or the only one."""
+    found = [t.name for t in bag.of_type(CAMERA_TYPE)]
+    above = images.removesuffix("/compressed").rsplit("/", 1)[0]
+    beside = [name for name in found if name.rsplit("/", 1)[0] == above] or found
+    if info is None and len(beside) != 1:
+        raise DataError(
+            f"The bag {bag.path} has {len(found)} CameraInfo topics for {images}; give --camera FILE, or say "
+            f"which with --topics cs_info=TOPIC (cf_info for the worn camera): {', '.join(found) or 'none'}."
+        )
+    return bag.camera(info or beside[0])
+
+
+def _views(
+    bag: Bag, stamps: list[int], worn_stamps: list[int], poses: WornPoses | EstimatedPoses
+) -> dict[int, View]:
+    """What there is for each frame with a view of Cf and a pose."""
+    shift = round(poses.shift * 10**9)
+    pairs = match_stamps(stamps, [s + shift for s in worn_stamps], _TOLERANCE)
+    times = np.asarray([seconds(stamps[i]) for i in pairs])
+    rows = zip(pairs.items(), *poses.at(times), strict=True)
+    out = {
+        i: (k, t_cf, covariance, bias) for (i, k), t_cf, covariance, bias in rows if np.isfinite(t_cf).all()
+    }
+    if not out:
+        raise DataError(
+            f"No image of Cf in {bag.path} is within 10 ms of one of Cs and between two of its measured "
+            "poses; put all three on the same clock."
+        )
+    return out
+
+
+def _truth(bag: Bag, topic: str, times: Array) -> Array:
+    kind, *frames = topic.split(":")
+    track = bag.transforms(*frames) if kind == "tf" and len(frames) == 2 else bag.track(topic)
+    truth = interpolate_track(*track, times)
+    if not np.isfinite(truth).any():
+        raise DataError(f"The poses of {topic} in {bag.path} and the images share no time; check the clocks.")
+    return truth

@@ -1,0 +1,139 @@
+"""The embedded demo: one rendered walk, with and without the worn camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from collabslam.datasets.wrapped import WrappedRecording
+from collabslam.demo.recording import corridor_recording
+from collabslam.extras import drawing
+from collabslam.runs.progress import Progress
+from collabslam.runs.report import median_summary, number, side_by_side
+from collabslam.runs.results import write_summary
+from collabslam.runs.runner import RunResult, run
+from collabslam.settings.table import Settings
+from collabslam.types import Frame, Image, Recording
+
+MODES = ("mono", "collab")
+PICTURE = "comparison.png"
+
+Summary = dict[str, Any]
+
+
+class HeldRecording(WrappedRecording):
+    """A recording with every frame in memory, so that several runs share one rendering.
+
+    Parameters
+    ----------
+    base : Recording
+    progress : bool
+        Whether to show on standard error how far the rendering is.
+    """
+
+    def __init__(self, base: Recording, *, progress: bool) -> None:
+        super().__init__(base)
+        self._frames: list[Frame] = []
+        with Progress(len(base), f"{base.name} rendering", enabled=progress) as bar:
+            for i in range(len(base)):
+                self._frames.append(base.frame(i))
+                bar.update()
+
+    def frame(self, i: int) -> Frame:
+        """Frame ``i``, from memory."""
+        return self._frames[i]
+
+    def image(self, i: int) -> Image:
+        """The (H, W) uint8 image of Cs in frame ``i``."""
+        return self._frames[i].image
+
+
+def run_demo(
+    out: Path,
+    *,
+    seeds: list[int],
+    settings: Settings | None = None,
+    animation: Path | None = None,
+    progress: bool = True,
+) -> dict[str, Summary]:
+    """Render the corridor for each seed, run every mode on it, print the table, write the results.
+
+    Parameters
+    ----------
+    out : Path
+        Gets a result folder for each mode (below ``seed-N`` if there are several seeds), ``comparison.png``
+        of the first seed and, for several seeds, ``medians.json``.
+    seeds : list of int
+        Of the noise of pictures and of the measured ``T_CF``.
+    settings : Settings, optional
+        The same for both modes.
+    animation : Path, optional
+        Where to write an animated picture (GIF) of the first seed.
+    progress : bool
+
+    Returns
+    -------
+    dict
+        The summary of each mode; medians over the seeds if there are several.
+    """
+    runs: dict[str, list[Summary]] = {mode: [] for mode in MODES}
+    for seed in seeds:
+        folder = out / f"seed-{seed}" if len(seeds) > 1 else out
+        held = HeldRecording(corridor_recording(seed), progress=progress)
+        results = run_pair(held, folder, seed=seed, settings=settings, progress=progress)
+        for mode, result in results.items():
+            runs[mode].append(result.summary)
+        if seed == seeds[0] and drawing():
+            from collabslam.viz.plot import plot_comparison
+
+            labels = {f"{mode} ({_CAPTIONS[mode]})": result for mode, result in results.items()}
+            plot_comparison(labels, out / PICTURE, title=_TITLE)
+            if animation is not None:
+                from collabslam.viz.animation import animate
+
+                animate(held, labels, animation)
+    medians = {mode: median_summary(summaries) for mode, summaries in runs.items()}
+    if len(seeds) > 1:
+        write_summary(out / "medians.json", medians)
+    print(comparison_text(medians, seeds))
+    print(f"  results and {PICTURE} are in {out}")
+    return medians
+
+
+def run_pair(
+    recording: Recording, out: Path | None, *, seed: int, settings: Settings | None, progress: bool
+) -> dict[str, RunResult]:
+    """Every mode of the demo on one recording."""
+    return {
+        mode: run(
+            recording,
+            mode=mode,
+            start="worn",
+            settings=settings,
+            out=None if out is None else out / mode,
+            seed=seed,
+            progress=progress,
+        )
+        for mode in MODES
+    }
+
+
+def comparison_text(summaries: dict[str, Summary], seeds: list[int]) -> str:
+    """The table of the demo, and the ratio of both average errors."""
+    mono, collab = (summaries[mode]["avg_position_error_m"] for mode in MODES)
+    ratio = collab / mono if mono and collab is not None else None
+    features = [summaries[mode]["features_per_frame"] for mode in MODES]
+    tracked = features[0] / features[1] if features[0] is not None and features[1] else None
+    what = f"medians over seeds {', '.join(map(str, seeds))}" if len(seeds) > 1 else f"seed {seeds[0]}"
+    return "\n".join(
+        [
+            f"corridor walk, {what}",
+            side_by_side(summaries),
+            f"  average position error of collab over mono: {number(ratio, 2)}",
+            f"  features a frame of mono over collab: {number(tracked, 2)}",
+        ]
+    )
+
+
+_TITLE = "A walk down a corridor, with and without the worn camera"
+_CAPTIONS = {"mono": "robot camera alone", "collab": "with the worn camera"}

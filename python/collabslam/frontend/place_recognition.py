@@ -1,0 +1,364 @@
+"""Where the camera is in a map, from one image and nothing else: descriptors, PnP, a check by the patches.
+
+Corners of the image are described at some scales and compared with the stored views of all landmarks.  A pose
+by RANSAC (P3P) says where every landmark should be; there their patches, warped to that pose, are searched.
+Patches found vouch for the pose, and give the matches that the filter takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from collabslam._core import Camera
+from collabslam.errors import InputError
+from collabslam.frontend.describe import Descriptors, describe
+from collabslam.frontend.detect import corner_peaks, refine_corners
+from collabslam.frontend.patch import Patch, affine_maps, warp_templates
+from collabslam.frontend.search import FOUND, active_search
+from collabslam.frontend.target import pose_from_points
+from collabslam.geometry import pose_inverse
+from collabslam.settings.frontend import FrontendSettings
+from collabslam.types import Array, Image, Indices
+
+KIND = "warped-sift"
+"""Descriptor of views and corners: SIFT's histogram at a known scale; it needs no key points of its own."""
+SCALES = (0.63, 1.0, 1.6)
+"""Sizes at which the image's corners are described, over that of the views."""
+_CONFIDENCE = 0.9999  # of RANSAC, that it has seen a sample without a wrong match
+
+
+class Fix(NamedTuple):
+    """A pose in the map, and what it rests on.
+
+    Attributes
+    ----------
+    pose : (4, 4) float64
+        T_WC.
+    landmarks : (N,) int64
+        Landmarks found, by their place in the list.
+    uv : (N, 2) float64
+        Their pixels.
+    """
+
+    pose: Array
+    landmarks: Indices
+    uv: Array
+
+
+def in_one_list(by_landmark: Sequence[Sequence[Patch]]) -> tuple[list[Patch], Indices]:
+    """All views, landmark after landmark, and the landmark (V,) int64 of each, by its place in the list."""
+    owner = np.repeat(np.arange(len(by_landmark)), [len(some) for some in by_landmark])
+    return [view for some in by_landmark for view in some], owner
+
+
+def describe_views(patches: Sequence[Patch], support: float) -> Descriptors:
+    """Descriptors (V, D) of stored windows, upright; ``support`` is the side of what is described, pixels."""
+    described = [np.empty((0, 128), dtype=np.float32)]
+    for patch in patches:
+        middle = (len(patch.pixels) - 1) / 2.0
+        local = patch.uv_ref - np.rint(patch.uv_ref) + middle
+        described.append(describe(patch.pixels, local[None], 0.0, support, KIND))
+    return np.concatenate(described)
+
+
+def describe_corners(image: Image, uv: Array, roll: float, support: float) -> Descriptors:
+    """Descriptors (S, C, D) of corners at each of :data:`SCALES`, turned by ``roll`` radians."""
+    found = []
+    for scale in SCALES:
+        small = image
+        if scale > 1.0:
+            factor = 1.0 / scale
+            resized = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+            small = np.asarray(resized, dtype=np.uint8)
+        shrink = min(1.0, 1.0 / scale)
+        # Pixel centres: the middle of the first pixel lies half a pixel from the image's edge.
+        points = (uv + 0.5) * shrink - 0.5
+        found.append(describe(small, points, roll, support * scale * shrink, KIND))
+    return np.stack(found)
+
+
+def match_descriptors(
+    views: Descriptors,
+    owner: Indices,
+    corners: Descriptors,
+    ratio: float,
+    max_distance: float,
+    near: NDArray[np.bool_] | None = None,
+) -> tuple[Indices, Indices]:
+    """Landmarks and corners that are each other's best, and clearly better than the next landmark.
+
+    Parameters
+    ----------
+    views : (V, D) float32
+        Descriptors of the landmarks' views.
+    owner : (V,) int64
+        Landmark of each, increasing, each number from 0 on at least once.
+    corners : (S, C, D) float32
+    ratio, max_distance : float
+        Largest ratio of the best to the second best distance; largest distance.
+    near : (C, L) bool, optional
+        Which corners may be which landmark; any may if left out.
+
+    Returns
+    -------
+    landmark, corner : (M,) int64
+        The most distinct first.
+    """
+    nothing = np.empty(0, dtype=np.int64)
+    if len(views) == 0 or corners.shape[1] == 0 or owner[-1] < 1:
+        return nothing, nothing
+    first = np.flatnonzero(np.r_[True, owner[1:] != owner[:-1]])
+    likeness = np.full((corners.shape[1], len(first)), -np.inf, dtype=np.float32)
+    for at_scale in corners:
+        by_view = at_scale @ views.T
+        np.maximum(likeness, np.maximum.reduceat(by_view, first, axis=1), out=likeness)
+    if near is not None:
+        likeness[~near] = -np.inf
+    best = likeness.argmax(axis=1)
+    rows = np.arange(len(best))
+    top = np.partition(likeness, likeness.shape[1] - 2, axis=1)
+    distance, second = (np.sqrt(np.maximum(2.0 - 2.0 * top[:, k], 1e-12)) for k in (-1, -2))
+    mutual = likeness.argmax(axis=0)[best] == rows
+    good = np.flatnonzero(mutual & (distance < ratio * second) & (distance < max_distance))
+    good = good[np.argsort(distance[good] / second[good], kind="stable")]
+    return best[good].astype(np.int64), good.astype(np.int64)
+
+
+def pose_by_ransac(
+    points: Array, uv: Array, camera: Camera, tolerance: float, iterations: int
+) -> tuple[Array, Indices] | None:
+    """A pose T_WC that some of the matches agree on, and those; None if fewer than four do.
+
+    Repeatable: OpenCV's generator starts from the same seed in each call.
+    """
+    rays = camera.unproject(uv)
+    front = np.flatnonzero(np.isfinite(rays).all(axis=1) & (rays[:, 2] > 0.1))
+    if len(front) < 4:
+        return None
+    flat = np.ascontiguousarray(rays[front, :2] / rays[front, 2:])
+    try:
+        found, turn, shift, inliers = cv2.solvePnPRansac(
+            np.ascontiguousarray(points[front]),
+            flat,
+            np.eye(3),
+            np.zeros(4),
+            iterationsCount=iterations,
+            reprojectionError=tolerance / camera.intrinsics[0],
+            confidence=_CONFIDENCE,
+            flags=cv2.SOLVEPNP_P3P,
+        )
+    except cv2.error:
+        return None
+    if not found or inliers is None or len(inliers) < 4:
+        return None
+    t_cw = np.eye(4)
+    t_cw[:3, :3] = cv2.Rodrigues(turn)[0]
+    t_cw[:3, 3] = shift.ravel()
+    if not np.isfinite(t_cw).all():
+        return None
+    return pose_inverse(t_cw), front[inliers.ravel()]
+
+
+def nearest_views(patches: Sequence[Patch], owner: Indices, points: Array, pose: Array) -> Indices:
+    """(L,) index of each landmark's view that is most like that from ``pose``, in direction and distance."""
+    centres = np.stack([p.t_wc[:3, 3] for p in patches])
+    then, now = points[owner] - centres, points[owner] - pose[:3, 3]
+    ranges = np.maximum(np.linalg.norm(then, axis=1), 1e-9), np.maximum(np.linalg.norm(now, axis=1), 1e-9)
+    cosine = np.clip((then * now).sum(axis=1) / (ranges[0] * ranges[1]), -1.0, 1.0)
+    unlike = np.arccos(cosine) + np.abs(np.log(ranges[0] / ranges[1]))
+    order = np.lexsort((unlike, owner))
+    return order[np.r_[True, owner[order][1:] != owner[order][:-1]]]
+
+
+def search_from(
+    image: Image,
+    camera: Camera,
+    pose: Array,
+    points: Array,
+    patches: Sequence[Patch],
+    owner: Indices,
+    settings: FrontendSettings,
+) -> tuple[Indices, Array, int]:
+    """Searches all patches where a pose says: landmarks found, their pixels, and how many could be found."""
+    seen = np.ascontiguousarray((points - pose[:3, 3]) @ pose[:3, :3])
+    uv, ok = camera.project(seen)
+    inside = ok & (seen[:, 2] > 0.0) & np.all((uv >= 0.0) & (uv < [camera.width, camera.height]), axis=1)
+    chosen = nearest_views(patches, owner, points, pose)
+    index = np.flatnonzero(inside)
+    templates, usable, _ = warp_templates(
+        camera, [patches[chosen[i]] for i in index], pose, points[index], settings.patch
+    )
+    index, templates = index[usable], templates[usable]
+    spread = (settings.relocalise.radius / settings.search.gate) ** 2 * np.eye(2)
+    result = active_search(
+        image, templates, uv[index], np.broadcast_to(spread, (len(index), 2, 2)), None, settings
+    )
+    hit = result.code == FOUND
+    return index[hit], result.uv[hit], len(index)
+
+
+def locate(
+    image: Image,
+    camera: Camera,
+    points: Array,
+    patches: Sequence[Patch],
+    views: Descriptors,
+    owner: Indices,
+    guess: Array,
+    rolls: Sequence[float],
+    settings: FrontendSettings,
+) -> Fix | None:
+    """The pose from which an image shows a map; None where that cannot be told with confidence.
+
+    It is looked for near the guess, where few corners can be mistaken for a landmark, and then anywhere.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+    camera : Camera
+    points : (L, 3) float64
+        Landmarks in W, metres.
+    patches : sequence of V Patch
+        Views of them.
+    views : (V, D) float32
+        Their descriptors (`describe_views`).
+    owner : (V,) int64
+        Landmark of each view, increasing; each landmark has at least one.
+    guess : (4, 4) float64
+        T_WC as it is expected.
+    rolls : sequence of float
+        By how much the camera may be turned about its axis against the views, radians, tried in this order; a
+        quarter of a radian more or less does no harm.
+    settings : FrontendSettings
+    """
+    options = settings.relocalise
+    corners = _corners(image, settings)
+    if len(corners) < options.min_descriptors:
+        return None
+    for roll in rolls:
+        described = describe_corners(image, corners, roll, options.support)
+        places = (
+            (_near(camera, corners, points, guess, options.guess_radius), None) if roll == 0.0 else (None,)
+        )
+        for near in places:
+            landmark, corner = match_descriptors(
+                views, owner, described, options.ratio, options.max_distance, near
+            )
+            first = pose_by_ransac(
+                points[landmark], corners[corner], camera, options.corner_residual, options.iterations
+            )
+            if first is None or len(first[1]) < options.min_descriptors:
+                continue
+            fix = confirmed(image, camera, first[0], points, patches, owner, settings)
+            if fix is not None:
+                return fix
+    return None
+
+
+def _near(camera: Camera, corners: Array, points: Array, pose: Array, radius: float) -> NDArray[np.bool_]:
+    """(C, L) whether a corner lies where a pose puts a landmark, within a share of the image's width."""
+    seen = np.ascontiguousarray((points - pose[:3, 3]) @ pose[:3, :3])
+    uv, ok = camera.project(seen)
+    uv[~ok | (seen[:, 2] <= 0.0)] = np.inf
+    distance = np.linalg.norm(corners[:, None] - uv, axis=2)
+    return np.asarray(distance < radius * camera.width)
+
+
+def confirmed(
+    image: Image,
+    camera: Camera,
+    pose: Array,
+    points: Array,
+    patches: Sequence[Patch],
+    owner: Indices,
+    settings: FrontendSettings,
+) -> Fix | None:
+    """A pose that the landmarks' patches vouch for; None where too few of them are found."""
+    options = settings.relocalise
+    for _ in range(2):  # the second search starts from the pose of the first
+        index, uv, possible = search_from(image, camera, pose, points, patches, owner, settings)
+        agreed = _refined(points[index], uv, camera, pose, options.max_residual)
+        if agreed is None or len(agreed[1]) < max(options.min_patches, options.min_share * possible):
+            return None
+        pose, kept = agreed
+        index, uv = index[kept], uv[kept]
+    hull = cv2.convexHull(uv.astype(np.float32))
+    if cv2.contourArea(hull) < options.min_spread * camera.width * camera.height:
+        return None
+    return Fix(pose, index, uv)
+
+
+def in_other_camera(patches: Sequence[Patch], camera: Camera, other: Camera) -> list[Patch | None]:
+    """The patches as another camera would have captured them from the same poses.
+
+    Parameters
+    ----------
+    patches : sequence of N Patch
+        Of one size.
+    camera, other : Camera
+        The camera that captured them, and the other one.
+
+    Returns
+    -------
+    list of N Patch or None
+        None where the other camera's model does not reach.
+    """
+    if not patches:
+        return []
+    side = patches[0].pixels.shape[0]
+    middle = (side - 1) / 2.0
+    uv_ref = np.stack([patch.uv_ref for patch in patches])
+    uv, affine, ok = affine_maps(camera, uv_ref, other, np.eye(4), np.zeros(len(patches)))
+    taken: list[Patch | None] = []
+    for patch, there, map_, reached in zip(patches, uv, affine, ok, strict=True):
+        if not reached:
+            taken.append(None)
+            continue
+        local = patch.uv_ref - np.rint(patch.uv_ref) + middle
+        back = np.linalg.inv(map_)
+        step = float(np.linalg.norm(back, 2))
+        source = patch.pixels if step < 1.3 else cv2.GaussianBlur(patch.pixels, (0, 0), 0.4 * step)
+        pixels = cv2.warpAffine(
+            source,
+            np.column_stack([back, local - back @ np.full(2, middle)]),
+            (side, side),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        # Both cameras are upright: what is inside stays a rectangle but for the skew of the lens.
+        scale = np.tile(np.diag(map_), 2)
+        inside = np.clip(middle + scale * (patch.inside - np.tile(local, 2)), 0.0, side - 1.0)
+        taken.append(Patch(np.asarray(pixels, dtype=np.uint8), np.rint(there), patch.t_wc, inside))
+    return taken
+
+
+def _corners(image: Image, settings: FrontendSettings) -> Array:
+    """The strongest corners, dense enough that those of all landmarks may be among them."""
+    options = settings.relocalise
+    distance = max(2.0, options.corner_distance * image.shape[1])
+    peaks = corner_peaks(image, settings.detect, distance, settings.patch.size, False)
+    return refine_corners(image, peaks[: options.corners].astype(np.float64))
+
+
+def _refined(
+    points: Array, uv: Array, camera: Camera, pose: Array, tolerance: float
+) -> tuple[Array, Indices] | None:
+    """The pose of least squares, and the matches that agree with it, the worst left out one by one."""
+    kept = np.arange(len(points))
+    while len(kept) >= 4:
+        try:
+            pose, _ = pose_from_points(points[kept], uv[kept], camera, 1.0, pose)
+        except InputError:
+            return None
+        seen = np.ascontiguousarray((points[kept] - pose[:3, 3]) @ pose[:3, :3])
+        residual = np.linalg.norm(camera.project(seen)[0] - uv[kept], axis=1)
+        worst = int(np.argmax(residual))
+        if residual[worst] <= tolerance:
+            return pose, kept
+        kept = np.delete(kept, worst)
+    return None

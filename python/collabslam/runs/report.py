@@ -1,0 +1,138 @@
+"""Summaries as text: one run, or several side by side."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+Summary = Mapping[str, Any]
+_MISSING = "-"
+
+
+def number(value: Any, digits: int = 3, unit: str = "", scale: float = 1.0) -> str:
+    """A number with a fixed count of decimals; a dash where there is none."""
+    if not isinstance(value, int | float) or math.isnan(value):
+        return _MISSING
+    return f"{scale * value:.{digits}f}{' ' + unit if unit else ''}"
+
+
+STAGES = ("predict", "search", "cf", "update", "map", "rest")
+"""What a frame's time is spent on: METHOD 7.1-2, 7.3, 7.4, 7.5-7, 7.8, and telling what was done."""
+
+
+LINES: tuple[tuple[str, Callable[[Summary], str]], ...] = (
+    ("frames OK", lambda s: f"{s['frames_ok']} of {s['frames']} ({number(s['ok_share'], 1, '%', 100.0)})"),
+    ("status at the end", lambda s: str(s["status_final"])),
+    ("path length", lambda s: number(s["path_length_m"], 2, "m")),
+    ("average position error", lambda s: _with_share(s["avg_position_error_m"], s["avg_error_pct"])),
+    ("final position error", lambda s: _with_share(s["final_position_error_m"], s["final_error_pct"])),
+    ("ATE (SE(3), RMS)", lambda s: _with_share(s["ate_rmse_m"], s["ate_pct"])),
+    ("scale error", lambda s: number(s["scale_error"], 1, "%", 100.0)),
+    ("NEES (6 expected)", lambda s: number(s["nees_mean"], 1)),
+    ("features a frame", lambda s: number(s["features_per_frame"], 1)),
+    ("overlap", lambda s: number(s["overlap_ratio"], 0, "%", 100.0)),
+    ("measurements with depth", lambda s: str(s["depth_measurements"])),
+    ("time a frame", lambda s: number(step_ms(s), 1, "ms")),
+    *((f"  {stage}", lambda s, stage=stage: _stage(s, stage)) for stage in STAGES),
+)
+"""What a summary shows on a terminal: label and text."""
+
+
+def step_ms(summary: Summary) -> float | None:
+    """Mean milliseconds a frame takes, without reading or rendering images."""
+    value = summary["ms_per_frame"].get("step")
+    return None if value is None else float(value)
+
+
+def stage_ms(summary: Summary, stage: str) -> float | None:
+    """Mean milliseconds a frame spends in one of `STAGES`."""
+    means, step = summary["ms_per_frame"], step_ms(summary)
+    if stage != "rest":
+        value = means.get(stage)
+        return None if value is None else float(value)
+    if step is None or "total" not in means:
+        return None
+    return max(0.0, step - float(means["total"]))
+
+
+def summary_text(summary: Summary) -> str:
+    """The summary of one run as a short table."""
+    head = f"{summary['recording']}, {summary['mode']}, start {summary['start']}"
+    if summary["start_frame"] is None:
+        head += " (the filter never started)"
+    elif summary["interrupted"]:
+        head += f" (interrupted after {summary['frames']} frames)"
+    if summary["start"] == "scale-free":
+        head += f" (lengths are in {summary['unit']}, not metres)"
+    return head + "\n" + text_table([[label, text(summary)] for label, text in LINES])
+
+
+def unused_text(summary: Summary) -> str:
+    """Which frames of the stream could not be used, empty if all could."""
+    counts = (
+        ("frames_out_of_order", "left out, whose time stamps repeat or go back"),
+        ("frames_unseen", "only predicted, whose image is blank or repeats the last"),
+    )
+    parts = [f"{summary[key]} frames {what}" for key, what in counts if summary.get(key)]
+    return "; ".join(parts)
+
+
+def lost_text(summary: Summary) -> str:
+    """Why a run counts as having lost the camera."""
+    if summary["start_frame"] is None:
+        return "the filter never started"
+    text = f"the camera was lost: {summary['frames_ok']} of {summary['frames']} frames are OK"
+    if summary["frames_ok_too_far"]:
+        text += f", {summary['frames_ok_too_far']} more claim to be but are more than 5 sigma off the truth"
+    return f"{text}; the last one is {summary['status_final']}"
+
+
+def side_by_side(summaries: Mapping[str, Summary]) -> str:
+    """Several runs of one recording, a column for each."""
+    rows = [["", *summaries]]
+    rows += [[label, *(text(s) for s in summaries.values())] for label, text in LINES]
+    return text_table(rows)
+
+
+def text_table(rows: Sequence[Sequence[str]]) -> str:
+    """Rows as aligned columns."""
+    widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
+    lines = ("  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) for row in rows)
+    return "\n".join("  " + line.rstrip() for line in lines)
+
+
+def median_of(summaries: Sequence[Summary], key: str) -> float | None:
+    """Median of a number over runs; None if no run has it."""
+    values = [s[key] for s in summaries if isinstance(s.get(key), int | float)]
+    return float(statistics.median(values)) if values else None
+
+
+def median_summary(summaries: Sequence[Summary]) -> dict[str, Any]:
+    """One summary whose numbers are the medians over runs; what is no number is the first run's."""
+    first = summaries[0]
+    out: dict[str, Any] = dict(first)
+    for key, value in first.items():
+        if isinstance(value, bool | str):
+            continue
+        middle = median_of(summaries, key)
+        if middle is not None:
+            out[key] = int(middle) if all(isinstance(s.get(key), int) for s in summaries) else middle
+    stages = [s["ms_per_frame"] for s in summaries]
+    out["ms_per_frame"] = {k: median_of(stages, k) for k in stages[0]}
+    return out
+
+
+def _stage(summary: Summary, stage: str) -> str:
+    value, step = stage_ms(summary, stage), step_ms(summary)
+    if value is None or not step:
+        return _MISSING
+    return f"{value:.1f} ms ({100.0 * value / step:.0f} %)"
+
+
+def _with_share(metres: Any, percent: Any) -> str:
+    if not isinstance(metres, int | float):
+        return _MISSING
+    share = f" ({percent:.2f} % of the path)" if isinstance(percent, int | float) else ""
+    return f"{metres:.3f} m{share}"

@@ -1,0 +1,80 @@
+"""A result folder read back."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from collabslam.datasets.poses import read_track
+from collabslam.errors import DataError
+from collabslam.formats.landmarks import MapPoints, read_ply
+from collabslam.formats.trajectory import read_covariances
+from collabslam.runs.results import COVARIANCE, FRAMES, MAP, SUMMARY, TRAJECTORY, is_result_folder
+from collabslam.types import Array
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """Where a run has left its results.
+
+    Raises
+    ------
+    DataError
+        If it is no result folder; the methods, if a file of it is missing or broken.
+    """
+
+    path: Path
+
+    def __post_init__(self) -> None:
+        if not is_result_folder(self.path):
+            raise DataError(
+                f"{self.path} is no result folder of collabslam; give what a run wrote (see --out)."
+            )
+
+    def trajectory(self) -> tuple[Array, Array, Array]:
+        """Times (N,), poses ``T_WC`` (N, 4, 4) and covariances (N, 6, 6) of the valid frames."""
+        times, poses = read_track(self.path / TRAJECTORY)
+        _, covariances = read_covariances(self.path / COVARIANCE)
+        if len(covariances) == len(poses) + 1:  # killed between the two
+            covariances = covariances[:-1]
+        if len(covariances) != len(poses):
+            raise DataError(
+                f"{self.path / COVARIANCE} has {len(covariances)} rows for {len(poses)} poses; run the "
+                "recording again."
+            )
+        return times, poses, covariances
+
+    def landmarks(self) -> MapPoints:
+        """The map at the end."""
+        return read_ply(self.path / MAP)
+
+    def frames(self) -> list[dict[str, str]]:
+        """Rows of ``frames.csv`` by column."""
+        return read_frames(self.path / FRAMES)
+
+    def summary(self) -> dict[str, Any]:
+        """``summary.json``."""
+        return read_summary(self.path / SUMMARY)
+
+
+def read_frames(path: Path) -> list[dict[str, str]]:
+    """Rows of a ``frames.csv`` by column; raises DataError if it cannot be read."""
+    try:
+        with path.open(newline="", encoding="utf-8") as lines:
+            return list(csv.DictReader(lines))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise DataError(f"{path} cannot be read; run the recording again.") from error
+
+
+def read_summary(path: Path) -> dict[str, Any]:
+    """A ``summary.json``; raises DataError if it cannot be read."""
+    try:
+        summary = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise DataError(f"{path} cannot be read; run the recording again.") from error
+    if not isinstance(summary, dict):
+        raise DataError(f"{path} holds no summary; run the recording again.")
+    return summary

@@ -1,0 +1,1 @@
+"""Settings: what a user may change, with default, unit, range and reason."""

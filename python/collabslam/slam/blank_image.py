@@ -1,0 +1,52 @@
+"""Whether an image shows anything new: a frozen or blank one must not pass for a measurement."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import cv2
+import numpy as np
+
+from collabslam.settings.frontend import SightSettings
+from collabslam.slam.state import PersistentState
+from collabslam.types import Image
+
+CLEAR, BLANK, FROZEN = "", "blank", "frozen"
+_SHRINK = 8
+"""Noise of single pixels is averaged over squares of this side before the contrast is taken."""
+
+
+class BlankImageDetector(PersistentState):
+    """Judges the images of one camera, one after the other.
+
+    Parameters
+    ----------
+    settings : SightSettings
+    """
+
+    PERSISTENT: ClassVar[tuple[str, ...]] = ("_last",)
+
+    def __init__(self, settings: SightSettings) -> None:
+        self._settings = settings
+        self._last: Image | None = None
+
+    def judge(self, image: Image) -> str:
+        """`CLEAR`, `BLANK` (black, white, fogged: no contrast) or `FROZEN` (to the bit the last clear one).
+
+        No sensor delivers the same noise twice: an image that repeats the last one comes from a driver that
+        hangs, and says that nothing has moved, very exactly, to a filter that believes it.
+        """
+        if self._settings.frozen and self._last is not None and _equal(image, self._last):
+            return FROZEN
+        size = (max(1, image.shape[1] // _SHRINK), max(1, image.shape[0] // _SHRINK))
+        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        if float(cv2.meanStdDev(small)[1][0, 0]) < self._settings.min_contrast:
+            return BLANK
+        self._last = image.copy()
+        return CLEAR
+
+
+def _equal(a: Image, b: Image) -> bool:
+    """Whether two images are the same to the bit; most that are not differ in the middle row already."""
+    middle = len(a) // 2
+    return a.shape == b.shape and np.array_equal(a[middle], b[middle]) and np.array_equal(a, b)

@@ -1,0 +1,73 @@
+"""What became of each feature in one frame, for those who want to look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from collabslam._core import UpdateReport
+from collabslam.frontend.search import AMBIGUOUS, FOUND, LOW_SCORE
+from collabslam.slam.tracks import Found
+from collabslam.types import Array, Ids
+
+STATES = ("accepted", "rejected", "unlike", "ambiguous", "outside", "not searched")
+"""Used by the filter; found but refused; patch not found; found twice; outside the image; not looked for."""
+
+
+@dataclass(frozen=True)
+class FrameFeatures:
+    """The features that should be visible in a frame.
+
+    Attributes
+    ----------
+    ids : (N,) int64
+    predicted : (N, 2) float64
+        Pixels where they are expected.
+    s : (N, 2, 2) float64
+        Innovation covariance of those, px^2.
+    found : (N, 2) float64
+        Pixels where they were found; NaN elsewhere.
+    states : (N,) of str
+        One of `STATES` each.
+    """
+
+    ids: Ids
+    predicted: Array
+    s: Array
+    found: Array
+    states: list[str]
+
+
+def frame_features(expected: dict[str, Any], found: Found, report: UpdateReport) -> FrameFeatures:
+    """Puts prediction, search and update of a frame together."""
+    ids = expected["ids"]
+    names = {FOUND: "rejected", LOW_SCORE: "unlike", AMBIGUOUS: "ambiguous"}
+    codes = found.result.code.tolist()
+    states = {i: names.get(c, "outside") for i, c in zip(found.searched.tolist(), codes, strict=True)}
+    for i, outcome in zip(found.ids.tolist(), report.bearings, strict=True):
+        if outcome in ("pixel", "replaced"):
+            states[i] = "accepted"
+    row = {i: k for k, i in enumerate(ids.tolist())}
+    place = np.full((len(ids), 2), np.nan)
+    place[[row[i] for i in found.ids.tolist()]] = found.uv
+    return FrameFeatures(
+        ids,
+        expected["uv"],
+        expected["s"],
+        place,
+        [states.get(i, "not searched") for i in ids.tolist()],
+    )
+
+
+def unsearched_features(expected: dict[str, Any]) -> FrameFeatures:
+    """The features of a frame in which none was searched."""
+    count = len(expected["ids"])
+    return FrameFeatures(
+        expected["ids"],
+        expected["uv"],
+        expected["s"],
+        np.full((count, 2), np.nan),
+        ["not searched"] * count,
+    )

@@ -1,0 +1,127 @@
+"""Finding a lost camera again in its map: views of the landmarks are kept, and compared when it is lost."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from collabslam._core import Camera, Filter
+from collabslam.frontend.describe import Descriptors
+from collabslam.frontend.patch import Patch, capture
+from collabslam.frontend.place_recognition import describe_views, in_one_list, locate
+from collabslam.settings.frontend import FrontendSettings, SearchSettings
+from collabslam.slam.state import PersistentState
+from collabslam.slam.tracks import Tracks, chosen
+from collabslam.types import Array, Ids, Image
+
+ROLLS = (0.5, -0.5)
+"""Rolls of the camera against its views, radians: each attempt tries none, then one of these in turn."""
+MAX_RHO_RATIO = 0.3
+"""Largest sd(rho) / rho of a landmark that helps to find the camera: the range of others is hardly known."""
+
+Found = tuple[Ids, Array]
+
+
+def searchable(expected: dict[str, Any], options: SearchSettings) -> dict[str, Any]:
+    """What of `Filter.predict_pixels` can be searched whole: ellipses that fit into the largest window.
+
+    Where a lost camera might be is soon wider than any window; what is found in a part of it proves little.
+    """
+    variance = np.diagonal(expected["s"], axis1=1, axis2=2).max(axis=1, initial=0.0)
+    fits = options.gate**2 * variance <= options.max_radius**2
+    return chosen(expected, fits)
+
+
+class Relocaliser(PersistentState):
+    """Keeps views of the landmarks, and finds the camera among them.
+
+    Parameters
+    ----------
+    core : Filter
+    camera : Camera
+        Cs.
+    tracks : Tracks
+        Holds the first view of every landmark.
+    options : FrontendSettings
+    """
+
+    PERSISTENT = ("_views", "_last", "_attempts")
+
+    def __init__(self, core: Filter, camera: Camera, tracks: Tracks, options: FrontendSettings) -> None:
+        self._core, self._camera, self._tracks, self._options = core, camera, tracks, options
+        self._views: dict[int, list[Patch]] = {}
+        self._last: float | None = None
+        self._attempts = 0
+        self._described: dict[int, tuple[Patch, Descriptors]] = {}
+
+    def remember(self, t: float, image: Image, pose: Array, ids: Ids, uv: Array) -> None:
+        """Keeps views of the landmarks found in a frame at ``t`` seconds, if it is time for it.
+
+        The latest ones replace the oldest.
+        """
+        self._attempts = 0
+        self._described.clear()
+        options = self._options.relocalise
+        if self._last is not None and t - self._last < options.every:
+            return
+        self._last = t
+        for i, view in zip(ids.tolist(), capture(image, uv, pose, self._options.patch), strict=True):
+            views = self._views.setdefault(i, [])
+            del views[: len(views) + 1 - options.views]
+            views.append(view)
+
+    def views(self, ids: Ids) -> list[list[Patch]]:
+        """The views of each landmark, the first one first."""
+        return [[self._tracks.patch(i), *self._views.get(i, [])] for i in ids.tolist()]
+
+    def adopt(self, ids: Ids, views: list[list[Patch]]) -> None:
+        """Takes over the views of a map to start in, as `views` gives them."""
+        self._tracks.adopt(ids, [some[0] for some in views])
+        self._views.update(zip(ids.tolist(), [some[1:] for some in views], strict=True))
+
+    def forget(self, ids: Ids) -> None:
+        """Drops the views of deleted landmarks."""
+        for i in ids.tolist():
+            self._views.pop(i, None)
+
+    def attempt(self, image: Image) -> Found | None:
+        """Looks for the camera in its map, and resets the filter to where it is.
+
+        Returns
+        -------
+        ids : (N,) int64
+            Landmarks that the pose rests on.
+        uv : (N, 2) float64
+            Their pixels; None instead if the camera was not found.
+        """
+        landmarks = self._core.landmarks()
+        use = np.flatnonzero(landmarks["rho_ratio"] < MAX_RHO_RATIO)
+        ids: Ids = landmarks["ids"][use]
+        if len(ids) < self._options.relocalise.min_patches:
+            return None
+        patches, owner = in_one_list(self.views(ids))
+        rolls = (0.0, ROLLS[self._attempts % len(ROLLS)])
+        self._attempts += 1
+        points: Array = landmarks["points"][use]
+        views = self._describe(patches)
+        fix = locate(
+            image, self._camera, points, patches, views, owner, self._core.pose, rolls, self._options
+        )
+        if fix is None:
+            return None
+        report = self._core.relocalise(fix.pose, ids[fix.landmarks], fix.uv)
+        if not report.believed:
+            return None
+        good = np.array([outcome == "pixel" for outcome in report.bearings])
+        found = ids[fix.landmarks][good], fix.uv[good]
+        self._tracks.found(*found)
+        return found
+
+    def _describe(self, patches: list[Patch]) -> Descriptors:
+        """Descriptors of views, one after the other; made once for all attempts until the camera is found."""
+        known = self._described
+        new = [patch for patch in patches if id(patch) not in known]
+        made = describe_views(new, self._options.relocalise.support)
+        known.update({id(patch): (patch, made[k : k + 1]) for k, patch in enumerate(new)})
+        return np.concatenate([known[id(patch)][1] for patch in patches])

@@ -1,0 +1,140 @@
+"""A map kept in a file: landmarks with their joint covariance, and views by which it is recognised."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from collabslam._core import Camera
+from collabslam.errors import DataError
+from collabslam.formats.container import read_container, write_container
+from collabslam.frontend.patch import Patch
+from collabslam.frontend.place_recognition import in_one_list, in_other_camera
+from collabslam.types import Array
+
+KIND, VERSION = "map", 1
+_FIELDS = {"camera", "metric", "landmarks", "covariance", "drift", "owner", "pixels", "uv", "t_wc", "inside"}
+
+
+@dataclass(frozen=True)
+class SavedMap:
+    """A map to start in; see `Slam.saved_map`.
+
+    Attributes
+    ----------
+    camera : Camera
+        That took the views.
+    metric : bool
+        Whether lengths are metres; after a scale-free start they are not.
+    landmarks : (N, 6) float64
+        ``x y z theta phi rho`` of each in W (METHOD section 2).
+    covariance : (6 N, 6 N) float64
+        Their joint covariance.
+    drift : (6, 6) float64
+        Covariance of W's drift, (translation, rotation), m^2 and rad^2.
+    views : list of N lists of Patch
+        At least one of each landmark, the first one first.
+    """
+
+    camera: Camera
+    metric: bool
+    landmarks: Array
+    covariance: Array
+    drift: Array
+    views: list[list[Patch]]
+
+    def save(self, path: str | Path) -> None:
+        """Write it; raises DataError if the file cannot be written."""
+        views, owner = in_one_list(self.views)
+        content = {
+            "camera": self.camera.__getnewargs__(),
+            "metric": self.metric,
+            "landmarks": self.landmarks,
+            "covariance": self.covariance,
+            "drift": self.drift,
+            "owner": owner,
+            "pixels": np.stack([v.pixels for v in views]) if views else np.empty((0, 1, 1), np.uint8),
+            "uv": np.reshape([v.uv_ref for v in views], (-1, 2)),
+            "t_wc": np.reshape([v.t_wc for v in views], (-1, 4, 4)),
+            "inside": np.reshape([v.inside for v in views], (-1, 4)),
+        }
+        write_container(Path(path), KIND, VERSION, content)
+
+    @classmethod
+    def load(cls, path: str | Path) -> SavedMap:
+        """A map that `save` wrote.
+
+        Raises
+        ------
+        DataError
+            If the file cannot be read, is cut short, altered, of another kind or version.
+        """
+        content = read_container(Path(path), KIND, VERSION)
+        try:
+            return _map_of(content)
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            raise DataError(
+                f"The file {path} is no map of collabslam ({error}); save the map again."
+            ) from error
+
+    def seen_by(self, camera: Camera) -> SavedMap:
+        """The same map with views as another camera would have taken them.
+
+        Landmarks of which that camera's model has no view are left out.
+        """
+        if camera == self.camera:
+            return self
+        flat, _ = in_one_list(self.views)
+        taken = iter(in_other_camera(flat, self.camera, camera))
+        views = [[v for v in [next(taken) for _ in some] if v is not None] for some in self.views]
+        kept = np.array([k for k, some in enumerate(views) if some], dtype=np.int64)
+        rows = (6 * kept[:, None] + np.arange(6)).ravel()
+        return SavedMap(
+            camera,
+            self.metric,
+            self.landmarks[kept],
+            self.covariance[np.ix_(rows, rows)],
+            self.drift,
+            [views[k] for k in kept],
+        )
+
+
+def _map_of(content: Any) -> SavedMap:
+    """The map in a file's content; ValueError and the like if it is none."""
+    if not isinstance(content, dict) or set(content) != _FIELDS:
+        raise ValueError("its parts are others")
+    owner, pixels = content["owner"], content["pixels"]
+    count, views = len(content["landmarks"]), len(owner)
+    shapes = {
+        "landmarks": (count, 6),
+        "covariance": (6 * count, 6 * count),
+        "drift": (6, 6),
+        "owner": (views,),
+        "uv": (views, 2),
+        "t_wc": (views, 4, 4),
+        "inside": (views, 4),
+    }
+    for name, shape in shapes.items():
+        array = content[name]
+        if not isinstance(array, np.ndarray) or array.shape != shape or not np.isfinite(array).all():
+            raise ValueError(f"'{name}' is not what it should be")
+    side = pixels.shape[-1]
+    if pixels.dtype != np.uint8 or pixels.shape != (views, side, side) or side % 2 == 0:
+        raise ValueError("'pixels' is not what it should be")
+    if not np.array_equal(np.unique(owner), np.arange(count)) or (np.diff(owner) < 0).any():
+        raise ValueError("'owner' is not what it should be")
+    lists: list[list[Patch]] = [[] for _ in range(count)]
+    for k, i in enumerate(owner.tolist()):
+        view = (pixels[k], content["uv"][k], content["t_wc"][k], content["inside"][k])
+        lists[i].append(Patch(*view))
+    return SavedMap(
+        Camera(*content["camera"]),
+        bool(content["metric"]),
+        content["landmarks"],
+        content["covariance"],
+        content["drift"],
+        lists,
+    )

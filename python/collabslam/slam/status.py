@@ -1,0 +1,81 @@
+"""Whether the estimate can be trusted: OK, COASTING, LOST."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from collabslam.settings.setting import Value
+from collabslam.slam.state import PersistentState
+from collabslam.types import Status
+
+_FRESH = 0.1 - 1e-6  # seconds; a frame at 10 Hz is not
+
+
+class StatusMonitor(PersistentState):
+    """OK: enough accepted matches in this frame.  COASTING: too few, for a short time.  LOST: for longer, and
+    from then on until enough are accepted again.
+
+    Parameters
+    ----------
+    settings : mapping
+        The filter's settings ``lost.*``.
+    lost : bool
+        Whether the camera is lost to begin with.
+    """
+
+    PERSISTENT = ("_last_ok", "_failed", "lost")
+
+    def __init__(self, settings: Mapping[str, Value], *, lost: bool = False) -> None:
+        self._min_matches = int(settings["lost.min_matches"])
+        self._min_share = float(settings["lost.min_share"])
+        self._frames = int(settings["lost.frames"])
+        self._seconds = float(settings["lost.seconds"])
+        self._last_ok: float | None = None
+        self._failed = 0
+        self.lost = lost
+        """Whether the camera was lost after the last frame."""
+
+    def least(self, searched: int) -> int:
+        """Fewest accepted matches with which a frame is believed in which so many features were searched.
+
+        A few wrong matches pass any test.  Half of a small number is asked for, and a share of a large one; a
+        camera that is lost must be found by a full set.  Where hardly anything is expected, nothing is asked,
+        unless the frame before failed: who looks where nothing is known may have jumped there.
+        """
+        share = math.ceil(self._min_share * searched)
+        if self.lost or (self._failed and searched < self._min_matches):
+            return max(self._min_matches, share)
+        if searched < self._min_matches:
+            return 0
+        return max(share, min(self._min_matches, searched // 2))
+
+    def is_fresh(self, t: float) -> bool:
+        """Whether a frame at ``t`` (seconds) that shows the last image again is as good as the last.
+
+        The camera has delivered nothing new, as some do every now and then, and the pose is less than 0.1 s
+        older than one that was OK.
+        """
+        return not self.lost and self._last_ok is not None and t - self._last_ok < _FRESH
+
+    def update(self, t: float, accepted: int, *, believed: bool) -> Status:
+        """Status of the frame at ``t`` (seconds).
+
+        Parameters
+        ----------
+        accepted : int
+            Accepted matches, births with depth included.
+        believed : bool
+            Whether as many were accepted as `least` asks for.
+        """
+        if self._last_ok is None:
+            self._last_ok = t
+        if not believed:
+            self._failed += 1
+        elif accepted:  # a frame that shows nothing, as it may, says nothing of those before
+            self._failed = 0
+        if believed and accepted >= self._min_matches:
+            self._last_ok, self.lost = t, False
+            return Status.OK
+        self.lost = self.lost or self._failed >= self._frames or t - self._last_ok > self._seconds
+        return Status.LOST if self.lost else Status.COASTING

@@ -1,0 +1,243 @@
+"""The worn camera in one frame: is there overlap, which points do both cameras see (METHOD 7.4 and 9)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from collabslam._core import Camera, Filter, UpdateReport
+from collabslam.errors import InputError
+from collabslam.frontend.detect import Corners, Hidden
+from collabslam.frontend.wearer_mask import covered
+from collabslam.frontend.worn_match import WornMatches, match_worn
+from collabslam.geometry import pose_inverse, se3_log
+from collabslam.settings.frontend import FrontendSettings
+from collabslam.settings.table import Settings
+from collabslam.slam.tracks import Found
+from collabslam.types import Array, Ids, Image, WornView
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Matches between Cs and Cf, ready for the filter.
+
+    Attributes
+    ----------
+    ids : (M,) int64
+        Feature of each pair, -1 for a new point.
+    candidates : (M,) int64
+        Candidate that the new point was until now, -1 for none.
+    uv, uv_f : (M, 2) float64
+        Pixels in Cs and Cf.
+    worn : WornView or None
+        None where there is no overlap, or it was refused.
+    matches : WornMatches or None
+    correction : (6,) float64
+        By which the matches correct T_CF, tangent on the right; NaN without matches.
+    sigmas : float
+        The same in standard deviations (RMS over its six numbers).
+    refused : bool
+        The view contradicts T_CF or the map: it is not used.
+    baseline : float
+        |t_CF|, metres; NaN without overlap.
+    """
+
+    ids: Ids = field(default_factory=lambda: np.empty(0, np.int64))
+    candidates: Ids = field(default_factory=lambda: np.empty(0, np.int64))
+    uv: Array = field(default_factory=lambda: np.empty((0, 2)))
+    uv_f: Array = field(default_factory=lambda: np.empty((0, 2)))
+    worn: WornView | None = None
+    matches: WornMatches | None = None
+    points: int = 0
+    correction: Array = field(default_factory=lambda: np.full(6, np.nan))
+    sigmas: float = float("nan")
+    refused: bool = False
+    baseline: float = float("nan")
+
+    @property
+    def observation(self) -> tuple[Array, Array, Ids, Array, Array] | None:
+        """The argument ``worn`` of :meth:`Filter.update`."""
+        if self.worn is None:
+            return None
+        return self.worn.t_cf, self.worn.covariance, self.ids, self.uv, self.uv_f
+
+    @property
+    def bias(self) -> Array | None:
+        """The argument ``worn_bias`` of :meth:`Filter.update`."""
+        return None if self.worn is None else self.worn.bias
+
+    def births(self, report: UpdateReport) -> tuple[Ids, Ids]:
+        """Features born from pairs, and the candidates among them."""
+        if self.worn is None:
+            return np.empty(0, np.int64), np.empty(0, np.int64)
+        born = report.pair_births >= 0
+        used = self.candidates[born]
+        return report.pair_births[born], used[used >= 0]
+
+    def uv_of(self, report: UpdateReport) -> Array:
+        """Pixels in Cs of the features born."""
+        return self.uv[report.pair_births >= 0] if self.worn is not None else self.uv
+
+    def counts(self, report: UpdateReport) -> dict[str, Any]:
+        """Diagnostics of the worn camera."""
+        rejected = self.matches.rejected if self.matches else {}
+        pairs = report.pairs
+        return {
+            "overlap": int(self.worn is not None),
+            "baseline_m": self.baseline,
+            "cf_refused": int(self.refused),
+            "t_cf_correction_m": float(np.linalg.norm(self.correction[:3])),
+            "t_cf_correction_deg": float(np.degrees(np.linalg.norm(self.correction[3:]))),
+            "t_cf_correction_sigmas": self.sigmas,
+            "cf_points": self.points,
+            "cf_matches": len(self.ids),
+            "cf_rejected_region": rejected.get("region", 0),
+            "cf_rejected_ratio": rejected.get("ratio", 0) + rejected.get("mutual", 0),
+            "cf_rejected_epipolar": rejected.get("epipolar", 0) + rejected.get("consensus", 0),
+            "cf_rejected_low_score": rejected.get("score", 0),
+            "cf_rejected_chi2": pairs.count("rejected-gate"),
+            "cf_rejected_hohct": pairs.count("rejected-batch"),
+            "cf_rejected_conditional": pairs.count("rejected-conditional"),
+            "cf_too_uncertain": pairs.count("too-uncertain"),
+            "depth_rows": pairs.count("depth"),
+            "cf_pixel_rows": pairs.count("pixel"),
+        }
+
+
+ENOUGH = 5
+"""Points tried, and matched, from which on shares of them mean something."""
+
+
+def _correction(worn: WornView, matches: WornMatches) -> tuple[Array, float]:
+    """By how much the matches correct T_CF, also in standard deviations; NaN without matches."""
+    if not len(matches.index):
+        return np.full(6, np.nan), float("nan")
+    xi = se3_log(pose_inverse(worn.t_cf) @ matches.t_cf)
+    return xi, float(np.sqrt(xi @ np.linalg.solve(worn.covariance, xi) / 6.0))
+
+
+class WornLook:
+    """Decides whether Cf helps in a frame, and matches it to Cs."""
+
+    def __init__(
+        self,
+        core: Filter,
+        camera: Camera,
+        worn_camera: Camera | None,
+        settings: Settings,
+        options: FrontendSettings,
+        corners: Corners,
+    ) -> None:
+        self._filter = core
+        self._camera = camera
+        self._worn_camera = worn_camera
+        self._options = options
+        self._corners = corners
+        mode = str(settings["filter.estimator.mode"])
+        self._only_start = mode.startswith("mono")
+        self._only_births = mode == "collab-init"
+
+    def check(self, worn: WornView | None) -> None:
+        """Raises InputError if the worn view does not fit its calibration."""
+        if worn is None:
+            return
+        camera = self._worn_camera
+        if camera is None:
+            raise InputError("there is a worn view but no worn_camera; give the calibration of Cf.")
+        if worn.image.shape != (camera.height, camera.width) or worn.image.dtype != np.uint8:
+            raise InputError(
+                f"the worn image is {worn.image.shape} {worn.image.dtype}, its calibration is for "
+                f"({camera.height}, {camera.width}) uint8; scale the calibration or the images."
+            )
+        self._filter.check_worn(worn.t_cf, worn.covariance, worn.bias)
+        try:
+            np.linalg.cholesky(worn.covariance)
+        except np.linalg.LinAlgError as error:
+            raise InputError(
+                "the covariance of T_CF is singular; give every direction a standard deviation."
+            ) from error
+
+    def hidden(self, worn: WornView | None) -> Hidden | None:
+        """Which pixels of Cs show whoever wears Cf; None where that is nobody, or nobody knows."""
+        radius = self._options.worn.body_radius
+        if worn is None or radius == 0.0:
+            return None
+        return lambda uv: covered(self._camera, uv, worn.t_cf, radius)
+
+    def match(self, image: Image, worn: WornView | None, found: Found, missing: int) -> Overlap:
+        """Pairs of this frame; known features first, then as many new points as the view is missing."""
+        started = self._filter.started
+        if worn is None or self._worn_camera is None or (started and self._only_start):
+            return Overlap()
+        overlap = self._filter.predict_overlap(worn.t_cf, worn.covariance)
+        if overlap is None:
+            return Overlap()
+        known = np.empty(0, np.int64) if self._only_births and started else np.flatnonzero(found.hit)
+        known_uv = found.result.uv[known]
+        taken = np.concatenate([found.uv, found.candidate_uv])
+        options = self._options
+        tries = min(options.worn.new_points, options.worn.tries * missing)
+        fresh = self._corners.pick(taken, tries)
+        uv = np.concatenate([known_uv, found.candidate_uv, fresh])
+        unknown = np.full(len(found.candidate_uv) + len(fresh), np.nan)
+        matches = match_worn(
+            image,
+            self._camera,
+            worn.image,
+            self._worn_camera,
+            worn.t_cf,
+            worn.covariance,
+            overlap["roi_s"],
+            overlap["roi_f"],
+            uv,
+            np.concatenate([found.rho[known], unknown]),
+            np.concatenate([found.rho_sd[known], unknown]),
+            options,
+        )
+        correction, sigmas = _correction(worn, matches)
+        if sigmas > options.worn.max_correction or self._contradicts(len(known), len(uv), matches):
+            return Overlap(
+                matches=matches,
+                points=len(uv),
+                correction=correction,
+                sigmas=sigmas,
+                refused=True,
+                baseline=float(overlap["baseline"]),
+            )
+        ids = np.concatenate([found.searched[known], np.full(len(unknown), -1)])
+        candidates = np.concatenate([np.full(len(known), -1), found.candidates, np.full(len(fresh), -1)])
+        chosen = self._choose(ids[matches.index], matches, missing)
+        rows = matches.index[chosen]
+        return Overlap(
+            ids=ids[rows].astype(np.int64),
+            candidates=candidates[rows].astype(np.int64),
+            uv=uv[rows],
+            uv_f=matches.uv_f[chosen],
+            worn=worn,
+            matches=matches,
+            points=len(uv),
+            correction=correction,
+            sigmas=sigmas,
+            baseline=float(overlap["baseline"]),
+        )
+
+    def _contradicts(self, known: int, tried: int, matches: WornMatches) -> bool:
+        """Whether new points match and the map's do not, so that T_CF cannot be right for both.
+
+        The map's points come first; they are searched at their depth, new ones along their whole line.
+        """
+        of_map = int(np.sum(matches.index < known))
+        new = len(matches.index) - of_map
+        if known < ENOUGH or new < ENOUGH:
+            return False
+        least = self._options.worn.least_known * new / (tried - known)
+        return of_map < least * known
+
+    @staticmethod
+    def _choose(ids: Ids, matches: WornMatches, missing: int) -> Ids:
+        """All matches of known features, and the best new ones up to the number that is missing."""
+        new = np.flatnonzero(ids < 0)
+        best = new[np.argsort(-matches.score[new], kind="stable")[:missing]]
+        return np.sort(np.concatenate([np.flatnonzero(ids >= 0), best]))

@@ -1,0 +1,1 @@
+"""What proves the product: the paper's experiments, rendered worlds, benchmarks, reliability."""

@@ -1,0 +1,178 @@
+"""The page of measured accuracy: medians over the seeds, honesty of the covariance, cost, other systems."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from collabslam.evaluation.consistency import nees_band
+from collabslam.runs.report import median_of, number
+from collabslam_lab.benchmark.plan import Entry, Plan
+from collabslam_lab.benchmark.store import Row
+from collabslam_lab.report import markdown_table
+
+WITHIN = 2.0
+"""Factor on both ends of a NEES band that still counts as near it."""
+_STAGES = ("predict", "search", "cf", "update", "map", "total")
+
+Cells = Callable[[Entry, str, list[Row], list[Row]], list[str] | None]
+
+
+def page(plan: Plan, rows: Sequence[Row], missing: Sequence[str], how: str = "") -> str:
+    """All tables, as Markdown; ``how`` is the command that made them."""
+    seeds = sorted({row["seed"] for row in rows})
+    spoken = ", ".join(map(str, seeds)) or "none"
+    parts = [
+        "# Measured accuracy",
+        f"```sh\n{how}\n```",
+        "runs every recording of a plan (by default the package's own, whose folders lie in `DATA`; "
+        "`--help` shows how to write one), in parallel, and goes on where it stopped. This page is what it "
+        f"writes, beside a result folder for each run. Medians over the seeds {spoken} of the noise of T_CF.",
+        "## Error",
+        "ATE after an SE(3) alignment, no scale fitted, in percent of the path. *One bias*: one error of "
+        "T_CF for each block of overlap in place of an independent one in each frame. A frame is OK if it "
+        "has at least 8 accepted matches, or repeats the image of one that has for less than 0.1 s, and its "
+        "pose is within 5 sigma of the truth.",
+        _table(plan, rows, _ERROR, _error_cells),
+        "## Honesty of the covariance",
+        _honesty_text(),
+        _table(plan, rows, _HONESTY, _honesty_cells),
+        *_pooled(plan, rows),
+        "## Beside other systems",
+        "ATE after a Sim(3) alignment (scale fitted, as it must be for a monocular system), percent of the "
+        "path, over all valid frames from the start on: which frames the other system tracked is not known "
+        "beyond their number.",
+        _table(plan, rows, _OTHERS, _other_cells),
+        "## Milliseconds a frame",
+        "Wall time of one thread per stage, means over all frames; compare within one table only: what else "
+        "the machine did is in it (`make bench-frames` is for quiet ones).",
+        _table(plan, rows, (*_HEAD, *_STAGES), _cost_cells),
+    ]
+    failed = [row for row in rows if row["status"] != "done"]
+    if failed or missing:
+        parts.append("## Not measured")
+        parts += [f"- {name}: not in the folder" for name in missing]
+        parts += [f"- {r['recording']} {r['mode']} seed {r['seed']}: {r['error']}" for r in failed]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+_HEAD = ("recording", "worn camera", "mode")
+_ERROR = (*_HEAD, "ATE, %", "ATE, one bias, %", "average error, %", "frames OK, %", "OK, one bias, %",
+          "scale error, %", "features a frame", "frames", "target, px")  # fmt: skip
+_HONESTY = (*_HEAD, "NEES position", "in its band", "NEES attitude", "in its band", "one bias: position",
+            "one bias: attitude", "frames further than 5 sigma")  # fmt: skip
+_OTHERS = (*_HEAD, "ours, Sim(3), %", "other, Sim(3), %", "ratio", "other's poses", "system")
+
+
+def worn_text(entry: Entry) -> str:
+    """How the worn camera is made, for a table."""
+    return entry.worn or ("recorded" if entry.start == "worn" else "none")
+
+
+def _table(plan: Plan, rows: Sequence[Row], header: Sequence[str], cells: Cells) -> str:
+    """A line for each recording and mode that was run, in the order of the plan."""
+    lines = []
+    for entry in plan.recordings:
+        for mode in entry.modes:
+            runs = [r for r in rows if r["recording"] == entry.name and r["mode"] == mode]
+            done = [r for r in runs if r["status"] == "done"]
+            plain, biased = ([r for r in done if r["bias_per_block"] is b] for b in (False, True))
+            head = [entry.name, worn_text(entry), mode]
+            if plain:
+                made = cells(entry, mode, plain, biased)
+                lines += [[*head, *made]] if made is not None else []
+            elif runs:
+                lines.append([*head, *(["failed"] * (len(header) - len(head)))])
+    return markdown_table(header, lines) if lines else ""
+
+
+def _error_cells(entry: Entry, mode: str, runs: list[Row], biased: list[Row]) -> list[str]:
+    return [
+        number(median_of(runs, "ate_pct"), 2),
+        number(median_of(biased, "ate_pct"), 2),
+        number(median_of(runs, "avg_error_pct"), 2),
+        number(median_of(runs, "ok_share"), 1, scale=100.0),
+        number(median_of(biased, "ok_share"), 1, scale=100.0),
+        number(median_of(runs, "scale_error"), 1, scale=100.0),
+        number(median_of(runs, "features_per_frame"), 1),
+        number(median_of(runs, "frames"), 0),
+        number(median_of(runs, "target_residual_max_px"), 1),
+    ]
+
+
+def _honesty_text() -> str:
+    low, high = nees_band(3)
+    return (
+        "NEES of position and attitude, each with three degrees of freedom, averaged over the frames of a "
+        "run: 3 is honest. Errors of neighbouring frames are correlated, and so are those of the seeds, "
+        f"which share their images: the 95 % band is that of one draw, {low:.2f} to {high:.2f}. *yes*: "
+        f"inside; *x{WITHIN:g}*: within a factor of {WITHIN:g} of it; *low* or *high*: outside."
+    )
+
+
+def band_word(value: Any, low: float, high: float) -> str:
+    """Where a NEES lies: ``yes``, ``x2`` (within `WITHIN` of the band), ``low`` or ``high``."""
+    if not isinstance(value, int | float):
+        return "-"
+    if low <= value <= high:
+        return "yes"
+    if low / WITHIN <= value <= high * WITHIN:
+        return f"x{WITHIN:g}"
+    return "low" if value < low else "high"
+
+
+def _honesty_cells(entry: Entry, mode: str, runs: list[Row], biased: list[Row]) -> list[str] | None:
+    position, attitude = (median_of(runs, f"nees_{what}_mean") for what in ("position", "attitude"))
+    if position is None:
+        return None
+    band = nees_band(3)
+    return [
+        number(position, 2),
+        band_word(position, *band),
+        number(attitude, 2),
+        band_word(attitude, *band),
+        number(median_of(biased, "nees_position_mean"), 2),
+        number(median_of(biased, "nees_attitude_mean"), 2),
+        number(median_of(runs, "frames_ok_too_far"), 0),
+    ]
+
+
+def _pooled(plan: Plan, rows: Sequence[Row]) -> list[str]:
+    """The mean over recordings, which are independent: its band is narrower."""
+    lines = []
+    for mode in dict.fromkeys(mode for entry in plan.recordings for mode in entry.modes):
+        found = []
+        for entry in plan.recordings:
+            runs = [r for r in rows if r["recording"] == entry.name and r["mode"] == mode]
+            runs = [r for r in runs if r["status"] == "done" and not r["bias_per_block"]]
+            if median_of(runs, "nees_position_mean") is not None:
+                found.append([median_of(runs, f"nees_{w}_mean") or 0.0 for w in ("position", "attitude")])
+        if len(found) > 1:
+            low, high = nees_band(3, len(found))
+            means = [statistics.fmean(values) for values in zip(*found, strict=True)]
+            words = [[number(m, 2), band_word(m, low, high)] for m in means]
+            lines.append([mode, str(len(found)), f"{low:.2f} to {high:.2f}", *words[0], *words[1]])
+    header = ("mode", "recordings", "band of the mean", "NEES position", "in its band", "NEES attitude",
+              "in its band")  # fmt: skip
+    text = "The mean over the recordings, which are independent of each other, has a narrower band:"
+    return [text, markdown_table(header, lines)] if lines else []
+
+
+def _other_cells(entry: Entry, mode: str, runs: list[Row], biased: list[Row]) -> list[str] | None:
+    other, ours = entry.reference, median_of(runs, "ate_sim3_pct")
+    if other is None or ours is None:
+        return None
+    lost = " (loses its way)" if other.lost else ""
+    return [
+        number(ours, 2),
+        number(other.ate_sim3_pct, 2) + lost,
+        number(ours / other.ate_sim3_pct, 2),
+        number(other.poses, 0),
+        other.system,
+    ]
+
+
+def _cost_cells(entry: Entry, mode: str, runs: list[Row], biased: list[Row]) -> list[str]:
+    stages = [r["ms_per_frame"] for r in runs]
+    return [number(median_of(stages, stage), 1) for stage in _STAGES]

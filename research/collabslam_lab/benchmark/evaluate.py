@@ -1,0 +1,263 @@
+"""``collabslam-lab evaluate``: everything a plan asks for, and the files it leaves."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from collabslam.errors import CollabslamError, DataError, SettingsError
+from collabslam.extras import drawing
+from collabslam.formats.files import write_text
+from collabslam.runs.results import write_summary
+from collabslam.version import version
+from collabslam_lab.benchmark import ablation, accuracy, blackout, descriptors, drift
+from collabslam_lab.benchmark.plan import Plan, find_plan
+from collabslam_lab.benchmark.running import estimate, outcome, run_items
+from collabslam_lab.benchmark.store import Item, Row
+from collabslam_lab.benchmark.studies import ABLATION, ACCURACY, BLACKOUT, DESCRIPTORS, DRIFT
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What of a plan is run, and how.
+
+    Attributes
+    ----------
+    plan : Path or None
+        The YAML; the folder's own or the package's if left out.
+    only : sequence of str
+        Names of recordings; all if empty.
+    seeds : sequence of int
+        In place of the plan's; empty for those.
+    modes : sequence of str
+        Of the modes of each recording, only these; all if empty.
+    study : str or None
+        Of `STUDIES`, instead of running the recordings as they are.
+    changes : mapping
+        Changes of the settings of every run.
+    jobs : int
+        Processes at a time.
+    again : bool
+        Run also what is done.
+    dry : bool
+        Only say what there is to do.
+    """
+
+    plan: Path | None = None
+    only: Sequence[str] = ()
+    seeds: Sequence[int] = ()
+    modes: Sequence[str] = ()
+    study: str | None = None
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    jobs: int = 2
+    again: bool = False
+    dry: bool = False
+
+
+def evaluate(data: Path, out: Path, choice: Choice | None = None) -> list[Row]:
+    """Run a plan's recordings, or its levers, and write JSON, Markdown and a picture.
+
+    What is done already, with the same recording, settings, options and version, is not run again.  A
+    recording that is missing is named and left out; a run that fails is a row that says why.
+
+    Parameters
+    ----------
+    data : Path
+        Folder that holds the recordings.
+    out : Path
+        Gets ``evaluate.json``, ``evaluate.md``, ``evaluate.png`` and ``runs``, a result folder for each run;
+        or ``STUDY.json``, ``STUDY.md`` and what runs leave in ``STUDY``.
+    choice : Choice, optional
+
+    Returns
+    -------
+    list of dict
+        A row for each run: the keys of ``summary.json`` with ``recording``, ``mode``, ``seed``,
+        ``bias_per_block`` and ``status``; a failed one has ``error`` in place of results.
+
+    Raises
+    ------
+    DataError
+        If the data folder does not exist, or the results cannot be written.
+    SettingsError
+        If the plan or an option is not allowed.
+    """
+    choice = choice or Choice()
+    if not data.is_dir():
+        raise DataError(f"The data folder {data} does not exist; give the folder that holds the recordings.")
+    plan = chosen(find_plan(data, choice.plan), choice)
+    missing = [e.name for e in plan.recordings if not (e.rendered or (data / e.folder).exists())]
+    for name in missing:
+        print(f"{name}: not in {data}, left out", flush=True)
+    present = [e.name for e in plan.recordings if e.name not in missing]
+    if choice.study == DESCRIPTORS:
+        return _compare_descriptors(plan, data, out, present, choice)
+    if choice.study == BLACKOUT:
+        return _lose_sight(plan, data, out, present, choice)
+    items = _items(plan, data, out, present, choice)
+    if choice.study == DRIFT:
+        return _fit_drift(items, out, choice)
+    todo = [item for item in items if choice.again or item.done() is None]
+    minutes = estimate(todo) / 60.0
+    print(
+        f"{len(items)} runs, {len(items) - len(todo)} done already; about {minutes:.0f} minutes on one core, "
+        f"{choice.jobs} at a time",
+        flush=True,
+    )
+    if choice.dry:
+        for item in items:
+            print(f"  {'to do' if item in todo else 'done '}  {item.title}")
+        return []
+    levers = choice.study == ABLATION
+    name = ABLATION if levers else ACCURACY
+    report = _Report(plan, items, missing, out / f"{name}.json")
+    rows = run_items(items, jobs=choice.jobs, told=report.told, again=choice.again)
+    report.write(rows)
+    how = command(choice)
+    text = ablation.page(plan, rows, how) if levers else accuracy.page(plan, rows, missing, how)
+    write_text(out / f"{name}.md", text)
+    print("\n" + text)
+    if rows and not levers and drawing():
+        from collabslam_lab.benchmark.pictures import plot_rows
+
+        plot_rows(plan, rows, out / f"{name}.png")
+    return rows
+
+
+def command(choice: Choice) -> str:
+    """The command line of a choice."""
+    words = ["collabslam", "evaluate", "DATA"]
+    words += [] if choice.plan is None else ["--plan", choice.plan.name]
+    words += ["--only", ",".join(choice.only)] if choice.only else []
+    words += ["--seeds", ",".join(map(str, choice.seeds))] if choice.seeds else []
+    words += ["--modes", ",".join(choice.modes)] if choice.modes else []
+    words += [] if choice.study is None else [f"--{choice.study}"]
+    for key, value in choice.changes.items():
+        words += ["--set", f"{key}={value}"]
+    return " ".join(words)
+
+
+def chosen(plan: Plan, choice: Choice) -> Plan:
+    """The plan with only what was asked for; raises SettingsError for a name that it does not have."""
+    names = [entry.name for entry in plan.recordings]
+    for name in choice.only:
+        if name not in names:
+            raise SettingsError(
+                f"There is no recording '{name}' in {plan.origin}; it has {', '.join(names)}."
+            )
+    entries = [e for e in plan.recordings if not choice.only or e.name in choice.only]
+    if choice.modes:
+        wanted = set(choice.modes)
+        entries = [
+            replace(
+                e,
+                modes=tuple(m for m in e.modes if m in wanted),
+                biased=tuple(m for m in e.biased if m in wanted),
+            )
+            for e in entries
+        ]
+    levers = plan.ablation
+    if choice.seeds:
+        levers = replace(levers, seeds=tuple(choice.seeds))
+    if choice.modes:
+        levers = replace(levers, modes=tuple(choice.modes))
+    return replace(plan, recordings=tuple(entries), seeds=tuple(choice.seeds) or plan.seeds, ablation=levers)
+
+
+def _items(plan: Plan, data: Path, out: Path, present: Sequence[str], choice: Choice) -> list[Item]:
+    changes = tuple(choice.changes.items())
+    if choice.study == ABLATION:
+        return ablation.lever_items(plan, data, out, present, changes)
+    items = []
+    for entry in plan.recordings:
+        if entry.name in present:
+            for seed in plan.seeds if entry.seeded else plan.seeds[:1]:
+                for biased, modes in ((False, entry.modes), (True, entry.biased)):
+                    items += [Item(entry, m, seed, data, out, biased, "", changes) for m in modes]
+    return items
+
+
+def _compare_descriptors(
+    plan: Plan, data: Path, out: Path, present: Sequence[str], choice: Choice
+) -> list[Row]:
+    """Every descriptor on pairs of views of every recording; the rows are done, whatever they hold."""
+    kept = descriptors.Kept(out / DESCRIPTORS, data, plan.seeds[0], choice.again)
+    rows, faults = descriptors.measure_all(plan, data, present, kept)
+    return _tell(DESCRIPTORS, out, rows, faults, descriptors.page(rows, faults, command(choice)))
+
+
+def _lose_sight(plan: Plan, data: Path, out: Path, present: Sequence[str], choice: Choice) -> list[Row]:
+    """A second taken away at some places of every recording; the rows are done, whatever they hold."""
+    rows, faults = blackout.measure_all(plan, data, out, present)
+    return _tell(BLACKOUT, out, rows, faults, blackout.page(rows, faults, command(choice)))
+
+
+def _tell(study: str, out: Path, rows: Sequence[Row], faults: Sequence[str], text: str) -> list[Row]:
+    write_summary(out / f"{study}.json", {"version": version(), "faults": faults, "rows": rows})
+    write_text(out / f"{study}.md", text)
+    print("\n" + text)
+    return [{**row, "status": "done"} for row in rows] + [{"status": "failed", "error": f} for f in faults]
+
+
+def _fit_drift(items: Sequence[Item], out: Path, choice: Choice) -> list[Row]:
+    """Runs taken apart in this process, one after the other; a mode that is asked for, or ``collab``."""
+    mode = choice.modes[0] if choice.modes else "collab"
+    runs: dict[str, list[drift.Parts]] = {}
+    rows: list[Row] = []
+    for item in drift.drift_items(items, mode):
+        try:
+            parts = drift.measure(item)
+        except CollabslamError as error:
+            rows.append(item.failed(str(error)))
+            continue
+        print(f"{item.title}: {'no truth' if parts is None else 'done'}", flush=True)
+        if parts is not None:
+            runs.setdefault(item.entry.name, []).append(parts)
+            rows.append({**item.row, "status": "done"})
+    fits = drift.fits_of(runs)
+    text = drift.page(runs, fits, mode, command(choice))
+    write_summary(out / f"{DRIFT}.json", {"version": version(), "mode": mode, "fits": fits, "rows": rows})
+    write_text(out / f"{DRIFT}.md", text)
+    print("\n" + text)
+    return rows
+
+
+class _Report:
+    """Says each outcome as it comes in, and keeps the JSON up to date."""
+
+    def __init__(self, plan: Plan, items: Sequence[Item], missing: Sequence[str], path: Path) -> None:
+        self._plan, self._items, self._missing, self._path = plan, items, missing, path
+        self._rows: dict[str, Row] = {}
+
+    def told(self, item: Item, row: Row) -> None:
+        self._rows[item.title] = row
+        seconds = row.get("seconds")
+        took = "" if seconds is None else f" ({seconds:.0f} s)"
+        print(f"[{len(self._rows)}/{len(self._items)}] {item.title}: {outcome(row)}{took}", flush=True)
+        if seconds is not None:
+            self.write([self._rows[i.title] for i in self._items if i.title in self._rows])
+
+    def write(self, rows: Sequence[Row]) -> None:
+        """The rows as JSON; apart those with one error of T_CF a block: they answer another question."""
+        write_summary(
+            self._path,
+            {
+                "version": version(),
+                "plan": self._plan.origin,
+                "missing": list(self._missing),
+                "complete": len(rows) == len(self._items),
+                "rows": [row for row in rows if not row["bias_per_block"]],
+                "biased_rows": [row for row in rows if row["bias_per_block"]],
+            },
+        )
+
+
+def failed(rows: Sequence[Row]) -> bool:
+    """Whether any run failed."""
+    names = [row for row in rows if row["status"] != "done"]
+    if names:
+        print(f"collabslam: {len(names)} of {len(rows)} runs failed; the page says why.", file=sys.stderr)
+    return bool(names)

@@ -1,0 +1,290 @@
+"""The plan of an evaluation: recordings, how their worn cameras are made, modes, seeds, levers to switch."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from collabslam.errors import SettingsError
+from collabslam.formats.yaml_text import load_yaml
+from collabslam.settings.modes import MODES, STARTS
+from collabslam.settings.table import Settings, flatten
+
+RENDERED = ("corridor",)
+"""Scenes that need no folder."""
+PLAN = "evaluate.yaml"
+"""A plan of this name in the folder of recordings goes before the package's own."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What another system reached on the same images.
+
+    Attributes
+    ----------
+    system : str
+    ate_sim3_pct : float
+        ATE after a Sim(3) alignment, percent of the path.
+    poses : int or None
+        Frames that it tracked.
+    lost : bool
+        Whether it lost its way.
+    """
+
+    system: str
+    ate_sim3_pct: float
+    poses: int | None = None
+    lost: bool = False
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One recording of a plan.
+
+    Attributes
+    ----------
+    name : str
+    folder : str
+        Relative to the folder of recordings; the name if it is not given.
+    rendered : str or None
+        A scene of `RENDERED` in place of a folder.
+    worn : str or None
+        How the worn camera is emulated (`collabslam.attach_worn`); None takes the recording as it is.
+    available, period : float
+        Share of each period, and its seconds, during which the worn camera is there.
+    noise : tuple of float or None
+        Standard deviation of ``T_CF``: metres, then degrees of roll, pitch and yaw.
+    start : str
+    modes : tuple of str
+    biased : tuple of str
+        Modes that are also run with one error of ``T_CF`` for each block of overlap.
+    calibration_sd : tuple of float or None
+        Deliberate errors of Cs's calibration, standard deviations: focal length as a share, centre in pixels,
+        first coefficient of the distortion. Drawn with the seed.
+    settings : mapping
+        Changes of the default settings, by full dotted keys.
+    reference : Reference or None
+    """
+
+    name: str
+    folder: str
+    rendered: str | None = None
+    worn: str | None = None
+    available: float = 1.0
+    period: float = 5.0
+    noise: tuple[float, ...] | None = None
+    start: str = "worn"
+    modes: tuple[str, ...] = ("mono", "collab", "collab-tight")
+    biased: tuple[str, ...] = ()
+    calibration_sd: tuple[float, ...] | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    reference: Reference | None = None
+
+    @property
+    def noisy(self) -> bool:
+        """Whether noise of ``T_CF`` is drawn for it."""
+        return self.worn is not None and self.worn not in ("recorded", "none")
+
+    @property
+    def seeded(self) -> bool:
+        """Whether anything in it depends on the seed."""
+        return self.noisy or self.rendered is not None or self.calibration_sd is not None
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """Levers to switch one at a time: the changed settings of each, by its name."""
+
+    levers: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    seeds: tuple[int, ...] = (0, 1, 2)
+    modes: tuple[str, ...] = ("collab",)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be run."""
+
+    recordings: tuple[Entry, ...]
+    seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
+    ablation: Ablation = field(default_factory=Ablation)
+    origin: str = "the package's own plan"
+
+
+def find_plan(data: Path, given: Path | None) -> Plan:
+    """The plan that is given, or the folder's own, or the package's.
+
+    Raises
+    ------
+    SettingsError
+        If it cannot be read or has faults.
+    """
+    path = given or (data / PLAN if (data / PLAN).is_file() else None)
+    if path is None:
+        return parse_plan(files(__package__).joinpath("recordings.yaml").read_text(encoding="utf-8"))
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SettingsError(f"The plan {path} cannot be read: {error}.") from error
+    return parse_plan(text, str(path))
+
+
+def parse_plan(text: str, origin: str = "the package's own plan") -> Plan:
+    """A plan from YAML.
+
+    Raises
+    ------
+    SettingsError
+        Naming the entry and what is wrong with it.
+    """
+    try:
+        tree = load_yaml(text)
+    except yaml.YAMLError as error:
+        raise SettingsError(f"{origin} is not valid YAML: {' '.join(str(error).split())}.") from error
+    top = _mapping(tree, origin, ("seeds", "defaults", "recordings", "ablation"))
+    shared = _mapping(top.get("defaults") or {}, f"{origin}, defaults", tuple(_FIELDS))
+    recordings = _mapping(top.get("recordings") or {}, f"{origin}, recordings", None)
+    if not recordings:
+        raise SettingsError(f"{origin} names no recordings; list them under 'recordings'.")
+    entries = tuple(
+        _entry(str(name), {**shared, **_mapping(given or {}, f"{origin}, {name}", tuple(_FIELDS))}, origin)
+        for name, given in recordings.items()
+    )
+    seeds = parse_seeds(top["seeds"], origin) if "seeds" in top else Plan.seeds
+    return Plan(entries, seeds, _ablation(top.get("ablation") or {}, f"{origin}, ablation"), origin)
+
+
+def parse_seeds(value: Any, where: str) -> tuple[int, ...]:
+    """``0-4``, a number, or a list of numbers."""
+    seeds = value if isinstance(value, list) else [value]
+    if isinstance(value, str):
+        first, dash, last = value.partition("-")
+        if dash and first.strip().isdigit() and last.strip().isdigit():
+            seeds = list(range(int(first), int(last) + 1))
+    if not seeds or not all(type(seed) is int and seed >= 0 for seed in seeds):
+        raise SettingsError(f"{where}: {value!r} are no seeds; give 0-4 or [0, 2, 5].")
+    return tuple(dict.fromkeys(seeds))
+
+
+def _entry(name: str, given: Mapping[str, Any], origin: str) -> Entry:
+    where = f"{origin}, {name}"
+    values = {key: _FIELDS[key](value, f"{where}, {key}") for key, value in given.items()}
+    values["folder"] = values.get("folder") or name
+    entry = Entry(name=name, **values)
+    if not entry.noisy:
+        if entry.noise is not None and "noise" not in given:
+            values["noise"] = None
+        values["biased"] = ()
+        entry = Entry(name=name, **values)
+    if entry.rendered is not None and entry.worn is not None:
+        raise SettingsError(f"{where}: a rendered scene brings its own worn camera; leave out 'worn'.")
+    return entry
+
+
+def _ablation(tree: Any, where: str) -> Ablation:
+    given = _mapping(tree, where, ("seeds", "modes", "levers"))
+    levers = _mapping(given.get("levers") or {}, f"{where}, levers", None)
+    return Ablation(
+        {str(name): _settings(changes, f"{where}, {name}") for name, changes in levers.items()},
+        parse_seeds(given["seeds"], where) if "seeds" in given else Ablation.seeds,
+        _modes(given["modes"], f"{where}, modes") if "modes" in given else Ablation.modes,
+    )
+
+
+def _mapping(value: Any, where: str, known: Sequence[str] | None) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise SettingsError(f"{where} is no mapping of names to values.")
+    for key in value:
+        if known is not None and key not in known:
+            near = difflib.get_close_matches(str(key), known, n=1)
+            hint = f"did you mean '{near[0]}'?" if near else f"it takes {', '.join(known)}."
+            raise SettingsError(f"{where} has no option '{key}'; {hint}")
+    return value
+
+
+def _text(value: Any, where: str) -> str | None:
+    if value is not None and not isinstance(value, str):
+        raise SettingsError(f"{where} is {value!r}; give a text.")
+    return value
+
+
+def _choice(choices: Sequence[str]) -> Callable[[Any, str], Any]:
+    def check(value: Any, where: str) -> Any:
+        if value is not None and value not in choices:
+            raise SettingsError(f"{where} is {value!r}; give one of {', '.join(choices)}.")
+        return value
+
+    return check
+
+
+def _number(value: Any, where: str) -> float:
+    try:
+        if not isinstance(value, bool) and isinstance(value, int | float):
+            return float(value)
+    except OverflowError:
+        pass
+    raise SettingsError(f"{where} is {value!r}; give a number.")
+
+
+def _modes(value: Any, where: str) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(mode in MODES for mode in value):
+        raise SettingsError(f"{where} is {value!r}; give a list of {', '.join(MODES)}.")
+    return tuple(dict.fromkeys(value))
+
+
+def _noise(value: Any, where: str) -> tuple[float, ...] | None:
+    if value is None:
+        return None
+    if not isinstance(value, list) or len(value) != 4:
+        raise SettingsError(f"{where} is {value!r}; give metres and degrees of roll, pitch and yaw.")
+    return tuple(_number(x, where) for x in value)
+
+
+def _calibration(value: Any, where: str) -> tuple[float, ...] | None:
+    if value is None:
+        return None
+    if not isinstance(value, list) or len(value) != 3:
+        raise SettingsError(f"{where} is {value!r}; give a share, pixels, and a coefficient of distortion.")
+    return tuple(_number(x, where) for x in value)
+
+
+def _settings(value: Any, where: str) -> dict[str, Any]:
+    """Flat changes, checked; nested groups may be written as mappings."""
+    try:
+        checked = Settings.from_dict(value or {})
+    except SettingsError as error:
+        raise SettingsError(f"{where}: {error}") from error
+    return {key: checked[key] for key, _ in flatten(value or {})}
+
+
+def _reference(value: Any, where: str) -> Reference | None:
+    if value is None:
+        return None
+    given = _mapping(value, where, ("system", "ate_sim3_pct", "poses", "lost"))
+    if "system" not in given or "ate_sim3_pct" not in given:
+        raise SettingsError(f"{where} needs 'system' and 'ate_sim3_pct'.")
+    poses = None if given.get("poses") is None else int(_number(given["poses"], where))
+    ate = _number(given["ate_sim3_pct"], where)
+    return Reference(str(given["system"]), ate, poses, bool(given.get("lost", False)))
+
+
+_FIELDS: dict[str, Callable[[Any, str], Any]] = {
+    "folder": _text,
+    "rendered": _choice(RENDERED),
+    "worn": _text,
+    "available": _number,
+    "period": _number,
+    "noise": _noise,
+    "start": _choice(STARTS),
+    "modes": _modes,
+    "biased": _modes,
+    "calibration_sd": _calibration,
+    "settings": _settings,
+    "reference": _reference,
+}
+"""Options of a recording, and how each is read; their meaning is that of `Entry`'s attributes."""

@@ -1,0 +1,171 @@
+"""One run of an evaluation, where its result lies, and whether that still holds."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import collabslam
+from collabslam.runs.results import SUMMARY
+from collabslam.runs.runner import MODE_KEY
+from collabslam.settings.table import Settings
+from collabslam.version import version
+from collabslam_lab.benchmark.plan import Entry
+
+Row = dict[str, Any]
+
+KEY = "evaluated_as"
+"""Where a summary's options say what it was made from."""
+_LOOKS_ONLY = {"benchmark", "commands", "reproduce", "checks", "viz", "cli.py", "report.py", "demo_run.py"}
+
+
+@dataclass(frozen=True)
+class Item:
+    """One run.
+
+    Attributes
+    ----------
+    entry : Entry
+    mode : str
+    seed : int
+    data : Path
+        Folder of the recordings.
+    out : Path
+        Of the whole evaluation.
+    biased : bool
+        One error of ``T_CF`` for each block of overlap.
+    lever : str
+        Of the ablation; empty for the plain runs, which get a whole result folder.
+    changes : tuple of (key, value)
+        Changes of the settings, over those of the entry.
+    """
+
+    entry: Entry
+    mode: str
+    seed: int
+    data: Path
+    out: Path
+    biased: bool = False
+    lever: str = ""
+    changes: tuple[tuple[str, Any], ...] = ()
+
+    @property
+    def settings(self) -> Settings:
+        """All settings of the run."""
+        return Settings.default().replace(
+            {**self.entry.settings, **dict(self.changes), MODE_KEY: self.used_mode}
+        )
+
+    @property
+    def used_mode(self) -> str:
+        """The mode it is run in; a lever may be a change of it."""
+        return str(dict(self.changes).get(MODE_KEY, self.mode))
+
+    @property
+    def title(self) -> str:
+        """Name for messages."""
+        parts = [self.entry.name, self.mode, f"seed {self.seed}", "biased" if self.biased else "", self.lever]
+        return " ".join(part for part in parts if part)
+
+    @property
+    def folder(self) -> Path | None:
+        """Result folder; None for a lever's run, of which only the summary is kept."""
+        if self.lever:
+            return None
+        biased = "-biased" if self.biased else ""
+        return self.out / "runs" / f"{slug(self.entry.name)}-{self.mode}{biased}-seed{self.seed}"
+
+    @property
+    def summary(self) -> Path:
+        """File of the summary."""
+        if self.folder is not None:
+            return self.folder / SUMMARY
+        name = f"{slug(self.entry.name)}-{self.mode}-seed{self.seed}.json"
+        return self.out / "ablation" / slug(self.lever) / name
+
+    @property
+    def row(self) -> Row:
+        """What names the run in ``evaluate.json``."""
+        row: Row = {"recording": self.entry.name, "mode": self.mode, "seed": self.seed}
+        row["bias_per_block"] = self.biased
+        return {**row, "lever": self.lever} if self.lever else row
+
+    def fingerprint(self) -> str:
+        """Changes when anything does that the result depends on: options, settings, code, recording."""
+        entry = self.entry
+        facts = {
+            "worn": [entry.worn, entry.available, entry.period, entry.noise, self.biased],
+            "calibration": entry.calibration_sd,
+            "run": [entry.start, self.used_mode, self.seed if entry.seeded else 0, entry.rendered],
+            "settings": self.settings.hash(),
+            "version": [version(), code_hash()],
+            "recording": [files_hash(folder) for folder in self._folders()],
+        }
+        return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+
+    def _folders(self) -> list[Path]:
+        """What is read for the run."""
+        if self.entry.rendered:
+            return []
+        kind, _, views = (self.entry.worn or "").partition(":")
+        return [self.data / self.entry.folder, *([Path(views)] if kind == "views" else [])]
+
+    def done(self) -> Row | None:
+        """The row of an earlier run that still holds, or None."""
+        try:
+            summary = json.loads(self.summary.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+        if not isinstance(summary, dict) or summary.get("interrupted"):
+            return None
+        if summary.get("options", {}).get(KEY) != self.fingerprint():
+            return None
+        return self.finished(summary)
+
+    def finished(self, summary: Mapping[str, Any]) -> Row:
+        """The row of a summary."""
+        return {**summary, **self.row, "status": "done"}
+
+    def failed(self, why: str) -> Row:
+        """The row of a run that could not be finished."""
+        return {**self.row, "status": "failed", "error": why}
+
+
+@cache
+def code_hash() -> str:
+    """Of everything in the package that a result depends on, the compiled core included."""
+    root = Path(collabslam.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(root.rglob("*")):
+        part = path.relative_to(root)
+        if path.suffix in (".py", ".so", ".pyd") and part.parts[0] not in _LOOKS_ONLY:
+            digest.update(part.as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+@cache
+def files_hash(folder: Path) -> str:
+    """Of the names, sizes and times of a recording's files."""
+    digest = hashlib.sha256()
+    for line in _listing(folder):
+        digest.update(line.encode())
+    return digest.hexdigest()
+
+
+def _listing(folder: Path) -> Iterator[str]:
+    for path in sorted(folder.rglob("*") if folder.is_dir() else [folder]):
+        if path.is_file():
+            facts = path.stat()
+            yield f"{path.relative_to(folder).as_posix()} {facts.st_size} {facts.st_mtime_ns}\n"
+
+
+def slug(name: str) -> str:
+    """A name that is a file's; what had to be changed is told apart by a hash."""
+    plain = re.sub(r"[^A-Za-z0-9._]+", "-", name).strip("-.")
+    return plain if plain == name else f"{plain}-{hashlib.sha256(name.encode()).hexdigest()[:6]}"

@@ -1,0 +1,11 @@
+"""The commands of ``collabslam-lab``, a module each; only the one that is called is imported."""
+
+from __future__ import annotations
+
+COMMANDS = {
+    "evaluate": "measure a set of recordings: accuracy, honesty, cost, levers",
+    "reliability": "measure faults in the stream, fuzzing and endurance",
+    "reproduce": "redo the paper's simulation and experiments",
+    "worlds": "list the rendered worlds, or write one as a recording",
+}
+"""Every command with its help, in the order of ``collabslam-lab --help``."""

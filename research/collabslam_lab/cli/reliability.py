@@ -1,0 +1,44 @@
+"""``collabslam-lab reliability``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from collabslam.cli import LOST, OK
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument(
+        "parts",
+        metavar="PART",
+        nargs="*",
+        default="all",
+        choices=["faults", "readers", "core", "endurance", "kills", "all"],
+        help="faults, readers (of files), core, endurance, kills or all (the default)",
+    )
+    parser.add_argument(
+        "--out",
+        metavar="FILE",
+        type=Path,
+        default=Path("results/reliability.json"),
+        help="results of other parts in it are kept",
+    )
+    parser.add_argument("--full", action="store_true", help="the full amounts, which take an hour or more")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of everything random (default 0)")
+    parser.add_argument(
+        "--driver",
+        metavar="PROGRAM",
+        type=Path,
+        help="the built fuzz program of the source tree, for the core",
+    )
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Measure, write the file, print the page's tables."""
+    from collabslam_lab.reliability.measure import PARTS, measure
+
+    parts = list(PARTS) if "all" in arguments.parts else list(dict.fromkeys(arguments.parts))
+    good = measure(parts, arguments.out, full=arguments.full, seed=arguments.seed, driver=arguments.driver)
+    return OK if good else LOST

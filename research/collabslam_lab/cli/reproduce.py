@@ -1,0 +1,84 @@
+"""``collabslam-lab reproduce``."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+from collabslam.cli import OK, options
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    from collabslam_lab import paper_simulation, paper_worlds
+    from collabslam_lab.paper_simulation.settings import SIMULATION
+
+    simulated = [f"  {name:14} {text}" for name, text in paper_simulation.EXPERIMENTS.items()]
+    rendered = [f"  {name:14} {text}" for name, text in paper_worlds.EXPERIMENTS.items()]
+    settings = [
+        f"  {key}={entry.default:g}{' ' + entry.unit if entry.unit else ''}: {entry.doc}"
+        for key, entry in SIMULATION.items()
+    ]
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = "\n".join(
+        [
+            "names of simulations, all of them: all",
+            *simulated,
+            "",
+            "names of experiments in rendered worlds, all of them: paper",
+            *rendered,
+            "",
+            "settings of the simulation:",
+            *settings,
+        ]
+    )
+    names = [*paper_simulation.EXPERIMENTS, *paper_worlds.EXPERIMENTS, "all", "paper"]
+    parser.add_argument("names", metavar="NAME", nargs="+", choices=names, help="see below, or all, or paper")
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, default=Path("results/reproduce"), help=options.OUT_HELP
+    )
+    parser.add_argument(
+        "--runs", metavar="N", type=int, default=200, help="Monte Carlo runs of a simulation (default 200)"
+    )
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of all noise (default 0)")
+    parser.add_argument("--jobs", metavar="N", type=int, help="processes at a time (default: all cores)")
+    parser.add_argument(
+        "--quick", action="store_true", help="few recordings of each experiment: to see that it works"
+    )
+    parser.add_argument(
+        "--set",
+        metavar="NAME=VALUE",
+        action="append",
+        default=[],
+        help="change one setting of the simulation, as listed below; may be repeated",
+    )
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Run simulations and experiments, write their files, print their pages."""
+    from collabslam.settings.table import parse_assignments
+    from collabslam_lab import paper_simulation, paper_worlds
+
+    jobs = (os.cpu_count() or 1) if arguments.jobs is None else arguments.jobs
+    simulations = _asked(arguments.names, list(paper_simulation.EXPERIMENTS), "all")
+    if simulations:
+        paper_simulation.reproduce(
+            simulations,
+            arguments.out,
+            runs=arguments.runs,
+            seed=arguments.seed,
+            jobs=jobs,
+            changes=parse_assignments(arguments.set),
+        )
+    in_worlds = _asked(arguments.names, list(paper_worlds.EXPERIMENTS), "paper")
+    if in_worlds:
+        paper_worlds.run_experiments(
+            in_worlds, arguments.out, seed=arguments.seed, jobs=jobs, quick=arguments.quick
+        )
+    return OK
+
+
+def _asked(names: list[str], known: list[str], every: str) -> list[str]:
+    """Those of `known` that are asked for, in the order given; all if `every` is."""
+    return known if every in names else [n for n in dict.fromkeys(names) if n in known]

@@ -1,0 +1,167 @@
+"""The real filter core fed with simulated points: who is who is known, nothing is searched in images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from collabslam._core import Camera, Filter
+from collabslam.types import Array
+from collabslam_lab.paper_simulation.estimators import Estimator
+from collabslam_lab.paper_simulation.settings import SimulationSettings
+
+Bools = NDArray[np.bool_]
+FilterSettings = dict[str, bool | int | float | str]
+
+
+def common_settings(s: SimulationSettings, estimator: Estimator, focal: float) -> FilterSettings:
+    """What the simulation and an estimator say of the filter, with a focal length in pixels."""
+    sigma = focal * np.radians(s.bearing_sigma) * (s.inflation if estimator.inflated else 1.0)
+    return {
+        "estimator.consistency": "gauge" if estimator.gauge else "none",
+        "birth.first_pose": estimator.first_pose,
+        "birth.min_parallax": s.min_parallax,
+        "pixel.sigma_cs": float(sigma),
+        "process.acceleration_density": s.acceleration_density,
+        "process.angular_acceleration_density": float(np.radians(s.angular_acceleration_density)),
+        "process.start_velocity_sd": s.path / s.duration,
+    }
+
+
+@dataclass(frozen=True)
+class SimulatedFrame:
+    """What is measured of N points in one frame.
+
+    Attributes
+    ----------
+    time : float
+        Seconds.
+    uv : (N, 2) array
+        Pixels in Cs.
+    visible : (N,) bool array
+    worn : tuple or None
+        Measured ``T_CF`` (4, 4), its covariance (6, 6), pixels in Cf (N, 2), and which points Cf sees (N,).
+    depths : tuple or None
+        Depths along the optical axis (N,) and their standard deviations (N,), metres, of every visible point.
+    """
+
+    time: float
+    uv: Array
+    visible: Bools
+    worn: tuple[Array, Array, Array, Bools] | None = None
+    depths: tuple[Array, Array] | None = None
+
+
+class CoreRun:
+    """A filter and which of its features and candidates is which point.
+
+    Parameters
+    ----------
+    camera : Camera
+        Of Cs and of Cf.
+    settings : mapping
+        Of the filter, over its defaults. Nothing is rejected, and the reported covariance is the filter's
+        own.
+    in_view : int
+        Features and candidates in view that are asked for.
+    """
+
+    def __init__(self, camera: Camera, settings: FilterSettings, in_view: int) -> None:
+        fixed: FilterSettings = {
+            "validate.test": "none",
+            "process.position_drift": 0.0,
+            "process.attitude_drift": 0.0,
+        }
+        self.filter = Filter(camera, camera, settings={**fixed, **settings})
+        self.features: dict[int, int] = {}
+        self._waiting: dict[int, int] = {}
+        self._in_view = in_view
+
+    def start_from_points(self, time: float, points: Array, numbers: list[int], sigma: float) -> None:
+        """Starts from points (M, 3) in C, metres, each known to ``sigma`` per axis."""
+        self.filter.predict(time)
+        count = len(points)
+        noise = np.repeat(sigma**2 * np.eye(3)[None], count, axis=0)
+        shared, exact = np.zeros((count, 3, 6)), np.zeros((6, 6))
+        ids = self.filter.start_from_points(points, noise, shared, exact)
+        self._adopt(ids, numbers)
+
+    def step(self, frame: SimulatedFrame) -> None:
+        """Predicts to the frame, updates once, and looks after births and the map."""
+        self.filter.predict(frame.time)
+        seen = [i for i, point in self.features.items() if frame.visible[point]]
+        ids = np.array(seen, np.int64)
+        fresh = self._fresh(frame) if frame.worn is not None or frame.depths is not None else []
+        worn, pairs = self._worn(frame, seen, fresh)
+        depths, measured = self._depths(frame, seen, fresh)
+        report = self.filter.update(
+            ids, ids, self._pixels(frame, [self.features[i] for i in seen]), worn=worn, depths=depths
+        )
+        self._adopt(report.pair_births, pairs)
+        self._adopt(report.depth_births, measured)
+        self.look_after(frame)
+
+    def look_after(self, frame: SimulatedFrame) -> None:
+        """Delayed births, deletions, and new candidates where features lack."""
+        f = self.filter
+        taken = set(self.features.values())
+        lost = [i for i, p in self._waiting.items() if not frame.visible[p] or p in taken]
+        if lost:
+            f.drop_candidates(np.array(lost, np.int64))
+        for i in lost:
+            del self._waiting[i]
+        if self._waiting:
+            numbers, ids = list(self._waiting.values()), np.array(list(self._waiting), np.int64)
+            _, born = f.observe_candidates(ids, self._pixels(frame, numbers))
+            self._adopt(born, numbers)
+        for i in f.manage_map():
+            del self.features[int(i)]
+        alive = {int(i) for i in f.candidates}
+        self._waiting = {i: p for i, p in self._waiting.items() if i in alive}
+        fresh = self._fresh(frame)
+        if fresh:
+            self._waiting.update(
+                zip(map(int, f.add_candidates(self._pixels(frame, fresh))), fresh, strict=True)
+            )
+
+    def _fresh(self, frame: SimulatedFrame) -> list[int]:
+        """Visible points that the filter has not, as many as it lacks."""
+        visible = set(np.flatnonzero(frame.visible).tolist())
+        new = visible.difference(self.features.values(), self._waiting.values())
+        lacking = self._in_view - (len(visible) - len(new))
+        return sorted(new)[: max(lacking, 0)]
+
+    def _worn(
+        self, frame: SimulatedFrame, seen: list[int], fresh: list[int]
+    ) -> tuple[tuple[Array, Array, NDArray[np.int64], Array, Array] | None, list[int]]:
+        if frame.worn is None:
+            return None, []
+        t_cf, covariance, uv_f, visible_f = frame.worn
+        known = [(i, self.features[i]) for i in seen if visible_f[self.features[i]]]
+        both = known + [(-1, p) for p in [*self._waiting_in(frame), *fresh] if visible_f[p]]
+        points = [p for _, p in both]
+        ids = np.array([i for i, _ in both], np.int64)
+        return (t_cf, covariance, ids, self._pixels(frame, points), uv_f[points].reshape(-1, 2)), points
+
+    def _depths(
+        self, frame: SimulatedFrame, seen: list[int], fresh: list[int]
+    ) -> tuple[tuple[NDArray[np.int64], Array, Array, Array] | None, list[int]]:
+        if frame.depths is None:
+            return None, []
+        depth, sigma = frame.depths
+        both = [(i, self.features[i]) for i in seen] + [(-1, p) for p in [*self._waiting_in(frame), *fresh]]
+        points = [p for _, p in both]
+        ids = np.array([i for i, _ in both], np.int64)
+        return (ids, self._pixels(frame, points), depth[points], sigma[points]), points
+
+    def _waiting_in(self, frame: SimulatedFrame) -> list[int]:
+        return [p for p in self._waiting.values() if frame.visible[p]]
+
+    def _adopt(self, ids: NDArray[np.int64], numbers: list[int]) -> None:
+        self.features.update({int(i): p for i, p in zip(ids, numbers, strict=True) if i >= 0})
+
+    @staticmethod
+    def _pixels(frame: SimulatedFrame, numbers: list[int]) -> Array:
+        return frame.uv[numbers].reshape(-1, 2)

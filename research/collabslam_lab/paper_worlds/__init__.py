@@ -1,0 +1,78 @@
+"""The paper's experiments with images, done again in rendered worlds: ``collabslam-lab reproduce table1`` ...
+
+An experiment is a module with the recordings it needs, ``cases(quick)``, and ``make(results) -> Finding``.
+Modules are imported when they are needed.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+EXPERIMENTS = {
+    "table1": "ten corridors of 15 m: average errors without and with the worn camera (section 5.2)",
+    "fig11": "figures 11 and 12: the worst and the average corridor",
+    "fig13": "close turns of 90 and 180 degrees (section 5.3)",
+    "table2": "ten ways with straights and turns: errors, overlap, tau, kappa, U (section 5.4, figure 14)",
+    "fig15": "the same: error at the end against the share of time with overlap",
+    "cost": "the same: what pseudo-stereo costs in time",
+    "study": "the paper's future work: error against availability, overlap and noise of the worn camera",
+}
+"""Name (also of its module) and what it shows."""
+
+
+def run_experiments(
+    names: Sequence[str], out: Path, *, seed: int, jobs: int, quick: bool = False, progress: bool = True
+) -> dict[str, dict[str, Any]]:
+    """Run experiments by name, write NAME.png, .csv, .json and .md into ``out``, print the Markdown.
+
+    Each recording's results are kept in ``out/recordings`` as they come in; a later call with the same
+    settings, seed and version goes on from there.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of `EXPERIMENTS`.
+    out : Path
+    seed : int
+        Of all noise; the scenes are fixed.
+    jobs : int
+        Processes, each with one thread.
+    quick : bool
+        Only a few recordings of each set: to see that it works, not to compare numbers.
+    progress : bool
+
+    Returns
+    -------
+    dict
+        What the JSON files hold, by name.
+
+    Raises
+    ------
+    SettingsError
+        For an unknown name, or an impossible number.
+    DataError
+        If the folder cannot be written, or matplotlib is missing.
+    """
+    from collabslam.errors import SettingsError
+    from collabslam.extras import needs
+    from collabslam_lab.paper_worlds.cases import gather
+
+    for name in names:
+        if name not in EXPERIMENTS:
+            raise SettingsError(f"There is no experiment '{name}'; there are {', '.join(EXPERIMENTS)}.")
+    if jobs < 1 or seed < 0:
+        raise SettingsError(f"jobs {jobs}, seed {seed}: give 1 job or more, seed 0 or more.")
+    with needs("plot"):
+        from collabslam_lab.paper_simulation.outputs import hand_over
+    numbers = {}
+    modules = {name: importlib.import_module(f"collabslam_lab.paper_worlds.{name}") for name in names}
+    wanted = [case for module in modules.values() for case in module.cases(quick)]
+    results = gather(wanted, out / "recordings", seed=seed, jobs=jobs, progress=progress)
+    for name, module in modules.items():
+        finding = module.make([results[case] for case in module.cases(quick)])
+        how = f"collabslam-lab reproduce {name} --seed {seed}{' --quick' if quick else ''}"
+        numbers[name] = hand_over(out, name, finding, how)
+    return numbers

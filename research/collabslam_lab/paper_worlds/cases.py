@@ -1,0 +1,234 @@
+"""One recording, every mode: what a process does in one go, and what is kept of it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from collabslam.demo.demo_run import HeldRecording
+from collabslam.errors import CollabslamError
+from collabslam.formats.files import write_text
+from collabslam.runs.progress import Progress
+from collabslam.runs.runner import RunResult, run
+from collabslam.settings.table import Settings
+from collabslam.types import Recording
+from collabslam.version import version
+from collabslam_lab.paper_worlds.poses import sensed
+from collabslam_lab.paper_worlds.variants import Variant, varied
+from collabslam_lab.processes import spawning, use_one_thread
+from collabslam_lab.worlds import WorldRecording, world_recording
+
+Row = dict[str, Any]
+
+SENSORS, UNCALIBRATED, DIRECT = "sensors", "sensors-uncalibrated", "direct"
+"""Where the worn camera's pose comes from: laser and AHRS with a person who first walked towards a board, the
+same with a person of whom no more than the height is known, or measured directly with Table C1's errors."""
+MODES = ("mono", "mono-undelayed", "collab-init", "collab", "collab-tight")
+CHANGES: dict[str, Any] = {
+    "filter.process.velocity": "body",
+    "frontend.worn.fitted_score": 0.8,
+    "frontend.worn.body_radius": 0.3,
+    "filter.birth.vague_below": 0.6,
+    "filter.validate.lasting_level": 0.999,
+}
+"""All that differs from the default settings, in every mode: the robot is on wheels; walls along the way
+look to Cf other than their depth tells, and one brick looks like the next; a person wears Cf, 0.44 m wide;
+in a turn nothing but the far end of a corridor may come into view; a depth may be wrong and believed."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """What to run on one recording.
+
+    Attributes
+    ----------
+    name : str
+        Of the recipe.
+    runs : tuple of (str, str)
+        Modes, and where each has the poses from: `SENSORS`, `DIRECT` or `UNCALIBRATED`.
+    variants : tuple of Variant
+        Changes to the worn camera, each run on its own (for the study); the recording as it is if empty.
+    """
+
+    name: str
+    runs: tuple[tuple[str, str], ...] = ()
+    variants: tuple[Variant, ...] = ()
+
+    def key(self, seed: int) -> str:
+        """Changes with everything that the result depends on."""
+        text = f"{self!r} {seed} {version()} {_settings({}).hash()}"
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """Attributes
+    ----------
+    case : Case
+    rows : list of dict
+        One for each mode, pose source and variant.
+    tracks : dict
+        Positions x, y (N, 2), metres: ``"truth"``, and ``"MODE/POSES"`` in the truth's frame.
+    """
+
+    case: Case
+    rows: list[Row]
+    tracks: dict[str, list[list[float]]]
+
+    def row(self, mode: str, poses: str) -> Row:
+        """The row of a mode and a source of poses."""
+        return next(r for r in self.rows if r["mode"] == mode and r["poses"] == poses)
+
+
+def gather(
+    cases: Iterable[Case], folder: Path, *, seed: int, jobs: int, progress: bool
+) -> dict[Case, CaseResult]:
+    """Results of the cases; those that `folder` already holds are not run again."""
+    wanted = list(dict.fromkeys(cases))
+    done: dict[Case, CaseResult] = {}
+    waiting = []
+    for case in wanted:
+        found = _read(folder, case, seed)
+        if found is None:
+            waiting.append(case)
+        else:
+            done[case] = found
+    if progress and done:
+        print(f"{len(done)} of {len(wanted)} recordings are there already", flush=True)
+    with Progress(len(waiting), "experiments", enabled=progress and bool(waiting), unit="recording") as bar:
+        for case, text in _texts(waiting, seed, jobs):
+            write_text(_path(folder, case, seed), text)
+            done[case] = _parsed(case, json.loads(text))
+            bar.update(f"{case.name}, {_worst(done[case].rows)}")
+    return done
+
+
+def run_case(case: Case, seed: int) -> str:
+    """Render a recording once and run all that is asked for; also the work of a child process."""
+    use_one_thread()
+    world = world_recording(case.name, seed)
+    held = HeldRecording(world, progress=False)
+    rows: list[Row] = []
+    tracks = {"truth": _rounded(world.truth[:, :2, 3])}
+    if case.variants:
+        known: dict[Any, Row] = {}
+        for variant in case.variants:
+            run_of = variant.mode, variant.values
+            if run_of not in known:
+                recording = varied(world, held, variant, seed)
+                known[run_of], _ = _scored(world, recording, variant.mode, DIRECT, {})
+            rows.append({**known[run_of], "factor": variant.factor, "value": variant.value})
+        return json.dumps({"rows": rows, "tracks": tracks})
+    for poses in dict.fromkeys(poses for _, poses in case.runs):
+        calibrated = poses == SENSORS
+        recording, changes = (
+            (held, {}) if poses == DIRECT else sensed(world, held, seed, calibrated=calibrated)
+        )
+        for mode in [mode for mode, source in case.runs if source == poses]:
+            row, positions = _scored(world, recording, mode, poses, changes)
+            rows.append(row)
+            tracks[f"{mode}/{poses}"] = positions
+    return json.dumps({"rows": _shared_overlap(rows), "tracks": tracks})
+
+
+def _scored(
+    world: WorldRecording, recording: Recording, mode: str, poses: str, changes: dict[str, Any]
+) -> tuple[Row, list[list[float]]]:
+    """One run: its row, and its positions in the truth's frame."""
+    row: Row = {"sequence": world.name, "mode": mode, "poses": poses}
+    try:
+        result = run(recording, mode=mode, start="worn", settings=_settings(changes))
+    except CollabslamError as error:
+        return {**row, "error": str(error)}, []
+    row.update(_numbers(result, mode))
+    start = 0 if result.truth is None else result.truth.start
+    first = world.truth[start] @ np.linalg.inv(result.record.poses[start])
+    positions = result.record.poses[:, :3, 3] @ first[:3, :3].T + first[:3, 3]
+    return row, _rounded(positions[:, :2])
+
+
+def _settings(changes: dict[str, Any]) -> Settings:
+    return Settings.default().replace({**CHANGES, **changes})
+
+
+def _numbers(result: RunResult, mode: str) -> Row:
+    s, record = result.summary, result.record
+    total, cf = record.diagnostic("ms_total"), record.diagnostic("ms_cf")
+    overlap = np.nan_to_num(record.diagnostic("overlap")) > 0.0
+    heading = s["heading_error_final_deg"]
+    return {
+        "path_length_m": s["path_length_m"],
+        "avg_position_error_m": s["avg_position_error_all_m"],
+        "sum_position_error_m": s["sum_position_error_m"],
+        "final_position_error_m": s["final_position_error_m"],
+        "final_error_pct": s["final_error_pct"],
+        "heading_error_deg": None if heading is None else abs(heading),
+        "overlap_ratio": s["overlap_ratio"],
+        "matched_ratio": float(np.mean(np.nan_to_num(record.diagnostic("cf_matches")) > 0.0)),
+        "tau": s["overlap_tau_s"],
+        "kappa": s["overlap_kappa_s2"],
+        "U": s["overhead_u"] if mode.startswith("collab") else None,
+        "frames": s["frames"],
+        "frames_ok": s["frames_ok"],
+        "frames_ok_reported": s["frames_ok_reported"],
+        "frames_lost": s["frames_lost"],
+        "features_per_frame": s["features_per_frame"],
+        "scale_error": s["scale_error"],
+        "nees_mean": s["nees_mean"],
+        "ms_per_frame": float(np.nanmean(total)),
+        "ms_pseudo_stereo": float(np.nansum(cf) / len(record)),
+        "ms_pseudo_stereo_overlap": float(cf[overlap].mean()) if overlap.any() else None,
+        "ms_per_frame_overlap": float(total[overlap].mean()) if overlap.any() else None,
+    }
+
+
+def _shared_overlap(rows: list[Row]) -> list[Row]:
+    """Overlap is the recording's: the modes that do not look for it get what `collab` found."""
+    for row in rows:
+        twin = next((r for r in rows if r["mode"] == "collab" and r["poses"] == row["poses"]), None)
+        if twin is not None and "error" not in twin:
+            row.update({key: twin[key] for key in ("overlap_ratio", "tau", "kappa")})
+    return rows
+
+
+def _texts(cases: Sequence[Case], seed: int, jobs: int) -> Iterable[tuple[Case, str]]:
+    if jobs == 1:
+        for case in cases:
+            yield case, run_case(case, seed)
+        return
+    with ProcessPoolExecutor(jobs, mp_context=spawning()) as pool:
+        futures = {pool.submit(run_case, case, seed): case for case in cases}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+
+
+def _path(folder: Path, case: Case, seed: int) -> Path:
+    return folder / f"{case.name}-{case.key(seed)}.json"
+
+
+def _read(folder: Path, case: Case, seed: int) -> CaseResult | None:
+    try:
+        return _parsed(case, json.loads(_path(folder, case, seed).read_text(encoding="utf-8")))
+    except (OSError, ValueError, KeyError):
+        return None
+
+
+def _parsed(case: Case, content: dict[str, Any]) -> CaseResult:
+    return CaseResult(case, content["rows"], content["tracks"])
+
+
+def _rounded(positions: Any) -> list[list[float]]:
+    return np.round(np.asarray(positions, float), 4).tolist()  # type: ignore[no-any-return]
+
+
+def _worst(rows: list[Row]) -> str:
+    errors = [r.get("final_error_pct") for r in rows if r["mode"] == "collab"]
+    known = [e for e in errors if e is not None]
+    return f"collab up to {max(known):.1f} % off at the end" if known else "no collab"

@@ -1,0 +1,126 @@
+"""A long session: frames without end, looped forth and back, through one engine."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from collabslam.demo.recording import corridor_recording
+from collabslam.slam.engine import Slam
+from collabslam.types import Frame, Recording
+
+RATE = 10.0
+"""Frames a second."""
+FORTH = 40
+"""Frames of the walk that is gone forth and back."""
+SOUND = -1e-10
+"""METHOD 3: what the least eigenvalue of the scaled P must lie above."""
+
+
+@dataclass(frozen=True)
+class Endurance:
+    """What a long session showed.
+
+    Attributes
+    ----------
+    frames : int
+    memory_growth_mb : float
+        Resident memory at the end less that after a fifth of the frames; NaN where the system does not tell.
+    time_ratio : float
+        Median processor time of a frame in the last fifth over that in the second.
+    ok_share : float
+        Share of the frames that are OK.
+    least_eigenvalue : float
+        Least eigenvalue of the scaled P that was met.
+    sound : bool
+        Whether P was sound whenever it was looked at.
+    """
+
+    frames: int
+    memory_growth_mb: float
+    time_ratio: float
+    ok_share: float
+    least_eigenvalue: float
+    sound: bool
+
+    def jsonable(self) -> dict[str, Any]:
+        """As in ``reliability.json``."""
+        return asdict(self)
+
+
+def resident_mb() -> float:
+    """Memory of this process, megabytes; NaN where the system does not tell."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
+    except (OSError, IndexError, ValueError):
+        return float("nan")
+
+
+def looped(frames: list[Frame], k: int) -> Frame:
+    """Frame ``k`` of a walk that goes forth and back for ever; motion is continuous, stamps go on."""
+    period = 2 * (len(frames) - 1)
+    place = k % period
+    return frames[place if place < len(frames) else period - place]
+
+
+def endure_session(seconds: float, seed: int = 0, recording: Recording | None = None) -> Endurance:
+    """Replays frames for so long a time of the recording's clock, at 10 frames a second.
+
+    Parameters
+    ----------
+    seconds : float
+    seed : int
+        Of the demo's noise, and of the noise laid over each picture: no two of them are equal.
+    recording : Recording, optional
+        The demo if left out; its first `FORTH` frames are gone forth and back.
+    """
+    recording = recording or corridor_recording(seed)
+    frames = [recording.frame(i) for i in range(min(FORTH, len(recording)))]
+    noise = np.random.Generator(np.random.PCG64((seed, 1)))
+    slam = Slam(recording.camera, recording.worn_camera, mode="collab", start="worn")
+    count = max(10, round(seconds * RATE))
+    cpu, ok, least, early = np.zeros(count), 0, np.inf, float("nan")
+    for k in range(count):
+        frame = looped(frames, k)
+        image = frame.image.copy()
+        rows = noise.integers(0, image.shape[0], 64)
+        image[rows, noise.integers(0, image.shape[1], 64)] ^= 16
+        began = time.process_time()
+        result = slam.step(k / RATE, image, frame.worn)
+        cpu[k] = time.process_time() - began
+        ok += result.status.value == "OK"
+        if k % 100 == 99 or k + 1 == count:
+            least = min(least, slam.filter.soundness())
+        if k == count // 5:
+            early = resident_mb()
+    fifth = count // 5
+    return Endurance(
+        frames=count,
+        memory_growth_mb=resident_mb() - early,
+        time_ratio=float(np.median(cpu[-fifth:]) / np.median(cpu[fifth : 2 * fifth])),
+        ok_share=ok / count,
+        least_eigenvalue=float(least),
+        sound=bool(least > SOUND),
+    )
+
+
+def many_dropped(count: int = 100, frames: int = 3) -> float:
+    """Megabytes by which memory grows while engines are made, used and dropped."""
+    recording = corridor_recording(0)
+    seen = [recording.frame(i) for i in range(frames)]
+
+    def one() -> None:
+        slam = Slam(recording.camera, recording.worn_camera, mode="collab", start="worn")
+        for frame in seen:
+            slam.step(frame.t, frame.image, frame.worn)
+
+    for _ in range(max(1, count // 5)):
+        one()
+    before = resident_mb()
+    for _ in range(count):
+        one()
+    return resident_mb() - before

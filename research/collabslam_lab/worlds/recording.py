@@ -1,0 +1,167 @@
+"""A recipe as a recording: rendered when its frames are asked for.
+
+The seed governs the noise of the pictures and of the measured pose of Cf; scene and motion are the recipe's.
+Each frame has its own generator, so that frames may be asked for in any order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from collabslam._core import Camera
+from collabslam.demo import textures
+from collabslam.demo.recording import measured_pose
+from collabslam.demo.rendered import RenderedRecording
+from collabslam.demo.renderer import Mover, Renderer
+from collabslam.demo.walk import waves
+from collabslam.demo.world import Panel, panel
+from collabslam.errors import InputError
+from collabslam.geometry import pose_inverse, rounded_covariance
+from collabslam.types import Array, Frame, Image, WornView
+from collabslam_lab.worlds.bodies import Person, robot
+from collabslam_lab.worlds.building import Building, build
+from collabslam_lab.worlds.catalogue import BOARD, Recipe, recipe
+from collabslam_lab.worlds.motion import Drive, Walk
+from collabslam_lab.worlds.route import Route
+
+ROBOT_CAMERA = (720, 480, (781.0, 780.0, 361.5, 238.0), (-0.08, 0.06, 0.0005, -0.0004))
+WORN_CAMERA = (720, 480, (777.0, 778.0, 357.0, 241.5), (-0.07, 0.05, -0.0004, 0.0006))
+"""(width, height, intrinsics, distortion) of Cs and Cf: 58 degrees along the diagonal, as a Logitech C170."""
+RATE = 10.0
+"""Frames per second."""
+LANE = 0.35
+"""Metres between the robot's lane and the middle of the corridor; the person has the other side."""
+SCALE = 1.5
+"""Samples per pixel along each axis."""
+LEAD = 0.6
+"""Stamp of the first frame, seconds: robot and person stand still before, while other sensors run already."""
+
+_BOARD_HEIGHT = 1.25
+
+
+class WorldRecording(RenderedRecording):
+    """A recording of two cameras in a rendered building.
+
+    Parameters
+    ----------
+    recipe : Recipe
+    seed : int
+        Of the noise; not negative.
+    """
+
+    def __init__(self, recipe: Recipe, seed: int = 0) -> None:
+        if seed < 0:
+            raise InputError(f"seed is {seed}; give a number that is not negative.")
+        self.recipe = recipe
+        route = Route(recipe.route)
+        length = route.length if recipe.length is None else recipe.length
+        self.drive = Drive(route, recipe.speed, -recipe.side * LANE, length, recipe.seed)
+        stations = tuple((share, ahead, recipe.side * left) for share, ahead, left in recipe.stations)
+        self.walk = Walk(self.drive, stations, recipe.along, recipe.seed)
+        count = int(self.drive.duration * RATE) + 1
+        times = np.round(LEAD + np.arange(count) / RATE, 9)  # whole nanoseconds, as files hold them
+        self._seed = seed
+        cameras = (Camera("radtan", *ROBOT_CAMERA), Camera("radtan", *WORN_CAMERA))
+        truth = np.stack([self.robot(float(t)) for t in times])
+        super().__init__(recipe.name, f"world:{recipe.name}", *cameras, times, truth)
+
+    def robot(self, t: float) -> Array:
+        """True T_WC (4, 4) at the stamp `t`, seconds."""
+        return self.drive.camera(max(t - LEAD, 0.0))
+
+    def person(self, t: float) -> Array:
+        """True T_WF (4, 4) at the stamp `t`, seconds."""
+        return self.walk.camera(max(t - LEAD, 0.0))
+
+    def shins(self, t: float) -> Array:
+        """(2, 3): x, y and radius of the person's shins in the lasers' plane at the stamp `t`, metres."""
+        return self.walk.walker.legs(max(t - LEAD, 0.0))
+
+    @cached_property
+    def building(self) -> Building:
+        """The scene's panels, and its floor plan."""
+        moments = np.arange(0.0, self.drive.duration + 0.1, 0.1)
+        places = [self.drive.base(t)[:2, 3] for t in moments] + [self.walk.walker.trunk(t) for t in moments]
+        built = build(self._scene(0), self.drive.route.cells, self.recipe.style, np.array(places))
+        at = self.recipe.board
+        return built if at is None else replace(built, panels=(*built.panels, _board(at)))
+
+    @cached_property
+    def renderer(self) -> Renderer:
+        """Of the scene."""
+        return Renderer(self.building.panels, scale=SCALE)
+
+    @cached_property
+    def _person(self) -> Person:
+        return Person.drawn(self._scene(1), SCALE)
+
+    @cached_property
+    def _robot(self) -> Renderer:
+        return robot(self._scene(2), SCALE)
+
+    def _scene(self, part: int) -> np.random.Generator:
+        return np.random.Generator(np.random.PCG64((self.recipe.seed, 10 + part)))
+
+    def _noise(self, i: int) -> list[np.random.Generator]:
+        return np.random.Generator(np.random.PCG64((self._seed, self.recipe.seed, i))).spawn(3)
+
+    def _take_robot_image(self, i: int) -> Image:
+        return self._expose(0, float(self.times[i]), self._noise(i)[0])
+
+    def _take_frame(self, i: int) -> Frame:
+        t = float(self.times[i])
+        _, of_image, of_pose = self._noise(i)
+        t_cf, covariance = measured_pose(self.true_t_cf(i), of_pose)
+        image = self._expose(1, t + self.recipe.shutter_lag, of_image)
+        return Frame(i, t, self.image(i), WornView(image, t_cf, rounded_covariance(covariance)))
+
+    def _expose(self, which: int, t: float, generator: np.random.Generator) -> Image:
+        """What Cs (0) or Cf (1) delivers at time `t`, with noise."""
+        path = (self.robot, self.person)[which]
+        camera = (self.camera, self.worn_camera)[which]
+        half = 0.5 * self.recipe.exposure
+        shutter = pose_inverse(path(t - half)) @ path(t + half)
+        clean = self.renderer.render(path(t), camera, self._movers(which, t), shutter)
+        return self._sensed(clean, which, self._brightness(which, t), generator)
+
+    def _movers(self, which: int, t: float) -> list[Mover]:
+        """Whom the camera may see: Cs the person, Cf the robot."""
+        if which == 0:
+            now = max(t - LEAD, 0.0)
+            place, heading = self.walk.walker.trunk(now), self.walk.heading(now)
+            return self._person.movers(place, heading, self.shins(t)[:, :2])
+        return [(self._robot, self.drive.base(max(t - LEAD, 0.0)))]
+
+    def _brightness(self, which: int, t: float) -> float:
+        """Level of a picture: light, and the wandering of the camera's own exposure control."""
+        a, b = np.random.Generator(np.random.PCG64((self.recipe.seed, 20 + which))).uniform(0.0, 6.28, 2)
+        return self.recipe.light * (1.0 + waves(t, [(0.07, 0.13, float(a)), (0.04, 0.41, float(b))]))
+
+
+def _board(at: float) -> Panel:
+    """A checkerboard that hangs across the way, ``at`` metres along it."""
+    image = textures.checkerboard(BOARD.columns, BOARD.rows, BOARD.square)
+    width, height = ((n + 2) * BOARD.square for n in (BOARD.columns, BOARD.rows))
+    corner = (at, 0.5 * width, _BOARD_HEIGHT + 0.5 * height)
+    return panel(corner, (0.0, -width, 0.0), (0.0, 0.0, -height), image)
+
+
+def world_recording(name: str, seed: int = 0) -> WorldRecording:
+    """The recording of a recipe's name.
+
+    Parameters
+    ----------
+    name : str
+        Of a recipe in `collabslam_lab.worlds.SETS`.
+    seed : int
+        Of the noise; not negative.
+
+    Raises
+    ------
+    InputError
+        If there is no such recipe, or the seed is negative.
+    """
+    return WorldRecording(recipe(name), seed)

@@ -1,0 +1,323 @@
+"""Plans, runs that are resumed, and the pages that are made of them, on short rendered recordings."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Clip
+from test_viewing import Short
+
+from collabslam.datasets import write_recording
+from collabslam.errors import DataError, SettingsError
+from collabslam.evaluation.metrics import ate_rmse
+from collabslam.settings.frontend import FrontendSettings
+from collabslam.settings.table import Settings
+from collabslam_lab.benchmark import ablation, accuracy, blackout, descriptors, drift, pairs, running
+from collabslam_lab.benchmark.evaluate import Choice, chosen, evaluate
+from collabslam_lab.benchmark.plan import find_plan, parse_plan
+from collabslam_lab.benchmark.store import Item, Row, code_hash
+from collabslam_lab.cli import main as lab
+
+PLAN = """
+seeds: [0, 1]
+defaults: {available: 0.4, modes: [mono, collab]}
+recordings:
+  walk: {worn: "lag:0.2", biased: [collab], reference: {system: other, ate_sim3_pct: 0.5}}
+  same: {folder: walk, modes: [collab], settings: {filter: {map: {in_view: 20}}}}
+  gone: {worn: rig}
+  broken: {}
+ablation:
+  seeds: 0
+  levers: {fewer: {filter.map.in_view: 20}, tight: {filter.estimator.mode: collab-tight}}
+"""
+
+
+@pytest.fixture(scope="module")
+def place(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recordings")
+    write_recording(Short(clip, 7), folder / "walk")
+    (folder / "broken").mkdir()
+    (folder / "evaluate.yaml").write_text(PLAN)
+    return folder
+
+
+def row(name: str, mode: str, seed: int = 0, **numbers: Any) -> Row:
+    base = {"recording": name, "mode": mode, "seed": seed, "bias_per_block": False, "status": "done",
+            "ate_pct": 1.0, "ate_sim3_pct": 0.6, "avg_error_pct": 2.0, "ok_share": 0.98, "scale_error": 0.01,
+            "nees_position_mean": 4.0, "nees_attitude_mean": 12.0, "frames_ok_too_far": 1, "frames": 150,
+            "ms_per_frame": {"search": 3.0, "total": 20.0}, "features_per_frame": 50.0,
+            "target_residual_max_px": None}  # fmt: skip
+    return {**base, **numbers}
+
+
+def test_the_packages_own_plan_is_sound() -> None:
+    plan = find_plan(Path("/nowhere"), None)
+    assert [e.name for e in plan.recordings[:3]] == ["demo", "demo_miscalibrated", "scenes7_redkitchen"]
+    assert plan.seeds == (0, 1, 2, 3, 4)
+    assert all(changed for changed in plan.ablation.levers.values())
+    assert plan.recordings[0].biased == ()  # nothing to draw: rendered as it is
+    assert plan.recordings[2].biased == ("collab", "collab-tight")
+    assert not plan.recordings[-1].seeded
+    for entry in plan.recordings:
+        Settings.default().replace(entry.settings)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("recordings: {a: {wron: rig}}", "a has no option 'wron'; did you mean 'worn'"),
+        ("recordings: {a: {modes: [mono, stereo]}}", "a, modes is .*give a list of mono"),
+        ("recordings: {a: {noise: [1, 2]}}", "a, noise is .*give metres and degrees"),
+        ("recordings: {a: {settings: {filter.map.in_veiw: 3}}}", "did you mean 'filter.map.in_view'"),
+        ("recordings: {a: {reference: {system: x}}}", "needs 'system' and 'ate_sim3_pct'"),
+        ("recordings: {a: {rendered: corridor, worn: rig}}", "leave out 'worn'"),
+        ("recordings: {a: {available: yes}}", "give a number"),
+        ("recordings: {a: {start: here}}", "give one of worn"),
+        ("seeds: 0-x\nrecordings: {a: {}}", "'0-x' are no seeds"),
+        ("seeds: 0-4", "names no recordings"),
+        ("recordings: [", "not valid YAML"),
+        ("recordings: {a: 3}", "is no mapping"),
+    ],
+)
+def test_a_fault_of_a_plan_is_named(text: str, message: str) -> None:
+    with pytest.raises(SettingsError, match=message):
+        parse_plan(text, "mine.yaml")
+
+
+def test_evaluate_runs_resumes_and_reports(
+    place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, asked = tmp_path / "out", Choice(seeds=(0,), jobs=1)
+    rows = evaluate(place, out, asked)
+    shown = capsys.readouterr().out
+    assert [(r["recording"], r["mode"], r["bias_per_block"], r["status"]) for r in rows] == [
+        ("walk", "mono", False, "done"),
+        ("walk", "collab", False, "done"),
+        ("walk", "collab", True, "done"),
+        ("same", "collab", False, "done"),
+        ("broken", "mono", False, "failed"),
+        ("broken", "collab", False, "failed"),
+    ]
+    assert "gone: not in" in shown
+    stored = json.loads((out / "evaluate.json").read_text())
+    assert stored["missing"] == ["gone"]
+    assert stored["complete"]
+    assert [r["mode"] for r in stored["rows"]] == ["mono", "collab", "collab", "mono", "collab"]
+    assert [r["recording"] for r in stored["biased_rows"]] == ["walk"]
+    summary = json.loads((out / "runs" / "walk-collab-seed0" / "summary.json").read_text())
+    assert set(summary) <= set(stored["rows"][1])
+    assert stored["rows"][1]["ate_sim3_pct"] == summary["ate_sim3_pct"] is not None
+    assert "not recognised" in stored["rows"][-1]["error"]
+    page = (out / "evaluate.md").read_text()
+    assert "| broken | recorded | collab | failed |" in page
+    assert "- gone: not in the folder" in page
+    assert (out / "evaluate.png").read_bytes().startswith(b"\x89PNG")
+    # again: only what failed is tried once more, and nothing changes
+    again = evaluate(place, out, asked)
+    assert "6 runs, 4 done already" in capsys.readouterr().out
+    assert [r.get("ate_pct") for r in again] == [r.get("ate_pct") for r in rows]
+    # a changed setting is another run
+    evaluate(place, out, Choice(seeds=(0,), dry=True, changes={"filter.map.in_view": 30}))
+    assert "6 runs, 0 done already" in capsys.readouterr().out
+
+
+def test_a_changed_recording_or_option_is_another_run(place: Path, tmp_path: Path) -> None:
+    from collabslam_lab.benchmark.store import files_hash
+
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "1.txt").write_text("one")
+    first = files_hash(tmp_path / "a")
+    (tmp_path / "a" / "1.txt").write_text("another")
+    files_hash.cache_clear()
+    assert files_hash(tmp_path / "a") != first
+    assert len(code_hash()) == 64
+    entry = find_plan(place, None).recordings[0]
+    prints = {
+        Item(entry, mode, seed, place, tmp_path, biased, "", changes).fingerprint()
+        for mode, seed, biased, changes in [
+            ("mono", 0, False, ()),
+            ("collab", 0, False, ()),
+            ("mono", 1, False, ()),
+            ("mono", 0, True, ()),
+            ("mono", 0, False, (("filter.map.in_view", 21),)),
+        ]
+    }
+    assert len(prints) == 5
+
+
+def test_the_ablation_changes_one_lever_at_a_time(place: Path, tmp_path: Path) -> None:
+    rows = evaluate(place, tmp_path, Choice(study="ablation", only=("walk",), jobs=1))
+    assert [r["lever"] for r in rows] == [ablation.BASE, "fewer", "tight"]
+    assert len({r["settings_hash"] for r in rows}) == 3
+    assert [r["mode"] for r in rows] == ["collab"] * 3  # the column is the mode; the lever may be another
+    page = (tmp_path / "ablation.md").read_text()
+    assert "| nothing changed | 1.00 |" in page
+    assert "| fewer |" in page
+    assert all(i.done() for i in ablation.lever_items(find_plan(place, None), place, tmp_path, ["walk"], ()))
+
+
+def test_a_process_that_dies_fails_its_run_only(
+    place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    entry = find_plan(place, None).recordings[0]
+    items = [Item(entry, mode, 0, place, tmp_path) for mode in ("mono", "collab")]
+
+    class Dead:
+        exitcode, terminate, start = -9, (lambda self: None), (lambda self: None)
+
+        def __init__(self, target: object, args: tuple[Any, list[Item]]) -> None:
+            self._answers = args[0]
+
+        def join(self) -> None:
+            self._answers.close()
+
+    workers = running._Workers()
+    monkeypatch.setattr(workers._context, "Process", Dead)
+    heard: dict[int, Row] = {}
+    workers.serve(items, [0, 1], heard.__setitem__)
+    assert [heard[k]["error"] for k in (0, 1)] == ["its process ended with the code -9"] * 2
+
+
+def test_pages_hold_medians_bands_and_ratios() -> None:
+    plan = parse_plan(PLAN)
+    rows = [row("walk", "collab", seed, ate_pct=1.0 + seed) for seed in (0, 1, 2)]
+    rows += [
+        row("walk", "collab", bias_per_block=True, ate_pct=5.0),
+        row("same", "collab", nees_position_mean=40.0),
+    ]
+    page = accuracy.page(plan, rows, [])
+    assert "| walk | lag:0.2 | collab | 2.00 | 5.00 | 2.00 | 98.0 | 98.0 | 1.0 | 50.0 | 150 | - |" in page
+    assert "| walk | lag:0.2 | collab | 4.00 | yes | 12.00 | x2 | 4.00 | 12.00 | 1 |" in page
+    assert "| same | recorded | collab | 40.00 | high | 12.00 | x2 | - | - | 1 |" in page
+    assert "| walk | lag:0.2 | collab | 0.60 | 0.50 | 1.20 | - | other |" in page
+    assert "| collab | 2 | 0.62 to 7.22 | 22.00 | high |" in page
+    assert accuracy.band_word(0.15, 0.216, 9.35) == "x2"
+    assert accuracy.band_word(0.1, 0.216, 9.35) == "low"
+    assert accuracy.band_word(None, 0.216, 9.35) == "-"
+
+
+def test_only_what_is_asked_for(place: Path, tmp_path: Path) -> None:
+    plan = find_plan(place, None)
+    less = chosen(plan, Choice(only=("walk",), modes=("mono",), seeds=(3,)))
+    assert [(e.name, e.modes, e.biased) for e in less.recordings] == [("walk", ("mono",), ())]
+    assert less.seeds == (3,)
+    with pytest.raises(SettingsError, match="no recording 'wlak'"):
+        chosen(plan, Choice(only=("wlak",)))
+    with pytest.raises(DataError, match="does not exist"):
+        evaluate(tmp_path / "nowhere", tmp_path, Choice())
+    with pytest.raises(SettingsError, match="cannot be read"):
+        find_plan(place, tmp_path / "none.yaml")
+
+
+def test_the_command(place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert lab.main(["evaluate", str(place), "--dry-run", "--only", "walk", "--out", str(tmp_path)]) == 0
+    assert "to do  walk collab seed 1 biased" in capsys.readouterr().out
+    assert not (tmp_path / "evaluate.json").exists()
+    assert lab.main(["evaluate", str(place), "--only", "broken", "--jobs", "1", "--out", str(tmp_path)]) == 1
+    assert "2 of 2 runs failed" in capsys.readouterr().err
+
+
+def test_the_scale_is_fitted_only_on_demand() -> None:
+    truth = np.random.default_rng(0).normal(size=(20, 3))
+    estimate = 1.2 * truth + [1.0, 2.0, 3.0]
+    assert ate_rmse(estimate, truth, with_scale=True) == pytest.approx(0.0, abs=1e-12)
+    assert ate_rmse(estimate, truth) > 0.1
+
+
+def test_descriptors_are_judged_by_the_truth(
+    clip: Clip, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(pairs, "corridor_recording", lambda seed: clip.recording)
+    monkeypatch.setattr(pairs, "_FRAMES", 2)
+    monkeypatch.setattr(pairs, "_OTHERS", 100)
+    monkeypatch.setattr(pairs, "PER_BIN", 2)
+    entry = parse_plan("recordings: {demo: {rendered: corridor}}").recordings[0]
+    rows = descriptors.measure(entry, tmp_path, kinds=("warped-sift", "orb"))
+    assert {r["descriptor"] for r in rows} == {"warped-sift", "orb"}
+    for found in rows:
+        assert found["depth_right"] <= found["with_depth"] <= found["matches"] <= found["points"]
+        assert found["baseline_m"] >= 0.05
+    mine = [r for r in rows if r["descriptor"] == "warped-sift" and r["parallax_deg"] < 3.0]
+    assert sum(r["depth_right"] for r in mine) > 0.9 * sum(r["with_depth"] for r in mine) > 0
+    page = descriptors.page(rows, ["lost: no poses"], "collabslam-lab evaluate DATA --descriptors")
+    assert "warped-sift" in page
+    assert "- lost: no poses" in page
+    # a pose that is wrong is not called right
+    scene = pairs.Scene.of(entry, tmp_path, 0)
+    pair = pairs.choose_pairs(scene)[0]
+    uv = np.array([[300.0, 200.0], [500.0, 300.0]])
+    rho = pairs.true_inverse_ranges(scene, pair.i, uv, FrontendSettings())
+    depth = clip.recording.renderer.depth(scene.poses[pair.i], scene.camera)[[200, 300], [300, 500]]
+    rays = scene.camera.unproject(uv)
+    np.testing.assert_allclose(rays[:, 2] / rho, depth, rtol=1e-9)
+
+
+def test_a_second_taken_away_is_noticed_and_what_is_found_again_is_right(
+    clip: Clip, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(running, "_rendered", lambda seed: clip.recording)
+    monkeypatch.setattr(blackout, "PLACES", 1)
+    monkeypatch.setattr(blackout, "BLIND_S", 0.5)
+    monkeypatch.setattr(blackout, "AFTER_S", 0.3)
+    entry = parse_plan("recordings: {demo: {rendered: corridor}}").recordings[0]
+    rows = blackout.measure(entry, tmp_path, tmp_path)
+    assert [row["kind"] for row in rows] == list(blackout.KINDS)
+    for row in rows:
+        assert row["said_after"] == (None if row["kind"] == "jump" else blackout.SAYS)
+        assert row["in_sight_after_s"] == 0.0
+        assert blackout.in_time(row)
+        assert not row["wrong"]
+    text = blackout.page(rows, ["away: cannot be opened"], "collabslam-lab evaluate DATA --blackout")
+    assert "| demo | hand | 1 | 1 | 1 | 1 | 0 | 0.00 | 0 |" in text
+    assert "- away: cannot be opened" in text
+    assert not blackout.in_time({**rows[0], "found_after_s": None})
+    assert not blackout.in_time({**rows[0], "found_after_s": 1.5})
+    late = blackout.page([{**rows[2], "ok_after": 4}], [], "")
+    assert "| demo | jump | 1 | 0 |" in late
+
+
+def test_true_depths_need_two_frames_that_agree() -> None:
+    found = np.array([[1.0, 1.0, np.nan], [1.02, 2.0, 0.5], [5.0, np.nan, np.nan]])
+    np.testing.assert_allclose(pairs._agreed(found), [1.01, np.nan, np.nan])
+
+
+def test_the_drift_that_made_the_errors_is_found_again() -> None:
+    rng = np.random.default_rng(5)
+    own, by_position, by_attitude = (np.tile(np.eye(6) * 1e-4, (400, 1, 1)) for _ in range(3))
+    by_position[:, 3:, 3:], by_attitude[:, :3, :3] = 0.0, 0.0
+    exact = own + 0.03**2 * 1e4 * by_position + 0.5**2 * 1e4 * by_attitude
+    errors = np.einsum("nij,nj->ni", np.linalg.cholesky(exact), rng.standard_normal((400, 6)))
+    parts = drift.Parts(errors, own, 1e4 * by_position, 1e4 * by_attitude)
+    runs = {
+        name: [drift.Parts(*(x[k::40] for x in vars(parts).values())) for k in range(40)] for name in "ab"
+    }
+    position, attitude = drift.fit(runs)
+    assert position == pytest.approx(0.03, rel=0.3)
+    assert attitude == pytest.approx(0.5, rel=0.3)
+    near = drift.honesty(runs["a"], position, attitude)
+    assert near[0] == pytest.approx(3.0, abs=1.5)
+    assert near[1] == pytest.approx(3.0, abs=1.5)
+    assert near[2] == 1.0
+    assert "| a |" in drift.page(runs, drift.fits_of(runs), "collab", "collabslam-lab evaluate DATA --drift")
+
+
+def test_a_run_is_taken_apart_and_calibrations_are_wrong_on_purpose(place: Path, tmp_path: Path) -> None:
+    entry = find_plan(place, None).recordings[0]
+    item = Item(replace(entry, calibration_sd=(0.01, 3.0, 0.01)), "collab", 0, place, tmp_path)
+    right, wrong = running.open_entry(replace(item, entry=entry)).camera, running.open_entry(item).camera
+    assert wrong.intrinsics != right.intrinsics
+    assert wrong.intrinsics == running.open_entry(item).camera.intrinsics
+    assert item.fingerprint() != replace(item, entry=entry).fingerprint()
+    parts = drift.measure(replace(item, entry=entry))
+    assert parts is not None
+    assert np.trace(parts.by_position[-1]) > 0.0
+    whole = running.run_item(replace(item, entry=entry, lever="whole"))
+    assert whole["status"] == "done"
+    default = Settings.default()
+    sizes = [float(default[k]) for k in (drift.POSITION, drift.ATTITUDE)]
+    assert drift.honesty([parts], *sizes)[0] == pytest.approx(whole["nees_position_mean"], rel=1e-6)

@@ -1,0 +1,193 @@
+"""Faults in the stream: each has its answer, and leaves the filter in order."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from collabslam.datasets.wrapped import WrappedRecording
+from collabslam.demo import corridor_recording
+from collabslam.demo.demo_run import HeldRecording
+from collabslam.errors import CollabslamError, InputError
+from collabslam.geometry import se3_exp
+from collabslam.runs.runner import run
+from collabslam.settings.frontend import SightSettings
+from collabslam.slam.blank_image import BlankImageDetector
+from collabslam.slam.engine import Slam, StepResult
+from collabslam.types import Frame, Recording, WornView
+from collabslam_lab.reliability.faults import FAULTS, FaultyRecording, inject
+from collabslam_lab.reliability.table import FaultRow, faults_markdown, measure_faults
+
+BY_NAME = {fault.name: fault for fault in FAULTS}
+
+
+@pytest.fixture(scope="module")
+def walk() -> Recording:
+    """The first 36 frames of the corridor, rendered once."""
+    return HeldRecording(corridor_recording(0, length_m=5.4), progress=False)
+
+
+def slam_on(recording: Recording) -> Slam:
+    return Slam(recording.camera, recording.worn_camera, mode="collab", start="worn")
+
+
+def play(slam: Slam, recording: Recording, frames: int) -> StepResult:
+    for i in range(frames):
+        frame = recording.frame(i)
+        last = slam.step(frame.t, frame.image, frame.worn)
+    return last
+
+
+def state_of(slam: Slam) -> bytes:
+    return slam.filter.mean.tobytes() + slam.filter.covariance.tobytes()
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
+def test_every_fault_makes_a_recording_that_depends_on_the_seed_alone(walk: Recording, fault: object) -> None:
+    one, two = (inject(walk, fault, 3) for _ in range(2))  # type: ignore[arg-type]
+    np.testing.assert_array_equal(one.times, two.times)
+    assert len(one) == len(one.times) == len(one.truth)
+    for i in range(0, len(one), 5):
+        try:
+            a, b = one.frame(i), two.frame(i)
+        except CollabslamError:
+            continue
+        assert a.index == i
+        assert a.t == one.times[i]
+        np.testing.assert_array_equal(a.image, b.image)
+        assert (a.worn is None) == (b.worn is None)
+
+
+def test_stamps_that_do_not_follow_are_left_out_and_counted(walk: Recording) -> None:
+    faulty = inject(walk, BY_NAME["stamps-out-of-order"], 1)
+    summary = run(faulty, mode="collab", start="worn").summary
+    assert summary["frames_out_of_order"] > 0
+    assert summary["frames"] + summary["frames_out_of_order"] == len(walk)
+    assert summary["frames_ok"] == summary["frames"]
+
+
+def test_the_engine_refuses_a_stamp_that_does_not_follow_and_goes_on(walk: Recording) -> None:
+    slam = slam_on(walk)
+    play(slam, walk, 5)
+    before = state_of(slam)
+    frame = walk.frame(5)
+    for t in (walk.times[4], walk.times[2], float("nan"), 1e300):
+        with pytest.raises(InputError):
+            slam.step(t, frame.image, frame.worn)
+        assert state_of(slam) == before
+    slam.step(frame.t, frame.image, frame.worn)
+    untroubled = slam_on(walk)
+    play(untroubled, walk, 6)
+    assert state_of(slam) == state_of(untroubled)
+
+
+@pytest.mark.parametrize("shape", [(240, 360), (480, 719), (481, 720), (480, 720, 3), (0, 0)])
+def test_an_image_of_another_size_is_refused_and_the_state_kept(
+    walk: Recording, shape: tuple[int, ...]
+) -> None:
+    slam = slam_on(walk)
+    play(slam, walk, 4)
+    before = state_of(slam)
+    with pytest.raises(InputError, match=r"grey image|pixels"):
+        slam.step(float(walk.times[4]), np.zeros(shape, np.uint8))
+    assert state_of(slam) == before
+
+
+@pytest.mark.parametrize("kind", ["black", "white", "noise", "frozen"])
+def test_an_image_that_shows_nothing_is_no_measurement(walk: Recording, kind: str) -> None:
+    slam = slam_on(walk)
+    last = play(slam, walk, 12)
+    rng = np.random.default_rng(0)
+    size = slam.filter.map_size
+    for i in range(12, 18):
+        image = {
+            "black": np.zeros((480, 720), np.uint8),
+            "white": np.full((480, 720), 255, np.uint8),
+            "noise": np.clip(rng.normal(16.0, 3.0, (480, 720)), 0, 255).astype(np.uint8),
+            "frozen": walk.image(11),
+        }[kind]
+        result = slam.step(float(walk.times[i]), image)
+        assert result.diagnostics["unseen"] == 1
+        lost = kind != "frozen" and i >= 14  # a frozen image says nothing of the camera
+        assert result.status.value == ("LOST" if lost else "COASTING")
+        assert np.trace(result.covariance) > np.trace(last.covariance)
+        last = result
+    assert slam.filter.map_size == size
+    frame = walk.frame(18)
+    result = slam.step(frame.t, frame.image, frame.worn)
+    assert result.status.value == "OK"
+    assert result.diagnostics["unseen"] == 0
+
+
+def test_an_image_that_comes_twice_is_as_good_as_the_last_for_a_tenth_of_a_second(walk: Recording) -> None:
+    slam = slam_on(walk)
+    play(slam, walk, 12)
+    t = float(walk.times[11])
+    status = [slam.step(t + dt, walk.image(11)).status.value for dt in (0.03, 0.09, 0.1, 0.13)]
+    assert status == ["OK", "OK", "COASTING", "COASTING"]
+
+
+def test_a_frozen_image_is_a_measurement_where_the_settings_say_so() -> None:
+    image = np.random.default_rng(1).integers(0, 255, (480, 720)).astype(np.uint8)
+    image = np.kron(image[::16, ::16], np.ones((16, 16), np.uint8))
+    strict, lenient = BlankImageDetector(SightSettings()), BlankImageDetector(SightSettings(frozen=False))
+    assert [strict.judge(image), strict.judge(image)] == ["", "frozen"]
+    assert [lenient.judge(image), lenient.judge(image)] == ["", ""]
+
+
+@pytest.mark.parametrize(
+    "error", [[0, 0, 3.0, 0, 0, 0], [-2.0, 1.0, 0, 0, 0, 0], [0, 0, 0, 0, 0.6, 0], [1.0, 0, 1.0, 0.5, 0, 0]]
+)
+def test_a_gross_error_of_t_cf_is_not_used(walk: Recording, error: list[float]) -> None:
+    def change(i: int, frame: Frame) -> Frame:
+        if i != 6 or frame.worn is None:
+            return frame
+        worn = WornView(frame.worn.image, frame.worn.t_cf @ se3_exp(error), frame.worn.covariance)
+        return Frame(frame.index, frame.t, frame.image, worn)
+
+    slam = slam_on(walk)
+    result = play(slam, FaultyRecording(walk, change=change), 7)
+    assert result.diagnostics["depth_rows"] == 0
+    assert result.diagnostics["births_instant"] == 0
+    assert result.status.value == "OK"
+
+
+def test_a_singular_covariance_of_t_cf_is_refused_before_anything_changes(walk: Recording) -> None:
+    slam = slam_on(walk)
+    play(slam, walk, 3)
+    before = state_of(slam)
+    frame = walk.frame(3)
+    assert frame.worn is not None
+    for covariance in (np.zeros((6, 6)), -np.eye(6), np.full((6, 6), np.nan), np.eye(5)):
+        with pytest.raises(InputError):
+            slam.step(frame.t, frame.image, WornView(frame.worn.image, frame.worn.t_cf, covariance))
+        assert state_of(slam) == before
+
+
+def test_a_bias_that_is_no_part_of_the_covariance_is_refused_before_anything_changes(walk: Recording) -> None:
+    slam = slam_on(walk)
+    play(slam, walk, 3)
+    before = state_of(slam)
+    frame = walk.frame(3)
+    assert frame.worn is not None
+    worn = frame.worn
+    for bias in (1.01 * worn.covariance, -worn.covariance, np.full((6, 6), np.nan), np.eye(5)):
+        with pytest.raises(InputError, match="bias"):
+            slam.step(frame.t, frame.image, WornView(worn.image, worn.t_cf, worn.covariance, bias))
+        assert state_of(slam) == before
+    slam.step(frame.t, frame.image, WornView(worn.image, worn.t_cf, worn.covariance, 0.5 * worn.covariance))
+
+
+def test_the_table_has_a_row_for_what_goes_on_and_for_what_stops(walk: Recording) -> None:
+    faults = [BY_NAME["t-cf-gross"], BY_NAME["file-cut-off"]]
+    rows = measure_faults([0], faults=faults, length_m=4.5)
+    assert rows[0].error_ratio is not None
+    assert rows[0].error_ratio > 0.0
+    assert rows[1].error_ratio is None
+    assert "cut short" in rows[1].error
+    text = faults_markdown(rows)
+    assert text.count("\n") == 3
+    assert "stops" in text.splitlines()[-1]
+    assert rows[0].jsonable()["fault"] == "t-cf-gross"
+    assert isinstance(rows[0], FaultRow)
+    assert issubclass(FaultyRecording, WrappedRecording)
