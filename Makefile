@@ -63,7 +63,7 @@ $(VENV)/.installed: pyproject.toml
 
 $(VENV)/.built: $(VENV)/.installed $(SOURCES)
 	$(BIN)/pip install --quiet --no-build-isolation --editable '.[dev]'
-	$(BIN)/pip install --quiet --editable research --config-settings editable_mode=compat
+	$(BIN)/pip install --quiet --editable research
 	touch $@
 
 # Known weaknesses, licences and sources of all dependencies. Needs the network: advisories are fetched.
