@@ -4,7 +4,7 @@ use crate::Broken;
 use crate::bytes::Bytes;
 use crate::filter::Life;
 use crate::sound::check_state;
-use ekf_core::snapshot::{open, seal};
+use ekf_core::filter::snapshot::{open, seal};
 use ekf_core::{Bearing, Filter, Measurements};
 
 /// Entries of a P that any snapshot may make.

@@ -1,8 +1,8 @@
 //! Covariances of births and of triangulated points against Monte Carlo, and when births wait.
 
 use crate::scene::{Warm, name, normal, normals, rng, warm, worn_covariance};
+use ekf_core::CandidateOutcome;
 use ekf_core::birth::two_view::TwoView;
-use ekf_core::map::CandidateOutcome;
 use ekf_core::math::{inverse_depth, pose::Pose, quat};
 use ekf_core::observe::point::CameraPose;
 use ekf_core::settings::Value;

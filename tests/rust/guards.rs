@@ -1,7 +1,7 @@
 //! The filter guards itself: what would break it is refused, and leaves no trace.
 
 use crate::scene::{Scene, name, settings};
-use ekf_core::frame::DepthObservation;
+use ekf_core::DepthObservation;
 use ekf_core::math::pose::Pose;
 use ekf_core::settings::Value;
 use ekf_core::{Bearing, EkfError, Filter, Measurements, Outcome};

@@ -1,8 +1,8 @@
 //! A filter saved and restored goes on bit for bit; bytes that were spoilt are refused, whatever was done to them.
 
 use crate::scene::{Scene, name, rng, settings};
+use ekf_core::filter::snapshot::{VERSION, open, seal};
 use ekf_core::settings::Value;
-use ekf_core::snapshot::{VERSION, open, seal};
 use ekf_core::{EkfError, Filter, Measurements, Outcome};
 use nalgebra::Vector2;
 use rand::Rng;

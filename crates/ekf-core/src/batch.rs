@@ -7,8 +7,9 @@ use crate::error::EkfError;
 use crate::gauge::{GAUGES, Gauge};
 use crate::guard;
 use crate::kernel::{self, Panels};
-use crate::observe::{Form, Rows};
-use crate::state::{POSE_DIM, State};
+use crate::observe::POSE_DIM;
+use crate::observe::block::Unit;
+use crate::state::State;
 use crate::validate::{Batch, Units};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor;
@@ -21,30 +22,6 @@ use nalgebra::{Matrix3, SVector};
 /// Standard deviations by which a measurement may be off the linear model of another point: farther off, that point is no
 /// better one.
 const DIVERGED: f64 = 1e4;
-
-/// A measurement that is accepted or rejected as a whole.
-#[derive(Clone, Debug)]
-pub struct Unit {
-    /// Rows of the innovation and of grad H.
-    pub rows: Rows,
-    /// Id of its feature.
-    pub id: u64,
-    /// Offset of its feature in the state.
-    pub feature: usize,
-    /// Offset of the frame's error of T_CF, if the rows depend on it.
-    pub worn: Option<usize>,
-}
-
-impl Unit {
-    /// Where the feature's numbers are stored, which come in threes: the anchor's and its own, or the point's alone.
-    pub(crate) fn slots(&self, slots: &[usize]) -> (usize, Option<usize>) {
-        let own = match self.rows.form {
-            Form::InverseDepth => Some(slots[self.feature + 3]),
-            Form::Point => None,
-        };
-        (slots[self.feature], own)
-    }
-}
 
 /// Buffers of the batch; they only grow, so a warm step allocates nothing.
 #[derive(Default)]

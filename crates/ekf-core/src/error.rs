@@ -83,3 +83,10 @@ pub enum EkfError {
         why: String,
     },
 }
+
+impl EkfError {
+    /// A snapshot that cannot be used.
+    pub(crate) fn bad_snapshot(why: impl Into<String>) -> Self {
+        Self::BadSnapshot { why: why.into() }
+    }
+}

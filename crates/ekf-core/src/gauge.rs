@@ -16,11 +16,11 @@
 //! features in view. A feature that leaves the view keeps its direction as it was (`State::reference` has the mean that belongs to it)
 //! and is carried to the present mean when it comes back. So nothing of this touches what is out of view.
 
-use crate::batch::Unit;
 use crate::kernel::Product;
 use crate::math::{inverse_depth, quat};
-use crate::observe::{FeatureState, Form};
-use crate::state::{Block, BlockKind, CAMERA_DIM, Covariance, Layout, POSE_DIM, State};
+use crate::observe::block::Unit;
+use crate::observe::{FeatureState, Form, POSE_DIM};
+use crate::state::{Block, BlockKind, CAMERA_DIM, Covariance, Layout, State};
 use nalgebra::{SMatrix, Vector3};
 use std::ops::Range;
 
@@ -337,7 +337,7 @@ fn column(matrix: &[f64], n: usize, j: usize) -> &[f64] {
 mod tests {
     use super::{GAUGES, Gauge, coordinates, directions};
     use crate::kernel::Panels;
-    use crate::state::{Block, LinearPart, POSE_DIM, State};
+    use crate::state::{Block, LinearPart, State};
     use nalgebra::{DMatrix, SMatrix, Vector6};
 
     fn wave(i: usize) -> f64 {

@@ -22,31 +22,23 @@ pub mod chi2;
 mod drift;
 pub mod error;
 pub mod filter;
-pub mod frame;
 pub mod gauge;
 mod guard;
 mod kernel;
-pub mod known_map;
 mod local;
-pub mod map;
 pub mod math;
 pub mod observe;
-
 pub mod overlap;
 pub mod performance;
 pub mod predict;
 pub mod settings;
-pub mod snapshot;
 pub mod state;
 pub mod validate;
 
 pub use camera::{Camera, Distortion};
 pub use error::EkfError;
-pub use filter::{Filter, Landmark, PredictedFeature};
-pub use frame::{
-    Bearing, DepthObservation, Expectation, Measurements, Outcome, UpdateReport, WornObservation,
-    WornPair,
+pub use filter::{
+    Bearing, CandidateOutcome, DepthObservation, Expectation, Filter, KnownMap, Landmark,
+    Measurements, Outcome, PredictedFeature, UpdateReport, WornObservation, WornPair,
 };
-pub use known_map::KnownMap;
-pub use map::CandidateOutcome;
 pub use settings::Settings;

@@ -7,7 +7,7 @@ use crate::convert::{
 };
 use crate::errors::to_python;
 use crate::settings;
-use ekf_core::frame::{Bearing, DepthObservation, Measurements, WornObservation, WornPair};
+use ekf_core::{Bearing, DepthObservation, Measurements, WornObservation, WornPair};
 use ekf_core::{
     CandidateOutcome, EkfError, Expectation, Filter, KnownMap, Outcome, PredictedFeature,
     UpdateReport,

@@ -1,8 +1,8 @@
 //! `P H^T` from the stored triangle of `P`: each row of `H` touches 10 to 19 columns.
 
 use super::{HEIGHT, Kernel, Panels, Stored, dispatch};
-use crate::batch::Unit;
-use crate::state::POSE_DIM;
+use crate::observe::POSE_DIM;
+use crate::observe::block::Unit;
 use pulp::Simd;
 
 /// Rows of a unit's derivatives.

@@ -3,7 +3,7 @@
 use super::panels::{Panels, Stored};
 use super::symmetric::{Downdate, Product, Times};
 use super::{Dispatch, HEIGHT, Kernel, dot, gather, solve, transform};
-use crate::batch::Unit;
+use crate::observe::block::Unit;
 use crate::observe::{Form, Rows};
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector3};
 use pulp::{Arch, Scalar, WithSimd};

@@ -2,7 +2,6 @@
 
 use super::{Duals, Far, Outside};
 use crate::error::EkfError;
-use crate::snapshot::bad;
 use crate::state::{State, StateImage};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -48,7 +47,7 @@ impl Far {
     }
 
     pub(crate) fn from_image(image: FarImage, near: &State) -> Result<Self, EkfError> {
-        let wrong = || bad("what is outside of its working set is impossible");
+        let wrong = || EkfError::bad_snapshot("what is outside of its working set is impossible");
         let depth = Duals::of(near).rows.len();
         let then = State::from_image(&image.then)?;
         let n = then.p.stored().n;

@@ -1,9 +1,10 @@
 //! Observation models: what a feature looks like from the estimated camera, with analytic derivatives.
 
+pub mod block;
 pub mod feature;
 pub mod point;
 pub mod rows;
 
 pub use feature::{FeatureState, Form};
-pub use point::PointInCamera;
+pub use point::{POSE_DIM, PointInCamera};
 pub use rows::{Rows, WornView};

@@ -4,6 +4,9 @@ use super::feature::FeatureState;
 use crate::math::quat;
 use nalgebra::{SMatrix, Vector3};
 
+/// Numbers of a pose `[r(3) q(4)]` in the state.
+pub const POSE_DIM: usize = 7;
+
 /// Camera pose as the state holds it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraPose {

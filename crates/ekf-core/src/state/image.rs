@@ -3,7 +3,6 @@
 use super::{Block, BlockKind, CAMERA_DIM, Covariance, Layout, State};
 use crate::error::EkfError;
 use crate::observe::Form;
-use crate::snapshot::bad;
 use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
 
@@ -61,12 +60,16 @@ impl State {
         } = image;
         let rows = stored_rows(slots, triangle.len())?;
         if slots.len() != mean.len() || reference.len() != mean.len() {
-            return Err(bad("its mean and covariance differ in size"));
+            return Err(EkfError::bad_snapshot(
+                "its mean and covariance differ in size",
+            ));
         }
         let means = mean.iter().chain(reference);
         let numbers = means.chain(triangle).chain(bias_stationary);
         if bias_stationary.len() != 36 || !numbers.clone().all(|v| v.is_finite()) {
-            return Err(bad("a number of its state is not finite, or missing"));
+            return Err(EkfError::bad_snapshot(
+                "a number of its state is not finite, or missing",
+            ));
         }
         let mut p = Covariance::of_stored(rows, rows + 64, None);
         let mut entries = triangle.iter();
@@ -87,20 +90,26 @@ impl State {
         for &(id, kind) in blocks {
             let dual = matches!(kind, BlockKind::Dual(_));
             if kind == BlockKind::WornError || (!dual && (id >= *next_id || !ids.insert(id))) {
-                return Err(bad("a block of its state is impossible"));
+                return Err(EkfError::bad_snapshot("a block of its state is impossible"));
             }
             let from = state.x.len();
             let range = from..from.saturating_add(kind.dim());
             let Some(slots) = slots.get(range.clone()) else {
-                return Err(bad("its blocks are larger than its state"));
+                return Err(EkfError::bad_snapshot(
+                    "its blocks are larger than its state",
+                ));
             };
             if !in_order(kind, slots) {
-                return Err(bad("the rows of a block are out of order"));
+                return Err(EkfError::bad_snapshot(
+                    "the rows of a block are out of order",
+                ));
             }
             state.insert(kind, id, slots, (&mean[range.clone()], &reference[range]));
         }
         if state.x.len() != mean.len() {
-            return Err(bad("its blocks are smaller than its state"));
+            return Err(EkfError::bad_snapshot(
+                "its blocks are smaller than its state",
+            ));
         }
         state.layout.set_next_id(*next_id);
         state.check_newborn()?;
@@ -114,7 +123,9 @@ impl State {
         if block.is_none_or(|b| b.kind == BlockKind::Feature(Form::InverseDepth) && at_camera(b)) {
             return Ok(());
         }
-        Err(bad("a feature that was just born is elsewhere"))
+        Err(EkfError::bad_snapshot(
+            "a feature that was just born is elsewhere",
+        ))
     }
 }
 
@@ -123,13 +134,15 @@ fn stored_rows(slots: &[usize], entries: usize) -> Result<usize, EkfError> {
     let rows = slots.iter().max().map_or(0, |last| last.saturating_add(1));
     let wanted = rows.checked_mul(rows + 1).map(|twice| twice / 2);
     if wanted != Some(entries) || slots.len() < CAMERA_DIM {
-        return Err(bad("its covariance has a wrong number of entries"));
+        return Err(EkfError::bad_snapshot(
+            "its covariance has a wrong number of entries",
+        ));
     }
     let mut used = vec![false; rows];
     slots.iter().for_each(|&slot| used[slot] = true);
     let camera_first = slots[..CAMERA_DIM].iter().copied().eq(0..CAMERA_DIM);
     if !camera_first || used.contains(&false) {
-        return Err(bad("its covariance has rows of nothing"));
+        return Err(EkfError::bad_snapshot("its covariance has rows of nothing"));
     }
     Ok(rows)
 }

@@ -1,12 +1,10 @@
 //! The only owner of offsets: which block of the state lives where.
 
-use crate::observe::{FeatureState, Form};
+use crate::observe::{FeatureState, Form, POSE_DIM};
 use serde::{Deserialize, Serialize};
 
 /// Dimension of the camera's block `[r(3) q(4) v(3) w(3)]` (METHOD 2).
 pub const CAMERA_DIM: usize = 13;
-/// Dimension of its pose part `[r(3) q(4)]`.
-pub const POSE_DIM: usize = 7;
 
 /// What a block of the state is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -11,11 +11,11 @@ pub mod layout;
 
 pub use cov::{Covariance, LinearPart};
 pub(crate) use image::StateImage;
-pub use layout::{Block, BlockKind, CAMERA_DIM, Layout, POSE_DIM};
+pub use layout::{Block, BlockKind, CAMERA_DIM, Layout};
 
 use crate::math::quat;
 use crate::observe::point::CameraPose;
-use crate::observe::{FeatureState, Form};
+use crate::observe::{FeatureState, Form, POSE_DIM};
 use nalgebra::{SMatrix, SVector, Vector3, Vector4, Vector6};
 use std::ops::Range;
 

@@ -9,10 +9,11 @@
 //! the pose's tangent and `S_f = H_f P_ff H_f^T + R` the innovation covariance if the pose were known: so it is wide in
 //! every direction, whatever the scale of the scene, and never so wide that digits are lost.
 
-use super::{Bearing, Measurements, Outcome, Scratch, UpdateReport, WornForm};
-use super::{check_rigid, refill};
+use super::ekf::Filter;
+use super::measurements::{Bearing, Measurements, UpdateReport, refill};
+use super::sources::{Scratch, WornForm};
 use crate::error::EkfError;
-use crate::filter::Filter;
+use crate::guard::check_rigid;
 use crate::math::pose::Pose;
 use crate::math::quat;
 use crate::observe::point::CameraPose;
@@ -20,6 +21,7 @@ use nalgebra::{DMatrix, Matrix6, SMatrix};
 
 /// Standard deviation of the prior over that of the matches: it takes part of one in [`WIDE`]^2 in the result.
 const WIDE: f64 = 100.0;
+
 /// Largest condition number, after scaling by the diagonal, of what the matches say about the pose.
 const MAX_CONDITION: f64 = 1e10;
 
@@ -61,7 +63,7 @@ impl Filter {
         Ok(report)
     }
 
-    fn put_at(
+    pub(super) fn put_at(
         &mut self,
         pose: &Pose,
         z: &Measurements,
@@ -99,7 +101,7 @@ impl Filter {
 
     /// [`WIDE`]^2 times the covariance of the pose's tangent that the matches give, the map's own included; `None` where
     /// they leave the pose open. The camera's rows of P must be zero.
-    fn prior_of_matches(
+    pub(super) fn prior_of_matches(
         &mut self,
         pose: &CameraPose,
         z: &Measurements,
@@ -156,21 +158,4 @@ fn inverse(information: &Matrix6<f64>) -> Option<Matrix6<f64>> {
     }
     let inverse = scaled.cholesky()?.inverse();
     Some(scale * inverse * scale)
-}
-
-impl UpdateReport {
-    /// Number of features measured in Cs.
-    pub(super) fn located_by(&self) -> usize {
-        let accepted = |o: &&Outcome| matches!(o, Outcome::Pixel | Outcome::Replaced);
-        self.bearings.iter().filter(accepted).count()
-    }
-
-    /// Says that the frame was not believed.
-    pub(super) fn reject_all(&mut self, z: &Measurements) {
-        self.start(z);
-        self.bearings.fill(Outcome::RejectedBatch);
-        self.pairs.fill(Outcome::Unused);
-        self.depths.fill(Outcome::Unused);
-        self.believed = false;
-    }
 }

@@ -9,42 +9,17 @@
 //! error; so does a body that makes no filter (dimensions that disagree, ids twice, numbers that are not finite), even
 //! with a right checksum: reading never panics, and takes no more memory than a small multiple of the bytes given.
 
-mod image;
-
 use crate::error::EkfError;
-use crate::filter::Filter;
 use sha2::{Digest, Sha256};
 
 const MAGIC: &[u8; 8] = b"CSLAMEKF";
+
 /// Counts the changes of what a body holds.
 pub const VERSION: u32 = 3;
+
 const HEAD: usize = MAGIC.len() + 4 + 8;
+
 const CHECKSUM: usize = 32;
-
-pub(crate) fn bad(why: impl Into<String>) -> EkfError {
-    EkfError::BadSnapshot { why: why.into() }
-}
-
-impl Filter {
-    /// The filter as bytes, for [`Self::restore`].
-    pub fn snapshot(&self) -> Vec<u8> {
-        let body = postcard::to_stdvec(&self.image()).expect("lists of numbers and names");
-        seal(&body)
-    }
-
-    /// The filter of a snapshot.
-    ///
-    /// # Errors
-    /// `BadSnapshot` if the bytes are cut short, altered or of another version, or describe no filter.
-    pub fn restore(bytes: &[u8]) -> Result<Self, EkfError> {
-        let (image, rest) = postcard::take_from_bytes(open(bytes)?)
-            .map_err(|error| bad(format!("its body is not readable ({error})")))?;
-        if !rest.is_empty() {
-            return Err(bad("its body has bytes that mean nothing"));
-        }
-        Self::from_image(image)
-    }
-}
 
 /// Puts head and checksum around a body: what a test or a fuzzer needs to get an altered body past the checksum.
 pub fn seal(body: &[u8]) -> Vec<u8> {
@@ -64,26 +39,30 @@ pub fn seal(body: &[u8]) -> Vec<u8> {
 /// `BadSnapshot` if they are not what [`seal`] made.
 pub fn open(bytes: &[u8]) -> Result<&[u8], EkfError> {
     let Some((head, rest)) = bytes.split_at_checked(HEAD) else {
-        return Err(bad("it is cut short"));
+        return Err(EkfError::bad_snapshot("it is cut short"));
     };
     let (magic, head) = head.split_at(MAGIC.len());
     if magic != MAGIC {
-        return Err(bad("it is no snapshot of a filter"));
+        return Err(EkfError::bad_snapshot("it is no snapshot of a filter"));
     }
     let (version, length) = head.split_at(4);
     let version = u32::from_le_bytes(version.try_into().expect("4 bytes"));
     if version != VERSION {
-        return Err(bad(format!(
+        return Err(EkfError::bad_snapshot(format!(
             "it has version {version}, this program reads version {VERSION}; use the program that wrote it"
         )));
     }
     let length = u64::from_le_bytes(length.try_into().expect("8 bytes"));
     if length.checked_add(CHECKSUM as u64) != Some(rest.len() as u64) {
-        return Err(bad("it is cut short, or has bytes too many"));
+        return Err(EkfError::bad_snapshot(
+            "it is cut short, or has bytes too many",
+        ));
     }
     let (body, sum) = rest.split_at(rest.len() - CHECKSUM);
     if Sha256::digest(&bytes[..bytes.len() - CHECKSUM]).as_slice() != sum {
-        return Err(bad("its checksum is wrong: the bytes were altered"));
+        return Err(EkfError::bad_snapshot(
+            "its checksum is wrong: the bytes were altered",
+        ));
     }
     Ok(body)
 }

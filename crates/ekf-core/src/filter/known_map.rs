@@ -4,10 +4,10 @@
 //! run's uncertainty is lost or added: their marginal of P, and the drift of W that no measurement showed. A landmark that
 //! has become a point is handed over in inverse depth as well, from an anchor that moves with it.
 
+use super::ekf::Filter;
+use super::record::FeatureRecord;
 use crate::drift::FrameDrift;
 use crate::error::EkfError;
-use crate::filter::Filter;
-use crate::map::FeatureRecord;
 use crate::observe::{FeatureState, Form};
 use crate::state::{Block, BlockKind, CAMERA_DIM, Covariance, State};
 use nalgebra::{DMatrix, Matrix6, Vector6};
@@ -15,10 +15,13 @@ use std::collections::HashMap;
 
 /// Numbers of a landmark.
 const DIM: usize = 6;
+
 /// Numbers of its anchor, which come first.
 const ANCHOR: usize = 3;
+
 /// How far below zero an eigenvalue of the scaled covariance may be by rounding.
 const ROUNDING: f64 = 1e-9;
+
 /// Standard deviation of the attitude of a camera that has not found itself in the map, radians.
 const ANY_ATTITUDE: f64 = 1.0;
 
@@ -102,7 +105,7 @@ impl Filter {
         Ok(ids)
     }
 
-    fn check_map(&self, map: &KnownMap) -> Result<(), EkfError> {
+    pub(super) fn check_map(&self, map: &KnownMap) -> Result<(), EkfError> {
         let invalid = |what, why: &str| {
             let why = why.into();
             Err(EkfError::InvalidInput { what, why })

@@ -4,10 +4,12 @@
 //! A few features that were found tell it; given them, the innovation of another feature `i` has the mean
 //! `S_iT S_TT^-1 g_T` and the covariance `S_ii - S_iT S_TT^-1 S_Ti`: both stand in the factor of their joint S.
 
-use super::{Bearing, Measurements, Scratch};
+use super::ekf::Filter;
+use super::measurements::{Bearing, Measurements};
+use super::sources::Scratch;
 use crate::error::EkfError;
-use crate::filter::Filter;
-use crate::validate::{self, OnePointSettings};
+use crate::validate;
+use crate::validate::OnePointSettings;
 use nalgebra::{Matrix2, Vector2};
 
 /// Where a feature is expected given others.
@@ -80,7 +82,7 @@ impl Filter {
     }
 
     /// Of the feature whose rows of the factored batch begin at `row`, given the first `told` rows.
-    fn expectation(&self, row: usize, told: usize) -> Expectation {
+    pub(super) fn expectation(&self, row: usize, told: usize) -> Expectation {
         let batch = &self.batch;
         let ld = batch.rows();
         let predicted = -Vector2::new(batch.g()[row], batch.g()[row + 1]);

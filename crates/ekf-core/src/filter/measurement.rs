@@ -1,36 +1,15 @@
 //! Which rows each match gives in which mode (METHOD 7, step 5), linearised at the present mean.
 
-use super::{Bearing, DepthObservation, Measurements, Outcome, Scratch, UpdateReport, WornForm};
-use super::{WornObservation, WornPair};
-use crate::batch::Unit;
-use crate::filter::Filter;
+use super::ekf::Filter;
+use super::measurements::{
+    Bearing, DepthObservation, Measurements, Outcome, UpdateReport, WornObservation, WornPair,
+};
+use super::sources::{Scratch, Source, WornForm};
+use crate::observe::block::Unit;
 use crate::observe::{PointInCamera, Rows, WornView};
 use crate::state::Block;
 
-/// Where in [`Measurements`] a unit of the batch comes from, and which form it takes.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Source {
-    /// Two rows: a pixel in Cs.
-    Bearing(usize),
-    /// Three rows: a worn pair as a 3D point.
-    Point(usize),
-    /// Two rows: a worn pair's pixel in Cf, of the feature with this id.
-    WornPixel(usize, u64),
-    /// Three rows: a depth from another sensor.
-    Depth(usize),
-}
-
 impl Filter {
-    pub(super) fn unit(&self, z: &Measurements, source: Source) -> Result<Unit, Outcome> {
-        match (source, &z.worn) {
-            (Source::Bearing(i), _) => self.bearing(&z.bearings[i]),
-            (Source::Point(i), Some(worn)) => self.worn_point(worn, &worn.pairs[i]),
-            (Source::WornPixel(i, id), Some(worn)) => self.worn_pixel(worn, &worn.pairs[i], id),
-            (Source::Depth(i), _) => self.other_depth(&z.depths[i]),
-            (Source::Point(_) | Source::WornPixel(..), None) => Err(Outcome::Unused),
-        }
-    }
-
     pub(super) fn collect_units(
         &mut self,
         z: &Measurements,
@@ -95,6 +74,16 @@ impl Filter {
                 self.batch.push(unit);
                 sources.push(source);
             }
+        }
+    }
+
+    pub(super) fn unit(&self, z: &Measurements, source: Source) -> Result<Unit, Outcome> {
+        match (source, &z.worn) {
+            (Source::Bearing(i), _) => self.bearing(&z.bearings[i]),
+            (Source::Point(i), Some(worn)) => self.worn_point(worn, &worn.pairs[i]),
+            (Source::WornPixel(i, id), Some(worn)) => self.worn_pixel(worn, &worn.pairs[i], id),
+            (Source::Depth(i), _) => self.other_depth(&z.depths[i]),
+            (Source::Point(_) | Source::WornPixel(..), None) => Err(Outcome::Unused),
         }
     }
 
@@ -184,27 +173,12 @@ impl Filter {
     }
 }
 
-impl Source {
-    /// Place in the list of 3D blocks that may be demoted to a bearing, `pairs` pairs coming first.
-    pub(super) fn slot(self, pairs: usize) -> Option<usize> {
-        match self {
-            Self::Point(i) => Some(i),
-            Self::Depth(i) => Some(pairs + i),
-            Self::Bearing(_) | Self::WornPixel(..) => None,
-        }
-    }
-
-    pub(super) fn outcome(self, report: &mut UpdateReport) -> &mut Outcome {
-        match self {
-            Self::Bearing(i) => &mut report.bearings[i],
-            Self::Point(i) | Self::WornPixel(i, _) => &mut report.pairs[i],
-            Self::Depth(i) => &mut report.depths[i],
-        }
-    }
-}
-
 impl Unit {
-    fn new(rows: Option<Rows>, block: &Block, worn: Option<usize>) -> Result<Self, Outcome> {
+    pub(super) fn new(
+        rows: Option<Rows>,
+        block: &Block,
+        worn: Option<usize>,
+    ) -> Result<Self, Outcome> {
         let rows = rows.ok_or(Outcome::NotVisible)?;
         Ok(Self {
             rows,
@@ -212,29 +186,5 @@ impl Unit {
             feature: block.offset,
             worn,
         })
-    }
-}
-
-impl Scratch {
-    /// Notes what became of the units that are gone; true if a 3D block may fall back to its bearing.
-    pub(super) fn note(&mut self, outcome: Outcome, report: &mut UpdateReport) -> bool {
-        let mut any = false;
-        for &u in &self.gone {
-            *self.sources[u].outcome(report) = outcome;
-            if let Some(slot) = self.sources[u].slot(report.pairs.len()) {
-                self.demoted[slot] = true;
-                any = true;
-            }
-        }
-        any
-    }
-
-    /// Leaves out the sources of the units that are gone.
-    pub(super) fn leave_out(&mut self) {
-        let mut u = 0;
-        self.sources.retain(|_| {
-            u += 1;
-            self.gone.binary_search(&(u - 1)).is_err()
-        });
     }
 }

@@ -1,99 +1,33 @@
-//! What may enter the filter: finite numbers of sizes that a robot can meet, and updates after which P is still one.
-//!
-//! Everything is asked before anything changes. The bounds are far beyond any use, and far within f64: products of
-//! three such numbers are finite, so what passes here cannot turn into an infinity later.
+//! Mean and covariance: numbers of a state, before and after each change of it.
 
+use super::input::LEAST_DEPTH;
 use crate::birth::new_feature::NewFeature;
 use crate::error::EkfError;
-use crate::observe::feature::FARTHEST;
 use crate::predict;
 use crate::settings::ProcessSettings;
 use crate::state::{Block, BlockKind, CAMERA_DIM, State};
-use nalgebra::{SMatrix, Vector2};
+use nalgebra::SMatrix;
 
-/// Largest coordinate of a pixel.
-const LARGEST_PIXEL: f64 = 1e6;
 /// Largest number in the mean; its square is the largest variance.
 const LARGEST: f64 = 1e7;
-/// Largest variance that is given with a measurement, m^2 or rad^2: a standard deviation of a kilometre.
-const LARGEST_VARIANCE: f64 = 1e6;
-/// Least depth that is measured, metres, and its least standard deviation: nothing nearer is seen, nothing finer known.
-const LEAST_DEPTH: f64 = 1e-3;
-const LEAST_DEPTH_SD: f64 = 1e-6;
+
 /// Largest inverse range of a newborn feature, 1/m, and standard deviation of it: the least depth.
 const LARGEST_RHO: f64 = 1.0 / LEAST_DEPTH;
+
 /// Largest variance of a newborn feature's direction, rad^2: beyond, no linearisation says where it is.
 const LARGEST_ANGLE_VARIANCE: f64 = 1.0;
+
 /// By how much a normalised quaternion may be off unit length.
 const UNIT: f64 = 1e-9;
+
 /// Least norm of a quaternion after an update, before it is normalised.
 const LEAST_QUATERNION: f64 = 0.1;
+
 /// By how much, relative to what it was, rounding may take a variance below zero (METHOD 3)...
 pub(crate) const ROUNDING: f64 = 1e-10;
+
 /// ...and absolutely: a quaternion's direction, and an anchor just born, have none.
 const SLACK: f64 = 1e-15;
-
-/// A finite pixel, not farther off than any image is large.
-pub(crate) fn pixel(uv: &Vector2<f64>) -> Result<(), EkfError> {
-    let largest = uv.abs().max();
-    if !(uv.x.is_finite() && uv.y.is_finite()) {
-        return Err(EkfError::NonFinite { what: "pixel" });
-    }
-    if largest > LARGEST_PIXEL {
-        let why = format!("{largest} px is far out of any image; give pixels of the image");
-        return Err(EkfError::InvalidInput { what: "pixel", why });
-    }
-    Ok(())
-}
-
-/// Lengths in metres, finite already, within [`FARTHEST`].
-pub(crate) fn lengths<'a>(
-    what: &'static str,
-    mut values: impl Iterator<Item = &'a f64>,
-) -> Result<(), EkfError> {
-    match values.find(|v| v.abs() > FARTHEST) {
-        Some(v) => {
-            let why = format!("{v} m is beyond any map; give metres");
-            Err(EkfError::InvalidInput { what, why })
-        }
-        None => Ok(()),
-    }
-}
-
-/// Variances of measured poses, points and depths (m^2 or rad^2), within [`LARGEST_VARIANCE`].
-pub(crate) fn variances<'a>(
-    what: &'static str,
-    mut values: impl Iterator<Item = &'a f64>,
-) -> Result<(), EkfError> {
-    match values.find(|v| v.abs() > LARGEST_VARIANCE) {
-        Some(v) => {
-            let why = format!("a variance of {v} says nothing; leave such a measurement out");
-            Err(EkfError::InvalidInput { what, why })
-        }
-        None => Ok(()),
-    }
-}
-
-/// A depth and its standard deviation, metres.
-pub(crate) fn depth(depth: f64, sigma: f64) -> Result<(), EkfError> {
-    lengths("depth", [depth, sigma].iter())?;
-    variances("depth", [sigma * sigma].iter())?;
-    if depth >= LEAST_DEPTH && sigma >= LEAST_DEPTH_SD {
-        return Ok(());
-    }
-    Err(EkfError::InvalidInput {
-        what: "depth",
-        why: format!(
-            "{depth} +- {sigma} m; both must be positive metres, the depth at least {LEAST_DEPTH}, the standard \
-             deviation at least {LEAST_DEPTH_SD}"
-        ),
-    })
-}
-
-fn within(mut values: impl Iterator<Item = f64>, bound: f64) -> bool {
-    // NaN is not within.
-    values.all(|v| v.abs() <= bound)
-}
 
 /// Whether the numbers of a newborn feature may join the state.
 pub(crate) fn newborn_is_sane(new: &NewFeature) -> bool {
@@ -163,6 +97,11 @@ pub(crate) fn attitude_is_sane(state: &State) -> Result<(), String> {
         return Err(format!("the camera's quaternion has the norm {norm}"));
     }
     Ok(())
+}
+
+fn within(mut values: impl Iterator<Item = f64>, bound: f64) -> bool {
+    // NaN is not within.
+    values.all(|v| v.abs() <= bound)
 }
 
 /// Whether means and variances are a state's; a variance comes with what it was before.

@@ -1,88 +1,16 @@
 //! Births that the worn camera or another source of depth makes possible (METHOD 5, 6, 10).
 
-use super::{
-    DepthObservation, Measurements, Outcome, UpdateReport, WornObservation, check_pose,
-    is_covariance,
-};
+use super::ekf::Filter;
+use super::measurements::{DepthObservation, Measurements, Outcome, UpdateReport};
 use crate::birth::new_feature::NewFeature;
-use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
-use crate::filter::Filter;
 use crate::guard;
+use crate::guard::{check_pose, is_covariance};
 use crate::math::pose::Pose;
-use crate::settings::WornErrors;
-use crate::state::{Block, BlockKind, LinearPart};
-use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
+use crate::state::{Block, BlockKind};
+use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 
 impl Filter {
-    /// Appends the frame's error of T_CF, `xi = J b + white` with the bias `b` along C's axes: it belongs to what
-    /// both cameras travel along, and a head that turns takes F's axes with it.
-    pub(super) fn open_worn_error(&mut self, worn: &WornObservation) {
-        let share = self.settings.worn.bias_share;
-        let lasting = worn.bias.unwrap_or(worn.covariance * share);
-        let mut j = Matrix6::zeros();
-        for at in [0, 3] {
-            j.fixed_view_mut::<3, 3>(at, at)
-                .copy_from(&worn.t_cf.rotation.transpose());
-        }
-        if lasting.diagonal().max() > 0.0 && self.state.worn_bias().is_none() {
-            let stationary = j.transpose() * lasting * j;
-            self.state.bias_stationary = (stationary + stationary.transpose()) * 0.5;
-            let stationary = self.state.bias_stationary;
-            self.state
-                .append::<6>(BlockKind::WornBias, &Vector6::zeros(), &[], &stationary);
-        }
-        let bias = self.state.worn_bias();
-        let parts: Vec<LinearPart<'_>> = bias
-            .iter()
-            .map(|b| LinearPart {
-                offset: b.offset,
-                width: 6,
-                matrix: j.as_slice(),
-            })
-            .collect();
-        let white = match bias {
-            Some(_) => worn.covariance - lasting,
-            None => worn.covariance,
-        };
-        self.state
-            .append::<6>(BlockKind::WornError, &Vector6::zeros(), &parts, &white);
-    }
-
-    pub(super) fn worn_error_offset(&self) -> Option<usize> {
-        self.state
-            .layout
-            .of_kind(BlockKind::WornError)
-            .next()
-            .map(|b| b.offset)
-    }
-
-    pub(super) fn intersect(
-        &self,
-        worn: &WornObservation,
-        uv: &Vector2<f64>,
-        uv_f: &Vector2<f64>,
-    ) -> Option<TwoView> {
-        let worn_camera = self.worn_camera.as_ref()?;
-        let t_cf = worn.t_cf.retract(&self.state.worn_error());
-        TwoView::new(&self.camera, uv, worn_camera, uv_f, &t_cf)
-    }
-
-    pub(super) fn worn_covariance(&self, worn: &WornObservation) -> Matrix6<f64> {
-        match (self.worn_error_offset(), self.settings.worn.errors) {
-            (Some(offset), _) => self.state.p.block::<6, 6>(offset, offset),
-            (None, WornErrors::Pixels) => Matrix6::zeros(),
-            (None, _) => worn.covariance,
-        }
-    }
-
-    pub(super) fn rho_variance(&self, worn: &WornObservation, view: &TwoView) -> f64 {
-        let j = view.rho_by_tangent();
-        let pixels = view
-            .rho_variance_from_pixels(self.settings.pixel.sigma_cs, self.settings.pixel.sigma_cf);
-        pixels + (j * self.worn_covariance(worn) * j.transpose())[(0, 0)].max(0.0)
-    }
-
     pub(super) fn start_tight_births(
         &mut self,
         z: &Measurements,

@@ -1,23 +1,50 @@
 //! What a snapshot holds. Every struct is taken apart field by field: one that grows does not compile until it says here
 //! whether the new field is kept.
 
-use super::bad;
+use super::candidate::{Candidate, CandidateImage};
+use super::ekf::Filter;
+use super::innovation_window::Contradictions;
+use super::prediction::LAST_TIME;
+use super::record::FeatureRecord;
+use super::snapshot::{open, seal};
+use super::sources::Scratch;
 use crate::batch::Workspace;
 use crate::camera::Camera;
 use crate::drift::{FrameDrift, Misfit};
 use crate::error::EkfError;
-use crate::filter::{Filter, LAST_TIME};
 use crate::gauge::Gauge;
-use crate::guard;
 use crate::local::{Far, FarImage, Spare};
-use crate::map::{Candidate, CandidateImage, FeatureRecord};
 use crate::settings::{Settings, Value};
 use crate::state::{Layout, State, StateImage};
-use crate::{frame, validate};
+use crate::{guard, validate};
 use nalgebra::Matrix6;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::OnceLock;
+
+impl Filter {
+    /// The filter as bytes, for [`Self::restore`].
+    pub fn snapshot(&self) -> Vec<u8> {
+        let body = postcard::to_stdvec(&self.image()).expect("lists of numbers and names");
+        seal(&body)
+    }
+
+    /// The filter of a snapshot.
+    ///
+    /// # Errors
+    /// `BadSnapshot` if the bytes are cut short, altered or of another version, or describe no filter.
+    pub fn restore(bytes: &[u8]) -> Result<Self, EkfError> {
+        let (image, rest) = postcard::take_from_bytes(open(bytes)?).map_err(|error| {
+            EkfError::bad_snapshot(format!("its body is not readable ({error})"))
+        })?;
+        if !rest.is_empty() {
+            return Err(EkfError::bad_snapshot(
+                "its body has bytes that mean nothing",
+            ));
+        }
+        Self::from_image(image)
+    }
+}
 
 #[derive(Serialize, Deserialize)]
 pub(super) struct FilterImage {
@@ -48,7 +75,7 @@ struct CameraImage {
 }
 
 impl CameraImage {
-    fn of(camera: &Camera) -> Self {
+    pub(super) fn of(camera: &Camera) -> Self {
         Self {
             model: camera.model().into(),
             size: (camera.width, camera.height),
@@ -57,7 +84,7 @@ impl CameraImage {
         }
     }
 
-    fn camera(&self) -> Result<Camera, EkfError> {
+    pub(super) fn camera(&self) -> Result<Camera, EkfError> {
         let (width, height) = self.size;
         let made = Camera::new(
             &self.model,
@@ -66,7 +93,9 @@ impl CameraImage {
             self.intrinsics,
             &self.distortion,
         );
-        made.map_err(|error| bad(format!("a camera in it is impossible ({error})")))
+        made.map_err(|error| {
+            EkfError::bad_snapshot(format!("a camera in it is impossible ({error})"))
+        })
     }
 }
 
@@ -130,14 +159,17 @@ impl Filter {
             followed,
             far,
         } = image;
-        let settings = Settings::from_values(&settings)
-            .map_err(|error| bad(format!("its settings are not this program's ({error})")))?;
+        let settings = Settings::from_values(&settings).map_err(|error| {
+            EkfError::bad_snapshot(format!("its settings are not this program's ({error})"))
+        })?;
         let worn_camera = worn_camera.map(|c| c.camera()).transpose()?;
         let state = State::from_image(&state)?;
         let far = far.map(|far| Far::from_image(far, &state)).transpose()?;
         if far.is_some() != state.duals().next().is_some() || (far.is_some() && !settings.map.local)
         {
-            return Err(bad("its working set and its settings disagree"));
+            return Err(EkfError::bad_snapshot(
+                "its working set and its settings disagree",
+            ));
         }
         let increasing = followed.windows(2).all(|w| w[0] < w[1]);
         if !increasing
@@ -145,10 +177,12 @@ impl Filter {
                 .last()
                 .is_some_and(|&id| id >= state.layout.next_id())
         {
-            return Err(bad("the features that it follows are impossible"));
+            return Err(EkfError::bad_snapshot(
+                "the features that it follows are impossible",
+            ));
         }
         if time.is_some_and(|t| !t.is_finite() || t.abs() > LAST_TIME) || !moved_by.is_finite() {
-            return Err(bad("its time is impossible"));
+            return Err(EkfError::bad_snapshot("its time is impossible"));
         }
         let records = records_of(records, &state.layout, far.as_ref())?;
         let candidates = candidates_of(candidates, next_candidate, &state.layout)?;
@@ -156,10 +190,12 @@ impl Filter {
             Ok(entries) if entries.iter().all(|v| v.is_finite()) => {
                 Matrix6::from_column_slice(&entries)
             }
-            _ => return Err(bad("its drift is no 6x6 matrix")),
+            _ => return Err(EkfError::bad_snapshot("its drift is no 6x6 matrix")),
         };
         if ![nis, dof].iter().all(|v| v.is_finite() && *v >= 0.0) {
-            return Err(bad("its normalised innovations are impossible"));
+            return Err(EkfError::bad_snapshot(
+                "its normalised innovations are impossible",
+            ));
         }
         let mut batch = Workspace::default();
         batch.remember_move(moved_by);
@@ -178,15 +214,15 @@ impl Filter {
             drift: FrameDrift(drift),
             misfit: Misfit { nis, dof },
             gauge: Gauge::following(followed),
-            contradictions: frame::Contradictions::default(),
+            contradictions: Contradictions::default(),
             in_view: Vec::new(),
-            scratch: frame::Scratch::default(),
+            scratch: Scratch::default(),
             far,
             spare: Spare::default(),
             shown: OnceLock::new(),
         };
-        guard::state_is_sane(&filter.state).map_err(bad)?;
-        guard::attitude_is_sane(&filter.state).map_err(bad)?;
+        guard::state_is_sane(&filter.state).map_err(EkfError::bad_snapshot)?;
+        guard::attitude_is_sane(&filter.state).map_err(EkfError::bad_snapshot)?;
         Ok(filter)
     }
 }
@@ -209,7 +245,9 @@ fn records_of(
         || count != inside.len() + outside.len()
         || !records.keys().all(known)
     {
-        return Err(bad("its features and their records disagree"));
+        return Err(EkfError::bad_snapshot(
+            "its features and their records disagree",
+        ));
     }
     Ok(records)
 }
@@ -223,7 +261,7 @@ fn candidates_of(
     for (id, image) in candidates {
         let candidate = Candidate::from_image(image, layout)?;
         if id >= next || out.insert(id, candidate).is_some() {
-            return Err(bad("a candidate's id is impossible"));
+            return Err(EkfError::bad_snapshot("a candidate's id is impossible"));
         }
     }
     Ok(out)

@@ -1,0 +1,229 @@
+//! Births from the camera alone: candidates that wait for parallax, and undelayed births with a weak prior (METHOD 5).
+
+use super::candidate::{Candidate, CandidateOutcome, FirstView};
+use super::ekf::Filter;
+use crate::birth::new_feature::{FirstPoseCovariance, NewFeature};
+use crate::birth::two_view::TwoView;
+use crate::error::EkfError;
+use crate::guard::{check_once, check_pixels};
+use crate::math::pose::Pose;
+use crate::math::quat;
+use crate::observe::POSE_DIM;
+use crate::observe::point::CameraPose;
+use crate::settings::FirstPose;
+use crate::state::{BlockKind, LinearPart};
+use nalgebra::{SMatrix, SVector, Vector2};
+
+impl Filter {
+    /// Starts candidates at pixels of the present view; returns their ids.
+    ///
+    /// With `birth.first_pose = clone` the present pose joins the state once for all of them.
+    ///
+    /// # Errors
+    /// `NonFinite` for a bad pixel, `InvalidInput` before the start.
+    pub fn add_candidates(&mut self, pixels: &[Vector2<f64>]) -> Result<Vec<u64>, EkfError> {
+        check_pixels(pixels.iter())?;
+        self.check_started()?;
+        if pixels.is_empty() {
+            return Ok(Vec::new());
+        }
+        self.changes();
+        let pose = self.state.camera_pose();
+        let first = match self.settings.birth.first_pose {
+            FirstPose::Clone => {
+                let identity = SMatrix::<f64, 7, 7>::identity();
+                let mean: SVector<f64, 7> = self.state.part::<7>(0);
+                let part = LinearPart {
+                    offset: 0,
+                    width: POSE_DIM,
+                    matrix: identity.as_slice(),
+                };
+                let noise = SMatrix::zeros();
+                FirstView::Clone(
+                    self.state
+                        .append::<7>(BlockKind::Clone, &mean, &[part], &noise)
+                        .id,
+                )
+            }
+            FirstPose::Independent => {
+                FirstView::Noted(pose, Box::new(self.state.p.block::<7, 7>(0, 0)))
+            }
+        };
+        let since = self.time.unwrap_or(0.0);
+        let ids = self.next_candidate..self.next_candidate + pixels.len() as u64;
+        self.next_candidate = ids.end;
+        for (id, &uv) in ids.clone().zip(pixels) {
+            let first = first.clone();
+            self.candidates.insert(id, Candidate { uv, since, first });
+        }
+        Ok(ids.collect())
+    }
+
+    /// Observes candidates in the present view; those with enough baseline and parallax are born (DI-D).
+    ///
+    /// # Errors
+    /// `UnknownFeature` for an id that is not a candidate, `NonFinite` for a bad pixel, `InvalidInput` for an id given
+    /// twice; nothing changes then.
+    pub fn observe_candidates(
+        &mut self,
+        seen: &[(u64, Vector2<f64>)],
+    ) -> Result<Vec<CandidateOutcome>, EkfError> {
+        check_once(
+            "candidates",
+            seen.iter().map(|(id, _)| *id),
+            &mut Vec::new(),
+        )?;
+        for (id, uv) in seen {
+            check_pixels(std::iter::once(uv))?;
+            if !self.candidates.contains_key(id) {
+                return Err(EkfError::UnknownFeature { id: *id });
+            }
+        }
+        self.changes();
+        let outcomes = seen
+            .iter()
+            .map(|(id, uv)| {
+                let outcome = self.try_delayed_birth(*id, uv);
+                if outcome != CandidateOutcome::Waiting {
+                    self.candidates.remove(id);
+                }
+                outcome
+            })
+            .collect();
+        Ok(outcomes)
+    }
+
+    /// Candidates that shall wait for parallax no longer: each is born as an undelayed feature of its first view (METHOD 5),
+    /// with the depth of `birth.vague_rho`, and is no candidate any more; None where that gives no feature.
+    ///
+    /// # Errors
+    /// `UnknownFeature` for an id that is not a candidate, `InvalidInput` for one given twice; nothing changes then.
+    pub fn promote_candidates(&mut self, ids: &[u64]) -> Result<Vec<Option<u64>>, EkfError> {
+        check_once("candidates", ids.iter().copied(), &mut Vec::new())?;
+        if let Some(&id) = ids.iter().find(|id| !self.candidates.contains_key(id)) {
+            return Err(EkfError::UnknownFeature { id });
+        }
+        self.changes();
+        let birth = &self.settings.birth;
+        let (rho, sd) = (birth.vague_rho, birth.vague_rho_sd);
+        let sigma = self.settings.pixel.sigma_cs;
+        let mut born = Vec::with_capacity(ids.len());
+        let mut view = None;
+        for id in ids {
+            let candidate = self.candidates.remove(id);
+            let clone = candidate.as_ref().and_then(|c| match c.first {
+                FirstView::Clone(block) => Some(block),
+                FirstView::Noted(..) => None,
+            });
+            // Only features of one view share an anchor.
+            if clone.is_none() || clone != view {
+                self.state.camera_moved();
+            }
+            view = clone;
+            born.push(candidate.and_then(|candidate| {
+                let (first, covariance) = self.first_pose(&candidate)?;
+                let uv = &candidate.uv;
+                let mut new =
+                    NewFeature::with_prior_depth(&self.camera, &first, uv, sigma, rho, sd)?;
+                new.seen_from_first_pose(covariance);
+                self.append_feature(&new).map(|block| block.id)
+            }));
+        }
+        self.state.camera_moved();
+        Ok(born)
+    }
+
+    pub(super) fn try_delayed_birth(&mut self, id: u64, uv: &Vector2<f64>) -> CandidateOutcome {
+        let candidate = &self.candidates[&id];
+        let now = self.state.camera_pose();
+        let Some((first, covariance)) = self.first_pose(candidate) else {
+            return CandidateOutcome::Dropped;
+        };
+        let birth = &self.settings.birth;
+        if (first.r - now.r).norm() < birth.min_baseline {
+            return CandidateOutcome::Waiting;
+        }
+        let r_cw = quat::rotation(&now.q).transpose();
+        let first_in_c = Pose {
+            rotation: r_cw * quat::rotation(&first.q),
+            translation: r_cw * (first.r - now.r),
+        };
+        let sigma = self.settings.pixel.sigma_cs;
+        let Some(view) = TwoView::new(&self.camera, uv, &self.camera, &candidate.uv, &first_in_c)
+        else {
+            return CandidateOutcome::Waiting;
+        };
+        if view.parallax < birth.min_parallax.to_radians() {
+            return CandidateOutcome::Waiting;
+        }
+        let normal = first_in_c
+            .translation
+            .cross(&(view.rotation * view.other_ray));
+        let off_plane = view.ray.dot(&normal.normalize()).abs();
+        // Four sigma of two pixels, and as much again for the poses.
+        if off_plane > 8.0 * std::f64::consts::SQRT_2 * sigma / self.camera.fx {
+            return CandidateOutcome::Dropped;
+        }
+        if view.rho_variance_from_pixels(sigma, sigma).sqrt() > birth.max_rho_ratio * view.rho {
+            return CandidateOutcome::Waiting;
+        }
+        let mut new = NewFeature::from_two_views(&now, &view, sigma, sigma);
+        new.depend_on_first_pose(&now, &first, &view, covariance);
+        match self.append_feature(&new) {
+            Some(block) => CandidateOutcome::Born(block.id),
+            None => CandidateOutcome::Dropped,
+        }
+    }
+
+    /// Pose of a candidate's first view, and where its uncertainty comes from; None without its clone.
+    pub(super) fn first_pose<'a>(
+        &self,
+        candidate: &'a Candidate,
+    ) -> Option<(CameraPose, FirstPoseCovariance<'a>)> {
+        match &candidate.first {
+            FirstView::Clone(block) => {
+                let offset = self.state.layout.find(*block)?.offset;
+                let pose = self.state.pose_at(offset);
+                Some((pose, FirstPoseCovariance::InState(offset)))
+            }
+            FirstView::Noted(pose, cov) => Some((*pose, FirstPoseCovariance::Independent(cov))),
+        }
+    }
+
+    /// Starts features at first sight with the vague depth of `birth.undelayed_rho` (METHOD 5, undelayed).
+    ///
+    /// Before the start this is the scale-free start: the depth prior fixes an arbitrary scale.
+    ///
+    /// # Errors
+    /// `NonFinite` for a bad pixel.
+    pub fn add_undelayed(&mut self, pixels: &[Vector2<f64>]) -> Result<Vec<Option<u64>>, EkfError> {
+        check_pixels(pixels.iter())?;
+        self.changes();
+        if !self.started && !pixels.is_empty() {
+            self.start();
+        }
+        let pose = self.state.camera_pose();
+        let birth = &self.settings.birth;
+        let (rho, sd) = (birth.undelayed_rho, birth.undelayed_rho_sd);
+        let sigma = self.settings.pixel.sigma_cs;
+        Ok(pixels
+            .iter()
+            .map(|uv| {
+                NewFeature::with_prior_depth(&self.camera, &pose, uv, sigma, rho, sd)
+                    .and_then(|new| self.append_feature(&new).map(|block| block.id))
+            })
+            .collect())
+    }
+
+    /// Ids of the candidates that wait, increasing.
+    pub fn candidate_ids(&self) -> impl Iterator<Item = u64> {
+        self.candidates.keys().copied()
+    }
+
+    /// Removes a candidate that was lost; unknown ids are ignored, since a birth removes its candidate too.
+    pub fn drop_candidates(&mut self, ids: &[u64]) {
+        for id in ids {
+            self.candidates.remove(id);
+        }
+    }
+}

@@ -1,0 +1,104 @@
+//! Candidates: points that are tracked until their parallax allows a delayed birth (METHOD 5).
+
+use crate::error::EkfError;
+use crate::guard::check_pixels;
+use crate::observe::POSE_DIM;
+use crate::observe::point::CameraPose;
+use crate::state::{BlockKind, Layout};
+use nalgebra::{SMatrix, SVector, Vector2};
+use serde::{Deserialize, Serialize};
+
+/// A point that is tracked until its parallax allows a birth.
+#[derive(Clone, Debug)]
+pub(super) struct Candidate {
+    /// Pixel in the first view.
+    pub uv: Vector2<f64>,
+    /// Time of the first view, seconds.
+    pub since: f64,
+    pub(super) first: FirstView,
+}
+
+#[derive(Clone, Debug)]
+pub(super) enum FirstView {
+    /// The pose is a block of the state.
+    Clone(u64),
+    /// The pose and its covariance were noted.
+    Noted(CameraPose, Box<SMatrix<f64, 7, 7>>),
+}
+
+/// A candidate in a snapshot.
+#[derive(Serialize, Deserialize)]
+pub(super) struct CandidateImage {
+    uv: [f64; 2],
+    since: f64,
+    /// The block of the first pose, or the pose and its covariance.
+    first: Result<u64, Vec<f64>>,
+}
+
+impl Candidate {
+    pub(super) fn image(&self) -> CandidateImage {
+        let Self { uv, since, first } = self;
+        CandidateImage {
+            uv: [uv.x, uv.y],
+            since: *since,
+            first: match first {
+                FirstView::Clone(block) => Ok(*block),
+                FirstView::Noted(CameraPose { r, q }, covariance) => {
+                    let numbers = r.iter().chain(q.iter()).chain(covariance.iter());
+                    Err(numbers.copied().collect())
+                }
+            },
+        }
+    }
+
+    pub(super) fn from_image(image: CandidateImage, layout: &Layout) -> Result<Self, EkfError> {
+        let CandidateImage { uv, since, first } = image;
+        let first = match first {
+            Ok(id) => {
+                let block = layout.find(id);
+                if block.is_some_and(|block| block.kind != BlockKind::Clone) {
+                    return Err(EkfError::bad_snapshot(
+                        "a candidate's first pose is something else",
+                    ));
+                }
+                FirstView::Clone(id)
+            }
+            Err(numbers) if numbers.len() == POSE_DIM + POSE_DIM * POSE_DIM => {
+                if !numbers.iter().all(|v| v.is_finite()) {
+                    return Err(EkfError::bad_snapshot(
+                        "a candidate's first pose is not finite",
+                    ));
+                }
+                let (pose, covariance) = numbers.split_at(POSE_DIM);
+                let pose = CameraPose {
+                    r: SVector::from_column_slice(&pose[..3]),
+                    q: SVector::from_column_slice(&pose[3..]),
+                };
+                FirstView::Noted(pose, Box::new(SMatrix::from_column_slice(covariance)))
+            }
+            Err(_) => {
+                return Err(EkfError::bad_snapshot(
+                    "a candidate's first pose has not 56 numbers",
+                ));
+            }
+        };
+        let uv = Vector2::from(uv);
+        if !since.is_finite() || check_pixels(std::iter::once(&uv)).is_err() {
+            return Err(EkfError::bad_snapshot(
+                "a candidate's pixel or time is impossible",
+            ));
+        }
+        Ok(Self { uv, since, first })
+    }
+}
+
+/// What became of an observed candidate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum CandidateOutcome {
+    /// Born as this feature.
+    Born(u64),
+    /// Too little baseline or parallax yet: it waits.
+    Waiting,
+    /// The two rays contradict each other: it was dropped.
+    Dropped,
+}

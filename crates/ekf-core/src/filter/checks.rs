@@ -1,0 +1,92 @@
+//! What a call is asked before anything changes.
+
+use super::ekf::Filter;
+use super::measurements::Measurements;
+use super::sources::Scratch;
+use crate::camera::Camera;
+use crate::error::EkfError;
+use crate::guard;
+use crate::guard::{check_bias, check_once, check_pixels, check_pose};
+use crate::math::pose::Pose;
+use crate::state::Block;
+use nalgebra::Matrix6;
+
+impl Filter {
+    pub(super) fn check_started(&self) -> Result<(), EkfError> {
+        if self.started {
+            return Ok(());
+        }
+        Err(EkfError::InvalidInput {
+            what: "filter",
+            why: "it has not started; give it a worn camera's overlap, known points or undelayed \
+                  features first"
+                .into(),
+        })
+    }
+
+    pub(super) fn feature_block(&self, id: u64) -> Result<Block, EkfError> {
+        match self.state.layout.find(id) {
+            Some(block) if block.kind.is_feature() => Ok(*block),
+            _ => Err(EkfError::UnknownFeature { id }),
+        }
+    }
+
+    /// Whether there is a feature with this id.
+    pub(super) fn known(&self, id: u64) -> Result<(), EkfError> {
+        if self.far.as_ref().is_some_and(|far| far.has(id)) {
+            return Ok(());
+        }
+        self.feature_block(id).map(|_| ())
+    }
+
+    /// Whether a view of Cf can be measured; what is refused here is refused by [`Filter::update`].
+    ///
+    /// `covariance` is that of `t_cf`, 6x6, (translation, rotation), m^2 and rad^2, right tangent; `bias` the part of it
+    /// that lasts from frame to frame.
+    ///
+    /// # Errors
+    /// [`EkfError`] if the filter has no camera model of Cf, or if a number cannot be what it stands for.
+    pub fn check_worn(
+        &self,
+        t_cf: &Pose,
+        covariance: &Matrix6<f64>,
+        bias: Option<&Matrix6<f64>>,
+    ) -> Result<(), EkfError> {
+        self.worn_model()?;
+        check_pose(t_cf, covariance)?;
+        bias.map_or(Ok(()), |bias| check_bias(bias, covariance))
+    }
+
+    pub(super) fn worn_model(&self) -> Result<&Camera, EkfError> {
+        self.worn_camera.as_ref().ok_or(EkfError::InvalidInput {
+            what: "worn camera",
+            why: "the filter was made without a camera model of Cf; give one".into(),
+        })
+    }
+
+    pub(super) fn check_measurements(
+        &self,
+        z: &Measurements,
+        scratch: &mut Scratch,
+    ) -> Result<(), EkfError> {
+        let pairs = z.pairs();
+        let pixels = z.bearings.iter().map(|b| &b.uv);
+        let pixels = pixels.chain(pairs.iter().flat_map(|p| [&p.uv, &p.uv_f]));
+        check_pixels(pixels.chain(z.depths.iter().map(|d| &d.uv)))?;
+        let bearings = || z.bearings.iter().map(|b| b.id);
+        let depths = z.depths.iter().filter_map(|d| d.id);
+        let others = || pairs.iter().filter_map(|p| p.id).chain(depths.clone());
+        for id in bearings().chain(others()).chain(z.searched.iter().copied()) {
+            self.known(id)?;
+        }
+        check_once("bearings", bearings(), &mut scratch.ids)?;
+        check_once("worn pairs and depths", others(), &mut scratch.ids)?;
+        for depth in &z.depths {
+            guard::depth(depth.depth, depth.sigma)?;
+        }
+        if let Some(worn) = &z.worn {
+            self.check_worn(&worn.t_cf, &worn.covariance, worn.bias.as_ref())?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,204 @@
+//! The filter: what a frame loop calls, in the order of METHOD 7.
+//!
+//! ```text
+//! predict(t) -> predict_pixels() -> [search, match outside] -> update(measurements)
+//!            -> observe_candidates() -> manage_map() -> add_candidates() / add_undelayed()
+//! ```
+
+use super::candidate::Candidate;
+use super::innovation_window::Contradictions;
+use super::record::FeatureRecord;
+use super::sources::Scratch;
+use crate::batch::Workspace;
+use crate::camera::Camera;
+use crate::drift::{FrameDrift, Misfit};
+use crate::error::EkfError;
+use crate::gauge::Gauge;
+use crate::local::{Far, Spare};
+use crate::math::quat;
+use crate::settings::{Consistency, Settings};
+use crate::state::{CAMERA_DIM, Mark, State};
+use crate::{guard, validate};
+use nalgebra::{Matrix3, SMatrix, Vector3};
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
+
+/// An Extended Kalman Filter over one camera and its map. One filter serves one thread at a time.
+#[derive(Clone, Debug)]
+pub struct Filter {
+    pub(super) settings: Settings,
+    pub(super) camera: Camera,
+    pub(super) worn_camera: Option<Camera>,
+    pub(super) state: State,
+    pub(super) time: Option<f64>,
+    pub(super) started: bool,
+    pub(super) records: BTreeMap<u64, FeatureRecord>,
+    pub(super) candidates: BTreeMap<u64, Candidate>,
+    pub(super) next_candidate: u64,
+    pub(super) batch: Workspace,
+    pub(super) test: validate::Workspace,
+    pub(super) drift: FrameDrift,
+    pub(super) misfit: Misfit,
+    pub(super) gauge: Gauge,
+    pub(super) contradictions: Contradictions,
+    pub(super) scratch: Scratch,
+    /// Room for the next list of features that the gauge follows.
+    pub(super) in_view: Vec<u64>,
+    /// What is outside of the working state `state`, with `map.local`.
+    pub(super) far: Option<Far>,
+    /// Room for the next working set of `map.local`.
+    pub(super) spare: Spare,
+    /// The whole state, if it was asked for since the last change.
+    pub(super) shown: OnceLock<Box<State>>,
+}
+
+/// Features for which there is room before the first one is born.
+const AT_FIRST: usize = 500;
+
+impl Filter {
+    /// A filter that has not started: camera at the origin of W, no map.
+    ///
+    /// `worn_camera` is the model of Cf, needed only to take its pixels.
+    pub fn new(settings: Settings, camera: Camera, worn_camera: Option<Camera>) -> Self {
+        // More is taken when it is needed.
+        let features = settings.map.max_features.min(AT_FIRST);
+        let capacity = CAMERA_DIM + 6 * features + 64;
+        Self {
+            state: State::at_origin(capacity),
+            settings,
+            camera,
+            worn_camera,
+            time: None,
+            started: false,
+            records: BTreeMap::new(),
+            candidates: BTreeMap::new(),
+            next_candidate: 0,
+            batch: Workspace::default(),
+            test: validate::Workspace::default(),
+            drift: FrameDrift::default(),
+            misfit: Misfit::default(),
+            gauge: Gauge::default(),
+            contradictions: Contradictions::default(),
+            scratch: Scratch::default(),
+            in_view: Vec::new(),
+            far: None,
+            spare: Spare::default(),
+            shown: OnceLock::new(),
+        }
+    }
+
+    /// The settings in force.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// The state: mean, covariance, layout. With `map.local` it is put together when asked for, in O(n^2).
+    pub fn state(&self) -> &State {
+        match &self.far {
+            Some(far) => self
+                .shown
+                .get_or_init(|| Box::new(far.settle(&self.state, &mut Spare::default()))),
+            None => &self.state,
+        }
+    }
+
+    /// To be called before anything changes.
+    pub(super) fn changes(&mut self) {
+        self.shown.take();
+    }
+
+    /// Whether the filter is sound (METHOD 3): mean and P finite, quaternions of unit length, the least eigenvalue of the
+    /// diagonal-scaled P above -1e-10. O(n^3): a monitor, not part of a step.
+    ///
+    /// # Errors
+    /// `Unsound`, saying what is wrong.
+    pub fn check(&self) -> Result<(), EkfError> {
+        let unsound = |why: String| EkfError::Unsound { why };
+        let state = self.state();
+        guard::state_is_sane(state).map_err(unsound)?;
+        guard::attitude_is_sane(&self.state).map_err(unsound)?;
+        let least = state.p.least_scaled_eigenvalue();
+        if least.is_nan() || least < -guard::ROUNDING {
+            let why = format!("the least eigenvalue of the scaled P is {least:e}");
+            return Err(unsound(why));
+        }
+        Ok(())
+    }
+
+    /// `v_W`, m/s.
+    pub fn velocity(&self) -> Vector3<f64> {
+        self.state.velocity()
+    }
+
+    /// `w_C`, rad/s.
+    pub fn angular_velocity(&self) -> Vector3<f64> {
+        self.state.angular_velocity()
+    }
+
+    /// Time of the last prediction, seconds.
+    pub fn time(&self) -> Option<f64> {
+        self.time
+    }
+
+    /// Whether there is a metric (or scale-free) start.
+    pub fn started(&self) -> bool {
+        self.started
+    }
+
+    /// Number of features in the map.
+    pub fn map_size(&self) -> usize {
+        let outside = self.far.as_ref().map_or(0, Far::len);
+        self.state.layout.features().count() + outside
+    }
+
+    /// Number of candidates that wait for parallax.
+    pub fn candidate_count(&self) -> usize {
+        self.candidates.len()
+    }
+
+    /// T_WC as rotation matrix and position.
+    pub fn pose(&self) -> (Matrix3<f64>, Vector3<f64>) {
+        let pose = self.state.camera_pose();
+        (quat::rotation(&pose.q), pose.r)
+    }
+
+    /// 6x6 covariance of the pose, (translation, rotation), right tangent: the state's, and the drift of W.
+    pub fn pose_covariance(&self) -> SMatrix<f64, 6, 6> {
+        self.state.pose_covariance() + self.drift.of_pose(&self.state.camera_pose())
+    }
+
+    /// Whether P moves with the directions that no camera can see.
+    pub(super) fn carries(&self) -> bool {
+        self.settings.estimator.consistency == Consistency::Gauge
+    }
+
+    /// Features that the gauge transport follows: those in view, and those that were in view and are still close to it,
+    /// increasing.
+    pub fn followed(&self) -> &[u64] {
+        self.gauge.followed()
+    }
+
+    /// Gives the camera its uncertain velocity at the start.
+    pub(super) fn start(&mut self) {
+        let process = &self.settings.process;
+        for i in 0..3 {
+            self.state
+                .p
+                .set(7 + i, 7 + i, process.start_velocity_sd.powi(2));
+            self.state
+                .p
+                .set(10 + i, 10 + i, process.start_angular_velocity_sd.powi(2));
+        }
+        self.started = true;
+    }
+
+    /// Takes away what was appended since `mark`.
+    pub(super) fn take_back(&mut self, mark: &Mark) {
+        self.state.take_back(mark);
+        self.gauge.forget_from(self.state.layout.next_id());
+        let (state, far) = (&self.state, &self.far);
+        self.records.retain(|&id, _| {
+            state.layout.find(id).is_some() || far.as_ref().is_some_and(|far| far.has(id))
+        });
+    }
+}

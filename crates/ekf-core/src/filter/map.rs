@@ -1,0 +1,152 @@
+//! Upkeep of the map (METHOD 7, step 8).
+
+use super::candidate::FirstView;
+use super::ekf::Filter;
+use super::record::FeatureRecord;
+use super::visibility::sight;
+use crate::birth::new_feature::NewFeature;
+use crate::error::EkfError;
+use crate::guard;
+use crate::observe::POSE_DIM;
+use crate::state::{Block, BlockKind, LinearPart};
+
+impl Filter {
+    /// Puts a newborn feature into the state, if its numbers are ones that the state may hold.
+    pub(super) fn append_feature(&mut self, new: &NewFeature) -> Option<Block> {
+        if !guard::newborn_is_sane(new) {
+            return None;
+        }
+        let mut parts = vec![LinearPart {
+            offset: 0,
+            width: POSE_DIM,
+            matrix: new.by_pose.as_slice(),
+        }];
+        if let Some((offset, by, width)) = &new.by_other {
+            parts.push(LinearPart {
+                offset: *offset,
+                width: *width,
+                matrix: &by.as_slice()[..6 * width],
+            });
+        }
+        let block = self.state.append_feature(&new.mean, &parts, &new.noise);
+        if !guard::newborn_is_located(&self.state, &block) {
+            self.state.remove(|b| b.id == block.id);
+            return None;
+        }
+        let record = FeatureRecord {
+            last_found: self.time.unwrap_or(0.0),
+            ..FeatureRecord::default()
+        };
+        self.records.insert(block.id, record);
+        self.gauge.follow(block.id);
+        Some(block)
+    }
+
+    /// Removes features at once.
+    ///
+    /// # Errors
+    /// `UnknownFeature`; nothing is removed then.
+    pub fn remove_features(&mut self, ids: &[u64]) -> Result<(), EkfError> {
+        for &id in ids {
+            self.known(id)?;
+        }
+        self.remove_blocks(ids);
+        Ok(())
+    }
+
+    pub(super) fn remove_blocks(&mut self, ids: &[u64]) {
+        self.changes();
+        if let Some(far) = &mut self.far {
+            far.remove(&mut self.state, |id| ids.contains(&id));
+        }
+        self.state.remove(|b| ids.contains(&b.id));
+        for id in ids {
+            self.records.remove(id);
+        }
+    }
+
+    /// Deletes features that keep failing or whose depth went wrong, the longest unseen beyond
+    /// `map.max_features`, candidates that are too old and clones that nobody needs. Makes points of features that have
+    /// converged, with `map.linearity_index`. Returns the ids of deleted features.
+    pub fn manage_map(&mut self) -> Vec<u64> {
+        let map = &self.settings.map;
+        let now = self.time.unwrap_or(0.0);
+        let mut gone: Vec<u64> = Vec::new();
+        let mut kept: Vec<(f64, u64)> = Vec::new();
+        let near = self.state.layout.features();
+        let near = near.map(|block| (*block, self.state.feature(block)));
+        let mut features: Vec<_> = near.collect();
+        if let Some(far) = &self.far {
+            features.extend(far.means(&self.state));
+            features.sort_unstable_by_key(|(block, _)| block.id);
+        }
+        for (block, feature) in features {
+            let record = &self.records[&block.id];
+            let failing = record.searched >= map.min_searches
+                && (record.found as f64) < map.min_found_share * record.searched as f64;
+            if failing || feature.point().is_none() {
+                gone.push(block.id);
+            } else {
+                kept.push((record.last_found, block.id));
+            }
+        }
+        if kept.len() > map.max_features {
+            kept.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            let excess = kept.len() - map.max_features;
+            gone.extend(kept[..excess].iter().map(|(_, id)| *id));
+        }
+        let age = map.candidate_age;
+        self.candidates.retain(|_, c| now - c.since <= age);
+        let mut needed: Vec<u64> = self
+            .candidates
+            .values()
+            .filter_map(|c| match c.first {
+                FirstView::Clone(id) => Some(id),
+                FirstView::Noted(..) => None,
+            })
+            .collect();
+        needed.dedup();
+        self.changes();
+        if let Some(far) = &mut self.far {
+            far.remove(&mut self.state, |id| gone.contains(&id));
+        }
+        self.state.remove(|b| match b.kind {
+            BlockKind::Feature(_) => gone.contains(&b.id),
+            BlockKind::Clone => !needed.contains(&b.id),
+            BlockKind::WornBias | BlockKind::WornError | BlockKind::Dual(_) => false,
+        });
+        for id in &gone {
+            self.records.remove(id);
+        }
+        self.shrink_converged();
+        gone
+    }
+
+    /// Makes points of the features in view whose depth has converged, with `map.linearity_index`.
+    pub(super) fn shrink_converged(&mut self) {
+        let largest = self.settings.map.linearity_index;
+        if largest == 0.0 {
+            return;
+        }
+        let (state, pose) = (&self.state, self.state.camera_pose());
+        let seen = sight(&self.camera, &pose);
+        let has_converged = |block: &Block| {
+            let (feature, (_, own)) = (state.feature(block), state.feature_covariance(block));
+            let index = feature.linearity_index(&own, &pose.r);
+            index.is_some_and(|index| index < largest)
+                && feature.point().is_some_and(|point| seen(&point, 0.0))
+        };
+        // What the gauge follows has its direction at the present mean.
+        let blocks = state.layout.features();
+        let blocks = blocks.filter(|b| !self.carries() || self.gauge.follows(b.id));
+        let mut ids: Vec<u64> = blocks.filter(|b| has_converged(b)).map(|b| b.id).collect();
+        if ids.is_empty() {
+            return;
+        }
+        ids.sort_unstable();
+        if let Some(far) = &mut self.far {
+            far.fetch_twins(&mut self.state, |id| ids.binary_search(&id).is_ok());
+        }
+        self.state.shrink(&ids);
+    }
+}

@@ -1,0 +1,179 @@
+//! What one frame measures, and what an update reports about it.
+
+use crate::error::EkfError;
+use crate::math::pose::Pose;
+use nalgebra::{Matrix6, Vector2, Vector6};
+
+/// A feature found in Cs.
+#[derive(Clone, Copy, Debug)]
+pub struct Bearing {
+    /// Id of the feature.
+    pub id: u64,
+    /// Its pixel in Cs.
+    pub uv: Vector2<f64>,
+}
+
+/// A point seen by both cameras.
+#[derive(Clone, Copy, Debug)]
+pub struct WornPair {
+    /// The feature it is, or `None` for a new point.
+    pub id: Option<u64>,
+    /// Its pixel in Cs.
+    pub uv: Vector2<f64>,
+    /// Its pixel in Cf.
+    pub uv_f: Vector2<f64>,
+}
+
+/// What the worn camera contributes to a frame.
+#[derive(Clone, Debug)]
+pub struct WornObservation {
+    /// Measured T_CF: maps points of F into C.
+    pub t_cf: Pose,
+    /// 6x6 covariance of its error, (translation, rotation), right tangent.
+    pub covariance: Matrix6<f64>,
+    /// The part of that covariance that lasts from frame to frame; `worn.bias_share` of it if `None`.
+    pub bias: Option<Matrix6<f64>>,
+    /// Matches between both images.
+    pub pairs: Vec<WornPair>,
+}
+
+/// A depth from any other source: a range finder, a depth camera.
+#[derive(Clone, Copy, Debug)]
+pub struct DepthObservation {
+    /// The feature it belongs to, or `None` for a new point.
+    pub id: Option<u64>,
+    /// Pixel in Cs.
+    pub uv: Vector2<f64>,
+    /// Depth along Cs's optical axis, metres, at least a millimetre.
+    pub depth: f64,
+    /// Its standard deviation, metres, at least a micrometre.
+    pub sigma: f64,
+}
+
+/// All measurements of one frame.
+#[derive(Clone, Debug, Default)]
+pub struct Measurements {
+    /// Features that were looked for, found or not.
+    pub searched: Vec<u64>,
+    /// Features found in Cs.
+    pub bearings: Vec<Bearing>,
+    /// The worn camera's part.
+    pub worn: Option<WornObservation>,
+    /// Other depths.
+    pub depths: Vec<DepthObservation>,
+    /// Fewest accepted bearings with which the frame is believed: with fewer nothing of it is used.
+    pub least: usize,
+}
+
+impl Measurements {
+    /// The worn camera's pairs, if it contributes.
+    pub(super) fn pairs(&self) -> &[WornPair] {
+        self.worn.as_ref().map_or(&[], |worn| &worn.pairs)
+    }
+}
+
+/// What became of one measurement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// Accepted as two pixel rows.
+    Pixel,
+    /// Accepted as three metric rows.
+    Depth,
+    /// Its feature was measured by a better form of the same match.
+    Replaced,
+    /// Not accurate enough to be worth more than its bearing; of a pixel: predicted no better than somewhere in the image.
+    TooUncertain,
+    /// The rays do not meet in front of both cameras, or the feature predicts nothing.
+    NotVisible,
+    /// Failed its own chi-square gate.
+    RejectedGate,
+    /// Rejected by the batch test.
+    RejectedBatch,
+    /// Contradicted by the other accepted matches.
+    RejectedConditional,
+    /// A new feature with this id.
+    Born(u64),
+    /// Not used in this mode.
+    Unused,
+    /// Refused with the whole frame: the update would have broken the filter.
+    Refused,
+}
+
+/// What one update did.
+#[derive(Clone, Debug, Default)]
+pub struct UpdateReport {
+    /// One per bearing.
+    pub bearings: Vec<Outcome>,
+    /// One per worn pair.
+    pub pairs: Vec<Outcome>,
+    /// One per depth.
+    pub depths: Vec<Outcome>,
+    /// Normalised innovation squared of the accepted batch.
+    pub nis: f64,
+    /// Its degrees of freedom.
+    pub dof: usize,
+    /// Number of matches the batch test left out.
+    pub order: usize,
+    /// Whether the batch test finished its exact search.
+    pub exact: bool,
+    /// Number of linearisations of the update.
+    pub iterations: usize,
+    /// Estimated error of T_CF after the update, tangent (m, rad).
+    pub worn_error: Vector6<f64>,
+    /// Why the frame was refused, if it was: the filter is as it was before.
+    pub refused: Option<EkfError>,
+    /// Whether [`Measurements::least`] bearings were accepted; otherwise nothing of the frame was used.
+    pub believed: bool,
+}
+
+impl UpdateReport {
+    /// What there is to say of measurements that [`Filter::update`] answered with `NotPositiveDefinite` or `Unsound`.
+    pub fn refused(z: &Measurements, error: EkfError) -> Self {
+        let mut report = Self::default();
+        report.start(z);
+        for list in [&mut report.bearings, &mut report.pairs, &mut report.depths] {
+            list.fill(Outcome::Refused);
+        }
+        report.refused = Some(error);
+        report.believed = false;
+        report
+    }
+
+    /// As before anything is done with the measurements; the lists keep their room.
+    pub(super) fn start(&mut self, z: &Measurements) {
+        let lists = [&mut self.bearings, &mut self.pairs, &mut self.depths].map(std::mem::take);
+        let [mut bearings, mut pairs, mut depths] = lists;
+        refill(&mut bearings, Outcome::NotVisible, z.bearings.len());
+        refill(&mut pairs, Outcome::Unused, z.pairs().len());
+        refill(&mut depths, Outcome::NotVisible, z.depths.len());
+        *self = Self {
+            bearings,
+            pairs,
+            depths,
+            exact: true,
+            iterations: 1,
+            believed: true,
+            ..Self::default()
+        };
+    }
+
+    /// Number of features measured in Cs.
+    pub(super) fn located_by(&self) -> usize {
+        let accepted = |o: &&Outcome| matches!(o, Outcome::Pixel | Outcome::Replaced);
+        self.bearings.iter().filter(accepted).count()
+    }
+
+    /// Says that the frame was not believed.
+    pub(super) fn reject_all(&mut self, z: &Measurements) {
+        self.start(z);
+        self.bearings.fill(Outcome::RejectedBatch);
+        self.pairs.fill(Outcome::Unused);
+        self.depths.fill(Outcome::Unused);
+        self.believed = false;
+    }
+}
+
+pub(super) fn refill<T: Clone>(list: &mut Vec<T>, value: T, len: usize) {
+    list.clear();
+    list.resize(len, value);
+}

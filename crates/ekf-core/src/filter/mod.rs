@@ -1,0 +1,43 @@
+//! The filter: what a frame loop calls, in the order of METHOD 7.
+//!
+//! ```text
+//! predict(t) -> predict_pixels() -> [search, match outside] -> update(measurements)
+//!            -> observe_candidates() -> manage_map() -> add_candidates() / add_undelayed()
+//! ```
+//!
+//! [`Filter`] is one struct; each file beside this one holds the calls of one subject.
+
+mod births;
+mod candidate;
+mod checks;
+mod conditional_prediction;
+mod ekf;
+mod innovation_window;
+mod known_map;
+mod landmarks;
+mod map;
+mod measurement;
+mod measurements;
+mod metric_births;
+mod predicted_features;
+mod prediction;
+mod record;
+mod relocalisation;
+pub mod snapshot;
+mod snapshot_image;
+mod sources;
+mod update;
+mod validation;
+mod visibility;
+mod working_set;
+mod worn_error;
+
+pub use candidate::CandidateOutcome;
+pub use conditional_prediction::Expectation;
+pub use ekf::Filter;
+pub use known_map::KnownMap;
+pub use landmarks::Landmark;
+pub use measurements::{
+    Bearing, DepthObservation, Measurements, Outcome, UpdateReport, WornObservation, WornPair,
+};
+pub use predicted_features::PredictedFeature;

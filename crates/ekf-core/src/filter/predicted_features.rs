@@ -1,0 +1,95 @@
+//! Where the features of the map should appear in the image, and how well that is known (METHOD 7, step 2).
+
+use super::ekf::Filter;
+use super::visibility::{Appearance, MAYBE, appearance, sight};
+use crate::math::plus_transpose;
+use crate::observe::FeatureState;
+use nalgebra::{Matrix2, SMatrix, Vector2, Vector3};
+
+/// What a feature is expected to look like (METHOD 7, step 2).
+#[derive(Clone, Debug)]
+pub struct PredictedFeature {
+    /// Its id.
+    pub id: u64,
+    /// Predicted pixel in Cs.
+    pub uv: Vector2<f64>,
+    /// Innovation covariance of that pixel, measurement noise included, px^2.
+    pub s: Matrix2<f64>,
+    /// Point in W, metres.
+    pub point: Vector3<f64>,
+    /// Inverse range from the camera now, 1/m.
+    pub rho: f64,
+    /// Its standard deviation, 1/m.
+    pub rho_sd: f64,
+}
+
+/// Covariance of the camera's pose, of the pose with a feature, and of the feature.
+type Covariances<'a> = (
+    &'a SMatrix<f64, 7, 7>,
+    &'a SMatrix<f64, 7, 6>,
+    &'a SMatrix<f64, 6, 6>,
+);
+
+impl Filter {
+    /// Pixel, S and point of every feature that should be visible in Cs (METHOD 4: in front, in the image, rho > 0).
+    pub fn predict_pixels(&self) -> Vec<PredictedFeature> {
+        let mut seen = Vec::with_capacity(self.map_size());
+        self.predict_pixels_into(&mut seen);
+        seen
+    }
+
+    /// As [`Self::predict_pixels`], in place of what a list of before holds: a warm filter allocates nothing then.
+    pub fn predict_pixels_into(&self, seen: &mut Vec<PredictedFeature>) {
+        seen.clear();
+        let pose = self.state.camera_pose();
+        let p_pose = self.state.p.block::<7, 7>(0, 0);
+        for block in self.state.layout.features() {
+            let feature = self.state.feature(block);
+            if let Some(view) = appearance(&self.camera, &pose, &feature, 0.0) {
+                let (p_cross, p_own) = self.state.feature_covariance(block);
+                seen.push(self.expect(block.id, &feature, &view, (&p_pose, &p_cross, &p_own)));
+            }
+        }
+        if let Some(far) = self.far.as_ref().filter(|far| !far.is_clear(&pose)) {
+            let seen_at = sight(&self.camera, &pose);
+            let may_be = far.maybe_in_view(&self.state, |point| seen_at(point, -MAYBE));
+            for (block, feature) in may_be {
+                if let Some(view) = appearance(&self.camera, &pose, &feature, 0.0) {
+                    let (p_cross, p_own) = far.covariance(&self.state, &block);
+                    seen.push(self.expect(block.id, &feature, &view, (&p_pose, &p_cross, &p_own)));
+                }
+            }
+            seen.sort_unstable_by_key(|f| f.id);
+        }
+    }
+
+    /// Pixel and uncertainty of a feature that is in view, from its covariance with the pose and its own.
+    pub(super) fn expect(
+        &self,
+        id: u64,
+        feature: &FeatureState,
+        view: &Appearance,
+        (p_pose, p_cross, p_own): Covariances<'_>,
+    ) -> PredictedFeature {
+        let Appearance {
+            point,
+            uv,
+            by_point,
+        } = view;
+        let point_cov = point.by_pose * p_pose * point.by_pose.transpose()
+            + point.by_feature * p_own * point.by_feature.transpose()
+            + plus_transpose(point.by_pose * p_cross * point.by_feature.transpose());
+        let range = point.value.norm();
+        let along = point.value / range;
+        let range_var = (along.transpose() * point_cov * along)[(0, 0)].max(0.0);
+        let sigma2 = self.settings.pixel.sigma_cs.powi(2);
+        PredictedFeature {
+            id,
+            uv: *uv,
+            s: by_point * point_cov * by_point.transpose() + Matrix2::identity() * sigma2,
+            point: feature.point().unwrap_or_default(),
+            rho: 1.0 / range,
+            rho_sd: range_var.sqrt() / (range * range),
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! Prediction (METHOD 3), and what comes into view by it.
+
+use super::ekf::Filter;
+use super::visibility::{MAYBE, appearance, sight};
+use crate::error::EkfError;
+use crate::kernel::Panels;
+use crate::observe::FeatureState;
+use crate::observe::point::CameraPose;
+use crate::state::{CAMERA_DIM, State};
+use crate::{guard, predict};
+
+/// Largest time stamp, seconds: some thousand years; nanoseconds since 1970 are far beyond.
+pub(crate) const LAST_TIME: f64 = 1e11;
+
+/// Shortest time between two frames, seconds: the steps of f64 time stamps since 1970 are a quarter of it.
+pub(super) const SHORTEST_STEP: f64 = 1e-6;
+
+/// Longest time that one prediction bridges, seconds; beyond it the stamps are taken to be wrong.
+pub(super) const LONGEST_GAP: f64 = 3600.0;
+
+/// Longest motion that is predicted, seconds. After it nothing is known of the attitude any more (its sd is several
+/// turns with the default process noise), so that more of it would only drown the map's digits in P.
+pub(super) const LONGEST_MOTION: f64 = 20.0;
+
+/// ...unless an update has moved the camera by as much (metres or quaternion entries): the map may have moved as well.
+pub(super) const JUMP: f64 = 0.02;
+
+/// Pixels out of the image within which features join the working set when one in view does.
+pub(super) const SOON: f64 = 60.0;
+
+impl Filter {
+    /// Predicts to time `t`, seconds. Before the start only the time is noted. A gap of more than 20 s is predicted as
+    /// one of 20 s, after which the pose is as good as unknown: find it again in the map.
+    ///
+    /// # Errors
+    /// `NonFinite`; `InvalidInput` if `t` cannot be in seconds; `BadTime` if it is not a microsecond after the last frame;
+    /// `LongGap` if it is more than an hour after it, `InvalidInput` if P would leave all bounds (after years of gaps
+    /// without a measurement). Nothing changes then.
+    pub fn predict(&mut self, t: f64) -> Result<(), EkfError> {
+        if !t.is_finite() {
+            return Err(EkfError::NonFinite { what: "time" });
+        }
+        if t.abs() > LAST_TIME {
+            let why = format!("{t} s is no time stamp in seconds; are these nanoseconds?");
+            return Err(EkfError::InvalidInput { what: "time", why });
+        }
+        if let Some(last) = self.time {
+            if t - last < SHORTEST_STEP {
+                return Err(EkfError::BadTime { t, last });
+            }
+            if self.started {
+                if t - last > LONGEST_GAP {
+                    return Err(EkfError::LongGap { t, last });
+                }
+                let dt = (t - last).min(LONGEST_MOTION);
+                guard::prediction(&self.state, dt, &self.settings.process)?;
+                self.predict_by(dt);
+            }
+        }
+        self.time = Some(t);
+        Ok(())
+    }
+
+    pub(super) fn predict_by(&mut self, dt: f64) {
+        self.changes();
+        let process = &self.settings.process;
+        let before = self.state.camera_pose().r;
+        predict::predict(&mut self.state, dt, process, &self.settings.worn);
+        let pose = self.state.camera_pose();
+        let distance = (pose.r - before).norm();
+        let misfit = self.misfit.share();
+        self.drift.grow(&pose, dt, distance, misfit, process);
+        if let Some(far) = &mut self.far {
+            // What comes into view joins the working set, and what is about to come with it: to join costs a pass over R.
+            far.look_about(&self.state, self.batch.moved_by() > JUMP);
+            let look = |y: &FeatureState, margin| appearance(&self.camera, &pose, y, margin);
+            let seen = sight(&self.camera, &pose);
+            let close = far.maybe_in_view(&self.state, |point| seen(point, -MAYBE));
+            let mut any = false;
+            let close = close.filter(|(_, y)| {
+                any |= look(y, 0.0).is_some();
+                look(y, -SOON).is_some()
+            });
+            let close: Vec<u64> = close.map(|(block, _)| block.id).collect();
+            if any {
+                far.enter(&mut self.state, |id| close.binary_search(&id).is_ok());
+            }
+            far.note_clear(&pose);
+        }
+        if self.carries() {
+            self.follow_view(&pose);
+        }
+    }
+
+    /// Chooses which features the gauge transport follows; those that come back are carried to the present mean.
+    pub(super) fn follow_view(&mut self, pose: &CameraPose) {
+        let State { reference, x, .. } = &mut self.state;
+        reference[..CAMERA_DIM].copy_from_slice(&x[..CAMERA_DIM]);
+        let seen = sight(&self.camera, pose);
+        let (mut stay, mut back) = (std::mem::take(&mut self.in_view), false);
+        stay.clear();
+        for block in self.state.layout.features() {
+            let followed = self.gauge.follows(block.id);
+            let margin = if followed { -SOON } else { 0.0 };
+            let point = self.state.feature(block).point();
+            if point.is_some_and(|point| seen(&point, margin)) {
+                stay.push(block.id);
+                back |= !followed;
+            }
+        }
+        stay.sort_unstable();
+        if back {
+            self.gauge.note(&self.state);
+        }
+        self.gauge.swap_followed(&mut stay);
+        self.in_view = stay;
+        if back {
+            let change = self.gauge.change(&self.state, None);
+            self.state.p.downdate(&Panels::default(), Some(change));
+            self.gauge.settle(&mut self.state);
+        }
+    }
+}

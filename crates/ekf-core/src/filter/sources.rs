@@ -1,0 +1,89 @@
+//! Which match each measurement block of a frame comes from, and the lists of an update.
+
+use super::measurements::{Outcome, UpdateReport};
+
+/// Where in [`Measurements`] a unit of the batch comes from, and which form it takes.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Source {
+    /// Two rows: a pixel in Cs.
+    Bearing(usize),
+    /// Three rows: a worn pair as a 3D point.
+    Point(usize),
+    /// Two rows: a worn pair's pixel in Cf, of the feature with this id.
+    WornPixel(usize, u64),
+    /// Three rows: a depth from another sensor.
+    Depth(usize),
+}
+
+impl Source {
+    /// Place in the list of 3D blocks that may be demoted to a bearing, `pairs` pairs coming first.
+    pub(super) fn slot(self, pairs: usize) -> Option<usize> {
+        match self {
+            Self::Point(i) => Some(i),
+            Self::Depth(i) => Some(pairs + i),
+            Self::Bearing(_) | Self::WornPixel(..) => None,
+        }
+    }
+
+    pub(super) fn outcome(self, report: &mut UpdateReport) -> &mut Outcome {
+        match self {
+            Self::Bearing(i) => &mut report.bearings[i],
+            Self::Point(i) | Self::WornPixel(i, _) => &mut report.pairs[i],
+            Self::Depth(i) => &mut report.depths[i],
+        }
+    }
+}
+
+/// How the worn camera's pairs are measured in this frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum WornForm {
+    Unused,
+    BirthsOnly,
+    Points,
+    Tight,
+}
+
+/// Lists of an update; they only grow, so that a warm step allocates nothing.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {
+    /// Where each unit of the batch comes from.
+    pub(super) sources: Vec<Source>,
+    pub(super) wanted: Vec<Source>,
+    pub(super) with_depth: Vec<u64>,
+    /// 3D blocks that were rejected and fall back to their bearing.
+    pub(super) demoted: Vec<bool>,
+    /// Units that a test rejected.
+    pub(super) gone: Vec<usize>,
+    pub(super) ids: Vec<u64>,
+}
+
+impl Clone for Scratch {
+    /// Nothing is carried over: a copy starts empty.
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
+impl Scratch {
+    /// Notes what became of the units that are gone; true if a 3D block may fall back to its bearing.
+    pub(super) fn note(&mut self, outcome: Outcome, report: &mut UpdateReport) -> bool {
+        let mut any = false;
+        for &u in &self.gone {
+            *self.sources[u].outcome(report) = outcome;
+            if let Some(slot) = self.sources[u].slot(report.pairs.len()) {
+                self.demoted[slot] = true;
+                any = true;
+            }
+        }
+        any
+    }
+
+    /// Leaves out the sources of the units that are gone.
+    pub(super) fn leave_out(&mut self) {
+        let mut u = 0;
+        self.sources.retain(|_| {
+            u += 1;
+            self.gone.binary_search(&(u - 1)).is_err()
+        });
+    }
+}

@@ -1,0 +1,227 @@
+//! One frame's update (METHOD 7, steps 5-7): measurement blocks, their tests, the update, and the births that depth makes
+//! possible.
+
+use super::ekf::Filter;
+use super::measurements::{Measurements, Outcome, UpdateReport, refill};
+use super::sources::{Scratch, Source, WornForm};
+use super::validation::Test;
+use crate::batch::Workspace;
+use crate::error::EkfError;
+use crate::observe::POSE_DIM;
+use crate::settings::{Mode, WornErrors};
+use crate::state::BlockKind;
+
+impl Filter {
+    /// Validates a frame's measurements, updates once, and starts the features that its matches allow.
+    ///
+    /// # Errors
+    /// Bad input (`NonFinite`, `UnknownFeature`, `InvalidInput`), or measurements that would break the filter
+    /// (`NotPositiveDefinite`, `Unsound`): the filter stays as it was.
+    pub fn update(&mut self, z: &Measurements) -> Result<UpdateReport, EkfError> {
+        let mut report = UpdateReport::default();
+        self.update_into(z, &mut report)?;
+        Ok(report)
+    }
+
+    /// As [`Self::update`], into a report of before: a warm filter allocates nothing then.
+    ///
+    /// # Errors
+    /// As there; what the report says is left open.
+    pub fn update_into(
+        &mut self,
+        z: &Measurements,
+        report: &mut UpdateReport,
+    ) -> Result<(), EkfError> {
+        // The lists go back whatever happens.
+        let mut scratch = std::mem::take(&mut self.scratch);
+        let done = self.update_with(z, report, &mut scratch);
+        self.scratch = scratch;
+        done
+    }
+
+    pub(super) fn update_with(
+        &mut self,
+        z: &Measurements,
+        report: &mut UpdateReport,
+        scratch: &mut Scratch,
+    ) -> Result<(), EkfError> {
+        self.check_measurements(z, scratch)?;
+        self.changes();
+        self.fetch(z, &mut scratch.ids);
+        let mark = self.state.mark();
+        let form = self.worn_form(z);
+        let worn = z.worn.as_ref().filter(|_| form != WornForm::Unused);
+        if let Some(worn) = worn
+            && self.settings.worn.errors == WornErrors::Shared
+        {
+            self.open_worn_error(worn);
+        }
+        report.start(z);
+        let newborn = match form {
+            WornForm::Tight => self.start_tight_births(z, report),
+            _ => Vec::new(),
+        };
+        let measured = self.measure(z, form, &newborn, &Self::TESTS, report, scratch);
+        if !matches!(measured, Ok(true)) {
+            // Only blocks at the end were added.
+            self.take_back(&mark);
+            report.reject_all(z);
+            return measured.map(|_| ());
+        }
+        match form {
+            WornForm::Tight => self.settle_tight_births(&newborn, report),
+            WornForm::Points | WornForm::BirthsOnly => self.instant_births(z, report),
+            WornForm::Unused => {}
+        }
+        self.depth_births(z, report);
+        report.worn_error = self.state.worn_error();
+        self.state.remove(|b| b.kind == BlockKind::WornError);
+        self.finish(z, report);
+        self.choose_working_set(&z.searched);
+        Ok(())
+    }
+
+    pub(super) fn worn_form(&self, z: &Measurements) -> WornForm {
+        if z.worn.is_none() {
+            return WornForm::Unused;
+        }
+        let shared = self.settings.worn.errors == WornErrors::Shared;
+        match self.settings.estimator.mode {
+            // All modes start alike, from the best that the first overlap gives.
+            _ if !self.started && shared => WornForm::Tight,
+            _ if !self.started => WornForm::BirthsOnly,
+            Mode::Mono | Mode::MonoUndelayed => WornForm::Unused,
+            Mode::CollabInit => WornForm::BirthsOnly,
+            Mode::CollabTight if shared => WornForm::Tight,
+            Mode::Collab | Mode::CollabTight => WornForm::Points,
+        }
+    }
+
+    /// False, and nothing is changed, if too few matches are accepted for the frame to be believed.
+    pub(super) fn measure(
+        &mut self,
+        z: &Measurements,
+        form: WornForm,
+        newborn: &[(usize, u64)],
+        tests: &[Test],
+        report: &mut UpdateReport,
+        scratch: &mut Scratch,
+    ) -> Result<bool, EkfError> {
+        // A match whose 3D block is rejected falls back to its bearing (METHOD 6), in another round.
+        let blocks = report.pairs.len() + report.depths.len();
+        refill(&mut scratch.demoted, false, blocks);
+        for last in [false, false, true] {
+            self.collect_units(z, form, newborn, report, scratch);
+            self.batch.build(&self.state);
+            let mut again = false;
+            for test in tests {
+                let outcome = test(self, report, &mut scratch.gone);
+                again |= scratch.note(outcome, report);
+                scratch.leave_out();
+                self.batch.leave_out(&scratch.gone);
+                // Sooner than the costly tests can tell, and no later than they do.
+                if report.located_by() < z.least {
+                    return Ok(false);
+                }
+                if outcome == Outcome::RejectedGate || !scratch.gone.is_empty() {
+                    self.batch.factor()?;
+                }
+            }
+            if last || !again {
+                break;
+            }
+        }
+        report.nis = self.batch.nis();
+        report.dof = self.batch.rows();
+        self.iterate(z, &scratch.sources, report)?;
+        let carries = self.carries() && report.dof > 0;
+        self.batch
+            .solve(&self.state, carries.then_some(&mut self.gauge))?;
+        let gauge = carries.then_some(&mut self.gauge);
+        self.batch.apply(&mut self.state, gauge);
+        self.misfit.note(report.nis, report.dof);
+        self.note_contradictions();
+        self.state.normalise_quaternions();
+        if carries {
+            self.gauge.settle(&mut self.state);
+        }
+        Ok(true)
+    }
+
+    pub(super) fn iterate(
+        &mut self,
+        z: &Measurements,
+        sources: &[Source],
+        report: &mut UpdateReport,
+    ) -> Result<(), EkfError> {
+        let prior = self.state.part::<POSE_DIM>(0);
+        for iteration in 1..self.settings.estimator.iterations {
+            let step = self.batch.pose_step();
+            let mut fresh = self.batch.take_fresh();
+            self.state.set_part(0, &(prior + step));
+            fresh.extend(sources.iter().map_while(|s| self.unit(z, *s).ok()));
+            self.state.set_part(0, &prior);
+            let tolerance = self.settings.estimator.nonlinearity;
+            if !self.batch.relinearise(fresh, &step, tolerance) {
+                break;
+            }
+            report.iterations = iteration + 1;
+            self.batch.build(&self.state);
+            self.batch.factor()?;
+        }
+        Ok(())
+    }
+
+    pub(super) fn finish(&mut self, z: &Measurements, report: &mut UpdateReport) {
+        let now = self.time.unwrap_or(0.0);
+        for id in &z.searched {
+            if let Some(record) = self.records.get_mut(id) {
+                record.searched += 1;
+            }
+        }
+        for (bearing, outcome) in z.bearings.iter().zip(&report.bearings) {
+            if let (Outcome::Pixel | Outcome::Replaced, Some(record)) =
+                (outcome, self.records.get_mut(&bearing.id))
+            {
+                record.found += 1;
+                record.last_found = now;
+            }
+        }
+        if self.started {
+            return;
+        }
+        let outcomes = report.pairs.iter_mut().chain(&mut report.depths);
+        let born: Vec<&mut Outcome> = outcomes.filter(|o| matches!(o, Outcome::Born(_))).collect();
+        if born.len() >= self.settings.worn.start_births {
+            self.start();
+        } else {
+            for outcome in born {
+                *outcome = Outcome::TooUncertain;
+            }
+            self.state.remove(|b| b.kind.is_feature());
+            self.records.clear();
+        }
+    }
+
+    /// Innovation, S and its factor for the bearings and known depths of a frame, without an update.
+    ///
+    /// # Errors
+    /// As [`Self::update`]; the state stays as it is in any case.
+    pub fn innovation(&mut self, z: &Measurements) -> Result<&Workspace, EkfError> {
+        let mut scratch = Scratch::default();
+        self.check_measurements(z, &mut scratch)?;
+        self.changes();
+        self.fetch(z, &mut scratch.ids);
+        let mut report = UpdateReport::default();
+        report.start(z);
+        refill(
+            &mut scratch.demoted,
+            false,
+            z.pairs().len() + z.depths.len(),
+        );
+        self.collect_units(z, WornForm::Unused, &[], &mut report, &mut scratch);
+        self.batch.build(&self.state);
+        self.batch.factor()?;
+        Ok(&self.batch)
+    }
+}

@@ -1,0 +1,131 @@
+//! What a frame's matches must stand before they are used (METHOD 8).
+
+use super::ekf::Filter;
+use super::innovation_window::Contradictions;
+use super::measurements::{Outcome, UpdateReport};
+use crate::settings::BatchTestKind;
+use crate::validate;
+use crate::validate::{BatchTest, conditional_gate};
+
+/// Finds units of the batch that are to go, and says what to call them.
+pub(super) type Test = fn(&mut Filter, &mut UpdateReport, &mut Vec<usize>) -> Outcome;
+
+impl Filter {
+    /// What the matches must stand, in this order.
+    pub(super) const TESTS: [Test; 4] = [
+        Self::vague,
+        Self::gated,
+        Self::batch_test,
+        Self::contradicted,
+    ];
+
+    /// Matches whose pixel was predicted no better than somewhere in the image, or beyond: no linearisation holds there.
+    pub(super) fn vague(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
+        gone.clear();
+        let (s, m) = (self.batch.s(), self.batch.rows());
+        let widest = f64::from(self.camera.width.max(self.camera.height)).powi(2);
+        for (u, (unit, &at)) in self
+            .batch
+            .units()
+            .iter()
+            .zip(self.batch.offsets())
+            .enumerate()
+        {
+            let mut rows = at..at + unit.rows.count;
+            if unit.rows.is_pixel() && rows.any(|row| s[row * m + row] > widest) {
+                gone.push(u);
+            }
+        }
+        Outcome::TooUncertain
+    }
+
+    /// Matches that fail their own gate.
+    pub(super) fn gated(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
+        gone.clear();
+        if self.settings.validate.test == BatchTestKind::None {
+            return Outcome::RejectedGate;
+        }
+        let level = self.settings.validate.gate_level;
+        validate::reject_each(
+            self.batch.s(),
+            self.batch.rows(),
+            self.batch.g(),
+            validate::Units::new(self.batch.offsets()),
+            level,
+            &mut self.test,
+        );
+        gone.extend_from_slice(self.test.rejected());
+        Outcome::RejectedGate
+    }
+
+    /// Matches that the batch test leaves out.
+    pub(super) fn batch_test(
+        &mut self,
+        report: &mut UpdateReport,
+        gone: &mut Vec<usize>,
+    ) -> Outcome {
+        gone.clear();
+        let test = BatchTest::chosen(&self.settings.validate);
+        let batch = self.batch.as_batch();
+        if batch.units.is_empty() {
+            return Outcome::RejectedBatch;
+        }
+        let verdict = test.run(&batch, &mut self.test);
+        report.order = verdict.order;
+        report.exact = verdict.exact;
+        gone.extend_from_slice(self.test.rejected());
+        Outcome::RejectedBatch
+    }
+
+    /// Matches that the other accepted ones contradict, in this frame or for long.
+    pub(super) fn contradicted(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
+        gone.clear();
+        let options = &self.settings.validate;
+        let Contradictions { news, quantiles } = &mut self.contradictions;
+        news.clear();
+        if options.test == BatchTestKind::None || options.conditional_level >= 1.0 {
+            return Outcome::RejectedConditional;
+        }
+        let batch = self.batch.as_batch();
+        conditional_gate(
+            batch.l,
+            batch.ld,
+            batch.g,
+            batch.units,
+            options.conditional_level,
+            options.max_share,
+            &mut self.test,
+        );
+        gone.extend_from_slice(self.test.rejected());
+        if options.lasting_level >= 1.0 {
+            return Outcome::RejectedConditional;
+        }
+        let units = self.batch.units().iter().zip(self.test.given_others());
+        for (u, (unit, &d2)) in units.enumerate() {
+            let Some(record) = self.records.get(&unit.id) else {
+                continue;
+            };
+            let rows = unit.rows.count;
+            // What the gate leaves out counts as what it lets pass at most.
+            let d2 = d2.min(quantiles.get(options.conditional_level, rows));
+            let mut with_this = record.contradiction;
+            with_this.add(d2, rows);
+            if with_this.lasts(options.lasting_level, quantiles) {
+                gone.push(u);
+            }
+            news.push((unit.id, with_this));
+        }
+        gone.sort_unstable();
+        gone.dedup();
+        Outcome::RejectedConditional
+    }
+
+    /// Notes what the frame's last test said, once its update is made.
+    pub(super) fn note_contradictions(&mut self) {
+        for (id, with_this) in self.contradictions.news.drain(..) {
+            if let Some(record) = self.records.get_mut(&id) {
+                record.contradiction = with_this;
+            }
+        }
+    }
+}

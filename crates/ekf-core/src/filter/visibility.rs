@@ -1,0 +1,43 @@
+//! What the camera should see: which features are in front of it and in its image.
+
+use crate::camera::Camera;
+use crate::math::quat;
+use crate::observe::point::CameraPose;
+use crate::observe::{FeatureState, PointInCamera};
+use nalgebra::{SMatrix, Vector2, Vector3};
+
+/// With `map.local`: pixels out of the image within which a feature's mean of some frames ago may be while it is in view...
+pub(super) const MAYBE: f64 = 200.0;
+
+/// A feature in view: its point in C, its pixel, and the pixel's derivative by that point.
+pub(super) struct Appearance {
+    pub(super) point: PointInCamera,
+    pub(super) uv: Vector2<f64>,
+    pub(super) by_point: SMatrix<f64, 2, 3>,
+}
+
+/// How a feature looks, if it should be visible: in front, `margin` pixels inside of the image, rho > 0.
+pub(super) fn appearance(
+    camera: &Camera,
+    pose: &CameraPose,
+    feature: &FeatureState,
+    margin: f64,
+) -> Option<Appearance> {
+    let point = PointInCamera::metric(pose, feature)?;
+    let (uv, by_point) = camera.project_jac(&point.value)?;
+    camera.in_image(&uv, margin).then_some(Appearance {
+        point,
+        uv,
+        by_point,
+    })
+}
+
+/// Whether a point is in front of the camera and in the image, by a margin in pixels.
+pub(crate) fn sight(camera: &Camera, pose: &CameraPose) -> impl Fn(&Vector3<f64>, f64) -> bool {
+    let (r, r_cw) = (pose.r, quat::rotation(&pose.q).transpose());
+    move |point, margin| {
+        let seen = r_cw * (point - r);
+        let uv = camera.project(&seen);
+        uv.is_some_and(|uv| camera.in_image(&uv, margin))
+    }
+}

@@ -1,0 +1,28 @@
+//! A measurement block: the rows of one match, and where in the state they apply.
+
+use super::feature::Form;
+use super::rows::Rows;
+
+/// A measurement that is accepted or rejected as a whole.
+#[derive(Clone, Debug)]
+pub struct Unit {
+    /// Rows of the innovation and of grad H.
+    pub rows: Rows,
+    /// Id of its feature.
+    pub id: u64,
+    /// Offset of its feature in the state.
+    pub feature: usize,
+    /// Offset of the frame's error of T_CF, if the rows depend on it.
+    pub worn: Option<usize>,
+}
+
+impl Unit {
+    /// Where the feature's numbers are stored, which come in threes: the anchor's and its own, or the point's alone.
+    pub(crate) fn slots(&self, slots: &[usize]) -> (usize, Option<usize>) {
+        let own = match self.rows.form {
+            Form::InverseDepth => Some(slots[self.feature + 3]),
+            Form::Point => None,
+        };
+        (slots[self.feature], own)
+    }
+}
