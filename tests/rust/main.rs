@@ -6,11 +6,11 @@
 
 mod births;
 mod cameras;
+mod conditional_prediction;
 mod gauge;
-mod given;
 mod guards;
+mod innovation_window;
 mod jacobians;
-mod lasting;
 mod local;
 mod long_run;
 mod overlap;

@@ -154,7 +154,7 @@ fn the_covariance_after_it_is_honest() {
         }
         let off = normals::<6>(&mut rng) * 0.02;
         let report = filter.relocalise(&truth.retract(&off), &matches).unwrap();
-        assert!(report.believed, "seed {seed}: {report:?}");
+        assert!(report.accepted, "seed {seed}: {report:?}");
         assert!(filter.state().covariance().least_scaled_eigenvalue() > -1e-10);
         sum += nees(&filter, &truth);
         runs += 1.0;
@@ -185,7 +185,7 @@ fn in_a_map_of_its_own_it_is_as_honest_as_the_map() {
         }
         let report = lost.warm.filter.relocalise(&lost.near, &lost.matches);
         let report = report.unwrap();
-        assert!(report.believed, "seed {seed}: {report:?}");
+        assert!(report.accepted, "seed {seed}: {report:?}");
         sum += nees(&lost.warm.filter, &lost.truth);
         runs += 1.0;
     }
@@ -206,7 +206,7 @@ fn what_was_believed_of_the_camera_counts_for_nothing() {
             filter
                 .relocalise(&lost.near, &lost.matches)
                 .unwrap()
-                .believed
+                .accepted
         );
     }
     assert_eq!(state(&lost.warm.filter), state(&other));
@@ -217,7 +217,7 @@ fn the_start_of_the_linearisation_hardly_matters() {
     let lost = lost(4, &NO_DRIFT);
     let from = |pose: &Pose| {
         let mut filter = lost.warm.filter.clone();
-        assert!(filter.relocalise(pose, &lost.matches).unwrap().believed);
+        assert!(filter.relocalise(pose, &lost.matches).unwrap().accepted);
         (filter.pose(), filter.pose_covariance())
     };
     let ((_, near), covariance) = from(&lost.near);
@@ -243,7 +243,7 @@ fn wrong_matches_leave_the_filter_as_it_was() {
         .filter
         .relocalise(&lost.near, &lost.matches)
         .unwrap();
-    assert!(!report.believed);
+    assert!(!report.accepted);
     assert!(report.bearings.iter().all(|o| *o == Outcome::RejectedBatch));
     assert_eq!(state(&lost.warm.filter), before);
     let few = &lost.matches[..5];
@@ -253,7 +253,7 @@ fn wrong_matches_leave_the_filter_as_it_was() {
             .filter
             .relocalise(&lost.near, few)
             .unwrap()
-            .believed
+            .accepted
     );
     assert_eq!(state(&lost.warm.filter), before);
 }
@@ -270,7 +270,7 @@ fn some_wrong_ones_are_left_out() {
         .filter
         .relocalise(&lost.near, &lost.matches)
         .unwrap();
-    assert!(report.believed);
+    assert!(report.accepted);
     let wrong = &report.bearings[..3];
     assert!(wrong.iter().all(|o| *o != Outcome::Pixel), "{wrong:?}");
     assert!(error(&lost.warm.filter, &lost.truth).norm() < 0.3);
@@ -323,19 +323,19 @@ fn a_frame_with_too_few_matches_changes_nothing() {
     // New to the filter: as if it had been born in this very frame.
     worn.pairs[0].id = None;
     z.bearings.truncate(5);
-    z.least = 6;
+    z.min_inliers = 6;
     let searched = warm.filter.map_size();
     let report = warm.filter.update(&z).unwrap();
-    assert!(!report.believed);
+    assert!(!report.accepted);
     assert_eq!(state(&warm.filter), before);
     assert_eq!(warm.filter.map_size(), searched);
     for _ in 0..50 {
-        assert!(!warm.filter.update(&z).unwrap().believed);
+        assert!(!warm.filter.update(&z).unwrap().accepted);
     }
     // Searched in vain fifty times, and yet not failing.
     assert!(warm.filter.manage_map().is_empty());
-    z.least = 5;
-    assert!(warm.filter.update(&z).unwrap().believed);
+    z.min_inliers = 5;
+    assert!(warm.filter.update(&z).unwrap().accepted);
 }
 
 #[test]
@@ -348,7 +348,7 @@ fn a_working_set_makes_no_difference() {
     let [a, b] = [&plain[..], &local[..]].map(|changes| {
         let mut lost = lost(9, changes);
         let report = lost.warm.filter.relocalise(&lost.near, &lost.matches);
-        assert!(report.unwrap().believed);
+        assert!(report.unwrap().accepted);
         state(&lost.warm.filter)
     });
     assert!((a.1 - b.1).abs().max() < 1e-9);
@@ -380,9 +380,9 @@ mod known_map {
                 .filter
                 .relocalise(&lost.near, &lost.matches)
                 .unwrap()
-                .believed
+                .accepted
         );
-        assert!(other.relocalise(&lost.near, &renamed).unwrap().believed);
+        assert!(other.relocalise(&lost.near, &renamed).unwrap().accepted);
         let (a, b) = (lost.warm.filter.known_map().1, other.known_map().1);
         assert!((&a.covariance - &b.covariance).abs().max() < 1e-10);
         let apart = a

@@ -3,7 +3,7 @@
 use ekf_core::chi2;
 use ekf_core::settings::ValidateSettings;
 use ekf_core::validate::{
-    Batch, BatchTest, HohctSettings, JcbbSettings, OnePointSettings, Units, Verdict, Workspace,
+    Batch, BatchTest, Blocks, HohctSettings, JcbbSettings, OnePointSettings, Verdict, Workspace,
     conditional_gate,
 };
 use nalgebra::{DMatrix, DVector, Matrix3};
@@ -42,17 +42,17 @@ impl Case {
             ld: self.g.len(),
             g: self.g.as_slice(),
             noise: &self.noise,
-            units: Units::new(&self.offsets),
+            blocks: Blocks::new(&self.offsets),
         };
         let verdict = test.run(&batch, ws);
         (verdict, ws.rejected().to_vec())
     }
 
-    /// Joint distance and degrees of freedom of the units outside of `out`, from the definition.
+    /// Joint distance and degrees of freedom of the blocks outside of `out`, from the definition.
     fn rest(&self, out: &[usize]) -> (f64, usize) {
         let rows: Vec<usize> = (0..self.offsets.len() - 1)
-            .filter(|unit| !out.contains(unit))
-            .flat_map(|unit| self.offsets[unit]..self.offsets[unit + 1])
+            .filter(|block| !out.contains(block))
+            .flat_map(|block| self.offsets[block]..self.offsets[block + 1])
             .collect();
         let s = self.s.select_rows(&rows).select_columns(&rows);
         let g = self.g.select_rows(&rows);
@@ -68,7 +68,7 @@ impl Case {
         for order in 0..=max_order {
             let mut best: Option<(f64, Vec<usize>)> = None;
             for mask in (0_u32..1 << n).filter(|mask| mask.count_ones() as usize == order) {
-                let out: Vec<usize> = (0..n).filter(|unit| mask >> unit & 1 == 1).collect();
+                let out: Vec<usize> = (0..n).filter(|block| mask >> block & 1 == 1).collect();
                 let (d2, dof) = self.rest(&out);
                 let tail = chi2::ln_survival(d2, dof as f64);
                 let passes = d2 <= chi2::quantile(level, dof as f64);
@@ -110,8 +110,8 @@ fn small_case(rng: &mut Pcg64, counts: &[usize], wrong: usize) -> Case {
     let l = s.clone().cholesky().unwrap().unpack();
     let mut g = l * DVector::from_fn(m, |_, _| normal(rng));
     let size = 10.0_f64.powf(rng.random_range(0.0..1.5));
-    for unit in index::sample(rng, counts.len(), wrong) {
-        for row in offsets[unit]..offsets[unit + 1] {
+    for block in index::sample(rng, counts.len(), wrong) {
+        for row in offsets[block]..offsets[block + 1] {
             g[row] += size * normal(rng);
         }
     }
@@ -122,14 +122,14 @@ fn small_case(rng: &mut Pcg64, counts: &[usize], wrong: usize) -> Case {
 /// length with 1 px of noise; every third match has a depth row (metres, its range to 5 %) if asked for; the points share
 /// some of the map's drift. `wrong` matches are uniform in the 3-sigma ellipse (ellipsoid) of their prediction.
 fn frame_case(rng: &mut Pcg64, n: usize, wrong: usize, depth: bool) -> Case {
-    let with_depth = |unit: usize| depth && unit.is_multiple_of(3);
-    let offsets = offsets_of((0..n).map(|unit| if with_depth(unit) { 3 } else { 2 }));
+    let with_depth = |block: usize| depth && block.is_multiple_of(3);
+    let offsets = offsets_of((0..n).map(|block| if with_depth(block) { 3 } else { 2 }));
     let m = *offsets.last().unwrap();
     let (focal, sigma_t, sigma_r) = (500.0, 0.03, 1.0_f64.to_radians());
     let mut h = DMatrix::zeros(m, 12);
     let mut s = DMatrix::zeros(m, m);
     let mut noise = Vec::new();
-    for unit in 0..n {
+    for block in 0..n {
         let z = rng.random_range(1.0..10.0_f64);
         let (x, y) = (
             z * rng.random_range(-0.7..0.7),
@@ -143,7 +143,7 @@ fn frame_case(rng: &mut Pcg64, n: usize, wrong: usize, depth: bool) -> Case {
                 1.0, 0.0, 0.0, 0.0, z, -y, 0.0, 1.0, 0.0, -z, 0.0, x, 0.0, 0.0, 1.0, y, -x, 0.0,
             ],
         );
-        let rows = if with_depth(unit) { 3 } else { 2 };
+        let rows = if with_depth(block) { 3 } else { 2 };
         let (jac, r) = if rows == 3 {
             let mut r = DMatrix::identity(3, 3) * (z / focal).powi(2);
             let ray = DVector::from_vec(vec![x, y, z]);
@@ -155,7 +155,7 @@ fn frame_case(rng: &mut Pcg64, n: usize, wrong: usize, depth: bool) -> Case {
             (jac, DMatrix::identity(2, 2))
         };
         let rows_h = &jac * by_pose;
-        let at = offsets[unit];
+        let at = offsets[block];
         for c in 0..6 {
             let sigma = if c < 3 { sigma_t } else { sigma_r };
             for row in 0..rows {
@@ -175,8 +175,8 @@ fn frame_case(rng: &mut Pcg64, n: usize, wrong: usize, depth: bool) -> Case {
     let mut g = l * DVector::from_fn(m, |_, _| normal(rng));
     let mut chosen = index::sample(rng, n, wrong).into_vec();
     chosen.sort_unstable();
-    for &unit in &chosen {
-        let (at, rows) = (offsets[unit], offsets[unit + 1] - offsets[unit]);
+    for &block in &chosen {
+        let (at, rows) = (offsets[block], offsets[block + 1] - offsets[block]);
         let block = s.view((at, at), (rows, rows)).into_owned();
         let l = block.cholesky().unwrap().unpack();
         let inside = loop {
@@ -435,33 +435,33 @@ fn jcbb_finds_a_largest_compatible_set() {
         let (verdict, rejected) = case.run(BatchTest::Jcbb(settings), &mut ws);
         assert!(verdict.exact);
         let compatible = |kept: &[usize]| {
-            let out: Vec<usize> = (0..n).filter(|unit| !kept.contains(unit)).collect();
+            let out: Vec<usize> = (0..n).filter(|block| !kept.contains(block)).collect();
             let (d2, dof) = case.rest(&out);
             d2 <= chi2::quantile(settings.level, dof as f64)
         };
-        let fits: Vec<usize> = (0..n).filter(|&unit| compatible(&[unit])).collect();
-        let kept: Vec<usize> = (0..n).filter(|unit| !rejected.contains(unit)).collect();
+        let fits: Vec<usize> = (0..n).filter(|&block| compatible(&[block])).collect();
+        let kept: Vec<usize> = (0..n).filter(|block| !rejected.contains(block)).collect();
         assert!(kept.is_empty() || compatible(&kept), "trial {trial}");
         // Branches are cut at the first match that does not fit, so the largest set is one that can be grown
         // match by match in the order of the tree.
         let (d2, dof) = case.rest(&rejected);
         assert_eq!((verdict.dof, verdict.order), (dof, rejected.len()));
         assert!((verdict.d2 - d2).abs() < 1e-6 * (1.0 + d2));
-        assert!(kept.iter().all(|unit| fits.contains(unit)));
-        for &unit in fits.iter().filter(|unit| !kept.contains(unit)) {
+        assert!(kept.iter().all(|block| fits.contains(block)));
+        for &block in fits.iter().filter(|block| !kept.contains(block)) {
             let mut more = kept.clone();
-            more.push(unit);
+            more.push(block);
             more.sort_unstable();
             let chain_breaks = {
                 let mut order = more.clone();
-                let own = |unit: usize| {
-                    let out: Vec<usize> = (0..n).filter(|other| *other != unit).collect();
+                let own = |block: usize| {
+                    let out: Vec<usize> = (0..n).filter(|other| *other != block).collect();
                     case.rest(&out).0
                 };
                 order.sort_by(|a, b| own(*a).total_cmp(&own(*b)));
                 (1..=order.len()).any(|k| !compatible(&order[..k]))
             };
-            assert!(chain_breaks, "trial {trial}: {unit} fits as well");
+            assert!(chain_breaks, "trial {trial}: {block} fits as well");
         }
     }
 }
@@ -491,22 +491,22 @@ fn the_others_find_gross_errors_too() {
     }
 }
 
-/// The conditional gate from its definition: the worst unit given the rest goes, again and again.
+/// The conditional gate from its definition: the worst block given the rest goes, again and again.
 fn conditional_by_definition(case: &Case, level: f64) -> Vec<usize> {
     let counts: Vec<usize> = case.offsets.windows(2).map(|w| w[1] - w[0]).collect();
     let mut out = Vec::new();
     loop {
         let (all, _) = case.rest(&out);
-        let given_others = |unit: usize| {
-            let without: Vec<usize> = out.iter().copied().chain([unit]).collect();
-            (all - case.rest(&without).0) / chi2::quantile(level, counts[unit] as f64)
+        let conditional_d2 = |block: usize| {
+            let without: Vec<usize> = out.iter().copied().chain([block]).collect();
+            (all - case.rest(&without).0) / chi2::quantile(level, counts[block] as f64)
         };
         let worst = (0..counts.len())
-            .filter(|unit| !out.contains(unit))
-            .map(|unit| (given_others(unit), unit))
+            .filter(|block| !out.contains(block))
+            .map(|block| (conditional_d2(block), block))
             .max_by(|a, b| a.0.total_cmp(&b.0));
         match worst {
-            Some((ratio, unit)) if ratio > 1.0 => out.push(unit),
+            Some((ratio, block)) if ratio > 1.0 => out.push(block),
             _ => break,
         }
     }
@@ -521,9 +521,9 @@ fn conditional_gate_is_its_definition() {
     let mut rejected_in_all = 0;
     for trial in 0..60 {
         let case = frame_case(&mut rng, 20, trial % 4, trial % 2 == 0);
-        let units = Units::new(&case.offsets);
+        let blocks = Blocks::new(&case.offsets);
         let (l, g) = (case.l.as_slice(), case.g.as_slice());
-        let verdict = conditional_gate(l, g.len(), g, units, 0.99, 1.0, &mut ws);
+        let verdict = conditional_gate(l, g.len(), g, blocks, 0.99, 1.0, &mut ws);
         let (d2, dof) = case.rest(ws.rejected());
         assert_eq!(ws.rejected(), conditional_by_definition(&case, 0.99));
         assert!((verdict.d2 - d2).abs() < 1e-6 * (1.0 + d2) && verdict.dof == dof);
@@ -545,9 +545,9 @@ fn conditional_gate_sees_what_drowns_in_the_joint_test() {
         case.g[14] += 6.0 / inverse[(14, 14)].sqrt();
         let hohct = BatchTest::Hohct(HohctSettings::default());
         assert!(case.run(hohct, &mut ws).1.is_empty());
-        let units = Units::new(&case.offsets);
+        let blocks = Blocks::new(&case.offsets);
         let (l, g) = (case.l.as_slice(), case.g.as_slice());
-        conditional_gate(l, g.len(), g, units, 0.9999, 0.5, &mut ws);
+        conditional_gate(l, g.len(), g, blocks, 0.9999, 0.5, &mut ws);
         assert_eq!(ws.rejected(), [7]);
     }
 }
@@ -555,14 +555,14 @@ fn conditional_gate_sees_what_drowns_in_the_joint_test() {
 #[test]
 fn conditional_gate_has_edges() {
     let mut ws = Workspace::new();
-    let none = conditional_gate(&[], 0, &[], Units::new(&[0]), 0.99, 0.5, &mut ws);
+    let none = conditional_gate(&[], 0, &[], Blocks::new(&[0]), 0.99, 0.5, &mut ws);
     assert!(none.passed && none.dof == 0);
     // More offenders than may go: it says so.
     let s = DMatrix::identity(4, 4);
     let case = Case::new(vec![0, 2, 4], s, DVector::from_vec(vec![9.0; 4]));
-    let units = Units::new(&case.offsets);
+    let blocks = Blocks::new(&case.offsets);
     let (l, g) = (case.l.as_slice(), case.g.as_slice());
-    let verdict = conditional_gate(l, 4, g, units, 0.99, 0.5, &mut ws);
+    let verdict = conditional_gate(l, 4, g, blocks, 0.99, 0.5, &mut ws);
     assert!(!verdict.passed && ws.rejected().len() == 1);
 }
 

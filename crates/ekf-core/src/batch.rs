@@ -8,9 +8,9 @@ use crate::gauge::{GAUGES, Gauge};
 use crate::guard;
 use crate::kernel::{self, Panels};
 use crate::observe::POSE_DIM;
-use crate::observe::block::Unit;
+use crate::observe::block::MeasurementBlock;
 use crate::state::State;
-use crate::validate::{Batch, Units};
+use crate::validate::{Batch, Blocks};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor;
 use faer::linalg::triangular_solve::{
@@ -26,8 +26,8 @@ const DIVERGED: f64 = 1e4;
 /// Buffers of the batch; they only grow, so a warm step allocates nothing.
 #[derive(Default)]
 pub struct Workspace {
-    units: Vec<Unit>,
-    fresh: Vec<Unit>,
+    blocks: Vec<MeasurementBlock>,
+    fresh: Vec<MeasurementBlock>,
     offsets: Vec<usize>,
     kept_rows: Vec<usize>,
     /// `P H^T`, and `V` in the end.
@@ -67,20 +67,20 @@ impl Clone for Workspace {
 impl Workspace {
     /// Starts a new batch.
     pub(crate) fn clear(&mut self) {
-        self.units.clear();
+        self.blocks.clear();
     }
 
-    /// Adds a unit.
-    pub(crate) fn push(&mut self, unit: Unit) {
-        self.units.push(unit);
+    /// Adds a block.
+    pub(crate) fn push(&mut self, block: MeasurementBlock) {
+        self.blocks.push(block);
     }
 
-    /// The units of the batch.
-    pub fn units(&self) -> &[Unit] {
-        &self.units
+    /// The blocks of the batch.
+    pub fn blocks(&self) -> &[MeasurementBlock] {
+        &self.blocks
     }
 
-    /// First row of each unit, and the number of rows at the end.
+    /// First row of each block, and the number of rows at the end.
     pub fn offsets(&self) -> &[usize] {
         &self.offsets
     }
@@ -129,7 +129,7 @@ impl Workspace {
             ld: self.rows(),
             g: &self.g,
             noise: &self.noise,
-            units: Units::new(&self.offsets),
+            blocks: Blocks::new(&self.offsets),
         }
     }
 
@@ -138,25 +138,25 @@ impl Workspace {
         self.y.iter().map(|v| v * v).sum()
     }
 
-    /// Builds `P H^T`, S and g for the units (B4, B5).
+    /// Builds `P H^T`, S and g for the blocks (B4, B5).
     pub(crate) fn build(&mut self, state: &State) {
         self.offsets.clear();
         self.offsets.push(0);
-        for unit in &self.units {
+        for block in &self.blocks {
             let last = self.offsets[self.offsets.len() - 1];
-            self.offsets.push(last + unit.rows.count);
+            self.offsets.push(last + block.rows.count);
         }
         let m = self.rows();
         let stored = state.p.stored();
         self.pht.reshape(stored.n, m);
-        kernel::fill(stored, &self.units, &mut self.pht);
+        kernel::fill(stored, &self.blocks, &mut self.pht);
         self.gather_s(m, stored.slots);
         self.collect_noise();
     }
 
     fn collect_noise(&mut self) {
         self.noise.clear();
-        self.noise.extend(self.units.iter().map(|u| u.rows.noise));
+        self.noise.extend(self.blocks.iter().map(|u| u.rows.noise));
     }
 
     /// `S = H P H^T + R`, column by column: column `j`, whose row of H is that of `j`, from the rows of `P H^T` that it
@@ -164,10 +164,10 @@ impl Workspace {
     fn gather_s(&mut self, m: usize, slots: &[usize]) {
         resize(&mut self.s, m * m);
         resize(&mut self.g, m);
-        for (u, unit) in self.units.iter().enumerate() {
-            let (from, rows) = (self.offsets[u], &unit.rows);
+        for (u, block) in self.blocks.iter().enumerate() {
+            let (from, rows) = (self.offsets[u], &block.rows);
             let (by_first, by_own) = rows.by_feature.as_slice().split_at(9);
-            let (first, own) = unit.slots(slots);
+            let (first, own) = block.slots(slots);
             for k in from..m {
                 let mut sums = [0.0; 3];
                 let pht = &self.pht;
@@ -176,7 +176,7 @@ impl Workspace {
                 if let Some(own) = own {
                     pht.add::<3>(&mut sums, own, k, by_own);
                 }
-                if let (Some(by_worn), Some(w)) = (&rows.by_worn, unit.worn) {
+                if let (Some(by_worn), Some(w)) = (&rows.by_worn, block.worn) {
                     pht.add::<6>(&mut sums, slots[w], k, by_worn.as_slice());
                 }
                 for (r, sum) in sums.iter().enumerate().take(rows.count) {
@@ -235,7 +235,7 @@ impl Workspace {
         Ok(())
     }
 
-    /// Leaves out units (increasing indices): their rows go from `P H^T`, S and g. S of the rest is factored anew
+    /// Leaves out blocks (increasing indices): their rows go from `P H^T`, S and g. S of the rest is factored anew
     /// by the caller, which at these sizes costs less than deleting rows from the factor one by one.
     pub(crate) fn leave_out(&mut self, gone: &[usize]) {
         if gone.is_empty() {
@@ -243,7 +243,7 @@ impl Workspace {
         }
         let m = self.rows();
         self.kept_rows.clear();
-        for u in 0..self.units.len() {
+        for u in 0..self.blocks.len() {
             if gone.binary_search(&u).is_err() {
                 self.kept_rows.extend(self.offsets[u]..self.offsets[u + 1]);
             }
@@ -261,15 +261,15 @@ impl Workspace {
         self.s.truncate(k * k);
         self.g.truncate(k);
         let mut u = 0;
-        self.units.retain(|_| {
+        self.blocks.retain(|_| {
             u += 1;
             gone.binary_search(&(u - 1)).is_err()
         });
         self.offsets.truncate(1);
         self.collect_noise();
-        for unit in &self.units {
+        for block in &self.blocks {
             let last = self.offsets[self.offsets.len() - 1];
-            self.offsets.push(last + unit.rows.count);
+            self.offsets.push(last + block.rows.count);
         }
     }
 
@@ -296,25 +296,25 @@ impl Workspace {
     }
 
     /// An empty list for [`Self::relinearise`], with room.
-    pub(crate) fn take_fresh(&mut self) -> Vec<Unit> {
+    pub(crate) fn take_fresh(&mut self) -> Vec<MeasurementBlock> {
         let mut fresh = std::mem::take(&mut self.fresh);
         fresh.clear();
         fresh
     }
 
-    /// Takes units linearised where the pose is off the prior by `step` in place of those at the last point, if they
+    /// Takes blocks linearised where the pose is off the prior by `step` in place of those at the last point, if they
     /// say something new: if a measurement is off its linear model by more than `tolerance` sigmas. Their innovation
     /// is brought back to the prior mean: `g = z - h(moved) + H step`. Returns false, and changes nothing, where the
     /// linear model holds, a feature no longer predicts anything (`fresh` is short then), or the iteration diverges.
     pub(crate) fn relinearise(
         &mut self,
-        mut fresh: Vec<Unit>,
+        mut fresh: Vec<MeasurementBlock>,
         step: &SVector<f64, POSE_DIM>,
         tolerance: f64,
     ) -> bool {
         let mut worst: f64 = 0.0;
-        for (unit, old) in fresh.iter_mut().zip(&self.units) {
-            let rows = &mut unit.rows;
+        for (block, old) in fresh.iter_mut().zip(&self.blocks) {
+            let rows = &mut block.rows;
             let linear = old.rows.innovation - old.rows.by_pose * step;
             for r in 0..rows.count {
                 let sigma = rows.noise[(r, r)].sqrt();
@@ -322,9 +322,9 @@ impl Workspace {
             }
             rows.innovation += rows.by_pose * step;
         }
-        let news = fresh.len() == self.units.len() && (tolerance..DIVERGED).contains(&worst);
+        let news = fresh.len() == self.blocks.len() && (tolerance..DIVERGED).contains(&worst);
         if news {
-            std::mem::swap(&mut self.units, &mut fresh);
+            std::mem::swap(&mut self.blocks, &mut fresh);
         }
         self.fresh = fresh;
         news
@@ -347,7 +347,7 @@ impl Workspace {
         self.along.clear();
         self.along.extend_from_slice(&self.y);
         if let Some(gauge) = gauge {
-            gauge.note(state);
+            gauge.prepare(state);
             self.look_along(gauge, state.p.stored().slots);
         }
         let products = self.along.len() / self.rows();
@@ -383,9 +383,9 @@ impl Workspace {
     fn look_along(&mut self, gauge: &Gauge, slots: &[usize]) {
         let m = self.rows();
         for k in 0..GAUGES {
-            for unit in &self.units {
-                let rows = 0..unit.rows.count;
-                let seen = rows.map(|r| gauge.seen_by(unit, slots, r, k));
+            for block in &self.blocks {
+                let rows = 0..block.rows.count;
+                let seen = rows.map(|r| gauge.seen_by(block, slots, r, k));
                 self.along.extend(seen);
             }
         }

@@ -37,7 +37,7 @@ pub(crate) struct Misfit {
 
 impl Misfit {
     /// Adds an update.
-    pub(crate) fn note(&mut self, nis: f64, dof: usize) {
+    pub(crate) fn add(&mut self, nis: f64, dof: usize) {
         self.nis += nis;
         self.dof += dof as f64;
     }
@@ -100,8 +100,8 @@ mod tests {
     fn its_variance_grows_in_proportion_to_the_misfit() {
         let mut misfit = Misfit::default();
         assert!(misfit.share() == 1.0);
-        misfit.note(80.0, 10);
-        misfit.note(0.0, 30);
+        misfit.add(80.0, 10);
+        misfit.add(0.0, 30);
         assert!(misfit.share() == 2.0);
         let pose = CameraPose {
             r: Vector3::new(1.0, 2.0, 3.0),

@@ -18,7 +18,7 @@
 
 use crate::kernel::Product;
 use crate::math::{inverse_depth, quat};
-use crate::observe::block::Unit;
+use crate::observe::block::MeasurementBlock;
 use crate::observe::{FeatureState, Form, POSE_DIM};
 use crate::state::{Block, BlockKind, CAMERA_DIM, Covariance, Layout, State};
 use nalgebra::{SMatrix, Vector3};
@@ -86,7 +86,7 @@ impl Gauge {
     }
 
     /// Notes `B` and `P B` at the mean where the rows that are followed have their direction.
-    pub(crate) fn note(&mut self, state: &State) {
+    pub(crate) fn prepare(&mut self, state: &State) {
         let Self {
             followed,
             coordinates: b,
@@ -123,24 +123,30 @@ impl Gauge {
         let by_scale = column(&self.stored, n, SCALE);
         if by_scale.iter().any(|&b| b != 0.0) {
             self.idle.clear();
-            self.idle.extend(state.dual_rows());
+            self.idle.extend(state.auxiliary_rows());
             state.p.times(by_scale, &self.idle, scale);
         }
     }
 
-    /// `H P B` of a unit with the noted `P B`, row `r` of it for the coordinate `k`.
-    pub(crate) fn seen_by(&self, unit: &Unit, slots: &[usize], r: usize, k: usize) -> f64 {
+    /// `H P B` of a block with the noted `P B`, row `r` of it for the coordinate `k`.
+    pub(crate) fn seen_by(
+        &self,
+        block: &MeasurementBlock,
+        slots: &[usize],
+        r: usize,
+        k: usize,
+    ) -> f64 {
         let n = self.along.len() / GAUGES;
         let along = column(&self.along, n, k);
-        let rows = &unit.rows;
+        let rows = &block.rows;
         let mut sum = 0.0;
         for c in 0..POSE_DIM {
             sum += rows.by_pose[(r, c)] * along[slots[c]];
         }
         for c in 0..rows.form.dim() {
-            sum += rows.by_feature[(r, c)] * along[slots[unit.feature + c]];
+            sum += rows.by_feature[(r, c)] * along[slots[block.feature + c]];
         }
-        if let (Some(by_worn), Some(at)) = (&rows.by_worn, unit.worn) {
+        if let (Some(by_worn), Some(at)) = (&rows.by_worn, block.worn) {
             for c in 0..6 {
                 sum += by_worn[(r, c)] * along[slots[at + c]];
             }
@@ -196,7 +202,7 @@ impl Gauge {
         let blocks = blocks.filter(|b| match b.kind {
             BlockKind::Feature(_) => followed.binary_search(&b.id).is_ok(),
             BlockKind::Clone => true,
-            BlockKind::WornBias | BlockKind::WornError | BlockKind::Dual(_) => false,
+            BlockKind::WornBias | BlockKind::WornError | BlockKind::Auxiliary(_) => false,
         });
         for i in (0..CAMERA_DIM).chain(blocks.flat_map(Block::range)) {
             let slot = state.p.stored().slots[i];
@@ -208,7 +214,7 @@ impl Gauge {
     }
 
     /// Notes that P has been carried to the present mean.
-    pub(crate) fn settle(&self, state: &mut State) {
+    pub(crate) fn mark_carried(&self, state: &mut State) {
         let slots = state.p.stored().slots;
         for (i, &slot) in slots.iter().enumerate() {
             if self.carried[slot] {
@@ -240,8 +246,8 @@ pub fn directions(x: &[f64], layout: &Layout, out: &mut Vec<f64>) {
                 position(x, block.offset, out);
                 attitude(x, block.offset + 3, out);
             }
-            // T_CF is metric and seen from C; dual rows come with map.local only.
-            BlockKind::WornBias | BlockKind::WornError | BlockKind::Dual(_) => {}
+            // T_CF is metric and seen from C; auxiliary rows come with map.local only.
+            BlockKind::WornBias | BlockKind::WornError | BlockKind::Auxiliary(_) => {}
         }
     }
 }
@@ -337,6 +343,7 @@ fn column(matrix: &[f64], n: usize, j: usize) -> &[f64] {
 mod tests {
     use super::{GAUGES, Gauge, coordinates, directions};
     use crate::kernel::Panels;
+    use crate::observe::POSE_DIM;
     use crate::state::{Block, LinearPart, State};
     use nalgebra::{DMatrix, SMatrix, Vector6};
 
@@ -398,7 +405,7 @@ mod tests {
     fn carry(gauge: &mut Gauge, state: &mut State) {
         let change = gauge.change(state, None);
         state.p.downdate(&Panels::default(), Some(change));
-        gauge.settle(state);
+        gauge.mark_carried(state);
     }
 
     #[test]
@@ -408,7 +415,7 @@ mod tests {
         gauge.follow(first.id);
         gauge.follow(second.id);
         let followed = [first.id, second.id];
-        gauge.note(&state);
+        gauge.prepare(&state);
         let b = &gauge.coordinates[3 * state.x.len()..];
         assert!(b.iter().any(|&b| b != 0.0), "depths are good enough");
         for i in 0..state.x.len() {
@@ -435,7 +442,7 @@ mod tests {
             assert_eq!(at, is, "row {i}");
         }
         // Back in view: its own three rows move, nothing else.
-        gauge.note(&state);
+        gauge.prepare(&state);
         let expected = carried(&state, &followed, |i| own.contains(&i));
         let before = state.p.to_dense();
         gauge.follow(third.id);

@@ -38,7 +38,7 @@ pub mod validate;
 pub use camera::{Camera, Distortion};
 pub use error::EkfError;
 pub use filter::{
-    Bearing, CandidateOutcome, DepthObservation, Expectation, Filter, KnownMap, Landmark,
+    Bearing, CandidateOutcome, ConditionalPrediction, DepthObservation, Filter, KnownMap, Landmark,
     Measurements, Outcome, PredictedFeature, UpdateReport, WornObservation, WornPair,
 };
 pub use settings::Settings;

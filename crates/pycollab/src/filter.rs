@@ -9,7 +9,7 @@ use crate::errors::to_python;
 use crate::settings;
 use ekf_core::{Bearing, DepthObservation, Measurements, WornObservation, WornPair};
 use ekf_core::{
-    CandidateOutcome, EkfError, Expectation, Filter, KnownMap, Outcome, PredictedFeature,
+    CandidateOutcome, ConditionalPrediction, EkfError, Filter, KnownMap, Outcome, PredictedFeature,
     UpdateReport,
 };
 use nalgebra::{Matrix2, Vector2};
@@ -138,7 +138,7 @@ impl PyUpdateReport {
     /// Whether the frame was used: False if fewer bearings than asked for were accepted.
     #[getter]
     fn believed(&self) -> bool {
-        self.0.believed
+        self.0.accepted
     }
 
     /// Estimated error of T_CF after the update, (translation m, rotation rad), right tangent.
@@ -363,9 +363,9 @@ impl PyFilter {
         let (found, ids) = (bearings(&found, &uv)?, self::ids("ids", &ids)?);
         let filter = &mut self.0;
         let expected = py
-            .detach(|| filter.predict_given(&found, &ids))
+            .detach(|| filter.predict_conditional(&found, &ids))
             .map_err(to_python)?;
-        let nothing = Expectation {
+        let nothing = ConditionalPrediction {
             uv: Vector2::repeat(f64::NAN),
             s: Matrix2::identity(),
         };
@@ -422,7 +422,7 @@ impl PyFilter {
                 .map(|w| worn_observation(&w, worn_bias.as_ref()))
                 .transpose()?,
             depths: depths.map_or(Ok(Vec::new()), |d| depth_observations(&d))?,
-            least,
+            min_inliers: least,
         };
         let filter = &mut self.0;
         match py.detach(|| filter.update(&measurements)) {

@@ -46,7 +46,7 @@ impl Filter {
                 )
             }
             FirstPose::Independent => {
-                FirstView::Noted(pose, Box::new(self.state.p.block::<7, 7>(0, 0)))
+                FirstView::Remembered(pose, Box::new(self.state.p.block::<7, 7>(0, 0)))
             }
         };
         let since = self.time.unwrap_or(0.0);
@@ -113,7 +113,7 @@ impl Filter {
             let candidate = self.candidates.remove(id);
             let clone = candidate.as_ref().and_then(|c| match c.first {
                 FirstView::Clone(block) => Some(block),
-                FirstView::Noted(..) => None,
+                FirstView::Remembered(..) => None,
             });
             // Only features of one view share an anchor.
             if clone.is_none() || clone != view {
@@ -186,7 +186,9 @@ impl Filter {
                 let pose = self.state.pose_at(offset);
                 Some((pose, FirstPoseCovariance::InState(offset)))
             }
-            FirstView::Noted(pose, cov) => Some((*pose, FirstPoseCovariance::Independent(cov))),
+            FirstView::Remembered(pose, cov) => {
+                Some((*pose, FirstPoseCovariance::Independent(cov)))
+            }
         }
     }
 

@@ -23,7 +23,7 @@ pub(super) enum FirstView {
     /// The pose is a block of the state.
     Clone(u64),
     /// The pose and its covariance were noted.
-    Noted(CameraPose, Box<SMatrix<f64, 7, 7>>),
+    Remembered(CameraPose, Box<SMatrix<f64, 7, 7>>),
 }
 
 /// A candidate in a snapshot.
@@ -43,7 +43,7 @@ impl Candidate {
             since: *since,
             first: match first {
                 FirstView::Clone(block) => Ok(*block),
-                FirstView::Noted(CameraPose { r, q }, covariance) => {
+                FirstView::Remembered(CameraPose { r, q }, covariance) => {
                     let numbers = r.iter().chain(q.iter()).chain(covariance.iter());
                     Err(numbers.copied().collect())
                 }
@@ -74,7 +74,7 @@ impl Candidate {
                     r: SVector::from_column_slice(&pose[..3]),
                     q: SVector::from_column_slice(&pose[3..]),
                 };
-                FirstView::Noted(pose, Box::new(SMatrix::from_column_slice(covariance)))
+                FirstView::Remembered(pose, Box::new(SMatrix::from_column_slice(covariance)))
             }
             Err(_) => {
                 return Err(EkfError::bad_snapshot(

@@ -33,7 +33,7 @@ impl Filter {
 
     /// Whether there is a feature with this id.
     pub(super) fn known(&self, id: u64) -> Result<(), EkfError> {
-        if self.far.as_ref().is_some_and(|far| far.has(id)) {
+        if self.outside.as_ref().is_some_and(|outside| outside.has(id)) {
             return Ok(());
         }
         self.feature_block(id).map(|_| ())

@@ -14,7 +14,7 @@ use nalgebra::{Matrix2, Vector2};
 
 /// Where a feature is expected given others.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Expectation {
+pub struct ConditionalPrediction {
     /// Pixel in Cs.
     pub uv: Vector2<f64>,
     /// Its innovation covariance, measurement noise included, px^2.
@@ -29,11 +29,11 @@ impl Filter {
     ///
     /// # Errors
     /// `NonFinite`, `UnknownFeature`, `InvalidInput` (an id given twice, also in both lists).
-    pub fn predict_given(
+    pub fn predict_conditional(
         &mut self,
         found: &[Bearing],
         ids: &[u64],
-    ) -> Result<Vec<Option<Expectation>>, EkfError> {
+    ) -> Result<Vec<Option<ConditionalPrediction>>, EkfError> {
         let wanted = ids.iter().map(|&id| Bearing {
             id,
             uv: Vector2::zeros(),
@@ -49,8 +49,8 @@ impl Filter {
         let (found, wanted) = z.bearings.split_at(found.len());
         self.batch.clear();
         let mut push = |bearing: &Bearing| {
-            let unit = self.bearing(bearing);
-            unit.map(|unit| self.batch.push(unit)).is_ok()
+            let block = self.bearing(bearing);
+            block.map(|block| self.batch.push(block)).is_ok()
         };
         let others = found.iter().filter(|bearing| push(bearing)).count();
         let visible: Vec<bool> = wanted.iter().map(push).collect();
@@ -62,7 +62,7 @@ impl Filter {
             batch.rows(),
             &batch.g()[..offsets[others]],
             &batch.as_batch().noise[..others],
-            validate::Units::new(offsets),
+            validate::Blocks::new(offsets),
             &OnePointSettings::default(),
             &mut self.test,
         );
@@ -82,12 +82,12 @@ impl Filter {
     }
 
     /// Of the feature whose rows of the factored batch begin at `row`, given the first `told` rows.
-    pub(super) fn expectation(&self, row: usize, told: usize) -> Expectation {
+    pub(super) fn expectation(&self, row: usize, told: usize) -> ConditionalPrediction {
         let batch = &self.batch;
         let ld = batch.rows();
         let predicted = -Vector2::new(batch.g()[row], batch.g()[row + 1]);
         let own = |i: usize, j: usize| batch.s()[row + i.max(j) + (row + i.min(j)) * ld];
-        let mut expected = Expectation {
+        let mut expected = ConditionalPrediction {
             uv: predicted,
             s: Matrix2::from_fn(own),
         };

@@ -6,7 +6,7 @@
 //! ```
 
 use super::candidate::Candidate;
-use super::innovation_window::Contradictions;
+use super::innovation_window::PendingWindows;
 use super::record::FeatureRecord;
 use super::sources::Scratch;
 use crate::batch::Workspace;
@@ -14,7 +14,7 @@ use crate::camera::Camera;
 use crate::drift::{FrameDrift, Misfit};
 use crate::error::EkfError;
 use crate::gauge::Gauge;
-use crate::local::{Far, Spare};
+use crate::local::{Buffers, OutsideSet};
 use crate::math::quat;
 use crate::settings::{Consistency, Settings};
 use crate::state::{CAMERA_DIM, Mark, State};
@@ -40,14 +40,14 @@ pub struct Filter {
     pub(super) drift: FrameDrift,
     pub(super) misfit: Misfit,
     pub(super) gauge: Gauge,
-    pub(super) contradictions: Contradictions,
+    pub(super) windows: PendingWindows,
     pub(super) scratch: Scratch,
     /// Room for the next list of features that the gauge follows.
     pub(super) in_view: Vec<u64>,
     /// What is outside of the working state `state`, with `map.local`.
-    pub(super) far: Option<Far>,
+    pub(super) outside: Option<OutsideSet>,
     /// Room for the next working set of `map.local`.
-    pub(super) spare: Spare,
+    pub(super) buffers: Buffers,
     /// The whole state, if it was asked for since the last change.
     pub(super) shown: OnceLock<Box<State>>,
 }
@@ -78,11 +78,11 @@ impl Filter {
             drift: FrameDrift::default(),
             misfit: Misfit::default(),
             gauge: Gauge::default(),
-            contradictions: Contradictions::default(),
+            windows: PendingWindows::default(),
             scratch: Scratch::default(),
             in_view: Vec::new(),
-            far: None,
-            spare: Spare::default(),
+            outside: None,
+            buffers: Buffers::default(),
             shown: OnceLock::new(),
         }
     }
@@ -94,10 +94,10 @@ impl Filter {
 
     /// The state: mean, covariance, layout. With `map.local` it is put together when asked for, in O(n^2).
     pub fn state(&self) -> &State {
-        match &self.far {
-            Some(far) => self
+        match &self.outside {
+            Some(outside) => self
                 .shown
-                .get_or_init(|| Box::new(far.settle(&self.state, &mut Spare::default()))),
+                .get_or_init(|| Box::new(outside.assemble(&self.state, &mut Buffers::default()))),
             None => &self.state,
         }
     }
@@ -147,7 +147,7 @@ impl Filter {
 
     /// Number of features in the map.
     pub fn map_size(&self) -> usize {
-        let outside = self.far.as_ref().map_or(0, Far::len);
+        let outside = self.outside.as_ref().map_or(0, OutsideSet::len);
         self.state.layout.features().count() + outside
     }
 
@@ -196,9 +196,10 @@ impl Filter {
     pub(super) fn take_back(&mut self, mark: &Mark) {
         self.state.take_back(mark);
         self.gauge.forget_from(self.state.layout.next_id());
-        let (state, far) = (&self.state, &self.far);
+        let (state, outside) = (&self.state, &self.outside);
         self.records.retain(|&id, _| {
-            state.layout.find(id).is_some() || far.as_ref().is_some_and(|far| far.has(id))
+            state.layout.find(id).is_some()
+                || outside.as_ref().is_some_and(|outside| outside.has(id))
         });
     }
 }

@@ -20,12 +20,12 @@ struct Sum {
 
 /// How far a feature was off what the others say, in the last frames in which it was measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub(super) struct Contradiction {
+pub(super) struct InnovationWindow {
     before: Sum,
     now: Sum,
 }
 
-impl Contradiction {
+impl InnovationWindow {
     pub(super) fn add(&mut self, d2: f64, rows: usize) {
         if self.now.frames == HALF {
             self.before = std::mem::take(&mut self.now);
@@ -36,7 +36,7 @@ impl Contradiction {
     }
 
     /// Whether half a memory or more is contradicted at this level.
-    pub(super) fn lasts(&self, level: f64, quantiles: &mut Quantiles) -> bool {
+    pub(super) fn exceeds(&self, level: f64, quantiles: &mut Quantiles) -> bool {
         let frames = self.before.frames + self.now.frames;
         let dof = self.before.dof + self.now.dof;
         frames >= HALF && self.before.d2 + self.now.d2 > quantiles.get(level, dof)
@@ -52,7 +52,7 @@ impl Contradiction {
 
 /// What this frame makes of them, by feature, until the update is made; and quantiles.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Contradictions {
-    pub(super) news: Vec<(u64, Contradiction)>,
+pub(crate) struct PendingWindows {
+    pub(super) news: Vec<(u64, InnovationWindow)>,
     pub(super) quantiles: Quantiles,
 }

@@ -3,7 +3,7 @@
 use super::candidate::FirstView;
 use super::ekf::Filter;
 use super::record::FeatureRecord;
-use super::visibility::sight;
+use super::visibility::visibility;
 use crate::birth::new_feature::NewFeature;
 use crate::error::EkfError;
 use crate::guard;
@@ -56,8 +56,8 @@ impl Filter {
 
     pub(super) fn remove_blocks(&mut self, ids: &[u64]) {
         self.changes();
-        if let Some(far) = &mut self.far {
-            far.remove(&mut self.state, |id| ids.contains(&id));
+        if let Some(outside) = &mut self.outside {
+            outside.remove(&mut self.state, |id| ids.contains(&id));
         }
         self.state.remove(|b| ids.contains(&b.id));
         for id in ids {
@@ -73,11 +73,11 @@ impl Filter {
         let now = self.time.unwrap_or(0.0);
         let mut gone: Vec<u64> = Vec::new();
         let mut kept: Vec<(f64, u64)> = Vec::new();
-        let near = self.state.layout.features();
-        let near = near.map(|block| (*block, self.state.feature(block)));
-        let mut features: Vec<_> = near.collect();
-        if let Some(far) = &self.far {
-            features.extend(far.means(&self.state));
+        let working = self.state.layout.features();
+        let working = working.map(|block| (*block, self.state.feature(block)));
+        let mut features: Vec<_> = working.collect();
+        if let Some(outside) = &self.outside {
+            features.extend(outside.means(&self.state));
             features.sort_unstable_by_key(|(block, _)| block.id);
         }
         for (block, feature) in features {
@@ -102,18 +102,18 @@ impl Filter {
             .values()
             .filter_map(|c| match c.first {
                 FirstView::Clone(id) => Some(id),
-                FirstView::Noted(..) => None,
+                FirstView::Remembered(..) => None,
             })
             .collect();
         needed.dedup();
         self.changes();
-        if let Some(far) = &mut self.far {
-            far.remove(&mut self.state, |id| gone.contains(&id));
+        if let Some(outside) = &mut self.outside {
+            outside.remove(&mut self.state, |id| gone.contains(&id));
         }
         self.state.remove(|b| match b.kind {
             BlockKind::Feature(_) => gone.contains(&b.id),
             BlockKind::Clone => !needed.contains(&b.id),
-            BlockKind::WornBias | BlockKind::WornError | BlockKind::Dual(_) => false,
+            BlockKind::WornBias | BlockKind::WornError | BlockKind::Auxiliary(_) => false,
         });
         for id in &gone {
             self.records.remove(id);
@@ -129,7 +129,7 @@ impl Filter {
             return;
         }
         let (state, pose) = (&self.state, self.state.camera_pose());
-        let seen = sight(&self.camera, &pose);
+        let seen = visibility(&self.camera, &pose);
         let has_converged = |block: &Block| {
             let (feature, (_, own)) = (state.feature(block), state.feature_covariance(block));
             let index = feature.linearity_index(&own, &pose.r);
@@ -144,8 +144,8 @@ impl Filter {
             return;
         }
         ids.sort_unstable();
-        if let Some(far) = &mut self.far {
-            far.fetch_twins(&mut self.state, |id| ids.binary_search(&id).is_ok());
+        if let Some(outside) = &mut self.outside {
+            outside.enter_sharers(&mut self.state, |id| ids.binary_search(&id).is_ok());
         }
         self.state.shrink(&ids);
     }

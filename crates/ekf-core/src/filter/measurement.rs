@@ -5,12 +5,12 @@ use super::measurements::{
     Bearing, DepthObservation, Measurements, Outcome, UpdateReport, WornObservation, WornPair,
 };
 use super::sources::{Scratch, Source, WornForm};
-use crate::observe::block::Unit;
+use crate::observe::block::MeasurementBlock;
 use crate::observe::{PointInCamera, Rows, WornView};
 use crate::state::Block;
 
 impl Filter {
-    pub(super) fn collect_units(
+    pub(super) fn collect_blocks(
         &mut self,
         z: &Measurements,
         form: WornForm,
@@ -52,8 +52,8 @@ impl Filter {
                 report.bearings[i] = Outcome::Replaced;
                 continue;
             }
-            let unit = self.unit(z, source);
-            let outcome = match (&unit, source) {
+            let block = self.measurement_block(z, source);
+            let outcome = match (&block, source) {
                 (Err(outcome), _) => *outcome,
                 (Ok(_), Source::Bearing(_)) => Outcome::Pixel,
                 (Ok(_), Source::Point(_) | Source::Depth(_)) => Outcome::Depth,
@@ -67,17 +67,21 @@ impl Filter {
                 }
             };
             *source.outcome(report) = outcome;
-            if let Ok(unit) = unit {
+            if let Ok(block) = block {
                 if outcome == Outcome::Depth {
-                    with_depth.push(unit.id);
+                    with_depth.push(block.id);
                 }
-                self.batch.push(unit);
+                self.batch.push(block);
                 sources.push(source);
             }
         }
     }
 
-    pub(super) fn unit(&self, z: &Measurements, source: Source) -> Result<Unit, Outcome> {
+    pub(super) fn measurement_block(
+        &self,
+        z: &Measurements,
+        source: Source,
+    ) -> Result<MeasurementBlock, Outcome> {
         match (source, &z.worn) {
             (Source::Bearing(i), _) => self.bearing(&z.bearings[i]),
             (Source::Point(i), Some(worn)) => self.worn_point(worn, &worn.pairs[i]),
@@ -87,31 +91,31 @@ impl Filter {
         }
     }
 
-    pub(super) fn bearing(&self, bearing: &Bearing) -> Result<Unit, Outcome> {
-        let block = self
+    pub(super) fn bearing(&self, bearing: &Bearing) -> Result<MeasurementBlock, Outcome> {
+        let landmark = self
             .feature_block(bearing.id)
             .map_err(|_| Outcome::NotVisible)?;
         let rows = Rows::bearing(
             &self.camera,
             &self.state.camera_pose(),
-            &self.state.feature(&block),
+            &self.state.feature(&landmark),
             &bearing.uv,
             self.settings.pixel.sigma_cs,
         );
-        Unit::new(rows, &block, None)
+        MeasurementBlock::new(rows, &landmark, None)
     }
 
     pub(super) fn worn_point(
         &self,
         worn: &WornObservation,
         pair: &WornPair,
-    ) -> Result<Unit, Outcome> {
+    ) -> Result<MeasurementBlock, Outcome> {
         let id = pair.id.ok_or(Outcome::Unused)?;
-        let block = self.feature_block(id).map_err(|_| Outcome::NotVisible)?;
+        let landmark = self.feature_block(id).map_err(|_| Outcome::NotVisible)?;
         let view = self
             .intersect(worn, &pair.uv, &pair.uv_f)
             .ok_or(Outcome::NotVisible)?;
-        let (pose, feature) = (self.state.camera_pose(), self.state.feature(&block));
+        let (pose, feature) = (self.state.camera_pose(), self.state.feature(&landmark));
         let predicted = PointInCamera::metric(&pose, &feature).ok_or(Outcome::NotVisible)?;
         let view = view.at_point(&predicted.value);
         let (sigma, sigma_f) = (self.settings.pixel.sigma_cs, self.settings.pixel.sigma_cf);
@@ -134,7 +138,7 @@ impl Filter {
             &noise,
             error.map(|_| (&mean, &j)),
         );
-        Unit::new(rows, &block, error)
+        MeasurementBlock::new(rows, &landmark, error)
     }
 
     pub(super) fn worn_pixel(
@@ -142,8 +146,8 @@ impl Filter {
         worn: &WornObservation,
         pair: &WornPair,
         id: u64,
-    ) -> Result<Unit, Outcome> {
-        let block = self.feature_block(id).map_err(|_| Outcome::NotVisible)?;
+    ) -> Result<MeasurementBlock, Outcome> {
+        let landmark = self.feature_block(id).map_err(|_| Outcome::NotVisible)?;
         let camera = self.worn_camera.as_ref().ok_or(Outcome::NotVisible)?;
         let view = WornView {
             camera,
@@ -153,37 +157,40 @@ impl Filter {
         let rows = Rows::worn_pixel(
             &view,
             &self.state.camera_pose(),
-            &self.state.feature(&block),
+            &self.state.feature(&landmark),
             &pair.uv_f,
             self.settings.pixel.sigma_cf,
         );
-        Unit::new(rows, &block, self.worn_error_offset())
+        MeasurementBlock::new(rows, &landmark, self.worn_error_offset())
     }
 
-    pub(super) fn other_depth(&self, depth: &DepthObservation) -> Result<Unit, Outcome> {
+    pub(super) fn other_depth(
+        &self,
+        depth: &DepthObservation,
+    ) -> Result<MeasurementBlock, Outcome> {
         let id = depth.id.ok_or(Outcome::Unused)?;
-        let block = self.feature_block(id).map_err(|_| Outcome::NotVisible)?;
+        let landmark = self.feature_block(id).map_err(|_| Outcome::NotVisible)?;
         let (point, noise) = self.point_at_depth(depth).ok_or(Outcome::NotVisible)?;
-        let (pose, feature) = (self.state.camera_pose(), self.state.feature(&block));
-        Unit::new(
+        let (pose, feature) = (self.state.camera_pose(), self.state.feature(&landmark));
+        MeasurementBlock::new(
             Rows::depth(&pose, &feature, &point, &noise, None),
-            &block,
+            &landmark,
             None,
         )
     }
 }
 
-impl Unit {
+impl MeasurementBlock {
     pub(super) fn new(
         rows: Option<Rows>,
-        block: &Block,
+        landmark: &Block,
         worn: Option<usize>,
     ) -> Result<Self, Outcome> {
         let rows = rows.ok_or(Outcome::NotVisible)?;
         Ok(Self {
             rows,
-            id: block.id,
-            feature: block.offset,
+            id: landmark.id,
+            feature: landmark.offset,
             worn,
         })
     }

@@ -61,8 +61,8 @@ pub struct Measurements {
     pub worn: Option<WornObservation>,
     /// Other depths.
     pub depths: Vec<DepthObservation>,
-    /// Fewest accepted bearings with which the frame is believed: with fewer nothing of it is used.
-    pub least: usize,
+    /// Fewest accepted bearings with which the frame is accepted: with fewer nothing of it is used.
+    pub min_inliers: usize,
 }
 
 impl Measurements {
@@ -122,8 +122,8 @@ pub struct UpdateReport {
     pub worn_error: Vector6<f64>,
     /// Why the frame was refused, if it was: the filter is as it was before.
     pub refused: Option<EkfError>,
-    /// Whether [`Measurements::least`] bearings were accepted; otherwise nothing of the frame was used.
-    pub believed: bool,
+    /// Whether [`Measurements::min_inliers`] bearings were accepted; otherwise nothing of the frame was used.
+    pub accepted: bool,
 }
 
 impl UpdateReport {
@@ -135,7 +135,7 @@ impl UpdateReport {
             list.fill(Outcome::Refused);
         }
         report.refused = Some(error);
-        report.believed = false;
+        report.accepted = false;
         report
     }
 
@@ -152,24 +152,24 @@ impl UpdateReport {
             depths,
             exact: true,
             iterations: 1,
-            believed: true,
+            accepted: true,
             ..Self::default()
         };
     }
 
     /// Number of features measured in Cs.
-    pub(super) fn located_by(&self) -> usize {
+    pub(super) fn inliers(&self) -> usize {
         let accepted = |o: &&Outcome| matches!(o, Outcome::Pixel | Outcome::Replaced);
         self.bearings.iter().filter(accepted).count()
     }
 
-    /// Says that the frame was not believed.
+    /// Says that the frame was not accepted.
     pub(super) fn reject_all(&mut self, z: &Measurements) {
         self.start(z);
         self.bearings.fill(Outcome::RejectedBatch);
         self.pairs.fill(Outcome::Unused);
         self.depths.fill(Outcome::Unused);
-        self.believed = false;
+        self.accepted = false;
     }
 }
 

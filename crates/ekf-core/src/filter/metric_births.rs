@@ -40,7 +40,7 @@ impl Filter {
         newborn
     }
 
-    pub(super) fn settle_tight_births(
+    pub(super) fn judge_tight_births(
         &mut self,
         newborn: &[(usize, u64)],
         report: &mut UpdateReport,

@@ -1,7 +1,7 @@
 //! Where the features of the map should appear in the image, and how well that is known (METHOD 7, step 2).
 
 use super::ekf::Filter;
-use super::visibility::{Appearance, MAYBE, appearance, sight};
+use super::visibility::{Appearance, MAYBE, appearance, visibility};
 use crate::math::plus_transpose;
 use crate::observe::FeatureState;
 use nalgebra::{Matrix2, SMatrix, Vector2, Vector3};
@@ -50,12 +50,16 @@ impl Filter {
                 seen.push(self.expect(block.id, &feature, &view, (&p_pose, &p_cross, &p_own)));
             }
         }
-        if let Some(far) = self.far.as_ref().filter(|far| !far.is_clear(&pose)) {
-            let seen_at = sight(&self.camera, &pose);
-            let may_be = far.maybe_in_view(&self.state, |point| seen_at(point, -MAYBE));
+        if let Some(outside) = self
+            .outside
+            .as_ref()
+            .filter(|outside| !outside.is_clear(&pose))
+        {
+            let seen_at = visibility(&self.camera, &pose);
+            let may_be = outside.maybe_in_view(&self.state, |point| seen_at(point, -MAYBE));
             for (block, feature) in may_be {
                 if let Some(view) = appearance(&self.camera, &pose, &feature, 0.0) {
-                    let (p_cross, p_own) = far.covariance(&self.state, &block);
+                    let (p_cross, p_own) = outside.covariance(&self.state, &block);
                     seen.push(self.expect(block.id, &feature, &view, (&p_pose, &p_cross, &p_own)));
                 }
             }

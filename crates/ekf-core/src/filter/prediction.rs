@@ -1,7 +1,7 @@
 //! Prediction (METHOD 3), and what comes into view by it.
 
 use super::ekf::Filter;
-use super::visibility::{MAYBE, appearance, sight};
+use super::visibility::{MAYBE, appearance, visibility};
 use crate::error::EkfError;
 use crate::kernel::Panels;
 use crate::observe::FeatureState;
@@ -70,12 +70,12 @@ impl Filter {
         let distance = (pose.r - before).norm();
         let misfit = self.misfit.share();
         self.drift.grow(&pose, dt, distance, misfit, process);
-        if let Some(far) = &mut self.far {
+        if let Some(outside) = &mut self.outside {
             // What comes into view joins the working set, and what is about to come with it: to join costs a pass over R.
-            far.look_about(&self.state, self.batch.moved_by() > JUMP);
+            outside.refresh_points(&self.state, self.batch.moved_by() > JUMP);
             let look = |y: &FeatureState, margin| appearance(&self.camera, &pose, y, margin);
-            let seen = sight(&self.camera, &pose);
-            let close = far.maybe_in_view(&self.state, |point| seen(point, -MAYBE));
+            let seen = visibility(&self.camera, &pose);
+            let close = outside.maybe_in_view(&self.state, |point| seen(point, -MAYBE));
             let mut any = false;
             let close = close.filter(|(_, y)| {
                 any |= look(y, 0.0).is_some();
@@ -83,9 +83,9 @@ impl Filter {
             });
             let close: Vec<u64> = close.map(|(block, _)| block.id).collect();
             if any {
-                far.enter(&mut self.state, |id| close.binary_search(&id).is_ok());
+                outside.enter(&mut self.state, |id| close.binary_search(&id).is_ok());
             }
-            far.note_clear(&pose);
+            outside.mark_clear(&pose);
         }
         if self.carries() {
             self.follow_view(&pose);
@@ -96,7 +96,7 @@ impl Filter {
     pub(super) fn follow_view(&mut self, pose: &CameraPose) {
         let State { reference, x, .. } = &mut self.state;
         reference[..CAMERA_DIM].copy_from_slice(&x[..CAMERA_DIM]);
-        let seen = sight(&self.camera, pose);
+        let seen = visibility(&self.camera, pose);
         let (mut stay, mut back) = (std::mem::take(&mut self.in_view), false);
         stay.clear();
         for block in self.state.layout.features() {
@@ -110,14 +110,14 @@ impl Filter {
         }
         stay.sort_unstable();
         if back {
-            self.gauge.note(&self.state);
+            self.gauge.prepare(&self.state);
         }
         self.gauge.swap_followed(&mut stay);
         self.in_view = stay;
         if back {
             let change = self.gauge.change(&self.state, None);
             self.state.p.downdate(&Panels::default(), Some(change));
-            self.gauge.settle(&mut self.state);
+            self.gauge.mark_carried(&mut self.state);
         }
     }
 }

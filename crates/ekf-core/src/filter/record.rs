@@ -1,6 +1,6 @@
 //! How each feature of the map has done so far.
 
-use super::innovation_window::Contradiction;
+use super::innovation_window::InnovationWindow;
 use serde::{Deserialize, Serialize};
 
 /// How a feature has done so far.
@@ -13,5 +13,5 @@ pub(super) struct FeatureRecord {
     /// Time of the last accepted match, seconds.
     pub last_found: f64,
     /// How far it was off what the others say, in the last frames.
-    pub contradiction: Contradiction,
+    pub window: InnovationWindow,
 }

@@ -1,6 +1,6 @@
 //! A lost camera found again: a pose from matches with the map and from nothing else.
 //!
-//! What the filter believed about the camera is thrown away: its rows of P are cut off from the map, which leaves the
+//! What the filter accepted about the camera is thrown away: its rows of P are cut off from the map, which leaves the
 //! map's own marginal as it was. The pose that the matches gave becomes the point of linearisation, with a prior that
 //! says next to nothing; the ordinary update with those matches (METHOD 7, 8) then gives pose, covariance and the
 //! correlation with the map, whose uncertainty is part of S.
@@ -26,12 +26,12 @@ const WIDE: f64 = 100.0;
 const MAX_CONDITION: f64 = 1e10;
 
 impl Filter {
-    /// Puts a lost camera where its matches with the map say, and forgets what was believed about it.
+    /// Puts a lost camera where its matches with the map say, and forgets what was accepted about it.
     ///
     /// `pose` is a first T_WC that explains `matches` to within the range of the linear model, as PnP with the
     /// landmarks' means gives it; it counts for nothing but as the point of linearisation. Velocities start anew from the
     /// settings' `process.start_*`. The matches pass the batch test; the pose is taken if `lost.min_matches` of them do:
-    /// [`UpdateReport::believed`] says so. Otherwise the filter is as it was.
+    /// [`UpdateReport::accepted`] says so. Otherwise the filter is as it was.
     ///
     /// # Errors
     /// `NonFinite`, `UnknownFeature`, `InvalidInput` (before the start, an id given twice, no rotation matrix); the
@@ -46,7 +46,7 @@ impl Filter {
         let z = Measurements {
             searched: matches.iter().map(|b| b.id).collect(),
             bearings: matches.to_vec(),
-            least: self.settings.lost.min_matches,
+            min_inliers: self.settings.lost.min_matches,
             ..Measurements::default()
         };
         self.check_measurements(&z, &mut Scratch::default())?;
@@ -109,8 +109,8 @@ impl Filter {
     ) -> Result<Option<Matrix6<f64>>, EkfError> {
         let mut scratch = Scratch::default();
         refill(&mut scratch.demoted, false, 0);
-        self.collect_units(z, WornForm::Unused, &[], report, &mut scratch);
-        if self.batch.units().len() < z.least {
+        self.collect_blocks(z, WornForm::Unused, &[], report, &mut scratch);
+        if self.batch.blocks().len() < z.min_inliers {
             return Ok(None);
         }
         self.batch.build(&self.state);
@@ -118,10 +118,10 @@ impl Filter {
         let lift = by_tangent(pose);
         let m = self.batch.rows();
         let mut by_pose = DMatrix::<f64>::zeros(m, 6);
-        let units = self.batch.units().iter();
-        for (unit, &at) in units.zip(self.batch.offsets()) {
-            let rows = unit.rows.by_pose * lift;
-            for r in 0..unit.rows.count {
+        let blocks = self.batch.blocks().iter();
+        for (block, &at) in blocks.zip(self.batch.offsets()) {
+            let rows = block.rows.by_pose * lift;
+            for r in 0..block.rows.count {
                 by_pose.set_row(at + r, &rows.row(r));
             }
         }

@@ -3,7 +3,7 @@
 
 use super::candidate::{Candidate, CandidateImage};
 use super::ekf::Filter;
-use super::innovation_window::Contradictions;
+use super::innovation_window::PendingWindows;
 use super::prediction::LAST_TIME;
 use super::record::FeatureRecord;
 use super::snapshot::{open, seal};
@@ -13,7 +13,7 @@ use crate::camera::Camera;
 use crate::drift::{FrameDrift, Misfit};
 use crate::error::EkfError;
 use crate::gauge::Gauge;
-use crate::local::{Far, FarImage, Spare};
+use crate::local::{Buffers, OutsideSet, OutsideSetImage};
 use crate::settings::{Settings, Value};
 use crate::state::{Layout, State, StateImage};
 use crate::{guard, validate};
@@ -63,7 +63,7 @@ pub(super) struct FilterImage {
     moved_by: f64,
     /// Features that the gauge follows.
     followed: Vec<u64>,
-    far: Option<FarImage>,
+    outside: Option<OutsideSetImage>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -115,13 +115,13 @@ impl Filter {
             drift,
             misfit,
             gauge,
-            far,
+            outside,
             // Buffers, and what is worked out again when it is asked for.
             test: _,
-            contradictions: _,
+            windows: _,
             in_view: _,
             scratch: _,
-            spare: _,
+            buffers: _,
             shown: _,
         } = self;
         FilterImage {
@@ -138,7 +138,7 @@ impl Filter {
             misfit: (misfit.nis, misfit.dof),
             moved_by: batch.moved_by(),
             followed: gauge.followed().to_vec(),
-            far: far.as_ref().map(|far| far.image(state)),
+            outside: outside.as_ref().map(|outside| outside.image(state)),
         }
     }
 
@@ -157,15 +157,18 @@ impl Filter {
             misfit: (nis, dof),
             moved_by,
             followed,
-            far,
+            outside,
         } = image;
         let settings = Settings::from_values(&settings).map_err(|error| {
             EkfError::bad_snapshot(format!("its settings are not this program's ({error})"))
         })?;
         let worn_camera = worn_camera.map(|c| c.camera()).transpose()?;
         let state = State::from_image(&state)?;
-        let far = far.map(|far| Far::from_image(far, &state)).transpose()?;
-        if far.is_some() != state.duals().next().is_some() || (far.is_some() && !settings.map.local)
+        let outside = outside
+            .map(|outside| OutsideSet::from_image(outside, &state))
+            .transpose()?;
+        if outside.is_some() != state.auxiliary_blocks().next().is_some()
+            || (outside.is_some() && !settings.map.local)
         {
             return Err(EkfError::bad_snapshot(
                 "its working set and its settings disagree",
@@ -184,7 +187,7 @@ impl Filter {
         if time.is_some_and(|t| !t.is_finite() || t.abs() > LAST_TIME) || !moved_by.is_finite() {
             return Err(EkfError::bad_snapshot("its time is impossible"));
         }
-        let records = records_of(records, &state.layout, far.as_ref())?;
+        let records = records_of(records, &state.layout, outside.as_ref())?;
         let candidates = candidates_of(candidates, next_candidate, &state.layout)?;
         let drift = match <[f64; 36]>::try_from(drift) {
             Ok(entries) if entries.iter().all(|v| v.is_finite()) => {
@@ -214,11 +217,11 @@ impl Filter {
             drift: FrameDrift(drift),
             misfit: Misfit { nis, dof },
             gauge: Gauge::following(followed),
-            contradictions: Contradictions::default(),
+            windows: PendingWindows::default(),
             in_view: Vec::new(),
             scratch: Scratch::default(),
-            far,
-            spare: Spare::default(),
+            outside,
+            buffers: Buffers::default(),
             shown: OnceLock::new(),
         };
         guard::state_is_sane(&filter.state).map_err(EkfError::bad_snapshot)?;
@@ -231,13 +234,13 @@ impl Filter {
 fn records_of(
     records: Vec<(u64, FeatureRecord)>,
     layout: &Layout,
-    far: Option<&Far>,
+    outside: Option<&OutsideSet>,
 ) -> Result<BTreeMap<u64, FeatureRecord>, EkfError> {
-    let outside: BTreeSet<u64> = far.iter().flat_map(|far| far.ids()).collect();
+    let outside: BTreeSet<u64> = outside.iter().flat_map(|outside| outside.ids()).collect();
     let inside: BTreeSet<u64> = layout.features().map(|b| b.id).collect();
     let count = records.len();
     let mut records_alone = records.iter().map(|(_, r)| r);
-    let sane = records_alone.all(|r| r.last_found.is_finite() && r.contradiction.is_sane());
+    let sane = records_alone.all(|r| r.last_found.is_finite() && r.window.is_sane());
     let records: BTreeMap<u64, FeatureRecord> = records.into_iter().collect();
     let known = |id: &u64| inside.contains(id) != outside.contains(id);
     if !sane

@@ -2,7 +2,7 @@
 
 use super::measurements::{Outcome, UpdateReport};
 
-/// Where in [`Measurements`] a unit of the batch comes from, and which form it takes.
+/// Where in [`Measurements`] a block of the batch comes from, and which form it takes.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Source {
     /// Two rows: a pixel in Cs.
@@ -46,13 +46,13 @@ pub(super) enum WornForm {
 /// Lists of an update; they only grow, so that a warm step allocates nothing.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
-    /// Where each unit of the batch comes from.
+    /// Where each block of the batch comes from.
     pub(super) sources: Vec<Source>,
     pub(super) wanted: Vec<Source>,
     pub(super) with_depth: Vec<u64>,
     /// 3D blocks that were rejected and fall back to their bearing.
     pub(super) demoted: Vec<bool>,
-    /// Units that a test rejected.
+    /// Blocks that a test rejected.
     pub(super) gone: Vec<usize>,
     pub(super) ids: Vec<u64>,
 }
@@ -65,8 +65,8 @@ impl Clone for Scratch {
 }
 
 impl Scratch {
-    /// Notes what became of the units that are gone; true if a 3D block may fall back to its bearing.
-    pub(super) fn note(&mut self, outcome: Outcome, report: &mut UpdateReport) -> bool {
+    /// Notes what became of the blocks that are gone; true if a 3D block may fall back to its bearing.
+    pub(super) fn record(&mut self, outcome: Outcome, report: &mut UpdateReport) -> bool {
         let mut any = false;
         for &u in &self.gone {
             *self.sources[u].outcome(report) = outcome;
@@ -78,7 +78,7 @@ impl Scratch {
         any
     }
 
-    /// Leaves out the sources of the units that are gone.
+    /// Leaves out the sources of the blocks that are gone.
     pub(super) fn leave_out(&mut self) {
         let mut u = 0;
         self.sources.retain(|_| {

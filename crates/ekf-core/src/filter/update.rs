@@ -69,7 +69,7 @@ impl Filter {
             return measured.map(|_| ());
         }
         match form {
-            WornForm::Tight => self.settle_tight_births(&newborn, report),
+            WornForm::Tight => self.judge_tight_births(&newborn, report),
             WornForm::Points | WornForm::BirthsOnly => self.instant_births(z, report),
             WornForm::Unused => {}
         }
@@ -97,7 +97,7 @@ impl Filter {
         }
     }
 
-    /// False, and nothing is changed, if too few matches are accepted for the frame to be believed.
+    /// False, and nothing is changed, if too few matches are accepted for the frame to be accepted.
     pub(super) fn measure(
         &mut self,
         z: &Measurements,
@@ -111,16 +111,16 @@ impl Filter {
         let blocks = report.pairs.len() + report.depths.len();
         refill(&mut scratch.demoted, false, blocks);
         for last in [false, false, true] {
-            self.collect_units(z, form, newborn, report, scratch);
+            self.collect_blocks(z, form, newborn, report, scratch);
             self.batch.build(&self.state);
             let mut again = false;
             for test in tests {
                 let outcome = test(self, report, &mut scratch.gone);
-                again |= scratch.note(outcome, report);
+                again |= scratch.record(outcome, report);
                 scratch.leave_out();
                 self.batch.leave_out(&scratch.gone);
                 // Sooner than the costly tests can tell, and no later than they do.
-                if report.located_by() < z.least {
+                if report.inliers() < z.min_inliers {
                     return Ok(false);
                 }
                 if outcome == Outcome::RejectedGate || !scratch.gone.is_empty() {
@@ -139,11 +139,11 @@ impl Filter {
             .solve(&self.state, carries.then_some(&mut self.gauge))?;
         let gauge = carries.then_some(&mut self.gauge);
         self.batch.apply(&mut self.state, gauge);
-        self.misfit.note(report.nis, report.dof);
-        self.note_contradictions();
+        self.misfit.add(report.nis, report.dof);
+        self.keep_windows();
         self.state.normalise_quaternions();
         if carries {
-            self.gauge.settle(&mut self.state);
+            self.gauge.mark_carried(&mut self.state);
         }
         Ok(true)
     }
@@ -159,7 +159,11 @@ impl Filter {
             let step = self.batch.pose_step();
             let mut fresh = self.batch.take_fresh();
             self.state.set_part(0, &(prior + step));
-            fresh.extend(sources.iter().map_while(|s| self.unit(z, *s).ok()));
+            fresh.extend(
+                sources
+                    .iter()
+                    .map_while(|s| self.measurement_block(z, *s).ok()),
+            );
             self.state.set_part(0, &prior);
             let tolerance = self.settings.estimator.nonlinearity;
             if !self.batch.relinearise(fresh, &step, tolerance) {
@@ -219,7 +223,7 @@ impl Filter {
             false,
             z.pairs().len() + z.depths.len(),
         );
-        self.collect_units(z, WornForm::Unused, &[], &mut report, &mut scratch);
+        self.collect_blocks(z, WornForm::Unused, &[], &mut report, &mut scratch);
         self.batch.build(&self.state);
         self.batch.factor()?;
         Ok(&self.batch)

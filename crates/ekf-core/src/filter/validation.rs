@@ -1,38 +1,42 @@
 //! What a frame's matches must stand before they are used (METHOD 8).
 
 use super::ekf::Filter;
-use super::innovation_window::Contradictions;
+use super::innovation_window::PendingWindows;
 use super::measurements::{Outcome, UpdateReport};
 use crate::settings::BatchTestKind;
 use crate::validate;
 use crate::validate::{BatchTest, conditional_gate};
 
-/// Finds units of the batch that are to go, and says what to call them.
+/// Finds blocks of the batch that are to go, and says what to call them.
 pub(super) type Test = fn(&mut Filter, &mut UpdateReport, &mut Vec<usize>) -> Outcome;
 
 impl Filter {
     /// What the matches must stand, in this order.
     pub(super) const TESTS: [Test; 4] = [
-        Self::vague,
+        Self::poorly_predicted,
         Self::gated,
         Self::batch_test,
-        Self::contradicted,
+        Self::conditional_tests,
     ];
 
     /// Matches whose pixel was predicted no better than somewhere in the image, or beyond: no linearisation holds there.
-    pub(super) fn vague(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
+    pub(super) fn poorly_predicted(
+        &mut self,
+        _: &mut UpdateReport,
+        gone: &mut Vec<usize>,
+    ) -> Outcome {
         gone.clear();
         let (s, m) = (self.batch.s(), self.batch.rows());
         let widest = f64::from(self.camera.width.max(self.camera.height)).powi(2);
-        for (u, (unit, &at)) in self
+        for (u, (block, &at)) in self
             .batch
-            .units()
+            .blocks()
             .iter()
             .zip(self.batch.offsets())
             .enumerate()
         {
-            let mut rows = at..at + unit.rows.count;
-            if unit.rows.is_pixel() && rows.any(|row| s[row * m + row] > widest) {
+            let mut rows = at..at + block.rows.count;
+            if block.rows.is_pixel() && rows.any(|row| s[row * m + row] > widest) {
                 gone.push(u);
             }
         }
@@ -50,7 +54,7 @@ impl Filter {
             self.batch.s(),
             self.batch.rows(),
             self.batch.g(),
-            validate::Units::new(self.batch.offsets()),
+            validate::Blocks::new(self.batch.offsets()),
             level,
             &mut self.test,
         );
@@ -67,7 +71,7 @@ impl Filter {
         gone.clear();
         let test = BatchTest::chosen(&self.settings.validate);
         let batch = self.batch.as_batch();
-        if batch.units.is_empty() {
+        if batch.blocks.is_empty() {
             return Outcome::RejectedBatch;
         }
         let verdict = test.run(&batch, &mut self.test);
@@ -78,10 +82,14 @@ impl Filter {
     }
 
     /// Matches that the other accepted ones contradict, in this frame or for long.
-    pub(super) fn contradicted(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
+    pub(super) fn conditional_tests(
+        &mut self,
+        _: &mut UpdateReport,
+        gone: &mut Vec<usize>,
+    ) -> Outcome {
         gone.clear();
         let options = &self.settings.validate;
-        let Contradictions { news, quantiles } = &mut self.contradictions;
+        let PendingWindows { news, quantiles } = &mut self.windows;
         news.clear();
         if options.test == BatchTestKind::None || options.conditional_level >= 1.0 {
             return Outcome::RejectedConditional;
@@ -91,7 +99,7 @@ impl Filter {
             batch.l,
             batch.ld,
             batch.g,
-            batch.units,
+            batch.blocks,
             options.conditional_level,
             options.max_share,
             &mut self.test,
@@ -100,20 +108,20 @@ impl Filter {
         if options.lasting_level >= 1.0 {
             return Outcome::RejectedConditional;
         }
-        let units = self.batch.units().iter().zip(self.test.given_others());
-        for (u, (unit, &d2)) in units.enumerate() {
-            let Some(record) = self.records.get(&unit.id) else {
+        let blocks = self.batch.blocks().iter().zip(self.test.conditional_d2());
+        for (u, (block, &d2)) in blocks.enumerate() {
+            let Some(record) = self.records.get(&block.id) else {
                 continue;
             };
-            let rows = unit.rows.count;
+            let rows = block.rows.count;
             // What the gate leaves out counts as what it lets pass at most.
             let d2 = d2.min(quantiles.get(options.conditional_level, rows));
-            let mut with_this = record.contradiction;
+            let mut with_this = record.window;
             with_this.add(d2, rows);
-            if with_this.lasts(options.lasting_level, quantiles) {
+            if with_this.exceeds(options.lasting_level, quantiles) {
                 gone.push(u);
             }
-            news.push((unit.id, with_this));
+            news.push((block.id, with_this));
         }
         gone.sort_unstable();
         gone.dedup();
@@ -121,10 +129,10 @@ impl Filter {
     }
 
     /// Notes what the frame's last test said, once its update is made.
-    pub(super) fn note_contradictions(&mut self) {
-        for (id, with_this) in self.contradictions.news.drain(..) {
+    pub(super) fn keep_windows(&mut self) {
+        for (id, with_this) in self.windows.news.drain(..) {
             if let Some(record) = self.records.get_mut(&id) {
-                record.contradiction = with_this;
+                record.window = with_this;
             }
         }
     }

@@ -33,7 +33,10 @@ pub(super) fn appearance(
 }
 
 /// Whether a point is in front of the camera and in the image, by a margin in pixels.
-pub(crate) fn sight(camera: &Camera, pose: &CameraPose) -> impl Fn(&Vector3<f64>, f64) -> bool {
+pub(crate) fn visibility(
+    camera: &Camera,
+    pose: &CameraPose,
+) -> impl Fn(&Vector3<f64>, f64) -> bool {
     let (r, r_cw) = (pose.r, quat::rotation(&pose.q).transpose());
     move |point, margin| {
         let seen = r_cw * (point - r);

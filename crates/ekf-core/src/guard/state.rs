@@ -124,7 +124,7 @@ fn rows_are_sane(
     let mut turned = norm(3) < LEAST_QUATERNION;
     for block in state.layout.blocks() {
         // Rows of the local update have the diagonal of -Psi; the error of a frame's T_CF is gone after it.
-        if matches!(block.kind, BlockKind::Dual(_) | BlockKind::WornError) {
+        if matches!(block.kind, BlockKind::Auxiliary(_) | BlockKind::WornError) {
             continue;
         }
         turned |= block.kind == BlockKind::Clone && norm(block.offset + 3) < LEAST_QUATERNION;

@@ -2,22 +2,22 @@
 
 use super::{HEIGHT, Kernel, Panels, Stored, dispatch};
 use crate::observe::POSE_DIM;
-use crate::observe::block::Unit;
+use crate::observe::block::MeasurementBlock;
 use pulp::Simd;
 
-/// Rows of a unit's derivatives.
+/// Rows of a block's derivatives.
 const MAX_ROWS: usize = 3;
 /// Columns that a row can touch: the pose, a feature, the error of T_CF.
 const TOUCHED: usize = POSE_DIM + 12;
 
 /// `out = P H^T`, `out` being of that shape.
-pub(crate) fn fill(p: Stored<'_>, units: &[Unit], out: &mut Panels) {
-    dispatch(Fill { p, units, out });
+pub(crate) fn fill(p: Stored<'_>, blocks: &[MeasurementBlock], out: &mut Panels) {
+    dispatch(Fill { p, blocks, out });
 }
 
 pub(super) struct Fill<'a> {
     pub(super) p: Stored<'a>,
-    pub(super) units: &'a [Unit],
+    pub(super) blocks: &'a [MeasurementBlock],
     pub(super) out: &'a mut Panels,
 }
 
@@ -25,7 +25,7 @@ impl Kernel for Fill<'_> {
     type Output = ();
     #[inline(always)]
     fn run<S: Simd, const V: usize, const W: usize, const C: usize>(self, simd: S) {
-        let Self { p, units, out } = self;
+        let Self { p, blocks, out } = self;
         let columns = out.columns;
         let mut touched = [0.0; TOUCHED * HEIGHT];
         for (index, panel) in out.data.chunks_exact_mut(out.stride).enumerate() {
@@ -35,16 +35,16 @@ impl Kernel for Fill<'_> {
             gather::<POSE_DIM>(p, row, 0, pose);
             let mut worn_at = None;
             let mut column = 0;
-            for unit in units {
+            for block in blocks {
                 let (first, own) = feature.split_at_mut(3 * HEIGHT);
-                let (first_at, own_at) = unit.slots(p.slots);
+                let (first_at, own_at) = block.slots(p.slots);
                 gather::<3>(p, row, first_at, first);
                 if let Some(own_at) = own_at {
                     gather::<3>(p, row, own_at, own);
                 }
-                if unit.worn.is_some() && unit.worn != worn_at {
-                    gather::<6>(p, row, p.slots[unit.worn.unwrap_or(0)], worn);
-                    worn_at = unit.worn;
+                if block.worn.is_some() && block.worn != worn_at {
+                    gather::<6>(p, row, p.slots[block.worn.unwrap_or(0)], worn);
+                    worn_at = block.worn;
                 }
                 let columns = Touched {
                     pose: S::as_simd_f64s(pose).0.as_chunks::<C>().0,
@@ -53,35 +53,35 @@ impl Kernel for Fill<'_> {
                 };
                 let (to, _) = S::as_mut_simd_f64s(&mut panel[column * HEIGHT..]);
                 let (to, _) = to.as_chunks_mut::<C>();
-                combine::<S, C, 2>(simd, &columns, unit, 0, to);
-                if unit.rows.count == 3 {
-                    combine::<S, C, 1>(simd, &columns, unit, 2, &mut to[2..]);
+                combine::<S, C, 2>(simd, &columns, block, 0, to);
+                if block.rows.count == 3 {
+                    combine::<S, C, 1>(simd, &columns, block, 2, &mut to[2..]);
                 }
-                column += unit.rows.count;
+                column += block.rows.count;
             }
             panel[columns * HEIGHT..].fill(0.0);
         }
     }
 }
 
-/// A panel's columns that a unit touches.
+/// A panel's columns that a block touches.
 struct Touched<'a, T, const C: usize> {
     pose: &'a [[T; C]],
     feature: &'a [[T; C]],
     worn: &'a [[T; C]],
 }
 
-/// `R` rows of a unit, from `first` on: as many columns of `P H^T`.
+/// `R` rows of a block, from `first` on: as many columns of `P H^T`.
 #[inline(always)]
 fn combine<S: Simd, const C: usize, const R: usize>(
     simd: S,
     columns: &Touched<'_, S::f64s, C>,
-    unit: &Unit,
+    block: &MeasurementBlock,
     first: usize,
     out: &mut [[S::f64s; C]],
 ) {
     let mut sums = [[simd.splat_f64s(0.0); C]; R];
-    let rows = &unit.rows;
+    let rows = &block.rows;
     add::<S, C, R>(
         simd,
         &mut sums,
@@ -90,7 +90,7 @@ fn combine<S: Simd, const C: usize, const R: usize>(
         first,
     );
     add::<S, C, R>(simd, &mut sums, columns.feature, rows.by_numbers(), first);
-    if let (Some(by_worn), Some(_)) = (&rows.by_worn, unit.worn) {
+    if let (Some(by_worn), Some(_)) = (&rows.by_worn, block.worn) {
         add::<S, C, R>(simd, &mut sums, columns.worn, by_worn.as_slice(), first);
     }
     out[..R].copy_from_slice(&sums);

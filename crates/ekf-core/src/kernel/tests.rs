@@ -3,7 +3,7 @@
 use super::panels::{Panels, Stored};
 use super::symmetric::{Downdate, Product, Times};
 use super::{Dispatch, HEIGHT, Kernel, dot, gather, solve, transform};
-use crate::observe::block::Unit;
+use crate::observe::block::MeasurementBlock;
 use crate::observe::{Form, Rows};
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector3};
 use pulp::{Arch, Scalar, WithSimd};
@@ -224,26 +224,27 @@ fn fill_is_p_times_h() {
         let n = 67;
         let p = symmetric(n);
         let (data, slots): (Vec<f64>, Vec<usize>) = (lower(&p, n), (0..n).collect());
-        let unit = |count: usize, feature: usize, form: Form, worn: Option<usize>| Unit {
-            rows: Rows {
-                innovation: Vector3::zeros(),
-                by_pose: SMatrix::from_fn(|i, j| wave(i + feature, j)),
-                by_feature: SMatrix::from_fn(|i, j| wave(i + feature, j + 20)),
-                form,
-                by_worn: worn.map(|_| SMatrix::from_fn(|i, j| wave(i + feature, j + 60))),
-                noise: Matrix3::identity(),
-                count,
-            },
-            id: 0,
-            feature,
-            worn,
-        };
-        let units = [
-            unit(2, 13, Form::InverseDepth, None),
-            unit(3, 31, Form::InverseDepth, Some(61)),
-            unit(2, 55, Form::InverseDepth, Some(61)),
-            unit(3, 19, Form::Point, None),
-            unit(2, 64, Form::Point, None),
+        let block =
+            |count: usize, feature: usize, form: Form, worn: Option<usize>| MeasurementBlock {
+                rows: Rows {
+                    innovation: Vector3::zeros(),
+                    by_pose: SMatrix::from_fn(|i, j| wave(i + feature, j)),
+                    by_feature: SMatrix::from_fn(|i, j| wave(i + feature, j + 20)),
+                    form,
+                    by_worn: worn.map(|_| SMatrix::from_fn(|i, j| wave(i + feature, j + 60))),
+                    noise: Matrix3::identity(),
+                    count,
+                },
+                id: 0,
+                feature,
+                worn,
+            };
+        let blocks = [
+            block(2, 13, Form::InverseDepth, None),
+            block(3, 31, Form::InverseDepth, Some(61)),
+            block(2, 55, Form::InverseDepth, Some(61)),
+            block(3, 19, Form::Point, None),
+            block(2, 64, Form::Point, None),
         ];
         let mut out = Panels::default();
         out.reshape(n, 12);
@@ -255,22 +256,22 @@ fn fill_is_p_times_h() {
         };
         let kernel = gather::Fill {
             p: stored,
-            units: &units,
+            blocks: &blocks,
             out: &mut out,
         };
         run(with, kernel);
         let mut k = 0;
-        for unit in &units {
-            for r in 0..unit.rows.count {
+        for block in &blocks {
+            for r in 0..block.rows.count {
                 let mut h = DVector::zeros(n);
                 for c in 0..7 {
-                    h[c] = unit.rows.by_pose[(r, c)];
+                    h[c] = block.rows.by_pose[(r, c)];
                 }
-                for c in 0..unit.rows.form.dim() {
-                    h[unit.feature + c] = unit.rows.by_feature[(r, c)];
+                for c in 0..block.rows.form.dim() {
+                    h[block.feature + c] = block.rows.by_feature[(r, c)];
                 }
                 for c in 0..6 {
-                    if let (Some(by_worn), Some(at)) = (&unit.rows.by_worn, unit.worn) {
+                    if let (Some(by_worn), Some(at)) = (&block.rows.by_worn, block.worn) {
                         h[at + c] = by_worn[(r, c)];
                     }
                 }

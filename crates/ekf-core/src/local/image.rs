@@ -1,28 +1,28 @@
 //! What is outside of the working set, in a snapshot: as it is, not settled, since settling would round.
 
-use super::{Duals, Far, Outside};
+use super::{Auxiliary, OutsideFeature, OutsideSet};
 use crate::error::EkfError;
 use crate::state::{State, StateImage};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 #[derive(Serialize, Deserialize)]
-pub(crate) struct FarImage {
+pub(crate) struct OutsideSetImage {
     then: StateImage,
     /// Id and late point of each feature outside.
     outside: Vec<(u64, [f64; 3])>,
     age: usize,
     columns: Vec<usize>,
-    /// `R`, a row for each dual row, column-major.
+    /// `R`, a row for each auxiliary row, column-major.
     r: Vec<f64>,
     first: usize,
 }
 
-impl Far {
-    pub(crate) fn image(&self, near: &State) -> FarImage {
+impl OutsideSet {
+    pub(crate) fn image(&self, working: &State) -> OutsideSetImage {
         let Self {
             then,
-            outside,
+            features,
             age,
             column: _, // the inverse of `columns`
             columns,
@@ -31,9 +31,9 @@ impl Far {
             first,
             clear_at: _, // saves looking again
         } = self;
-        let depth = Duals::of(near).rows.len();
-        let outside = outside.iter().map(|o| (o.block.id, o.lately.into()));
-        FarImage {
+        let depth = Auxiliary::of(working).rows.len();
+        let outside = features.iter().map(|o| (o.block.id, o.last_point.into()));
+        OutsideSetImage {
             then: then.image(),
             outside: outside.collect(),
             age: *age,
@@ -46,9 +46,9 @@ impl Far {
         }
     }
 
-    pub(crate) fn from_image(image: FarImage, near: &State) -> Result<Self, EkfError> {
+    pub(crate) fn from_image(image: OutsideSetImage, working: &State) -> Result<Self, EkfError> {
         let wrong = || EkfError::bad_snapshot("what is outside of its working set is impossible");
-        let depth = Duals::of(near).rows.len();
+        let depth = Auxiliary::of(working).rows.len();
         let then = State::from_image(&image.then)?;
         let n = then.p.stored().n;
         let increasing = image.columns.windows(2).all(|w| w[0] < w[1]);
@@ -63,16 +63,16 @@ impl Far {
         for (k, &row) in image.columns.iter().enumerate() {
             column[row] = Some(k);
         }
-        let mut outside: Vec<Outside> = Vec::with_capacity(image.outside.len());
-        for (id, lately) in image.outside {
+        let mut outside: Vec<OutsideFeature> = Vec::with_capacity(image.outside.len());
+        for (id, last_point) in image.outside {
             let block = then.layout.find(id).copied().ok_or_else(wrong)?;
             let has_columns = block.range().all(|i| column[then.p.slot(i)].is_some());
             let in_order = outside.last().is_none_or(|before| before.block.id < id);
             if !block.kind.is_feature() || !has_columns || !in_order {
                 return Err(wrong());
             }
-            let lately = Vector3::from(lately);
-            outside.push(Outside { block, lately });
+            let last_point = Vector3::from(last_point);
+            outside.push(OutsideFeature { block, last_point });
         }
         let ld = 2 * depth;
         let mut r = vec![0.0; ld * image.columns.len()];
@@ -81,7 +81,7 @@ impl Far {
         }
         Ok(Self {
             then,
-            outside,
+            features: outside,
             age: image.age,
             column,
             columns: image.columns,

@@ -9,7 +9,7 @@
 //!
 //! `Phi <- F Phi` in a prediction, and in an update `Phi <- (I - K H) Phi`, `Psi += Phi^T H^T S^-1 H Phi`,
 //! `theta += Phi^T H^T S^-1 g` (Guivant and Nebot, IEEE T-RA 2001). These are the very operations that the filter does
-//! to a covariance: give the working state *dual* rows with
+//! to a covariance: give the working state *auxiliary* rows with
 //!
 //! ```text
 //!     [ P_AA   Phi  ]                     [ x_A   ]
@@ -19,15 +19,15 @@
 //! and the plain filter run on `M` keeps all three, with no code of its own: `A` gains and loses blocks as ever.
 //!
 //! *A feature `J` of `B` that comes into view* joins `A` alone. Its rows of `P(then)` become rows of `R`, copied as they
-//! are, and it brings dual rows of its own: what `P_JB = P_JB(then) - R_J^T Psi R` says are its rows
+//! are, and it brings auxiliary rows of its own: what `P_JB = P_JB(then) - R_J^T Psi R` says are its rows
 //! `[-R_J^T Psi, I]` of `Phi`, with `Psi = 0` for the new rows. That is O(n) a feature, where writing all of `P_BB` is
-//! O(n^2). When dual rows have become too many, [`Far::settle`] writes the whole state once and a new working set is
+//! O(n^2). When auxiliary rows have become too many, [`OutsideSet::assemble`] writes the whole state once and a new working set is
 //! chosen.
 
+mod assemble;
 mod image;
-mod settle;
 
-pub(crate) use image::FarImage;
+pub(crate) use image::OutsideSetImage;
 
 use crate::kernel::{LINE, dot};
 use crate::observe::point::CameraPose;
@@ -39,21 +39,21 @@ use nalgebra::{SMatrix, Vector3};
 
 /// What is outside of the working set.
 #[derive(Clone, Debug)]
-pub(crate) struct Far {
+pub(crate) struct OutsideSet {
     /// The whole state as it was when the working set was chosen.
     then: State,
     /// Features of `then` that are outside, by id.
-    outside: Vec<Outside>,
+    features: Vec<OutsideFeature>,
     /// Frames since all their means were worked out.
     age: usize,
     /// Column of `R` of each stored row of `then`, if it has one.
     column: Vec<Option<usize>>,
     /// Stored row of `then` of each column of `R`.
     columns: Vec<usize>,
-    /// `R`, a row for each dual row, column-major with leading dimension `ld`.
+    /// `R`, a row for each auxiliary row, column-major with leading dimension `ld`.
     r: Vec<f64>,
     ld: usize,
-    /// Dual rows at first.
+    /// Auxiliary rows at first.
     first: usize,
     /// Where the camera was when no feature outside was in view.
     clear_at: Option<CameraPose>,
@@ -61,14 +61,14 @@ pub(crate) struct Far {
 
 /// Room of the working set of before, megabytes whose pages are there already.
 #[derive(Debug, Default)]
-pub(crate) struct Spare {
+pub(crate) struct Buffers {
     whole: Option<Covariance>,
-    near: Option<Covariance>,
+    working: Option<Covariance>,
     r: Vec<f64>,
-    products: settle::Products,
+    products: assemble::Products,
 }
 
-impl Clone for Spare {
+impl Clone for Buffers {
     /// Nothing is carried over: a copy starts empty.
     fn clone(&self) -> Self {
         Self::default()
@@ -77,17 +77,17 @@ impl Clone for Spare {
 
 /// A feature outside of the working set.
 #[derive(Clone, Copy, Debug)]
-struct Outside {
+struct OutsideFeature {
     /// Its block of `then`.
     block: Block,
     /// Its point when all means were worked out last: good enough to tell whether it may be in view.
-    lately: Vector3<f64>,
+    last_point: Vector3<f64>,
 }
 
 /// Features with an anchor. What has one now had it when the working set was chosen.
-fn anchored(near: &State) -> impl Iterator<Item = &Block> {
+fn anchored(working: &State) -> impl Iterator<Item = &Block> {
     let inverse_depth = BlockKind::Feature(Form::InverseDepth);
-    near.layout.of_kind(inverse_depth)
+    working.layout.of_kind(inverse_depth)
 }
 
 /// Point of a feature; one with `rho <= 0` is in view of nobody.
@@ -98,43 +98,43 @@ fn place(feature: &FeatureState) -> Vector3<f64> {
 /// Frames after which all means are worked out again.
 const OLDEST: usize = 32;
 
-/// Where the dual rows of a working state are.
-struct Duals {
+/// Where the auxiliary rows of a working state are.
+struct Auxiliary {
     /// Index in its mean.
     mean: Vec<usize>,
     /// Row stored in its covariance.
     rows: Vec<usize>,
 }
 
-impl Duals {
-    fn of(near: &State) -> Self {
+impl Auxiliary {
+    fn of(working: &State) -> Self {
         Self {
-            mean: near.duals().flat_map(Block::range).collect(),
-            rows: near.dual_rows().flatten().collect(),
+            mean: working.auxiliary_blocks().flat_map(Block::range).collect(),
+            rows: working.auxiliary_rows().flatten().collect(),
         }
     }
 
-    fn theta(&self, near: &State) -> Vec<f64> {
-        self.mean.iter().map(|&i| near.x[i]).collect()
+    fn theta(&self, working: &State) -> Vec<f64> {
+        self.mean.iter().map(|&i| working.x[i]).collect()
     }
 }
 
-impl Far {
-    /// Takes the features for which `is_near` holds, and all that is no feature, out of a whole state as working state.
+impl OutsideSet {
+    /// Takes the features for which `is_working` holds, and all that is no feature, out of a whole state as working state.
     pub(crate) fn split(
         whole: State,
-        is_near: impl Fn(&Block) -> bool,
-        spare: &mut Spare,
+        is_working: impl Fn(&Block) -> bool,
+        buffers: &mut Buffers,
     ) -> (State, Self) {
-        let stays = |b: &Block| !b.kind.is_feature() || is_near(b);
+        let stays = |b: &Block| !b.kind.is_feature() || is_working(b);
         let n = whole.p.stored().n;
-        let near = settle::working_state(&whole, stays, spare.near.take());
+        let working = assemble::working_state(&whole, stays, buffers.working.take());
         let outside = whole.layout.blocks().iter().filter(|b| !stays(b));
-        let outside = outside.map(|block| Outside {
+        let outside = outside.map(|block| OutsideFeature {
             block: *block,
-            lately: place(&whole.feature(block)),
+            last_point: place(&whole.feature(block)),
         });
-        let outside: Vec<Outside> = outside.collect();
+        let outside: Vec<OutsideFeature> = outside.collect();
         let mut needed = vec![false; n];
         for i in outside.iter().flat_map(|o| o.block.range()) {
             needed[whole.p.slot(i)] = true;
@@ -144,10 +144,10 @@ impl Far {
         for (k, &row) in columns.iter().enumerate() {
             column[row] = Some(k);
         }
-        let reference = settle::stored_rows(&whole, stays);
+        let reference = assemble::stored_rows(&whole, stays);
         let first = reference.len();
         let ld = 2 * first;
-        let mut r = std::mem::take(&mut spare.r);
+        let mut r = std::mem::take(&mut buffers.r);
         r.resize(ld * columns.len(), 0.0);
         // Some columns at a time: they lie side by side in P's cache lines.
         for (k, some) in columns.chunks(LINE).enumerate() {
@@ -159,7 +159,7 @@ impl Far {
         }
         let far = Self {
             then: whole,
-            outside,
+            features: outside,
             age: 0,
             column,
             columns,
@@ -168,60 +168,60 @@ impl Far {
             first,
             clear_at: None,
         };
-        (near, far)
+        (working, far)
     }
 
     /// Ids of the features outside.
     pub(crate) fn ids(&self) -> impl Iterator<Item = u64> {
-        self.outside.iter().map(|o| o.block.id)
+        self.features.iter().map(|o| o.block.id)
     }
 
     /// Number of features outside.
     pub(crate) fn len(&self) -> usize {
-        self.outside.len()
+        self.features.len()
     }
 
     /// Whether a feature is outside.
     pub(crate) fn has(&self, id: u64) -> bool {
-        self.outside
+        self.features
             .binary_search_by_key(&id, |o| o.block.id)
             .is_ok()
     }
 
     /// Deletes features outside, and brings in the twins of those inside that are about to be deleted.
-    pub(crate) fn remove(&mut self, near: &mut State, gone: impl Fn(u64) -> bool) {
-        self.outside.retain(|o| !gone(o.block.id));
-        self.fetch_twins(near, gone);
+    pub(crate) fn remove(&mut self, working: &mut State, gone: impl Fn(u64) -> bool) {
+        self.features.retain(|o| !gone(o.block.id));
+        self.enter_sharers(working, gone);
     }
 
     /// Brings in features that share an anchor with one inside that is about to lose it: the row of that anchor is kept
     /// inside.
-    pub(crate) fn fetch_twins(&mut self, near: &mut State, loses: impl Fn(u64) -> bool) {
+    pub(crate) fn enter_sharers(&mut self, working: &mut State, loses: impl Fn(u64) -> bool) {
         let slot = |block: &Block| self.then.p.slot(block.offset);
-        let before = anchored(near).filter(|b| loses(b.id));
+        let before = anchored(working).filter(|b| loses(b.id));
         let before = before.filter_map(|b| self.then.layout.find(b.id));
         let anchors: Vec<usize> = before.map(slot).collect();
-        let twins = self.outside.iter().map(|o| &o.block);
-        let twins = twins.filter(|b| anchors.contains(&self.then.p.slot(b.offset)));
-        let twins: Vec<u64> = twins.map(|b| b.id).collect();
-        self.enter(near, |id| twins.binary_search(&id).is_ok());
+        let sharers = self.features.iter().map(|o| &o.block);
+        let sharers = sharers.filter(|b| anchors.contains(&self.then.p.slot(b.offset)));
+        let sharers: Vec<u64> = sharers.map(|b| b.id).collect();
+        self.enter(working, |id| sharers.binary_search(&id).is_ok());
     }
 
     /// To be called in each frame; `jumped` if the last update moved the camera by much, and the map maybe as well.
-    pub(crate) fn look_about(&mut self, near: &State, jumped: bool) {
+    pub(crate) fn refresh_points(&mut self, working: &State, jumped: bool) {
         self.age += 1;
         if self.age < OLDEST && !jumped {
             return;
         }
         self.age = 0;
-        let means: Vec<_> = self.means(near).iter().map(|(_, y)| place(y)).collect();
-        for (outside, mean) in self.outside.iter_mut().zip(means) {
-            outside.lately = mean;
+        let means: Vec<_> = self.means(working).iter().map(|(_, y)| place(y)).collect();
+        for (outside, mean) in self.features.iter_mut().zip(means) {
+            outside.last_point = mean;
         }
     }
 
     /// Notes that no feature outside is in view from here.
-    pub(crate) fn note_clear(&mut self, pose: &CameraPose) {
+    pub(crate) fn mark_clear(&mut self, pose: &CameraPose) {
         self.clear_at = Some(*pose);
     }
 
@@ -233,43 +233,43 @@ impl Far {
     /// Present means of the features outside that may be in view, as far as a mean of late tells.
     pub(crate) fn maybe_in_view(
         &self,
-        near: &State,
+        working: &State,
         may_be: impl Fn(&Vector3<f64>) -> bool,
     ) -> impl Iterator<Item = (Block, FeatureState)> {
-        let theta = Duals::of(near).theta(near);
-        let mates = self.mates(near);
-        let some = self.outside.iter().filter(move |o| may_be(&o.lately));
+        let theta = Auxiliary::of(working).theta(working);
+        let mates = self.mates(working);
+        let some = self.features.iter().filter(move |o| may_be(&o.last_point));
         let moved = move |row| dot(&theta, self.column(row, theta.len()));
-        some.map(move |o| (o.block, self.mean(near, &mates, &o.block, &moved)))
+        some.map(move |o| (o.block, self.mean(working, &mates, &o.block, &moved)))
     }
 
     /// Whether the working state has grown so much that writing the whole state pays.
-    pub(crate) fn is_full(&self, near: &State) -> bool {
-        2 * near.p.stored().n > 5 * self.first + 128
+    pub(crate) fn is_full(&self, working: &State) -> bool {
+        2 * working.p.stored().n > 5 * self.first + 128
     }
 
-    fn column(&self, row: usize, duals: usize) -> &[f64] {
+    fn column(&self, row: usize, auxiliary: usize) -> &[f64] {
         let k = self.column[row].expect("a row outside has a column");
-        &self.r[k * self.ld..k * self.ld + duals]
+        &self.r[k * self.ld..k * self.ld + auxiliary]
     }
 
     /// Present means of all features outside, in their order.
-    pub(crate) fn means(&self, near: &State) -> Vec<(Block, FeatureState)> {
-        let theta = Duals::of(near).theta(near);
+    pub(crate) fn means(&self, working: &State) -> Vec<(Block, FeatureState)> {
+        let theta = Auxiliary::of(working).theta(working);
         // R^T theta at once: features that share an anchor share its columns.
         let columns = self.r.chunks_exact(self.ld).take(self.columns.len());
         let moved: Vec<f64> = columns.map(|column| dot(&theta, column)).collect();
         let moved = |row: usize| moved[self.column[row].expect("a row outside has a column")];
-        let mates = self.mates(near);
-        let all = self.outside.iter().map(|o| &o.block);
-        all.map(|block| (*block, self.mean(near, &mates, block, &moved)))
+        let mates = self.mates(working);
+        let all = self.features.iter().map(|o| &o.block);
+        all.map(|block| (*block, self.mean(working, &mates, block, &moved)))
             .collect()
     }
 
     /// Present mean of a feature, from how far its rows have moved.
     fn mean(
         &self,
-        near: &State,
+        working: &State,
         mates: &[(usize, usize)],
         block: &Block,
         moved: &impl Fn(usize) -> f64,
@@ -278,7 +278,7 @@ impl Far {
         let mate = self.mate(mates, block);
         for (k, value) in mean.numbers_mut().iter_mut().enumerate() {
             match mate {
-                Some(mate) if k < 3 => *value = near.x[mate + k],
+                Some(mate) if k < 3 => *value = working.x[mate + k],
                 _ => *value += moved(self.then.p.slot(block.offset + k)),
             }
         }
@@ -288,27 +288,27 @@ impl Far {
     /// Present covariance of a feature outside with the camera's pose, and of itself; zeros where a point has no numbers.
     pub(crate) fn covariance(
         &self,
-        near: &State,
+        working: &State,
         block: &Block,
     ) -> (SMatrix<f64, 7, 6>, SMatrix<f64, 6, 6>) {
-        let duals = Duals::of(near).rows;
+        let auxiliary = Auxiliary::of(working).rows;
         let dim = block.kind.dim();
         let row = |k: usize| self.then.p.slot(block.offset + k.min(dim - 1));
         let rows: [usize; 6] = std::array::from_fn(row);
-        let columns = rows.map(|row| self.column(row, duals.len()));
+        let columns = rows.map(|row| self.column(row, auxiliary.len()));
         // An anchor that a feature inside has as well is stored there.
-        let mate = self.mate(&self.mates(near), block);
-        let inside = |k: usize| mate.filter(|_| k < 3).map(|mate| near.p.slot(mate + k));
+        let mate = self.mate(&self.mates(working), block);
+        let inside = |k: usize| mate.filter(|_| k < 3).map(|mate| working.p.slot(mate + k));
         let with = |i: usize, c: usize| -> f64 {
             if let Some(slot) = inside(c) {
-                return near.p.stored_entry(i, slot);
+                return working.p.stored_entry(i, slot);
             }
-            let along = duals.iter().zip(columns[c]);
-            along.map(|(&d, r)| near.p.stored_entry(i, d) * r).sum()
+            let along = auxiliary.iter().zip(columns[c]);
+            along.map(|(&d, r)| working.p.stored_entry(i, d) * r).sum()
         };
         let mut own = SMatrix::<f64, 6, 6>::zeros();
         for c in 0..dim {
-            let column: Vec<f64> = duals.iter().map(|&d| with(d, c)).collect();
+            let column: Vec<f64> = auxiliary.iter().map(|&d| with(d, c)).collect();
             for i in 0..dim {
                 own[(i, c)] = match (inside(i), inside(c)) {
                     (Some(slot), _) => with(slot, c),
@@ -324,36 +324,40 @@ impl Far {
     }
 
     /// Where P holds the gauge's direction for a feature outside.
-    fn reference(&self, near: &State, mate: Option<usize>, block: &Block) -> Vec<f64> {
+    fn reference(&self, working: &State, mate: Option<usize>, block: &Block) -> Vec<f64> {
         let mut reference = self.then.reference[block.range()].to_vec();
         if let Some(mate) = mate {
-            reference[..3].copy_from_slice(&near.reference[mate..mate + 3]);
+            reference[..3].copy_from_slice(&working.reference[mate..mate + 3]);
         }
         reference
     }
 
-    /// Brings features into the working set: their rows of P as they are now, and dual rows of their own.
-    pub(crate) fn enter(&mut self, near: &mut State, wanted: impl Fn(u64) -> bool) {
-        let entering = self.outside.iter().map(|o| o.block);
+    /// Brings features into the working set: their rows of P as they are now, and auxiliary rows of their own.
+    pub(crate) fn enter(&mut self, working: &mut State, wanted: impl Fn(u64) -> bool) {
+        let entering = self.features.iter().map(|o| o.block);
         let entering: Vec<Block> = entering.filter(|b| wanted(b.id)).collect();
         if entering.is_empty() {
             return;
         }
-        self.outside.retain(|o| !wanted(o.block.id));
-        let duals = Duals::of(near);
-        let (depth, n, theta) = (duals.rows.len(), near.p.stored().n, duals.theta(near));
+        self.features.retain(|o| !wanted(o.block.id));
+        let auxiliary = Auxiliary::of(working);
+        let (depth, n, theta) = (
+            auxiliary.rows.len(),
+            working.p.stored().n,
+            auxiliary.theta(working),
+        );
         // Rows of `then` that enter, and where each feature's rows will be stored.
         let mut rows: Vec<usize> = Vec::new();
         let mut means: Vec<f64> = Vec::new();
         let mut slots: Vec<Vec<usize>> = Vec::new();
-        let mates = self.mates(near);
+        let mates = self.mates(working);
         for block in &entering {
             let mate = self.mate(&mates, block);
             let mut own = vec![0; block.kind.dim()];
             for (k, slot) in own.iter_mut().enumerate() {
                 let row = self.then.p.slot(block.offset + k);
                 *slot = match (mate, rows.iter().position(|&r| r == row)) {
-                    (Some(mate), _) if k < 3 => near.p.slot(mate + k),
+                    (Some(mate), _) if k < 3 => working.p.slot(mate + k),
                     (_, Some(at)) => n + at,
                     _ => {
                         rows.push(row);
@@ -370,15 +374,15 @@ impl Far {
         for &row in &rows {
             of_rows.extend_from_slice(self.column(row, depth));
         }
-        let mut by_dual = vec![0.0; n * depth];
-        for (column, &d) in by_dual.chunks_exact_mut(n).zip(&duals.rows) {
-            near.p.stored_column(d, column);
+        let mut by_auxiliary = vec![0.0; n * depth];
+        for (column, &d) in by_auxiliary.chunks_exact_mut(n).zip(&auxiliary.rows) {
+            working.p.stored_column(d, column);
         }
-        // `M R_J`: the rows of A are P_AJ, those of the duals -Psi R_J, the new rows of Phi.
-        let mut with_duals = vec![0.0; n * width];
+        // `M R_J`: the rows of A are P_AJ, those of the auxiliary rows -Psi R_J, the new rows of Phi.
+        let mut with_auxiliary = vec![0.0; n * width];
         product(
-            MatMut::from_column_major_slice_mut(&mut with_duals, n, width),
-            MatRef::from_column_major_slice(&by_dual, n, depth),
+            MatMut::from_column_major_slice_mut(&mut with_auxiliary, n, width),
+            MatRef::from_column_major_slice(&by_auxiliary, n, depth),
             MatRef::from_column_major_slice(&of_rows, depth, width),
         );
         // R's new rows: as they were.
@@ -389,29 +393,37 @@ impl Far {
             }
         }
         let own = |i: usize, j: usize| {
-            let moved = duals.rows.iter().zip(&of_rows[i * depth..(i + 1) * depth]);
-            let moved: f64 = moved.map(|(&d, r)| r * with_duals[j * n + d]).sum();
+            let moved = auxiliary
+                .rows
+                .iter()
+                .zip(&of_rows[i * depth..(i + 1) * depth]);
+            let moved: f64 = moved.map(|(&d, r)| r * with_auxiliary[j * n + d]).sum();
             self.then.p.stored_entry(rows[i], rows[j]) + moved
         };
-        near.p.append_stored(&with_duals, own, width);
+        working.p.append_stored(&with_auxiliary, own, width);
         for (block, slots) in entering.iter().zip(&slots) {
             let mate = self.mate(&mates, block);
             let value = |(k, slot): (usize, &usize)| match (slot.checked_sub(n), mate) {
                 (Some(at), _) => means[at],
-                (None, mate) => near.x[mate.expect("its slot is there") + k],
+                (None, mate) => working.x[mate.expect("its slot is there") + k],
             };
             let mean: Vec<f64> = slots.iter().enumerate().map(value).collect();
-            let reference = self.reference(near, mate, block);
-            near.insert(block.kind, block.id, slots, (&mean, &reference));
+            let reference = self.reference(working, mate, block);
+            working.insert(block.kind, block.id, slots, (&mean, &reference));
         }
         let slots: Vec<usize> = (n + width..n + 2 * width).collect();
         let zeros = vec![0.0; width];
-        near.insert(BlockKind::Dual(width), u64::MAX, &slots, (&zeros, &zeros));
+        working.insert(
+            BlockKind::Auxiliary(width),
+            u64::MAX,
+            &slots,
+            (&zeros, &zeros),
+        );
     }
 
     /// Anchors of the working state that features outside may have as well: row stored in `then`, and offset of a feature.
-    fn mates(&self, near: &State) -> Vec<(usize, usize)> {
-        let mates = anchored(near).filter_map(|b| {
+    fn mates(&self, working: &State) -> Vec<(usize, usize)> {
+        let mates = anchored(working).filter_map(|b| {
             let before = self.then.layout.find(b.id)?;
             Some((self.then.p.slot(before.offset), b.offset))
         });
@@ -443,11 +455,11 @@ impl Far {
     }
 
     /// The whole state as it is now; what it was put together from is kept to be written over.
-    pub(crate) fn into_whole(self, near: State, spare: &mut Spare) -> State {
-        let whole = self.settle(&near, spare);
-        spare.whole = Some(self.then.p);
-        spare.near = Some(near.p);
-        spare.r = self.r;
+    pub(crate) fn into_whole(self, working: State, buffers: &mut Buffers) -> State {
+        let whole = self.assemble(&working, buffers);
+        buffers.whole = Some(self.then.p);
+        buffers.working = Some(working.p);
+        buffers.r = self.r;
         whole
     }
 }

@@ -5,7 +5,7 @@ use super::rows::Rows;
 
 /// A measurement that is accepted or rejected as a whole.
 #[derive(Clone, Debug)]
-pub struct Unit {
+pub struct MeasurementBlock {
     /// Rows of the innovation and of grad H.
     pub rows: Rows,
     /// Id of its feature.
@@ -16,7 +16,7 @@ pub struct Unit {
     pub worn: Option<usize>,
 }
 
-impl Unit {
+impl MeasurementBlock {
     /// Where the feature's numbers are stored, which come in threes: the anchor's and its own, or the point's alone.
     pub(crate) fn slots(&self, slots: &[usize]) -> (usize, Option<usize>) {
         let own = match self.rows.form {

@@ -114,9 +114,9 @@ impl Covariance {
     }
 
     /// `n` stored rows, of which only the camera's are placed: zeros, or what a spare matrix with room for them holds.
-    pub(crate) fn of_stored(n: usize, capacity: usize, spare: Option<Self>) -> Self {
-        let spare = spare.filter(|p| p.ld >= capacity.max(n));
-        let mut p = spare.unwrap_or_else(|| Self::zeros(n, capacity));
+    pub(crate) fn of_stored(n: usize, capacity: usize, reuse: Option<Self>) -> Self {
+        let reuse = reuse.filter(|p| p.ld >= capacity.max(n));
+        let mut p = reuse.unwrap_or_else(|| Self::zeros(n, capacity));
         p.n = n;
         p.slots.clear();
         p.slots.extend(0..CAMERA_DIM);
@@ -133,9 +133,9 @@ impl Covariance {
         self.data[i + j * self.ld] = value;
     }
 
-    /// Makes the stored rows from `n` on, half of all, the dual rows of those before: 1 where a dual row meets its own,
+    /// Makes the stored rows from `n` on, half of all, the auxiliary rows of those before: 1 where a auxiliary row meets its own,
     /// else 0.
-    pub(crate) fn clear_duals(&mut self, n: usize) {
+    pub(crate) fn clear_auxiliary(&mut self, n: usize) {
         debug_assert!(self.n == 2 * n);
         for j in 0..2 * n {
             self.data[j.max(n) + j * self.ld..2 * n + j * self.ld].fill(0.0);
@@ -180,7 +180,7 @@ impl Covariance {
     }
 
     /// Appends `width` stored rows with these covariances (one column each, of the rows before; `own` among
-    /// themselves), and as many dual rows: 1 where a dual row meets its own, else 0.
+    /// themselves), and as many auxiliary rows: 1 where a auxiliary row meets its own, else 0.
     pub(crate) fn append_stored(
         &mut self,
         before: &[f64],
@@ -363,7 +363,7 @@ impl Covariance {
 
     fn raise(&mut self, slot: usize, before: f64) {
         let left = self.stored_entry(slot, slot);
-        // Dual rows of the local update, less than zero by nature, had nothing before.
+        // Auxiliary rows of the local update, less than zero by nature, had nothing before.
         if left.abs() < LEAST_SHARE * before {
             self.set_stored(slot, slot, left.max(0.0) + LOST_DIGITS * before);
         }

@@ -88,8 +88,10 @@ impl State {
         };
         let mut ids = std::collections::BTreeSet::new();
         for &(id, kind) in blocks {
-            let dual = matches!(kind, BlockKind::Dual(_));
-            if kind == BlockKind::WornError || (!dual && (id >= *next_id || !ids.insert(id))) {
+            let is_auxiliary = matches!(kind, BlockKind::Auxiliary(_));
+            if kind == BlockKind::WornError
+                || (!is_auxiliary && (id >= *next_id || !ids.insert(id)))
+            {
                 return Err(EkfError::bad_snapshot("a block of its state is impossible"));
             }
             let from = state.x.len();
@@ -154,7 +156,7 @@ fn in_order(kind: BlockKind, slots: &[usize]) -> bool {
         BlockKind::Feature(Form::InverseDepth) => {
             side_by_side(&slots[..3]) && side_by_side(&slots[3..])
         }
-        BlockKind::Dual(_) => true,
+        BlockKind::Auxiliary(_) => true,
         BlockKind::Feature(Form::Point)
         | BlockKind::Clone
         | BlockKind::WornBias

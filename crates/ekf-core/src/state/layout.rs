@@ -18,7 +18,7 @@ pub enum BlockKind {
     /// The error of one frame's T_CF, tangent, 6 numbers; lives for that frame only.
     WornError,
     /// Auxiliary rows of the local update; only a working state has them, never the state that is shown.
-    Dual(usize),
+    Auxiliary(usize),
 }
 
 impl BlockKind {
@@ -26,7 +26,7 @@ impl BlockKind {
     pub const fn dim(self) -> usize {
         match self {
             Self::Clone => POSE_DIM,
-            Self::Dual(rows) => rows,
+            Self::Auxiliary(rows) => rows,
             Self::Feature(form) => form.dim(),
             Self::WornBias | Self::WornError => 6,
         }
@@ -44,7 +44,7 @@ impl BlockKind {
             Self::Clone => "Clone",
             Self::WornBias => "WornBias",
             Self::WornError => "WornError",
-            Self::Dual(_) => "Dual",
+            Self::Auxiliary(_) => "Auxiliary",
         }
     }
 }

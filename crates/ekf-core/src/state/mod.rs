@@ -118,15 +118,15 @@ impl State {
         self.part::<3>(10)
     }
 
-    /// The dual blocks of a working state.
-    pub(crate) fn duals(&self) -> impl Iterator<Item = &Block> {
+    /// The auxiliary blocks of a working state.
+    pub(crate) fn auxiliary_blocks(&self) -> impl Iterator<Item = &Block> {
         let blocks = self.layout.blocks().iter();
-        blocks.filter(|b| matches!(b.kind, BlockKind::Dual(_)))
+        blocks.filter(|b| matches!(b.kind, BlockKind::Auxiliary(_)))
     }
 
-    /// Where the rows of the dual blocks are stored, increasing.
-    pub(crate) fn dual_rows(&self) -> impl Iterator<Item = Range<usize>> {
-        self.duals().map(|b| {
+    /// Where the rows of the auxiliary blocks are stored, increasing.
+    pub(crate) fn auxiliary_rows(&self) -> impl Iterator<Item = Range<usize>> {
+        self.auxiliary_blocks().map(|b| {
             let first = self.p.stored().slots[b.offset];
             first..first + b.kind.dim()
         })

@@ -1,18 +1,18 @@
 //! HOHCT, the highest-order hypothesis compatibility test (METHOD section 8; Guerra, Munguia, Bolea, Grau 2013).
 //!
 //! Order 0 is the most optimistic hypothesis: all matches are right. If `D^2 = g^T S^-1 g` exceeds the chi-square quantile,
-//! hypotheses with one unit left out are looked at, then two, and so on; at the first order at which one passes, the
+//! hypotheses with one block left out are looked at, then two, and so on; at the first order at which one passes, the
 //! one with the largest tail probability is taken.
 //!
 //! # What leaving out costs
-//! With `A = S^-1` and `z = A g`, leaving out the units `E` takes
+//! With `A = S^-1` and `z = A g`, leaving out the blocks `E` takes
 //! `f(E) = z_E^T (A_EE)^-1 z_E = max { 2 z^T x - x^T A x : x zero outside E }` off `D^2`. A change of basis within each
-//! unit makes its own block of `A` the identity and leaves `f` as it is; below, `A` and `z` are in that basis.
+//! block makes its own block of `A` the identity and leaves `f` as it is; below, `A` and `z` are in that basis.
 //!
 //! # Exact search
-//! A greedy set `G` (the best single unit given those already out, until the rest passes) is the first answer. Any
+//! A greedy set `G` (the best single block given those already out, until the rest passes) is the first answer. Any
 //! set is `E = (G \ Y) u F` with `F` outside of `G`; it can only be better if `|Y| >= |F|`. For `|F| = 0, 1, 2, ...` a
-//! depth-first search brings units of `G` back and adds others, in [`Search::explore`]. A node is a set `X` worked out
+//! depth-first search brings blocks of `G` back and adds others, in [`Search::explore`]. A node is a set `X` worked out
 //! exactly: `w = A_XX^-1 z_X`, `f(X) = z_X^T w`, `q = z - A_:X w` (zero on `X`), `H = A_XX^-1`.
 //!
 //! *Bound.* Let `Y` in `X` be what is still brought back and `F` what is still added. Write `x = (w - d, x_F)`, so that
@@ -29,25 +29,25 @@
 //! f(E) <= f(X) - (1 - theta) w_Y^T (H_YY)^-1 w_Y + q_F^T (M_FF)^-1 q_F,     M = A - P / theta
 //! ```
 //!
-//! *Sums over units.* By Gershgorin's theorem for blocks, a symmetric matrix with diagonal blocks `D_i` is at least
+//! *Sums over blocks.* By Gershgorin's theorem for blocks, a symmetric matrix with diagonal blocks `D_i` is at least
 //! `blkdiag(b_i D_i)`, and at most `blkdiag(B_i D_i)`, with `b_i = 1 - sum_j c_ij`, `B_i = 1 + sum_j c_ij`, where `c_ij` bounds the
 //! norm of block `(i, j)` once the diagonal blocks are scaled to the identity. With the sums taken over the largest
-//! `|Y| - 1` (`|F| - 1`) couplings to units that may still come,
+//! `|Y| - 1` (`|F| - 1`) couplings to blocks that may still come,
 //!
 //! ```text
 //! w_Y^T (H_YY)^-1 w_Y >= sum_Y  w_i^T H_ii^-1 w_i / B_i,         q_F^T (M_FF)^-1 q_F <= sum_F  q_i^T M_ii^-1 q_i / b_i
 //! ```
 //!
-//! so that the worst `Y` and `F` are the smallest and the largest terms. A unit with `b_i <= 0` has no bound: it is either added
+//! so that the worst `Y` and `F` are the smallest and the largest terms. A block with `b_i <= 0` has no bound: it is either added
 //! or ruled out at once, and the couplings of the others no longer include it.
 //!
-//! *Units of different size.* A set of `k` units with `e` rows more than the smallest possible must reach
+//! *Blocks of different size.* A set of `k` blocks with `e` rows more than the smallest possible must reach
 //! `f(E) >= D^2 - quantile(dof)`, a threshold `T_k,e`. With any `tau`, `f(E) - tau e(E) >= target_k = min_e (T_k,e - tau e)` is
-//! necessary, and `tau e(E)` is a sum over units again. Once a set of `k` units is found, its tail probability gives
+//! necessary, and `tau e(E)` is a sum over blocks again. Once a set of `k` blocks is found, its tail probability gives
 //! new thresholds for `k`, and larger sets are out of the question.
 //!
 //! *Disjoint groups.* With a large `F` the sums over couplings say nothing: no bound of that kind is good for the worst
-//! `F`. But deal the units outside of `G` into `t + s` disjoint groups: `F`, with `t` units, hits at most `t` of them, so `s`
+//! `F`. But deal the blocks outside of `G` into `t + s` disjoint groups: `F`, with `t` blocks, hits at most `t` of them, so `s`
 //! whole groups are kept, and `Y` with them. A part of what is kept is never farther than all of it:
 //!
 //! ```text
@@ -80,7 +80,7 @@ use level::{Level, Sums};
 use pigeonhole::{Pigeonhole, Rows};
 use search::{Search, Thresholds};
 
-use super::{Quantiles, Units, Verdict, Workspace, check, dot, whiten};
+use super::{Blocks, Quantiles, Verdict, Workspace, check, dot, whiten};
 
 /// Settings of [`hohct`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -89,7 +89,7 @@ pub struct HohctSettings {
     pub level: f64,
     /// Bound on the hypotheses worked out, see the module's page; past it the best so far, or the greedy one, stands.
     pub max_nodes: usize,
-    /// Largest share of the units that may be left out, in [0, 1]. One unit always stays.
+    /// Largest share of the blocks that may be left out, in [0, 1]. One block always stays.
     pub max_share: f64,
 }
 
@@ -119,40 +119,40 @@ pub(super) struct Scratch {
     best: Vec<usize>,
 }
 
-/// Leaves out the fewest units so that the rest is jointly compatible at `settings.level`.
+/// Leaves out the fewest blocks so that the rest is jointly compatible at `settings.level`.
 ///
-/// `s` is `S`, `l` its Cholesky factor (both lower triangle, column-major, leading dimension `ld`), `g` the innovation. If all units
+/// `s` is `S`, `l` its Cholesky factor (both lower triangle, column-major, leading dimension `ld`), `g` the innovation. If all blocks
 /// pass together this costs one triangular solve; `S^-1` is only formed if they do not.
 pub fn hohct(
     s: &[f64],
     l: &[f64],
     ld: usize,
     g: &[f64],
-    units: Units,
+    blocks: Blocks,
     settings: &HohctSettings,
     ws: &mut Workspace,
 ) -> Verdict {
-    check(s, ld, g, units);
-    check(l, ld, g, units);
-    let (m, n) = (g.len(), units.len());
+    check(s, ld, g, blocks);
+    check(l, ld, g, blocks);
+    let (m, n) = (g.len(), blocks.len());
     ws.rejected.clear();
     let d2 = whiten(l, ld, g, &mut ws.whitened);
     if d2 <= ws.quantiles.get(settings.level, m) {
         return Verdict::joint(0, d2, m, true);
     }
     if !d2.is_finite() {
-        ws.reject_all(units);
+        ws.reject_all(blocks);
         return Verdict::joint(n, d2, m, false);
     }
     let max_order = ((settings.max_share * n as f64) as usize).min(n - 1);
     let scratch = &mut ws.hohct;
-    scratch.prepare_z(l, ld, &ws.whitened, units);
-    scratch.prepare_a(units);
+    scratch.prepare_z(l, ld, &ws.whitened, blocks);
+    scratch.prepare_a(blocks);
     let greedy_passes =
-        scratch.leave_out_greedily(units, d2, max_order, settings.level, &mut ws.quantiles);
+        scratch.leave_out_greedily(blocks, d2, max_order, settings.level, &mut ws.quantiles);
     let mut search = Search::new(
         scratch,
-        Rows { s, ld, g, units },
+        Rows { s, ld, g, blocks },
         d2,
         settings,
         &mut ws.quantiles,
@@ -164,7 +164,7 @@ pub fn hohct(
         Some(reduction) => {
             ws.rejected.extend_from_slice(&scratch.best);
             ws.rejected.sort_unstable();
-            let gone: usize = scratch.best.iter().map(|&unit| units.count(unit)).sum();
+            let gone: usize = scratch.best.iter().map(|&block| blocks.count(block)).sum();
             Verdict::joint(
                 scratch.best.len(),
                 (d2 - reduction).max(0.0),
@@ -173,7 +173,7 @@ pub fn hohct(
             )
         }
         None => {
-            ws.reject_all(units);
+            ws.reject_all(blocks);
             Verdict::joint(n, d2, m, false)
         }
     };
@@ -187,8 +187,8 @@ impl Scratch {
     ///
     /// With `A = L^-T L^-1`, scaling the columns of `L^-1` by `K_i^-1`, `A_ii = K_i^T K_i` with `K_i` lower
     /// triangular, keeps them lower triangular: the whitened `A` is `B^T B`, the whitened `z` is `B^T (L^-1 g)`.
-    pub(super) fn prepare_z(&mut self, l: &[f64], ld: usize, y: &[f64], units: Units) {
-        let (m, n) = (y.len(), units.len());
+    pub(super) fn prepare_z(&mut self, l: &[f64], ld: usize, y: &[f64], blocks: Blocks) {
+        let (m, n) = (y.len(), blocks.len());
         self.inverse.resize(m * m, 0.0);
         invert_lower_triangular(
             MatMut::from_column_major_slice_mut(&mut self.inverse[..m * m], m, m),
@@ -196,9 +196,14 @@ impl Scratch {
             Par::Seq,
         );
         self.z.clear();
-        for unit in 0..n {
-            whiten_columns(&mut self.inverse, m, units.start(unit), units.count(unit));
-            for row in units.start(unit)..units.start(unit) + units.count(unit) {
+        for block in 0..n {
+            whiten_columns(
+                &mut self.inverse,
+                m,
+                blocks.start(block),
+                blocks.count(block),
+            );
+            for row in blocks.start(block)..blocks.start(block) + blocks.count(block) {
                 let column = &self.inverse[row * m + row..(row + 1) * m];
                 self.z.push(dot(column, &y[row..]));
             }
@@ -206,8 +211,8 @@ impl Scratch {
     }
 
     /// Whitened `A`, after [`Self::prepare_z`].
-    pub(super) fn prepare_a(&mut self, units: Units) {
-        let m = units.rows();
+    pub(super) fn prepare_a(&mut self, blocks: Blocks) {
+        let m = blocks.rows();
         self.a.resize(m * m, 0.0);
         let b = MatRef::from_column_major_slice(&self.inverse[..m * m], m, m);
         matmul(
@@ -228,22 +233,22 @@ impl Scratch {
         }
     }
 
-    /// Grows `G` until the rest passes (then true) or `max_order` units are out.
+    /// Grows `G` until the rest passes (then true) or `max_order` blocks are out.
     fn leave_out_greedily(
         &mut self,
-        units: Units,
+        blocks: Blocks,
         d2: f64,
         max_order: usize,
         level: f64,
         quantiles: &mut Quantiles,
     ) -> bool {
         let Self { a, z, greedy, .. } = self;
-        greedy.start(z, units);
+        greedy.start(z, blocks);
         let mut dof = z.len();
-        while greedy.units.len() < max_order {
-            let unit = greedy.choose(units, d2 - greedy.reduction, dof);
-            greedy.remove(a, units, unit);
-            dof -= units.count(unit);
+        while greedy.blocks.len() < max_order {
+            let block = greedy.choose(blocks, d2 - greedy.reduction, dof);
+            greedy.remove(a, blocks, block);
+            dof -= blocks.count(block);
             if d2 - greedy.reduction <= quantiles.get(level, dof) {
                 return true;
             }

@@ -1,12 +1,12 @@
 //! Joint compatibility branch and bound (Neira and Tardos, IEEE T-RA 2001), to compare HOHCT with.
 //!
-//! Each unit has one candidate match or none. The interpretation tree decides unit by unit, the most plausible first;
+//! Each block has one candidate match or none. The interpretation tree decides block by block, the most plausible first;
 //! a branch is followed while its matches are jointly compatible (`g_A^T S_AA^-1 g_A` within the chi-square quantile at
 //! the level) and while it can still beat the best. The answer is a largest jointly compatible set; among equals the
 //! first one found. The tree is exponential in the number of wrong matches: past the node budget the best set so far stands
 //! and the verdict says so.
 
-use super::{Units, Verdict, Workspace, check, individual_distance};
+use super::{Blocks, Verdict, Workspace, check, individual_distance};
 
 /// Settings of [`jcbb`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,23 +29,23 @@ impl Default for JcbbSettings {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scratch {
     distance: Vec<f64>,
-    /// Units that pass by themselves, nearest first.
+    /// Blocks that pass by themselves, nearest first.
     order: Vec<usize>,
     /// Position in `order` of each match of the branch.
     branch: Vec<usize>,
     best: Vec<usize>,
 }
 
-/// Largest jointly compatible set of units; `s` is `S` (lower triangle, column-major).
+/// Largest jointly compatible set of blocks; `s` is `S` (lower triangle, column-major).
 pub fn jcbb(
     s: &[f64],
     ld: usize,
     g: &[f64],
-    units: Units,
+    blocks: Blocks,
     settings: &JcbbSettings,
     ws: &mut Workspace,
 ) -> Verdict {
-    check(s, ld, g, units);
+    check(s, ld, g, blocks);
     let Workspace {
         rejected,
         quantiles,
@@ -59,13 +59,14 @@ pub fn jcbb(
         branch,
         best,
     } = scratch;
-    let n = units.len();
+    let n = blocks.len();
     distance.clear();
-    distance.extend((0..n).map(|unit| individual_distance(s, ld, g, units, unit)));
+    distance.extend((0..n).map(|block| individual_distance(s, ld, g, blocks, block)));
     order.clear();
-    order.extend(
-        (0..n).filter(|&unit| distance[unit] <= quantiles.get(settings.level, units.count(unit))),
-    );
+    order
+        .extend((0..n).filter(|&block| {
+            distance[block] <= quantiles.get(settings.level, blocks.count(block))
+        }));
     order.sort_unstable_by(|&a, &b| distance[a].total_cmp(&distance[b]).then(a.cmp(&b)));
 
     joint.clear();
@@ -75,7 +76,7 @@ pub fn jcbb(
     let mut exact = true;
     let mut next = 0;
     loop {
-        // Down: take each unit that fits, skip each that does not.
+        // Down: take each block that fits, skip each that does not.
         while next < order.len() && branch.len() + (order.len() - next) > best.len() {
             if nodes == settings.max_nodes {
                 exact = false;
@@ -83,7 +84,7 @@ pub fn jcbb(
             }
             nodes += 1;
             let rows = joint.len();
-            joint.push(s, ld, g, units, order[next]);
+            joint.push(s, ld, g, blocks, order[next]);
             if joint.d2() <= quantiles.get(settings.level, joint.len()) {
                 branch.push(next);
             } else {
@@ -97,19 +98,19 @@ pub fn jcbb(
         if !exact {
             break;
         }
-        // Back: leave out the last unit taken, and go on after it.
+        // Back: leave out the last block taken, and go on after it.
         let Some(last) = branch.pop() else { break };
-        joint.truncate(joint.len() - units.count(order[last]));
+        joint.truncate(joint.len() - blocks.count(order[last]));
         next = last + 1;
     }
 
     joint.clear();
     for &position in best.iter() {
-        joint.push(s, ld, g, units, order[position]);
+        joint.push(s, ld, g, blocks, order[position]);
     }
     rejected.clear();
     rejected.extend(0..n);
-    rejected.retain(|unit| !best.iter().any(|&position| order[position] == *unit));
+    rejected.retain(|block| !best.iter().any(|&position| order[position] == *block));
     let mut verdict = Verdict::joint(
         rejected.len(),
         joint.d2(),

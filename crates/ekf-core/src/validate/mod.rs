@@ -1,8 +1,8 @@
 //! Validation of a batch of matches before the update (METHOD sections 7 and 8).
 //!
-//! A batch has `n` *units*, each a match that is accepted or rejected as a whole, with 1 to 3 rows (2 for a bearing,
+//! A batch has `n` *blocks*, each a match that is accepted or rejected as a whole, with 1 to 3 rows (2 for a bearing,
 //! 3 with depth). Its innovation `g` (`m` rows) has the covariance `S = H P H^T + R = L L^T`. Every test answers
-//! with a [`Verdict`] and leaves the rejected units in the [`Workspace`]:
+//! with a [`Verdict`] and leaves the rejected blocks in the [`Workspace`]:
 //!
 //! - [`hohct`]: highest-order hypothesis compatibility, the fewest matches left out so that the rest is jointly compatible;
 //! - [`jcbb`]: joint compatibility branch and bound, the most matches that are jointly compatible;
@@ -31,32 +31,32 @@ pub use hohct::{HohctSettings, hohct};
 pub use jcbb::{JcbbSettings, jcbb};
 pub use one_point::{OnePointSettings, one_point};
 
-/// Most rows of a unit.
+/// Most rows of a block.
 const MAX_ROWS: usize = 3;
 
-/// How the rows of a batch group into units.
+/// How the rows of a batch group into blocks.
 #[derive(Clone, Copy, Debug)]
-pub struct Units<'a> {
+pub struct Blocks<'a> {
     offsets: &'a [usize],
 }
 
-impl<'a> Units<'a> {
-    /// `offsets[i]` is the first row of unit `i`; one more entry at the end holds the number of rows.
+impl<'a> Blocks<'a> {
+    /// `offsets[i]` is the first row of block `i`; one more entry at the end holds the number of rows.
     ///
     /// # Panics
-    /// If `offsets` is empty, does not start at 0, or a unit does not have 1 to 3 rows.
+    /// If `offsets` is empty, does not start at 0, or a block does not have 1 to 3 rows.
     pub fn new(offsets: &'a [usize]) -> Self {
         assert!(offsets.first() == Some(&0), "row offsets must start at 0");
         assert!(
             offsets
                 .windows(2)
                 .all(|w| w[1] > w[0] && w[1] - w[0] <= MAX_ROWS),
-            "a unit has 1 to 3 rows"
+            "a block has 1 to 3 rows"
         );
         Self { offsets }
     }
 
-    /// Number of units.
+    /// Number of blocks.
     pub fn len(&self) -> usize {
         self.offsets.len() - 1
     }
@@ -66,19 +66,19 @@ impl<'a> Units<'a> {
         self.len() == 0
     }
 
-    /// Number of rows of all units together.
+    /// Number of rows of all blocks together.
     pub fn rows(&self) -> usize {
         self.offsets[self.len()]
     }
 
-    /// First row of a unit.
-    fn start(&self, unit: usize) -> usize {
-        self.offsets[unit]
+    /// First row of a block.
+    fn start(&self, block: usize) -> usize {
+        self.offsets[block]
     }
 
-    /// Number of rows of a unit.
-    fn count(&self, unit: usize) -> usize {
-        self.offsets[unit + 1] - self.offsets[unit]
+    /// Number of rows of a block.
+    fn count(&self, block: usize) -> usize {
+        self.offsets[block + 1] - self.offsets[block]
     }
 }
 
@@ -93,18 +93,18 @@ pub struct Batch<'a> {
     pub ld: usize,
     /// Innovation, one value per row.
     pub g: &'a [f64],
-    /// Measurement noise of each unit, in the leading rows and columns. Only [`one_point`] reads it.
+    /// Measurement noise of each block, in the leading rows and columns. Only [`one_point`] reads it.
     pub noise: &'a [Matrix3<f64>],
-    /// The units.
-    pub units: Units<'a>,
+    /// The blocks.
+    pub blocks: Blocks<'a>,
 }
 
-/// Outcome of a test. The rejected units are in [`Workspace::rejected`].
+/// Outcome of a test. The rejected blocks are in [`Workspace::rejected`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Verdict {
-    /// Number of units rejected.
+    /// Number of blocks rejected.
     pub order: usize,
-    /// Joint squared Mahalanobis distance of the accepted units.
+    /// Joint squared Mahalanobis distance of the accepted blocks.
     pub d2: f64,
     /// Their degrees of freedom.
     pub dof: usize,
@@ -112,7 +112,7 @@ pub struct Verdict {
     pub p_value: f64,
     /// Whether the answer is the one an exhaustive search gives; false if the node budget struck.
     pub exact: bool,
-    /// Whether the accepted units may be used. False if no hypothesis could be accepted: then all are rejected.
+    /// Whether the accepted blocks may be used. False if no hypothesis could be accepted: then all are rejected.
     pub passed: bool,
     /// Number of hypotheses looked at, as the budget counts them.
     pub nodes: usize,
@@ -163,13 +163,13 @@ impl BatchTest {
             ld,
             g,
             noise,
-            units,
+            blocks,
         } = *batch;
         match self {
-            Self::Hohct(settings) => hohct(s, l, ld, g, units, settings, ws),
-            Self::Jcbb(settings) => jcbb(s, ld, g, units, settings, ws),
-            Self::OnePoint(settings) => one_point(s, ld, g, noise, units, settings, ws),
-            Self::Individual(level) => individual_gate(s, ld, g, units, *level, ws),
+            Self::Hohct(settings) => hohct(s, l, ld, g, blocks, settings, ws),
+            Self::Jcbb(settings) => jcbb(s, ld, g, blocks, settings, ws),
+            Self::OnePoint(settings) => one_point(s, ld, g, noise, blocks, settings, ws),
+            Self::Individual(level) => individual_gate(s, ld, g, blocks, *level, ws),
             Self::None => {
                 ws.rejected.clear();
                 let d2 = whiten(l, ld, g, &mut ws.whitened);
@@ -201,7 +201,7 @@ impl Verdict {
 #[derive(Clone, Debug, Default)]
 pub struct Workspace {
     rejected: Vec<usize>,
-    given_others: Vec<f64>,
+    conditional_d2: Vec<f64>,
     whitened: Vec<f64>,
     quantiles: Quantiles,
     joint: Joint,
@@ -216,80 +216,80 @@ impl Workspace {
         Self::default()
     }
 
-    /// Units that the last test rejected, in increasing order.
+    /// Blocks that the last test rejected, in increasing order.
     pub fn rejected(&self) -> &[usize] {
         &self.rejected
     }
 
-    /// After [`conditional_gate`]: the squared distance of each unit given all the others, infinite for those left out.
-    pub fn given_others(&self) -> &[f64] {
-        &self.given_others
+    /// After [`conditional_gate`]: the squared distance of each block given all the others, infinite for those left out.
+    pub fn conditional_d2(&self) -> &[f64] {
+        &self.conditional_d2
     }
 
-    fn reject_all(&mut self, units: Units) {
+    fn reject_all(&mut self, blocks: Blocks) {
         self.rejected.clear();
-        self.rejected.extend(0..units.len());
+        self.rejected.extend(0..blocks.len());
     }
 }
 
-/// Accepts each unit whose own squared Mahalanobis distance `g_i^T S_ii^-1 g_i` is within the chi-square quantile at `level`.
+/// Accepts each block whose own squared Mahalanobis distance `g_i^T S_ii^-1 g_i` is within the chi-square quantile at `level`.
 ///
-/// `s` is `S` (lower triangle). The verdict's distance is the joint one of the accepted units.
+/// `s` is `S` (lower triangle). The verdict's distance is the joint one of the accepted blocks.
 pub fn individual_gate(
     s: &[f64],
     ld: usize,
     g: &[f64],
-    units: Units,
+    blocks: Blocks,
     level: f64,
     ws: &mut Workspace,
 ) -> Verdict {
-    reject_each(s, ld, g, units, level, ws);
+    reject_each(s, ld, g, blocks, level, ws);
     ws.joint.clear();
     let mut rejected = ws.rejected.iter().peekable();
-    for unit in 0..units.len() {
-        if rejected.next_if_eq(&&unit).is_none() {
-            ws.joint.push(s, ld, g, units, unit);
+    for block in 0..blocks.len() {
+        if rejected.next_if_eq(&&block).is_none() {
+            ws.joint.push(s, ld, g, blocks, block);
         }
     }
-    let accepted = ws.rejected.len() < units.len() || units.is_empty();
+    let accepted = ws.rejected.len() < blocks.len() || blocks.is_empty();
     Verdict::joint(ws.rejected.len(), ws.joint.d2(), ws.joint.len(), accepted)
 }
 
-/// Rejects the units that [`individual_gate`] rejects, and asks no more of the others: O(m) in place of O(m^3).
+/// Rejects the blocks that [`individual_gate`] rejects, and asks no more of the others: O(m) in place of O(m^3).
 pub(crate) fn reject_each(
     s: &[f64],
     ld: usize,
     g: &[f64],
-    units: Units,
+    blocks: Blocks,
     level: f64,
     ws: &mut Workspace,
 ) {
-    check(s, ld, g, units);
+    check(s, ld, g, blocks);
     ws.rejected.clear();
-    for unit in 0..units.len() {
-        let far = ws.quantiles.get(level, units.count(unit));
-        let distance = individual_distance(s, ld, g, units, unit);
+    for block in 0..blocks.len() {
+        let far = ws.quantiles.get(level, blocks.count(block));
+        let distance = individual_distance(s, ld, g, blocks, block);
         if distance.is_nan() || distance > far {
-            ws.rejected.push(unit);
+            ws.rejected.push(block);
         }
     }
 }
 
 /// `g_i^T S_ii^-1 g_i`; infinite if `S_ii` is not positive definite.
-fn individual_distance(s: &[f64], ld: usize, g: &[f64], units: Units, unit: usize) -> f64 {
-    let (start, rows) = (units.start(unit), units.count(unit));
-    let mut block = [[0.0; MAX_ROWS]; MAX_ROWS];
-    for (r, row) in block.iter_mut().enumerate().take(rows) {
+fn individual_distance(s: &[f64], ld: usize, g: &[f64], blocks: Blocks, block: usize) -> f64 {
+    let (start, rows) = (blocks.start(block), blocks.count(block));
+    let mut matrix = [[0.0; MAX_ROWS]; MAX_ROWS];
+    for (r, row) in matrix.iter_mut().enumerate().take(rows) {
         for (c, value) in row.iter_mut().enumerate().take(r + 1) {
             *value = s[(start + c) * ld + start + r];
         }
     }
-    block_distance(&block, &g[start..start + rows])
+    block_distance(&matrix, &g[start..start + rows])
 }
 
-/// `v^T block^-1 v` from the lower triangle of the leading rows; infinite if that block is not positive definite.
-fn block_distance(block: &[[f64; MAX_ROWS]; MAX_ROWS], v: &[f64]) -> f64 {
-    let mut l = *block;
+/// `v^T M^-1 v` from the lower triangle of the leading rows; infinite if `M` is not positive definite.
+fn block_distance(matrix: &[[f64; MAX_ROWS]; MAX_ROWS], v: &[f64]) -> f64 {
+    let mut l = *matrix;
     let mut y = [0.0; MAX_ROWS];
     let mut d2 = 0.0;
     for (r, &value) in v.iter().enumerate() {
@@ -330,9 +330,9 @@ fn whiten(l: &[f64], ld: usize, g: &[f64], y: &mut Vec<f64>) -> f64 {
     d2
 }
 
-fn check(matrix: &[f64], ld: usize, g: &[f64], units: Units) {
+fn check(matrix: &[f64], ld: usize, g: &[f64], blocks: Blocks) {
     let m = g.len();
-    assert_eq!(units.rows(), m, "row offsets must cover the innovation");
+    assert_eq!(blocks.rows(), m, "row offsets must cover the innovation");
     assert!(ld >= m, "the leading dimension is below the number of rows");
     assert!(
         m == 0 || matrix.len() >= (m - 1) * ld + m,
@@ -371,9 +371,9 @@ impl Quantiles {
     }
 }
 
-/// Joint distance of a growing and shrinking set of units: a Cholesky factor that rows are appended to and taken from.
+/// Joint distance of a growing and shrinking set of blocks: a Cholesky factor that rows are appended to and taken from.
 ///
-/// Appending unit `i` to a set `A` adds exactly the distance of `i` given `A`,
+/// Appending block `i` to a set `A` adds exactly the distance of `i` given `A`,
 /// `r^T (S_ii - S_iA S_AA^-1 S_Ai)^-1 r` with `r = g_i - S_iA S_AA^-1 g_A`.
 #[derive(Clone, Debug, Default)]
 struct Joint {
@@ -427,11 +427,11 @@ impl Joint {
         }
     }
 
-    /// Appends a unit; returns the distance it adds (infinite if the set's covariance is not positive definite).
-    fn push(&mut self, s: &[f64], ld: usize, g: &[f64], units: Units, unit: usize) -> f64 {
+    /// Appends a block; returns the distance it adds (infinite if the set's covariance is not positive definite).
+    fn push(&mut self, s: &[f64], ld: usize, g: &[f64], blocks: Blocks, block: usize) -> f64 {
         let before = self.d2();
-        let start = units.start(unit);
-        for row in start..start + units.count(unit) {
+        let start = blocks.start(block);
+        for row in start..start + blocks.count(block) {
             let r = self.rows.len();
             let base = self.factor.len();
             let mut pivot = s[row * ld + row];

@@ -12,7 +12,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::{MAX_ROWS, Units, Verdict, Workspace, check};
+use super::{Blocks, MAX_ROWS, Verdict, Workspace, check};
 
 /// Settings of [`one_point`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,23 +40,23 @@ pub(super) struct Scratch {
     rescued: Vec<usize>,
 }
 
-/// Units consistent with the best 1-point hypothesis, and the rescued ones.
+/// Blocks consistent with the best 1-point hypothesis, and the rescued ones.
 ///
-/// `s` is `S` (lower triangle, column-major), `noise` the measurement noise of each unit.
+/// `s` is `S` (lower triangle, column-major), `noise` the measurement noise of each block.
 ///
 /// # Panics
-/// If `noise` does not have one block per unit.
+/// If `noise` does not have one block per block.
 pub fn one_point(
     s: &[f64],
     ld: usize,
     g: &[f64],
     noise: &[Matrix3<f64>],
-    units: Units,
+    blocks: Blocks,
     settings: &OnePointSettings,
     ws: &mut Workspace,
 ) -> Verdict {
-    check(s, ld, g, units);
-    assert_eq!(noise.len(), units.len(), "one noise block per unit");
+    check(s, ld, g, blocks);
+    assert_eq!(noise.len(), blocks.len(), "one noise block per block");
     let Workspace {
         rejected,
         quantiles,
@@ -70,12 +70,12 @@ pub fn one_point(
         best,
         rescued,
     } = scratch;
-    let n = units.len();
+    let n = blocks.len();
     precision.clear();
-    precision.extend((0..n).map(|unit| invert_block(&noise[unit], units.count(unit))));
+    precision.extend((0..n).map(|block| invert_block(&noise[block], blocks.count(block))));
     best.clear();
     for i in 0..n {
-        let (start, rows) = (units.start(i), units.count(i));
+        let (start, rows) = (blocks.start(i), blocks.count(i));
         let own = Matrix3::from_fn(|r, c| {
             if r < rows && c < rows {
                 entry(s, ld, start + r, start + c)
@@ -87,9 +87,9 @@ pub fn one_point(
         let weight = invert_block(&own, rows) * innovation;
         inliers.clear();
         for (j, precision) in precision.iter().enumerate() {
-            let base = units.start(j);
+            let base = blocks.start(j);
             let mut rest = Vector3::zeros();
-            for r in 0..units.count(j) {
+            for r in 0..blocks.count(j) {
                 rest[r] = g[base + r];
                 for c in 0..rows {
                     rest[r] -= entry(s, ld, base + r, start + c) * weight[c];
@@ -105,29 +105,27 @@ pub fn one_point(
     }
 
     joint.clear();
-    for &unit in best.iter() {
-        joint.push(s, ld, g, units, unit);
+    for &block in best.iter() {
+        joint.push(s, ld, g, blocks, block);
     }
     let low_rows = joint.len();
     rescued.clear();
-    for unit in 0..n {
-        if best.binary_search(&unit).is_err() {
-            let distance = joint.push(s, ld, g, units, unit);
+    for block in 0..n {
+        if best.binary_search(&block).is_err() {
+            let distance = joint.push(s, ld, g, blocks, block);
             joint.truncate(low_rows);
-            if distance <= quantiles.get(settings.level, units.count(unit)) {
-                rescued.push(unit);
+            if distance <= quantiles.get(settings.level, blocks.count(block)) {
+                rescued.push(block);
             }
         }
     }
-    for &unit in rescued.iter() {
-        joint.push(s, ld, g, units, unit);
+    for &block in rescued.iter() {
+        joint.push(s, ld, g, blocks, block);
     }
     rejected.clear();
-    rejected.extend(
-        (0..n).filter(|unit| {
-            best.binary_search(unit).is_err() && rescued.binary_search(unit).is_err()
-        }),
-    );
+    rejected.extend((0..n).filter(|block| {
+        best.binary_search(block).is_err() && rescued.binary_search(block).is_err()
+    }));
     let mut verdict = Verdict::joint(rejected.len(), joint.d2(), joint.len(), true);
     verdict.nodes = n;
     verdict

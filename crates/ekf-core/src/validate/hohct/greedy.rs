@@ -1,49 +1,49 @@
-//! The greedy set `G` of HOHCT: the best single unit given those already out, again and again.
+//! The greedy set `G` of HOHCT: the best single block given those already out, again and again.
 
 use crate::chi2;
-use crate::validate::{MAX_ROWS, Units, block_distance};
+use crate::validate::{Blocks, MAX_ROWS, block_distance};
 
 /// The greedy set, by pivoted Cholesky of the whitened `A`: `O(m)` per row taken and row taken before.
 #[derive(Clone, Debug, Default)]
 pub(in crate::validate) struct Greedy {
-    pub(in crate::validate) units: Vec<usize>,
+    pub(in crate::validate) blocks: Vec<usize>,
     pub(in crate::validate) reduction: f64,
     pub(in crate::validate) taken: Vec<bool>,
-    /// `z` given that the units so far are out.
+    /// `z` given that the blocks so far are out.
     pub(in crate::validate) z: Vec<f64>,
     /// Diagonal blocks of `A` likewise, `3 x 3` each.
-    pub(in crate::validate) blocks: Vec<[[f64; MAX_ROWS]; MAX_ROWS]>,
+    pub(in crate::validate) diagonal: Vec<[[f64; MAX_ROWS]; MAX_ROWS]>,
     /// Columns of the factor, `m` each.
     pub(in crate::validate) columns: Vec<f64>,
 }
 
 impl Greedy {
-    pub(in crate::validate) fn start(&mut self, z: &[f64], units: Units) {
+    pub(in crate::validate) fn start(&mut self, z: &[f64], blocks: Blocks) {
         let mut identity = [[0.0; MAX_ROWS]; MAX_ROWS];
         for (k, row) in identity.iter_mut().enumerate() {
             row[k] = 1.0;
         }
-        self.units.clear();
+        self.blocks.clear();
         self.reduction = 0.0;
         self.taken.clear();
-        self.taken.resize(units.len(), false);
+        self.taken.resize(blocks.len(), false);
         self.z.clear();
         self.z.extend_from_slice(z);
-        self.blocks.clear();
-        self.blocks.resize(units.len(), identity);
+        self.diagonal.clear();
+        self.diagonal.resize(blocks.len(), identity);
         self.columns.clear();
     }
 
-    /// The unit whose removal leaves the largest tail probability.
-    pub(in crate::validate) fn choose(&self, units: Units, d2: f64, dof: usize) -> usize {
+    /// The block whose removal leaves the largest tail probability.
+    pub(in crate::validate) fn choose(&self, blocks: Blocks, d2: f64, dof: usize) -> usize {
         let mut best = [(f64::NEG_INFINITY, usize::MAX); MAX_ROWS];
-        for unit in 0..units.len() {
-            if !self.taken[unit] {
-                let rows = units.count(unit);
-                let z = &self.z[units.start(unit)..][..rows];
-                let gain = block_distance(&self.blocks[unit], z);
+        for block in 0..blocks.len() {
+            if !self.taken[block] {
+                let rows = blocks.count(block);
+                let z = &self.z[blocks.start(block)..][..rows];
+                let gain = block_distance(&self.diagonal[block], z);
                 if gain > best[rows - 1].0 {
-                    best[rows - 1] = (gain, unit);
+                    best[rows - 1] = (gain, block);
                 }
             }
         }
@@ -52,22 +52,22 @@ impl Greedy {
             return only.1;
         }
         let mut choice = (f64::NEG_INFINITY, usize::MAX);
-        for (rows, &(gain, unit)) in (1..=MAX_ROWS).zip(&best) {
-            if unit != usize::MAX {
+        for (rows, &(gain, block)) in (1..=MAX_ROWS).zip(&best) {
+            if block != usize::MAX {
                 let left = chi2::ln_survival((d2 - gain).max(0.0), (dof - rows) as f64);
                 if choice.1 == usize::MAX || left > choice.0 {
-                    choice = (left, unit);
+                    choice = (left, block);
                 }
             }
         }
         choice.1
     }
 
-    pub(in crate::validate) fn remove(&mut self, a: &[f64], units: Units, unit: usize) {
+    pub(in crate::validate) fn remove(&mut self, a: &[f64], blocks: Blocks, block: usize) {
         let m = self.z.len();
-        self.taken[unit] = true;
-        self.units.push(unit);
-        for row in units.start(unit)..units.start(unit) + units.count(unit) {
+        self.taken[block] = true;
+        self.blocks.push(block);
+        for row in blocks.start(block)..blocks.start(block) + blocks.count(block) {
             let base = self.columns.len();
             self.columns.extend_from_slice(&a[row * m..(row + 1) * m]);
             let (before, column) = self.columns.split_at_mut(base);
@@ -86,11 +86,11 @@ impl Greedy {
             for (z, v) in self.z.iter_mut().zip(column.iter()) {
                 *z -= weight * v;
             }
-            for (other, block) in self.blocks.iter_mut().enumerate() {
-                let part = &column[units.start(other)..units.start(other) + units.count(other)];
+            for (other, matrix) in self.diagonal.iter_mut().enumerate() {
+                let part = &column[blocks.start(other)..blocks.start(other) + blocks.count(other)];
                 for (r, p) in part.iter().enumerate() {
                     for (c, q) in part.iter().enumerate() {
-                        block[r][c] -= p * q;
+                        matrix[r][c] -= p * q;
                     }
                 }
             }

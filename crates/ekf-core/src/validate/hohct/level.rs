@@ -1,19 +1,19 @@
-//! A node of HOHCT's search: one set `X` of units that are out, worked out, and the terms of its bounds.
+//! A node of HOHCT's search: one set `X` of blocks that are out, worked out, and the terms of its bounds.
 
-use crate::validate::{MAX_ROWS, Units, block_distance, dot};
+use crate::validate::{Blocks, MAX_ROWS, block_distance, dot};
 
 /// Shares of Young's inequality that are tried, see the module's page. The first is for bounds without bringing back.
 pub(super) const THETAS: [f64; 4] = [1.0, 0.75, 0.5, 0.25];
 /// One number for each of [`THETAS`].
 pub(super) type PerTheta<T> = [T; THETAS.len()];
 
-/// One set `X` of units that are out, worked out: a node of the search.
+/// One set `X` of blocks that are out, worked out: a node of the search.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Level {
-    pub(super) units: Vec<usize>,
+    pub(super) blocks: Vec<usize>,
     /// Rows of `X`.
     pub(super) rows: Vec<usize>,
-    /// First row within `X` of each unit.
+    /// First row within `X` of each block.
     pub(super) starts: Vec<usize>,
     /// Cholesky factor of `A_XX`, rows one after the other.
     pub(super) factor: Vec<f64>,
@@ -25,19 +25,19 @@ pub(super) struct Level {
     pub(super) reduction: f64,
     /// Rows beyond the smallest possible number.
     pub(super) extra: usize,
-    /// How many units of `X` are not of `G`; they come last.
+    /// How many blocks of `X` are not of `G`; they come last.
     pub(super) added: usize,
     /// `H = A_XX^-1`: entry `(r, c)`, `c <= r`, at `r * size + c`.
     pub(super) h: Vec<f64>,
-    /// `w_i^T H_ii^-1 w_i` of the units of `X`.
+    /// `w_i^T H_ii^-1 w_i` of the blocks of `X`.
     pub(super) own_loss: Vec<f64>,
-    /// Norms of the blocks of `H`, scaled, of the units of `X`.
+    /// Norms of the blocks of `H`, scaled, of the blocks of `X`.
     pub(super) loss_coupling: Vec<f64>,
-    /// Least loss of bringing back 0, 1, 2, ... units at positions from `losses_from` on, times `1 - theta`; the
+    /// Least loss of bringing back 0, 1, 2, ... blocks at positions from `losses_from` on, times `1 - theta`; the
     /// first as it is, for when nothing is added.
     pub(super) losses: PerTheta<Vec<f64>>,
     pub(super) losses_from: Option<usize>,
-    /// Units that could be added when the level was made, and those of them that still may.
+    /// Blocks that could be added when the level was made, and those of them that still may.
     pub(super) universe: Vec<usize>,
     pub(super) candidates: Vec<usize>,
     /// Columns of `L^-1 A_X:` of the candidates, by row of the batch.
@@ -53,16 +53,16 @@ pub(super) struct Level {
 
 impl Level {
     /// `w`, `q`, `f(X)`.
-    pub(super) fn condition(&mut self, a: &[f64], z: &[f64], units: Units, least_rows: usize) {
+    pub(super) fn condition(&mut self, a: &[f64], z: &[f64], blocks: Blocks, least_rows: usize) {
         let m = z.len();
         self.rows.clear();
         self.starts.clear();
         self.extra = 0;
-        for &unit in &self.units {
+        for &block in &self.blocks {
             self.starts.push(self.rows.len());
             self.rows
-                .extend(units.start(unit)..units.start(unit) + units.count(unit));
-            self.extra += units.count(unit) - least_rows;
+                .extend(blocks.start(block)..blocks.start(block) + blocks.count(block));
+            self.extra += blocks.count(block) - least_rows;
         }
         self.losses_from = None;
         self.has_gains = false;
@@ -106,8 +106,8 @@ impl Level {
         }
     }
 
-    /// `H`, and what bringing back each unit of `X` loses. Since `H_ii >= I`, norms of `H_ij` bound the scaled ones.
-    pub(super) fn work_out_own_losses(&mut self, units: Units) {
+    /// `H`, and what bringing back each block of `X` loses. Since `H_ii >= I`, norms of `H_ij` bound the scaled ones.
+    pub(super) fn work_out_own_losses(&mut self, blocks: Blocks) {
         let size = self.rows.len();
         self.h.clear();
         self.h.resize(size * size, 0.0);
@@ -119,8 +119,8 @@ impl Level {
                     &self.factor[head + c..head + r],
                     &self.h[c * size + c..c * size + r],
                 );
-                let unit = if r == c { 1.0 } else { 0.0 };
-                self.h[c * size + r] = (unit - sum) / self.factor[head + r];
+                let block = if r == c { 1.0 } else { 0.0 };
+                self.h[c * size + r] = (block - sum) / self.factor[head + r];
             }
         }
         for c in 0..size {
@@ -133,22 +133,22 @@ impl Level {
                 self.h[c * size + r] = value;
             }
         }
-        let count = self.units.len();
+        let count = self.blocks.len();
         self.own_loss.clear();
         self.loss_coupling.clear();
         self.loss_coupling.resize(count * count, 0.0);
         for i in 0..count {
-            let (si, ni) = (self.starts[i], units.count(self.units[i]));
-            let mut block = [[0.0; MAX_ROWS]; MAX_ROWS];
-            for (r, row) in block.iter_mut().enumerate().take(ni) {
+            let (si, ni) = (self.starts[i], blocks.count(self.blocks[i]));
+            let mut matrix = [[0.0; MAX_ROWS]; MAX_ROWS];
+            for (r, row) in matrix.iter_mut().enumerate().take(ni) {
                 for (c, value) in row.iter_mut().enumerate().take(r + 1) {
                     *value = self.h[(si + r) * size + si + c];
                 }
             }
             self.own_loss
-                .push(block_distance(&block, &self.w[si..si + ni]));
+                .push(block_distance(&matrix, &self.w[si..si + ni]));
             for j in 0..i {
-                let (sj, nj) = (self.starts[j], units.count(self.units[j]));
+                let (sj, nj) = (self.starts[j], blocks.count(self.blocks[j]));
                 let square: f64 = (si..si + ni)
                     .flat_map(|r| &self.h[r * size + sj..r * size + sj + nj])
                     .map(|v| v * v)
@@ -159,11 +159,11 @@ impl Level {
         }
     }
 
-    /// Least losses of bringing back units with these indices in `X`, those of `G` from `position` on, less
+    /// Least losses of bringing back blocks with these indices in `X`, those of `G` from `position` on, less
     /// `penalty` for each.
     pub(super) fn work_out_losses(
         &mut self,
-        units: Units,
+        blocks: Blocks,
         position: usize,
         range: std::ops::Range<usize>,
         penalty: impl Fn(usize) -> f64,
@@ -173,10 +173,10 @@ impl Level {
             return;
         }
         if self.losses_from.is_none() && !range.is_empty() {
-            self.work_out_own_losses(units);
+            self.work_out_own_losses(blocks);
         }
         self.losses_from = Some(position);
-        let (count, available) = (self.units.len(), range.len());
+        let (count, available) = (self.blocks.len(), range.len());
         // Row by row: couplings within the range, decreasing.
         sums.picked.clear();
         for i in range.clone() {
@@ -198,7 +198,7 @@ impl Level {
                         sums.totals[i] += sums.picked[i * available + number - 2];
                     }
                     let loss = share * self.own_loss[index] / sums.totals[i];
-                    sums.terms.push(penalty(self.units[index]) - loss);
+                    sums.terms.push(penalty(self.blocks[index]) - loss);
                 }
                 losses.push(-sum_of_largest(&mut sums.terms, number));
             }
@@ -206,19 +206,19 @@ impl Level {
     }
 
     /// What adding each candidate brings by itself: `q_i^T M_ii^-1 q_i`.
-    pub(super) fn work_out_gains(&mut self, a: &[f64], units: Units) {
+    pub(super) fn work_out_gains(&mut self, a: &[f64], blocks: Blocks) {
         if self.has_gains {
             return;
         }
         self.has_gains = true;
-        let (m, n, size) = (self.q.len(), units.len(), self.rows.len());
+        let (m, n, size) = (self.q.len(), blocks.len(), self.rows.len());
         self.v.resize(m * size, 0.0);
         for table in self.gains.iter_mut().chain(&mut self.floor) {
             table.resize(n, 0.0);
         }
         for index in 0..self.universe.len() {
-            let unit = self.universe[index];
-            let (start, count) = (units.start(unit), units.count(unit));
+            let block = self.universe[index];
+            let (start, count) = (blocks.start(block), blocks.count(block));
             for row in start..start + count {
                 let column = &a[row * m..(row + 1) * m];
                 let v = &mut self.v[row * size..(row + 1) * size];
@@ -237,15 +237,15 @@ impl Level {
                 }
             }
             for (k, theta) in THETAS.into_iter().enumerate() {
-                let mut block = p;
-                for (r, row) in block.iter_mut().enumerate() {
+                let mut matrix = p;
+                for (r, row) in matrix.iter_mut().enumerate() {
                     for value in row.iter_mut() {
                         *value /= -theta;
                     }
                     row[r] += 1.0;
                 }
-                self.gains[k][unit] = block_distance(&block, &self.q[start..start + count]);
-                self.floor[k][unit] = 1.0 - square.sqrt() / theta;
+                self.gains[k][block] = block_distance(&matrix, &self.q[start..start + count]);
+                self.floor[k][block] = 1.0 - square.sqrt() / theta;
             }
         }
     }
@@ -256,20 +256,20 @@ impl Level {
     }
 
     /// Scaled norms of the blocks of `M` among the candidates; infinite where `M_ii` may be indefinite.
-    pub(super) fn work_out_couplings(&mut self, a: &[f64], units: Units) {
+    pub(super) fn work_out_couplings(&mut self, a: &[f64], blocks: Blocks) {
         if self.has_couplings {
             return;
         }
         self.has_couplings = true;
-        let (m, n) = (self.q.len(), units.len());
+        let (m, n) = (self.q.len(), blocks.len());
         let mut couplings = std::mem::take(&mut self.gain_coupling);
         for table in &mut couplings {
             table.resize(n * n, 0.0);
         }
         for (index, &i) in self.universe.iter().enumerate() {
-            let (si, ni) = (units.start(i), units.count(i));
+            let (si, ni) = (blocks.start(i), blocks.count(i));
             for &j in &self.universe[..index] {
-                let (sj, nj) = (units.start(j), units.count(j));
+                let (sj, nj) = (blocks.start(j), blocks.count(j));
                 // |A_ij|^2, <A_ij, P_ij>, |P_ij|^2 make the norm for every share.
                 let (mut own2, mut mixed, mut shared2) = (0.0, 0.0, 0.0);
                 for r in si..si + ni {

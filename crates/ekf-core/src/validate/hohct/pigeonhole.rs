@@ -1,46 +1,46 @@
-//! HOHCT's bound for sets with many units from outside of the greedy set: some of several disjoint groups are kept whole.
+//! HOHCT's bound for sets with many blocks from outside of the greedy set: some of several disjoint groups are kept whole.
 
-use crate::validate::{Joint, Units};
+use crate::validate::{Blocks, Joint};
 
 /// Most choices from `G` that are looked at for one choice of groups.
 const MAX_STEPS: usize = 500;
 
-/// `S`, `g` and the units.
+/// `S`, `g` and the blocks.
 #[derive(Clone, Copy)]
 pub(super) struct Rows<'a> {
     pub(super) s: &'a [f64],
     pub(super) ld: usize,
     pub(super) g: &'a [f64],
-    pub(super) units: Units<'a>,
+    pub(super) blocks: Blocks<'a>,
 }
 
-/// Refutes sets with many units from outside of `G`, see the module's page.
+/// Refutes sets with many blocks from outside of `G`, see the module's page.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pigeonhole {
-    /// Units outside of `G`, the loosest predictions first.
+    /// Blocks outside of `G`, the loosest predictions first.
     outside: Vec<usize>,
     /// Groups, then `G`.
     joint: Joint,
-    /// Covariance and innovation of `G` given the groups, and the row offsets of its units.
+    /// Covariance and innovation of `G` given the groups, and the row offsets of its blocks.
     covariance: Vec<f64>,
     innovation: Vec<f64>,
     offsets: Vec<usize>,
-    /// Largest distance that a set may keep which brings back so many units; negative if it cannot.
+    /// Largest distance that a set may keep which brings back so many blocks; negative if it cannot.
     pub(super) allowed: Vec<f64>,
     groups: Vec<usize>,
     /// Rows before each group taken.
     marks: Vec<usize>,
-    /// Units of `G` chosen, given the groups.
+    /// Blocks of `G` chosen, given the groups.
     chosen: Joint,
     positions: Vec<usize>,
 }
 
 impl Pigeonhole {
-    /// Takes the units outside of `G`; dealing them out in this order makes the groups alike.
+    /// Takes the blocks outside of `G`; dealing them out in this order makes the groups alike.
     pub(super) fn sort(&mut self, rows: Rows, outside: &[usize]) {
-        let spread = |unit: usize| {
-            let start = rows.units.start(unit);
-            (start..start + rows.units.count(unit))
+        let spread = |block: usize| {
+            let start = rows.blocks.start(block);
+            (start..start + rows.blocks.count(block))
                 .map(|row| rows.s[row * rows.ld + row])
                 .sum::<f64>()
         };
@@ -50,7 +50,7 @@ impl Pigeonhole {
             .sort_unstable_by(|&a, &b| spread(b).total_cmp(&spread(a)).then(a.cmp(&b)));
     }
 
-    /// Whether every set with at most `most` units from outside of `G` keeps a larger distance than allowed.
+    /// Whether every set with at most `most` blocks from outside of `G` keeps a larger distance than allowed.
     ///
     /// Of `most + intact` disjoint groups `F` hits at most `most`, so that `intact` of them are kept, and with them `Y`.
     pub(super) fn refutes(
@@ -63,8 +63,8 @@ impl Pigeonhole {
         self.offsets.clear();
         self.offsets.push(0);
         let mut size = 0;
-        for &unit in greedy {
-            size += rows.units.count(unit);
+        for &block in greedy {
+            size += rows.blocks.count(block);
             self.offsets.push(size);
         }
         let number = most + intact;
@@ -78,14 +78,14 @@ impl Pigeonhole {
             self.joint.truncate(self.marks[changed]);
             for k in changed..intact {
                 self.marks[k] = self.joint.len();
-                for &unit in self.outside.iter().skip(self.groups[k]).step_by(number) {
-                    self.joint.push(rows.s, rows.ld, rows.g, rows.units, unit);
+                for &block in self.outside.iter().skip(self.groups[k]).step_by(number) {
+                    self.joint.push(rows.s, rows.ld, rows.g, rows.blocks, block);
                 }
             }
             let before = self.joint.len();
             let kept = self.joint.d2();
-            for &unit in greedy {
-                self.joint.push(rows.s, rows.ld, rows.g, rows.units, unit);
+            for &block in greedy {
+                self.joint.push(rows.s, rows.ld, rows.g, rows.blocks, block);
             }
             self.joint
                 .conditional(before, &mut self.covariance, &mut self.innovation);
@@ -104,10 +104,10 @@ impl Pigeonhole {
         }
     }
 
-    /// Whether every choice of units of `G` has a larger distance than allowed, `kept` being that of the groups.
+    /// Whether every choice of blocks of `G` has a larger distance than allowed, `kept` being that of the groups.
     fn all_exceed(&mut self, kept: f64) -> bool {
-        let units = Units::new(&self.offsets);
-        let size = units.rows();
+        let blocks = Blocks::new(&self.offsets);
+        let size = blocks.rows();
         let largest = self
             .allowed
             .iter()
@@ -129,12 +129,12 @@ impl Pigeonhole {
         let mut next = 0;
         let mut steps = 0;
         loop {
-            // Distances only grow: a choice beyond the largest that is ever allowed needs no more units.
-            while next < units.len() && self.positions.len() + (units.len() - next) >= fewest {
+            // Distances only grow: a choice beyond the largest that is ever allowed needs no more blocks.
+            while next < blocks.len() && self.positions.len() + (blocks.len() - next) >= fewest {
                 let rows = self.chosen.len();
                 steps += 1;
                 self.chosen
-                    .push(&self.covariance, size, &self.innovation, units, next);
+                    .push(&self.covariance, size, &self.innovation, blocks, next);
                 let distance = kept + self.chosen.d2();
                 if distance > largest {
                     self.chosen.truncate(rows);
@@ -149,7 +149,7 @@ impl Pigeonhole {
             let Some(last) = self.positions.pop() else {
                 return true;
             };
-            self.chosen.truncate(self.chosen.len() - units.count(last));
+            self.chosen.truncate(self.chosen.len() - blocks.count(last));
             next = last + 1;
         }
     }

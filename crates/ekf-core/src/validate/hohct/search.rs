@@ -5,7 +5,7 @@ use super::level::{Level, PerTheta, Sums, THETAS, sum_of_largest};
 use super::pigeonhole::{Pigeonhole, Rows};
 use super::{HohctSettings, Scratch};
 use crate::chi2;
-use crate::validate::{Quantiles, Units};
+use crate::validate::{Blocks, Quantiles};
 
 /// Most groups that are looked at together.
 const MOST_INTACT: usize = 6;
@@ -17,7 +17,7 @@ const WORK_PER_NODE: usize = 250_000;
 /// `T_k,e` and what follows from them.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Thresholds {
-    /// Rows beyond the smallest number that a unit can have.
+    /// Rows beyond the smallest number that a block can have.
     pub(super) spread: usize,
     /// `T_k,e` for `k = 0, 1, ...`, `k * spread + 1` values each.
     pub(super) values: Vec<f64>,
@@ -58,7 +58,7 @@ impl Thresholds {
 /// Depth-first search over all sets.
 pub(super) struct Search<'a> {
     batch: Rows<'a>,
-    units: Units<'a>,
+    blocks: Blocks<'a>,
     a: &'a [f64],
     z: &'a [f64],
     greedy: &'a Greedy,
@@ -86,7 +86,7 @@ enum Outlook {
     Refuted,
     /// Decide next whether this candidate is added.
     Decide(usize),
-    /// Decide next which unit of `G` is brought back first.
+    /// Decide next which block of `G` is brought back first.
     BringBack,
 }
 
@@ -98,13 +98,13 @@ impl<'a> Search<'a> {
         settings: &HohctSettings,
         quantiles: &'a mut Quantiles,
     ) -> Self {
-        let units = batch.units;
-        let counts = (0..units.len()).map(|unit| units.count(unit));
+        let blocks = batch.blocks;
+        let counts = (0..blocks.len()).map(|block| blocks.count(block));
         let least_rows = counts.clone().min().unwrap_or(0);
         scratch.thresholds.spread = counts.max().unwrap_or(0) - least_rows;
         Self {
             batch,
-            units,
+            blocks,
             a: &scratch.a[..scratch.z.len().pow(2)],
             z: &scratch.z,
             greedy: &scratch.greedy,
@@ -125,15 +125,15 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Searches all sets of at most `max_order` units.
+    /// Searches all sets of at most `max_order` blocks.
     pub(super) fn run(&mut self, max_order: usize, greedy_passes: bool) {
         let greedy = self.greedy;
-        let size = greedy.units.len();
+        let size = greedy.blocks.len();
         self.order = max_order.min(size);
         self.set_level_thresholds();
         if greedy_passes {
-            let extra = greedy.units.iter().map(|&u| self.extra_rows(u)).sum();
-            self.best.clone_from(&greedy.units);
+            let extra = greedy.blocks.iter().map(|&u| self.extra_rows(u)).sum();
+            self.best.clone_from(&greedy.blocks);
             self.accept(size, greedy.reduction, extra);
         }
         if size == 0 {
@@ -141,15 +141,15 @@ impl<'a> Search<'a> {
         }
         self.grow_level(0);
         let root = &mut self.levels[0];
-        root.units.clone_from(&greedy.units);
+        root.blocks.clone_from(&greedy.blocks);
         root.added = 0;
         root.universe.clear();
         root.universe
-            .extend((0..self.units.len()).filter(|&unit| !greedy.taken[unit]));
+            .extend((0..self.blocks.len()).filter(|&block| !greedy.taken[block]));
         if !self.condition(0) {
             return;
         }
-        let most = size.min(self.units.len() - size);
+        let most = size.min(self.blocks.len() - size);
         self.pigeonhole.sort(self.batch, &self.levels[0].universe);
         for left in 0..=most {
             // The order may fall on the way.
@@ -178,10 +178,10 @@ impl<'a> Search<'a> {
 
     /// Tries to refute all sets with `low <= |F| <= high` by disjoint groups of which `intact` are sure to be kept.
     fn refute_by_groups(&mut self, low: usize, high: usize, intact: usize) -> bool {
-        let size = self.greedy.units.len();
+        let size = self.greedy.blocks.len();
         self.pigeonhole.allowed.clear();
         for back in 0..=size {
-            // By bringing back `back` units and adding at least `low` the order becomes, at least,
+            // By bringing back `back` blocks and adding at least `low` the order becomes, at least,
             let order = (size + low).saturating_sub(back);
             let allowed = if order == 0 || order > self.order {
                 f64::NEG_INFINITY
@@ -193,83 +193,83 @@ impl<'a> Search<'a> {
         }
         self.nodes += 1 + self.z.len().pow(3) / WORK_PER_NODE / 8;
         self.pigeonhole
-            .refutes(self.batch, &self.greedy.units, high, intact)
+            .refutes(self.batch, &self.greedy.blocks, high, intact)
     }
 
-    /// All sets that follow from the level's `X` by adding exactly `left` of its candidates and bringing back units of
+    /// All sets that follow from the level's `X` by adding exactly `left` of its candidates and bringing back blocks of
     /// `G` at positions from `position` on.
     fn explore(&mut self, depth: usize, position: usize, left: usize) {
         while !self.struck && self.levels[depth].candidates.len() >= left {
             match self.outlook(depth, position, left) {
                 Outlook::Refuted => return,
-                Outlook::Decide(unit) => {
-                    self.levels[depth].candidates.retain(|&u| u != unit);
-                    self.add(depth, position, left, unit);
+                Outlook::Decide(block) => {
+                    self.levels[depth].candidates.retain(|&u| u != block);
+                    self.add(depth, position, left, block);
                 }
                 Outlook::BringBack => return self.bring_back(depth, position, left),
             }
         }
     }
 
-    /// Sets with `unit`, which was a candidate until now.
-    fn add(&mut self, depth: usize, position: usize, left: usize, unit: usize) {
+    /// Sets with `block`, which was a candidate until now.
+    fn add(&mut self, depth: usize, position: usize, left: usize, block: usize) {
         let level = &self.levels[depth];
         if left == 1 {
             // Its gain is known exactly. The set needs to be worked out only for what may be brought back as well.
-            let order = level.units.len() + 1;
-            let reduction = level.reduction + level.gains[0][unit];
-            let extra = level.extra + self.extra_rows(unit);
+            let order = level.blocks.len() + 1;
+            let reduction = level.reduction + level.gains[0][block];
+            let extra = level.extra + self.extra_rows(block);
             if self.improves(order, reduction, extra) {
-                self.best.clone_from(&level.units);
-                self.best.push(unit);
+                self.best.clone_from(&level.blocks);
+                self.best.push(block);
                 self.accept(order, reduction, extra);
             }
-            let penalty = self.penalty(unit);
+            let penalty = self.penalty(block);
             let gains = self.levels[depth]
                 .gains
                 .each_ref()
-                .map(|gain| gain[unit] - penalty);
+                .map(|gain| gain[block] - penalty);
             if !self.can_win(depth, position, left, 1, gains, 0.0) {
                 return;
             }
         }
-        if self.descend(depth, |units| units.push(unit), 1) {
+        if self.descend(depth, |blocks| blocks.push(block), 1) {
             self.explore(depth + 1, position, left - 1);
         }
     }
 
-    /// Sets without some of the units of `G` at positions from `position` on, by the first of them.
+    /// Sets without some of the blocks of `G` at positions from `position` on, by the first of them.
     fn bring_back(&mut self, depth: usize, position: usize, left: usize) {
         let mut gains = [0.0; THETAS.len()];
         if left > 0 {
             if left > 1 {
-                self.levels[depth].work_out_couplings(self.a, self.units);
+                self.levels[depth].work_out_couplings(self.a, self.blocks);
             }
             for (k, gain) in gains.iter_mut().enumerate().skip(1) {
                 *gain = self.bounded_gain(depth, left, k).0;
             }
         }
         let first = self.first_index(depth, position);
-        for at in position..self.greedy.units.len() {
-            let unit = self.greedy.units[at];
+        for at in position..self.greedy.blocks.len() {
+            let block = self.greedy.blocks[at];
             let level = &self.levels[depth];
             let own = level.own_loss[first + at - position];
             let mut fewest = 1;
             if left == 0 {
                 // As in `add`.
-                let order = level.units.len() - 1;
+                let order = level.blocks.len() - 1;
                 let reduction = level.reduction - own;
-                let extra = level.extra - self.extra_rows(unit);
+                let extra = level.extra - self.extra_rows(block);
                 if self.improves(order, reduction, extra) {
                     self.best.clear();
-                    let rest = level.units.iter().filter(|&&other| other != unit);
+                    let rest = level.blocks.iter().filter(|&&other| other != block);
                     self.best.extend(rest);
                     self.accept(order, reduction, extra);
                 }
                 fewest = 2;
             }
             if self.can_win(depth, position, left, fewest, gains, own)
-                && self.descend(depth, |units| units.retain(|&u| u != unit), 0)
+                && self.descend(depth, |blocks| blocks.retain(|&u| u != block), 0)
             {
                 self.explore(depth + 1, at + 1, left);
             }
@@ -286,16 +286,16 @@ impl<'a> Search<'a> {
                 Outlook::Refuted
             };
         }
-        self.levels[depth].work_out_gains(self.a, self.units);
+        self.levels[depth].work_out_gains(self.a, self.blocks);
         // As if candidates were not coupled, and X and F neither: no bound, but the branch to follow.
         let level = &self.levels[depth];
         let mut best = (f64::NEG_INFINITY, level.candidates[0]);
         self.sums.terms.clear();
-        for &unit in &level.candidates {
-            let gain = level.gains[0][unit] - self.penalty(unit);
+        for &block in &level.candidates {
+            let gain = level.gains[0][block] - self.penalty(block);
             self.sums.terms.push(gain);
             if gain > best.0 {
-                best = (gain, unit);
+                best = (gain, block);
             }
         }
         let hope = sum_of_largest(&mut self.sums.terms, left);
@@ -308,7 +308,7 @@ impl<'a> Search<'a> {
             };
         }
         if left > 1 {
-            self.levels[depth].work_out_couplings(self.a, self.units);
+            self.levels[depth].work_out_couplings(self.a, self.blocks);
         }
         // Each share bounds by itself; as a rule the first one is enough.
         let mut gains = [f64::INFINITY; THETAS.len()];
@@ -334,15 +334,15 @@ impl<'a> Search<'a> {
     /// Bound on what `left` candidates add for the share `k` (the first if nothing is brought back), and the candidate
     /// whose couplings loosen it most.
     fn bounded_gain(&mut self, depth: usize, left: usize, k: usize) -> (f64, usize) {
-        let n = self.units.len();
+        let n = self.blocks.len();
         let level = &self.levels[depth];
         let mut worst = (f64::NEG_INFINITY, f64::NEG_INFINITY, usize::MAX);
         self.sums.terms.clear();
-        for &unit in &level.candidates {
+        for &block in &level.candidates {
             let mut coupling = 0.0;
             if left > 1 {
-                let row = &level.gain_coupling[k][unit * n..(unit + 1) * n];
-                // A unit is not coupled to itself: its own entry is zero.
+                let row = &level.gain_coupling[k][block * n..(block + 1) * n];
+                // A block is not coupled to itself: its own entry is zero.
                 self.sums.picked.clear();
                 self.sums
                     .picked
@@ -350,21 +350,21 @@ impl<'a> Search<'a> {
                 coupling = sum_of_largest(&mut self.sums.picked, left - 1);
             }
             let bounded = if coupling < 1.0 {
-                level.gains[k][unit] / (1.0 - coupling)
+                level.gains[k][block] / (1.0 - coupling)
             } else {
                 f64::INFINITY
             };
-            let excess = bounded - level.gains[0][unit];
+            let excess = bounded - level.gains[0][block];
             if excess > worst.0 || (excess == worst.0 && coupling > worst.1) {
-                worst = (excess, coupling, unit);
+                worst = (excess, coupling, block);
             }
-            self.sums.terms.push(bounded - self.penalty(unit));
+            self.sums.terms.push(bounded - self.penalty(block));
         }
         (sum_of_largest(&mut self.sums.terms, left), worst.2)
     }
 
-    /// Whether a set below a node may win that brings back at least `fewest` units and gains at most `gains` (if
-    /// nothing, if something is brought back), `own` being the loss of a unit that is brought back for certain.
+    /// Whether a set below a node may win that brings back at least `fewest` blocks and gains at most `gains` (if
+    /// nothing, if something is brought back), `own` being the loss of a block that is brought back for certain.
     fn can_win(
         &self,
         depth: usize,
@@ -377,7 +377,7 @@ impl<'a> Search<'a> {
         let level = &self.levels[depth];
         let base = level.reduction - self.thresholds.tau * level.extra as f64;
         let largest = level_order(level, left);
-        let available = self.greedy.units.len() - position;
+        let available = self.greedy.blocks.len() - position;
         let rows = self.thresholds.tau * self.thresholds.spread as f64;
         (fewest.max(largest.saturating_sub(self.order))..=available.min(largest.saturating_sub(1)))
             .any(|number| {
@@ -402,8 +402,8 @@ impl<'a> Search<'a> {
         self.grow_level(depth + 1);
         let (upper, lower) = self.levels.split_at_mut(depth + 1);
         let (from, to) = (&upper[depth], &mut lower[0]);
-        to.units.clone_from(&from.units);
-        edit(&mut to.units);
+        to.blocks.clone_from(&from.blocks);
+        edit(&mut to.blocks);
         to.added = from.added + added;
         to.universe.clone_from(&from.candidates);
         to.candidates.clone_from(&from.candidates);
@@ -421,38 +421,38 @@ impl<'a> Search<'a> {
         if !self.struck {
             let rows = self.rows_out(depth) * self.z.len().pow(2);
             self.nodes += 1 + rows / WORK_PER_NODE;
-            self.levels[depth].condition(self.a, self.z, self.units, self.least_rows);
+            self.levels[depth].condition(self.a, self.z, self.blocks, self.least_rows);
         }
         !self.struck
     }
 
-    /// Rows of the units that are out.
+    /// Rows of the blocks that are out.
     fn rows_out(&self, depth: usize) -> usize {
-        let units = self.levels[depth].units.iter();
-        units.map(|&unit| self.units.count(unit)).sum()
+        let blocks = self.levels[depth].blocks.iter();
+        blocks.map(|&block| self.blocks.count(block)).sum()
     }
 
     fn work_out_losses(&mut self, depth: usize, position: usize) {
         let first = self.first_index(depth, position);
-        let available = self.greedy.units.len() - position;
-        let (tau, units, least) = (self.thresholds.tau, self.units, self.least_rows);
-        let penalty = |unit| tau * (units.count(unit) - least) as f64;
+        let available = self.greedy.blocks.len() - position;
+        let (tau, blocks, least) = (self.thresholds.tau, self.blocks, self.least_rows);
+        let penalty = |block| tau * (blocks.count(block) - least) as f64;
         let range = first..first + available;
-        self.levels[depth].work_out_losses(units, position, range, penalty, self.sums);
+        self.levels[depth].work_out_losses(blocks, position, range, penalty, self.sums);
     }
 
-    /// Index in the level's `X` of the unit of `G` at `position`; all from there on are in `X`.
+    /// Index in the level's `X` of the block of `G` at `position`; all from there on are in `X`.
     fn first_index(&self, depth: usize, position: usize) -> usize {
         let level = &self.levels[depth];
-        level.units.len() - level.added - (self.greedy.units.len() - position)
+        level.blocks.len() - level.added - (self.greedy.blocks.len() - position)
     }
 
-    fn extra_rows(&self, unit: usize) -> usize {
-        self.units.count(unit) - self.least_rows
+    fn extra_rows(&self, block: usize) -> usize {
+        self.blocks.count(block) - self.least_rows
     }
 
-    fn penalty(&self, unit: usize) -> f64 {
-        self.thresholds.tau * self.extra_rows(unit) as f64
+    fn penalty(&self, block: usize) -> f64 {
+        self.thresholds.tau * self.extra_rows(block) as f64
     }
 
     /// Thresholds that the level sets, for all orders up to `self.order`.
@@ -527,5 +527,5 @@ fn choices(n: usize, k: usize) -> usize {
 
 /// Order of the sets below a level if nothing is brought back.
 fn level_order(level: &Level, left: usize) -> usize {
-    level.units.len() + left
+    level.blocks.len() + left
 }

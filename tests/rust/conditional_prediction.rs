@@ -10,7 +10,7 @@ fn without_others_nothing_is_new() {
     let mut warm = warm(1, &[]);
     let seen = warm.filter.predict_pixels();
     let ids: Vec<u64> = seen.iter().map(|f| f.id).collect();
-    let given = warm.filter.predict_given(&[], &ids).unwrap();
+    let given = warm.filter.predict_conditional(&[], &ids).unwrap();
     for (f, given) in seen.iter().zip(given) {
         let given = given.unwrap();
         assert!((f.uv - given.uv).norm() < 1e-9);
@@ -39,7 +39,7 @@ fn others_tell_where_a_feature_is() {
     let left = s.view((told, told), (2, 2)) - &gain * s.view((0, told), (told, 2));
     let predicted = last.uv - Vector2::new(g[told], g[told + 1]);
     let before = warm.filter.state().mean().to_vec();
-    let given = warm.filter.predict_given(found, &[last.id]).unwrap()[0].unwrap();
+    let given = warm.filter.predict_conditional(found, &[last.id]).unwrap()[0].unwrap();
     assert!((given.uv - predicted - Vector2::new(shift[0], shift[1])).norm() < 1e-6);
     let expected = Matrix2::new(left[(0, 0)], left[(0, 1)], left[(1, 0)], left[(1, 1)]);
     assert!((given.s - expected).norm() < 1e-6 * expected.norm());
@@ -54,11 +54,11 @@ fn wrong_matches_among_the_others_do_no_harm() {
     let z = measure(&mut warm, false);
     let (mut found, last) = (z.bearings.clone(), *z.bearings.last().unwrap());
     found.pop();
-    let right = warm.filter.predict_given(&found, &[last.id]).unwrap()[0].unwrap();
+    let right = warm.filter.predict_conditional(&found, &[last.id]).unwrap()[0].unwrap();
     for bearing in found.iter_mut().step_by(4) {
         bearing.uv += Vector2::new(15.0, -9.0);
     }
-    let given = warm.filter.predict_given(&found, &[last.id]).unwrap()[0].unwrap();
+    let given = warm.filter.predict_conditional(&found, &[last.id]).unwrap()[0].unwrap();
     assert!(
         (given.uv - right.uv).norm() < 1.0,
         "{} {}",
@@ -72,11 +72,15 @@ fn bad_input_is_named() {
     let mut warm = warm(4, &[]);
     let z: Measurements = measure(&mut warm, false);
     let id = z.bearings[0].id;
-    assert!(warm.filter.predict_given(&z.bearings, &[id]).is_err());
-    assert!(warm.filter.predict_given(&z.bearings, &[9999]).is_err());
+    assert!(warm.filter.predict_conditional(&z.bearings, &[id]).is_err());
+    assert!(
+        warm.filter
+            .predict_conditional(&z.bearings, &[9999])
+            .is_err()
+    );
     let nowhere = Bearing {
         id,
         uv: Vector2::repeat(f64::NAN),
     };
-    assert!(warm.filter.predict_given(&[nowhere], &[]).is_err());
+    assert!(warm.filter.predict_conditional(&[nowhere], &[]).is_err());
 }

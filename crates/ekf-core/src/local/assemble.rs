@@ -1,6 +1,6 @@
 //! From a working state and what is outside of it to the whole state, and back.
 
-use super::{Duals, Far, Spare, product};
+use super::{Auxiliary, Buffers, OutsideSet, product};
 use crate::state::{Block, BlockKind, CAMERA_DIM, Covariance, State};
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::{Accum, MatMut, MatRef, Par};
@@ -33,18 +33,18 @@ fn room(buffer: &mut Vec<f64>, len: usize) -> &mut [f64] {
     buffer
 }
 
-/// The working state of the blocks for which `stays` holds, with dual rows for all of its own; its covariance is written
+/// The working state of the blocks for which `stays` holds, with auxiliary rows for all of its own; its covariance is written
 /// over a spare one if there is one.
 pub(super) fn working_state(
     whole: &State,
     stays: impl Fn(&Block) -> bool,
-    spare: Option<Covariance>,
+    buffers: Option<Covariance>,
 ) -> State {
     let rows = stored_rows(whole, &stays);
     let a = rows.len();
-    let mut near = whole.camera_alone(Covariance::of_stored(2 * a, 4 * a, spare));
-    near.p.copy_stored(0, &whole.p, &rows);
-    near.p.clear_duals(a);
+    let mut working = whole.camera_alone(Covariance::of_stored(2 * a, 4 * a, buffers));
+    working.p.copy_stored(0, &whole.p, &rows);
+    working.p.clear_auxiliary(a);
     let place = |row: usize| rows.partition_point(|&r| r < row);
     for block in whole.layout.blocks().iter().filter(|b| stays(b)) {
         let slots: Vec<usize> = block
@@ -52,66 +52,68 @@ pub(super) fn working_state(
             .map(|i| place(whole.p.stored().slots[i]))
             .collect();
         let values = (&whole.x[block.range()], &whole.reference[block.range()]);
-        near.insert(block.kind, block.id, &slots, values);
+        working.insert(block.kind, block.id, &slots, values);
     }
     let slots: Vec<usize> = (a..2 * a).collect();
     let zeros = vec![0.0; a];
-    near.insert(BlockKind::Dual(a), u64::MAX, &slots, (&zeros, &zeros));
-    near
+    working.insert(BlockKind::Auxiliary(a), u64::MAX, &slots, (&zeros, &zeros));
+    working
 }
 
-impl Far {
+impl OutsideSet {
     /// The whole state as it is now, its covariance written over a spare one if there is one.
-    pub(crate) fn settle(&self, near: &State, spare: &mut Spare) -> State {
-        let is_dual = |b: &Block| matches!(b.kind, BlockKind::Dual(_));
-        let duals = Duals::of(near);
-        let depth = duals.rows.len();
-        let near_rows = stored_rows(near, |b| !is_dual(b));
-        let place_near = |row: usize| near_rows.partition_point(|&r| r < row);
+    pub(crate) fn assemble(&self, working: &State, buffers: &mut Buffers) -> State {
+        let is_auxiliary = |b: &Block| matches!(b.kind, BlockKind::Auxiliary(_));
+        let auxiliary = Auxiliary::of(working);
+        let depth = auxiliary.rows.len();
+        let working_rows = stored_rows(working, |b| !is_auxiliary(b));
+        let place_working = |row: usize| working_rows.partition_point(|&r| r < row);
         // Rows outside, but for anchors that a feature inside has as well.
-        let a = near_rows.len();
-        let mut place_far: Vec<Option<usize>> = vec![None; self.then.p.stored().n];
-        let mut far_rows = Vec::new();
-        let mates = self.mates(near);
-        for block in self.outside.iter().map(|o| &o.block) {
+        let a = working_rows.len();
+        let mut place_outside: Vec<Option<usize>> = vec![None; self.then.p.stored().n];
+        let mut outside_rows = Vec::new();
+        let mates = self.mates(working);
+        for block in self.features.iter().map(|o| &o.block) {
             let mate = self.mate(&mates, block);
             for k in 0..block.kind.dim() {
                 let row = self.then.p.slot(block.offset + k);
                 match mate {
-                    Some(mate) if k < 3 => place_far[row] = Some(place_near(near.p.slot(mate + k))),
-                    _ => far_rows.push(row),
+                    Some(mate) if k < 3 => {
+                        place_outside[row] = Some(place_working(working.p.slot(mate + k)))
+                    }
+                    _ => outside_rows.push(row),
                 }
             }
         }
-        far_rows.sort_unstable();
-        far_rows.dedup();
-        for (k, &row) in far_rows.iter().enumerate() {
-            place_far[row] = Some(a + k);
+        outside_rows.sort_unstable();
+        outside_rows.dedup();
+        for (k, &row) in outside_rows.iter().enumerate() {
+            place_outside[row] = Some(a + k);
         }
-        let b = far_rows.len();
+        let b = outside_rows.len();
         let capacity = self.then.p.stored().ld;
         let mut whole =
-            near.camera_alone(Covariance::of_stored(a + b, capacity, spare.whole.take()));
+            working.camera_alone(Covariance::of_stored(a + b, capacity, buffers.whole.take()));
         let p = &mut whole.p;
-        p.copy_stored(0, &near.p, &near_rows);
-        p.copy_stored(a, &self.then.p, &far_rows);
-        // R of the rows outside, and M's columns of the duals.
-        let Products { r, phi, psi, psi_r } = &mut spare.products;
+        p.copy_stored(0, &working.p, &working_rows);
+        p.copy_stored(a, &self.then.p, &outside_rows);
+        // R of the rows outside, and M's auxiliary columns.
+        let Products { r, phi, psi, psi_r } = &mut buffers.products;
         r.clear();
-        for &row in &far_rows {
+        for &row in &outside_rows {
             r.extend_from_slice(self.column(row, depth));
         }
         let r = MatRef::from_column_major_slice(r, depth, b);
         let phi = room(phi, depth * a);
-        for (k, &row) in near_rows.iter().enumerate() {
-            for (value, &d) in phi[k * depth..].iter_mut().zip(&duals.rows) {
-                *value = near.p.stored_entry(row, d);
+        for (k, &row) in working_rows.iter().enumerate() {
+            for (value, &d) in phi[k * depth..].iter_mut().zip(&auxiliary.rows) {
+                *value = working.p.stored_entry(row, d);
             }
         }
         let psi = room(psi, depth * depth);
-        for (k, &row) in duals.rows.iter().enumerate() {
-            for (value, &d) in psi[k * depth..].iter_mut().zip(&duals.rows) {
-                *value = near.p.stored_entry(row, d);
+        for (k, &row) in auxiliary.rows.iter().enumerate() {
+            for (value, &d) in psi[k * depth..].iter_mut().zip(&auxiliary.rows) {
+                *value = working.p.stored_entry(row, d);
             }
         }
         let psi_r = room(psi_r, depth * b);
@@ -136,7 +138,7 @@ impl Far {
             1.0,
             Par::Seq,
         );
-        self.join(&mut whole, near, place_near, &place_far);
+        self.join(&mut whole, working, place_working, &place_outside);
         whole
     }
 
@@ -144,25 +146,28 @@ impl Far {
     fn join(
         &self,
         whole: &mut State,
-        near: &State,
-        place_near: impl Fn(usize) -> usize,
-        place_far: &[Option<usize>],
+        working: &State,
+        place_working: impl Fn(usize) -> usize,
+        place_outside: &[Option<usize>],
     ) {
         let mut blocks = Vec::new();
-        for block in near.layout.blocks() {
-            if !matches!(block.kind, BlockKind::Dual(_)) {
-                let slots: Vec<usize> = block.range().map(|i| place_near(near.p.slot(i))).collect();
-                let mean = near.x[block.range()].to_vec();
-                let reference = near.reference[block.range()].to_vec();
+        for block in working.layout.blocks() {
+            if !matches!(block.kind, BlockKind::Auxiliary(_)) {
+                let slots: Vec<usize> = block
+                    .range()
+                    .map(|i| place_working(working.p.slot(i)))
+                    .collect();
+                let mean = working.x[block.range()].to_vec();
+                let reference = working.reference[block.range()].to_vec();
                 blocks.push((block.id, block.kind, slots, mean, reference));
             }
         }
-        let mates = self.mates(near);
-        for (block, mean) in self.means(near) {
-            let place = |i: usize| place_far[self.then.p.slot(i)].expect("placed above");
+        let mates = self.mates(working);
+        for (block, mean) in self.means(working) {
+            let place = |i: usize| place_outside[self.then.p.slot(i)].expect("placed above");
             let slots = block.range().map(place).collect();
             let mate = self.mate(&mates, &block);
-            let reference = self.reference(near, mate, &block);
+            let reference = self.reference(working, mate, &block);
             let mean = mean.numbers().to_vec();
             blocks.push((block.id, block.kind, slots, mean, reference));
         }
