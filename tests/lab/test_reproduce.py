@@ -13,8 +13,9 @@ from collabslam.cli import BAD_INPUT
 from collabslam.errors import SettingsError
 from collabslam_lab.cli import main as lab
 from collabslam_lab.paper_simulation import EXPERIMENTS, observability, reproduce
+from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.estimators import ESTIMATORS, GAUGE, PLAIN
-from collabslam_lab.paper_simulation.monte_carlo import Request, Study
+from collabslam_lab.paper_simulation.monte_carlo import Study
 from collabslam_lab.paper_simulation.settings import SimulationSettings
 from collabslam_lab.paper_simulation.statistics import compare
 
@@ -40,9 +41,9 @@ def test_ranks_and_nullities() -> None:
 
 def test_the_simulation_gives_the_reference() -> None:
     study = _study(40)
-    done = study.gather([Request("wall", e, c) for e in (PLAIN, GAUGE) for c in ("mono", "independent")], "")
+    done = study.gather([Case("wall", e, c) for e in (PLAIN, GAUGE) for c in ("mono", "independent")], "")
     row = {
-        e.name: compare(study.settings, *(done[Request("wall", e, c)] for c in ("mono", "independent")))
+        e.name: compare(study.settings, *(done[Case("wall", e, c)] for c in ("mono", "independent")))
         for e in (PLAIN, GAUGE)
     }
     plain, gauge = row["plain"], row["gauge"]
@@ -62,19 +63,19 @@ def test_the_simulation_gives_the_reference() -> None:
 
 def test_the_core_gives_what_the_planar_filter_gives() -> None:
     study = _study(12)
-    wanted = [Request(m, PLAIN, c) for m in ("wall", "core") for c in ("mono", "independent")]
+    wanted = [Case(m, PLAIN, c) for m in ("wall", "core") for c in ("mono", "independent")]
     done = study.gather(wanted, "")
     mean = {(r.model, r.collaboration): o.error.mean() for r, o in done.items()}
     for collaboration in ("mono", "independent"):
         assert 0.6 < mean["core", collaboration] / mean["wall", collaboration] < 1.7
-    core = [done[Request("core", PLAIN, c)] for c in ("mono", "independent")]
+    core = [done[Case("core", PLAIN, c)] for c in ("mono", "independent")]
     assert compare(study.settings, *core)["average_ratio"] < 0.5
 
 
 def test_the_transport_makes_the_core_more_honest() -> None:
     study = _study(2, cloud_runs=12)
-    done = study.gather([Request("cloud", e, "mono") for e in (PLAIN, GAUGE_ONLY)], "")
-    plain, gauge = (done[Request("cloud", e, "mono")] for e in (PLAIN, GAUGE_ONLY))
+    done = study.gather([Case("cloud", e, "mono") for e in (PLAIN, GAUGE_ONLY)], "")
+    plain, gauge = (done[Case("cloud", e, "mono")] for e in (PLAIN, GAUGE_ONLY))
     assert np.nanmean(gauge.nees_position[:, -1]) < np.nanmean(plain.nees_position[:, -1])
     assert gauge.error.mean() < 1.02 * plain.error.mean()
 

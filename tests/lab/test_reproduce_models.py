@@ -10,6 +10,7 @@ import pytest
 
 from collabslam.errors import SettingsError
 from collabslam_lab.paper_simulation import planar_rows, wall_models
+from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.estimators import ESTIMATORS, GAUGE, PLAIN
 from collabslam_lab.paper_simulation.rank import exact_rank, numeric_nullity
 from collabslam_lab.paper_simulation.settings import SIMULATION, SimulationSettings
@@ -131,8 +132,8 @@ def test_rational_gradients_agree_with_differences() -> None:
 def test_a_run_is_the_same_in_any_batch() -> None:
     s = SimulationSettings(SHORT)
     for estimator in (PLAIN, GAUGE):
-        many = run_wall(s, estimator, "independent", 4, range(3))
-        one = run_wall(s, estimator, "independent", 4, [1])
+        many = run_wall(s, Case("wall", estimator, "independent"), 4, range(3))
+        one = run_wall(s, Case("wall", estimator, "independent"), 4, [1])
         assert np.allclose(many.error[1], one.error[0], rtol=1e-7, atol=1e-9)
         assert np.allclose(many.nees[1], one.nees[0], rtol=1e-5, equal_nan=True)
 
@@ -157,7 +158,9 @@ def test_without_noise_the_filter_follows_the_truth() -> None:
         "start_turn_sigma": 1e-3,
     }
     for estimator in ESTIMATORS:
-        outcome = run_wall(SimulationSettings({**SHORT, **tiny}), estimator, "mono", 6, range(2))
+        outcome = run_wall(
+            SimulationSettings({**SHORT, **tiny}), Case("wall", estimator, "mono"), 6, range(2)
+        )
         assert outcome.error.max() < 0.02, estimator.name
 
 
@@ -166,7 +169,7 @@ def test_a_run_that_diverges_is_counted_and_not_an_error() -> None:
                             "second_window_start": 12.0, "second_window_end": 13.0})  # fmt: skip
     fej = next(e for e in ESTIMATORS if e.name == "fej")
     with np.errstate(all="ignore"):
-        outcome = run_wall(s, fej, "independent", 0, range(12))
+        outcome = run_wall(s, Case("wall", fej, "independent"), 0, range(12))
     dead = ~np.isfinite(outcome.error[:, -1])
     assert outcome.error.shape == (12, s.frames)
     for run in np.flatnonzero(dead):

@@ -72,7 +72,7 @@ def reproduce(
                 f"There is no experiment '{name}'; there are {', '.join(EXPERIMENTS)}, and all."
             )
     with needs("plot"):
-        from collabslam_lab.paper_simulation.outputs import hand_over
+        from collabslam_lab.figures.finding import hand_over
     numbers = {}
     overrides = "".join(f" --set {key}={value}" for key, value in (changes or {}).items())
     with Study(SimulationSettings(changes), runs=runs, seed=seed, jobs=jobs, progress=progress) as study:

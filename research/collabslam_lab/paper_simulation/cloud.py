@@ -18,8 +18,8 @@ from collabslam._core import Camera
 from collabslam.evaluation.consistency import nees, pose_tangent_error
 from collabslam.geometry import rotation_exp, se3_exp
 from collabslam.types import Array
+from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.core_run import CoreRun, SimulatedFrame, common_settings
-from collabslam_lab.paper_simulation.estimators import Estimator
 from collabslam_lab.paper_simulation.settings import SimulationSettings
 
 WORN_POSITION = (-0.6, -0.3, 0.0)
@@ -51,29 +51,20 @@ class CloudOutcome:
     nees_pose: Array
 
 
-def run_cloud(
-    s: SimulationSettings,
-    estimator: Estimator,
-    collaboration: str,
-    seed: int,
-    runs: Sequence[int],
-    range_sigma: float | None = None,
-) -> CloudOutcome:
+def run_cloud(s: SimulationSettings, case: Case, seed: int, runs: Sequence[int]) -> CloudOutcome:
     """Runs by number; ``collaboration`` is ``mono`` or the filter's mode of use of Cf in the windows."""
-    outcomes = [_run(s, estimator, collaboration, np.random.default_rng([seed, r])) for r in runs]
+    outcomes = [_run(s, case, np.random.default_rng([seed, r])) for r in runs]
     return CloudOutcome(*(np.stack(part) for part in zip(*outcomes, strict=True)))
 
 
-def _run(
-    s: SimulationSettings, estimator: Estimator, collaboration: str, rng: np.random.Generator
-) -> tuple[Array, ...]:
+def _run(s: SimulationSettings, case: Case, rng: np.random.Generator) -> tuple[Array, ...]:
     focal = 0.5 * _SIZE[0] / np.tan(0.5 * np.radians(s.fov))
     sigma = float(focal * np.radians(s.bearing_sigma))
     camera = Camera("pinhole", *_SIZE, (focal, focal, 0.5 * _SIZE[0], 0.5 * _SIZE[1]))
     points, poses = _wall(s, rng), _walk(s, rng)
     settings = {
-        **common_settings(s, estimator, focal),
-        "estimator.mode": collaboration,
+        **common_settings(s, case.estimator, focal),
+        "estimator.mode": case.collaboration,
         "birth.max_rho_ratio": 2.0,
         "pixel.sigma_cf": sigma,
         "process.start_angular_velocity_sd": _START_TURN,
@@ -82,7 +73,7 @@ def _run(
     core = CoreRun(camera, settings, s.cloud_in_view)
     estimates, covariances = [], []
     for k, pose in enumerate(poses):
-        frame = _frame(s, camera, points, pose, k, rng, sigma, collaboration)
+        frame = _frame(s, camera, points, pose, k, rng, sigma, case.collaboration)
         if k == 0:
             numbers = [int(p) for p in np.flatnonzero(frame.visible)[: s.cloud_in_view]]
             at = points[numbers] + s.known_sigma * rng.normal(size=(len(numbers), 3))

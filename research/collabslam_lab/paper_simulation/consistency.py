@@ -10,12 +10,14 @@ import numpy as np
 
 from collabslam.evaluation.consistency import nees_band
 from collabslam.runs.report import number
-from collabslam_lab.paper_simulation import style
+from collabslam_lab.figures import style
+from collabslam_lab.figures.finding import Finding, Table
+from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.cloud import CloudOutcome
 from collabslam_lab.paper_simulation.estimators import ESTIMATORS, PLAIN
-from collabslam_lab.paper_simulation.monte_carlo import Request, Study
-from collabslam_lab.paper_simulation.outputs import Finding, Table
+from collabslam_lab.paper_simulation.monte_carlo import Study
 from collabslam_lab.paper_simulation.statistics import mean_over_runs
+from collabslam_lab.paper_simulation.windows import shade_windows
 
 _GAUGE = next(e for e in ESTIMATORS if e.name == "gauge-only")
 _KINDS = {"plain": PLAIN, "gauge": _GAUGE}
@@ -27,7 +29,7 @@ def make(study: Study) -> Finding:
     """The core's ``estimator.consistency`` none and gauge, in modes mono and collab-tight, run by run the
     same data."""
     s = study.settings
-    requests = {(m, k): Request("cloud", e, m) for m in _MODES for k, e in _KINDS.items()}
+    requests = {(m, k): Case("cloud", e, m) for m in _MODES for k, e in _KINDS.items()}
     done = study.gather(requests.values(), "consistency")
     outcomes: dict[tuple[str, str], CloudOutcome] = {key: done[request] for key, request in requests.items()}
     runs = int(s.cloud_runs)
@@ -74,7 +76,7 @@ def make(study: Study) -> Finding:
             axes.axhspan(*nees_band(3, runs), color=style.INK, alpha=0.15, linewidth=0, label="95 % band")
         if mode != "mono":
             for axes in panels[:, j]:
-                style.windows(axes, s, "worn camera at hand")
+                shade_windows(axes, s, "worn camera at hand")
         panels[0, j].set_title(f"mode {mode}", fontsize=10)
         panels[2, j].set_xlabel("time (s)")
         style.legend(panels[0, j])

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from collabslam.runs.report import number
-from collabslam_lab.paper_simulation import style
+from collabslam_lab.figures import style
+from collabslam_lab.figures.finding import Finding, Table
 from collabslam_lab.paper_simulation.monte_carlo import Study
-from collabslam_lab.paper_simulation.outputs import Finding, Table
 from collabslam_lab.paper_simulation.statistics import average_error
 from collabslam_lab.paper_simulation.sweep import CURVES, gather, name_of, sigmas_of
 

@@ -7,10 +7,11 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse
 
 from collabslam.runs.report import number
-from collabslam_lab.paper_simulation import style
+from collabslam_lab.figures import style
+from collabslam_lab.figures.finding import Finding, Table
+from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.estimators import PLAIN
-from collabslam_lab.paper_simulation.monte_carlo import Request, Study
-from collabslam_lab.paper_simulation.outputs import Finding, Table
+from collabslam_lab.paper_simulation.monte_carlo import Study
 from collabslam_lab.paper_simulation.wall import WallRuns, simulate
 from collabslam_lab.paper_simulation.wall_run import Outcome
 
@@ -22,7 +23,7 @@ _TITLES = {"mono": "Cs alone", "independent": "with pseudo-stereo"}
 
 def make(study: Study) -> Finding:
     """The run whose final error without pseudo-stereo is the median of all runs of the 2-DoF filter."""
-    requests = {(m, c): Request(m, PLAIN, c) for m in _NAMES for c in _TITLES}
+    requests = {(m, c): Case(m, PLAIN, c) for m in _NAMES for c in _TITLES}
     done = study.gather(requests.values(), "fig7")
     ends = done[requests["wall", "mono"]].error[:, -1]
     run = int(np.argsort(ends)[(len(ends) - 1) // 2])

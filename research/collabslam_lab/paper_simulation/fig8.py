@@ -10,10 +10,11 @@ from matplotlib.axes import Axes
 from collabslam.evaluation.consistency import nees_band
 from collabslam.runs.report import number
 from collabslam.types import Array
-from collabslam_lab.paper_simulation import style
+from collabslam_lab.figures import style
+from collabslam_lab.figures.finding import Finding, Table
+from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.estimators import ESTIMATORS, GAUGE, PLAIN, Estimator
-from collabslam_lab.paper_simulation.monte_carlo import Request, Study
-from collabslam_lab.paper_simulation.outputs import Finding, Table
+from collabslam_lab.paper_simulation.monte_carlo import Study
 from collabslam_lab.paper_simulation.settings import SimulationSettings
 from collabslam_lab.paper_simulation.statistics import (
     average_error,
@@ -23,6 +24,7 @@ from collabslam_lab.paper_simulation.statistics import (
     mean_over_runs,
 )
 from collabslam_lab.paper_simulation.wall_run import COLLABORATIONS, Outcome
+from collabslam_lab.paper_simulation.windows import shade_windows
 
 CORE = (PLAIN, GAUGE)
 """Estimators that are run in the real core as well."""
@@ -39,8 +41,8 @@ _ESTIMATOR_HEADER = (
 def make(study: Study) -> Finding:
     """Every estimator of `ESTIMATORS`, without pseudo-stereo and with independent and shared errors of it."""
     s = study.settings
-    requests = {("wall", e.name, c): Request("wall", e, c) for e in ESTIMATORS for c in COLLABORATIONS}
-    requests |= {("core", e.name, c): Request("core", e, c) for e in CORE for c in COLLABORATIONS[:2]}
+    requests = {("wall", e.name, c): Case("wall", e, c) for e in ESTIMATORS for c in COLLABORATIONS}
+    requests |= {("core", e.name, c): Case("core", e, c) for e in CORE for c in COLLABORATIONS[:2]}
     done = study.gather(requests.values(), "fig8")
     outcomes: Outcomes = {key: done[request] for key, request in requests.items()}
     plain = _row(s, outcomes, "wall", PLAIN)
@@ -198,7 +200,7 @@ def _figure(s: SimulationSettings, outcomes: Outcomes, runs: int) -> Any:
     panels[1, 0].set_title("(c) is the covariance honest? Cs alone, 2-DoF", fontsize=10)
     panels[1, 1].set_title("(d) is the covariance honest? With pseudo-stereo, 2-DoF", fontsize=10)
     for axes in panels.flat:
-        style.windows(axes, s)
+        shade_windows(axes, s)
         axes.set_xlim(0.0, s.duration)
         axes.set_xlabel("time (s)")
     for axes in panels[0]:

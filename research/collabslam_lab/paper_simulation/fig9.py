@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from collabslam.runs.report import number
-from collabslam_lab.paper_simulation import style
+from collabslam_lab.figures import style
+from collabslam_lab.figures.finding import Finding, Table
 from collabslam_lab.paper_simulation.monte_carlo import Study
-from collabslam_lab.paper_simulation.outputs import Finding, Table
 from collabslam_lab.paper_simulation.statistics import average_error, final_error, mean_over_runs
 from collabslam_lab.paper_simulation.sweep import CURVES, SHOWN, gather, name_of
+from collabslam_lab.paper_simulation.windows import shade_windows
 
 _PANELS = (0, 1, 3)
 """Of `CURVES`."""
@@ -47,7 +48,7 @@ def make(study: Study) -> Finding:
         axes.set_title(name_of(key), fontsize=10)
         axes.set_xlabel("time (s)")
         axes.set_xlim(0.0, s.duration)
-        style.windows(axes, s)
+        shade_windows(axes, s)
     panels[0, 0].set_ylabel("position error (m)")
     style.legend(panels[0, 0])
     header = ("variant", "paper", "Cs alone", *(f"sigma_r {sigma:g} m" for sigma in SHOWN))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from types import TracebackType
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from collabslam.errors import SettingsError
 from collabslam.runs.progress import Progress
-from collabslam_lab.paper_simulation.estimators import Estimator
+from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.settings import SimulationSettings
 from collabslam_lab.processes import spawning
 
@@ -24,18 +24,6 @@ MODELS = {
     "worn": ("worn_run", "run_worn", 2),
 }
 """Module, function and runs per task of each simulation."""
-
-
-@dataclass(frozen=True)
-class Request:
-    """A Monte Carlo: a model of `MODELS`, the estimator, how Cf helps, and the sigma of its range, metres
-    (None:
-    the setting's)."""
-
-    model: str
-    estimator: Estimator
-    collaboration: str
-    range_sigma: float | None = None
 
 
 class Study:
@@ -61,7 +49,7 @@ class Study:
             )
         self.settings, self.runs, self.seed = settings, runs, seed
         self._jobs, self._progress = jobs, progress
-        self._done: dict[Request, Any] = {}
+        self._done: dict[Case, Any] = {}
         self._pool: ProcessPoolExecutor | None = None
 
     def __enter__(self) -> Study:
@@ -73,53 +61,53 @@ class Study:
         if self._pool is not None:
             self._pool.shutdown(cancel_futures=True)
 
-    def gather(self, requests: Iterable[Request], label: str) -> dict[Request, Any]:
+    def gather(self, cases: Iterable[Case], label: str) -> dict[Case, Any]:
         """Outcomes over all runs, in the order of the runs; what an earlier figure asked for is not run
         again."""
-        wanted = list(dict.fromkeys(requests))
+        wanted = list(dict.fromkeys(cases))
         tasks = [
-            (request, chunk)
-            for request in wanted
-            if request not in self._done
-            for chunk in _chunks(self._count(request), MODELS[request.model][2])
+            (case, chunk)
+            for case in wanted
+            if case not in self._done
+            for chunk in _chunks(self._count(case), MODELS[case.model][2])
         ]
-        parts: dict[Request, dict[int, Any]] = {request: {} for request, _ in tasks}
+        parts: dict[Case, dict[int, Any]] = {case: {} for case, _ in tasks}
         total = sum(len(chunk) for _, chunk in tasks)
         with Progress(total, label, enabled=self._progress and total > 0, unit="run") as bar:
-            for request, chunk, outcome in self._results(tasks):
-                parts[request][chunk[0]] = outcome
+            for case, chunk, outcome in self._results(tasks):
+                parts[case][chunk[0]] = outcome
                 for _ in chunk:
                     bar.update()
-        for request, done in parts.items():
-            self._done[request] = _joined([done[first] for first in sorted(done)])
-        return {request: self._done[request] for request in wanted}
+        for case, done in parts.items():
+            self._done[case] = _joined([done[first] for first in sorted(done)])
+        return {case: self._done[case] for case in wanted}
 
-    def _count(self, request: Request) -> int:
+    def _count(self, case: Case) -> int:
         own = {"cloud": self.settings.cloud_runs, "worn": self.settings.worn_runs}
-        return int(own.get(request.model, self.runs))
+        return int(own.get(case.model, self.runs))
 
-    def _results(self, tasks: list[tuple[Request, range]]) -> Iterable[tuple[Request, range, Any]]:
-        arguments = [(request, self.settings.values, self.seed, chunk) for request, chunk in tasks]
+    def _results(self, tasks: list[tuple[Case, range]]) -> Iterable[tuple[Case, range, Any]]:
+        arguments = [(case, self.settings.values, self.seed, chunk) for case, chunk in tasks]
         if self._jobs == 1:
-            for (request, chunk), argument in zip(tasks, arguments, strict=True):
-                yield request, chunk, run_task(*argument)
+            for (case, chunk), argument in zip(tasks, arguments, strict=True):
+                yield case, chunk, run_task(*argument)
             return
         if self._pool is None and tasks:
             self._pool = ProcessPoolExecutor(self._jobs, mp_context=spawning())
         if self._pool is not None:
             futures = {self._pool.submit(run_task, *a): t for a, t in zip(arguments, tasks, strict=True)}
             for future in as_completed(futures):
-                request, chunk = futures[future]
-                yield request, chunk, future.result()
+                case, chunk = futures[future]
+                yield case, chunk, future.result()
 
 
-def run_task(request: Request, values: dict[str, Any], seed: int, runs: Sequence[int]) -> Any:
-    """Some runs of a request; also the work of a child process."""
-    module, function, _ = MODELS[request.model]
+def run_task(case: Case, values: dict[str, Any], seed: int, runs: Sequence[int]) -> Any:
+    """Some runs of a case; also the work of a child process."""
+    module, function, _ = MODELS[case.model]
     run = getattr(importlib.import_module(f"collabslam_lab.paper_simulation.{module}"), function)
     settings = SimulationSettings(values)
     with np.errstate(all="ignore"):  # an estimator may diverge; its runs are counted as such
-        return run(settings, request.estimator, request.collaboration, seed, runs, request.range_sigma)
+        return run(settings, case, seed, runs)
 
 
 def _chunks(count: int, size: int) -> list[range]:

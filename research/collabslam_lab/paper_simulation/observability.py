@@ -10,9 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from collabslam.types import Array
-from collabslam_lab.paper_simulation import planar_rows, style
+from collabslam_lab.figures import style
+from collabslam_lab.figures.finding import Finding, Table
+from collabslam_lab.paper_simulation import planar_rows
 from collabslam_lab.paper_simulation.monte_carlo import Study
-from collabslam_lab.paper_simulation.outputs import Finding, Table
 from collabslam_lab.paper_simulation.rank import TOLERANCE, exact_rank, numeric_nullity, singular_values
 from collabslam_lab.paper_simulation.spatial_rows import observability_matrix
 

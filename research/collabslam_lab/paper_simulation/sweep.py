@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.estimators import GAUGE, PLAIN, Estimator
-from collabslam_lab.paper_simulation.monte_carlo import Request, Study
+from collabslam_lab.paper_simulation.monte_carlo import Study
 from collabslam_lab.paper_simulation.wall_run import Outcome
 
 SIGMAS = (0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 1.0)
@@ -31,9 +32,9 @@ def gather(study: Study, label: str) -> tuple[dict[Key, Outcome], dict[tuple[Key
     mono, swept = {}, {}
     for model, estimator, collaboration in CURVES:
         key = (model, estimator.name, collaboration)
-        mono[key] = Request(model, estimator, "mono")
+        mono[key] = Case(model, estimator, "mono")
         for sigma in sigmas_of(key):
-            swept[key, sigma] = Request(model, estimator, collaboration, _given(sigma, reference))
+            swept[key, sigma] = Case(model, estimator, collaboration, _given(sigma, reference))
     done = study.gather([*mono.values(), *swept.values()], label)
     return {k: done[r] for k, r in mono.items()}, {k: done[r] for k, r in swept.items()}
 

@@ -15,6 +15,7 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.evaluation.consistency import nees
 from collabslam.types import Array
+from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.core_run import CoreRun, FilterSettings, SimulatedFrame, common_settings
 from collabslam_lab.paper_simulation.estimators import Estimator
 from collabslam_lab.paper_simulation.settings import SimulationSettings
@@ -25,18 +26,11 @@ _FOCAL = 400.0
 _HEIGHT = 64
 
 
-def run_wall_core(
-    s: SimulationSettings,
-    estimator: Estimator,
-    collaboration: str,
-    seed: int,
-    runs: Sequence[int],
-    range_sigma: float | None = None,
-) -> Outcome:
-    """As `run_wall`, by the core; `estimator` must be one that the core has."""
+def run_wall_core(s: SimulationSettings, case: Case, seed: int, runs: Sequence[int]) -> Outcome:
+    """As `run_wall`, by the core; the estimator must be one that the core has."""
     data = simulate(s, seed, runs)
-    sigma_r = s.range_sigma if range_sigma is None else range_sigma
-    outcomes = [_run(s, estimator, collaboration, data, b, sigma_r) for b in range(len(runs))]
+    sigma_r = s.range_sigma if case.range_sigma is None else case.range_sigma
+    outcomes = [_run(s, case, data, b, sigma_r) for b in range(len(runs))]
     return Outcome(*(np.stack(part) for part in zip(*outcomes, strict=True)))
 
 
@@ -53,18 +47,16 @@ def core_settings(s: SimulationSettings, estimator: Estimator) -> FilterSettings
     }
 
 
-def _run(
-    s: SimulationSettings, estimator: Estimator, collaboration: str, data: WallRuns, b: int, sigma_r: float
-) -> tuple[Array, ...]:
+def _run(s: SimulationSettings, case: Case, data: WallRuns, b: int, sigma_r: float) -> tuple[Array, ...]:
     width = int(np.ceil(_FOCAL * np.radians(min(s.fov + 20.0, 175.0))))
     middle = (0.5 * width, 0.5 * _HEIGHT)
     camera = Camera("fisheye", width, _HEIGHT, (_FOCAL, _FOCAL, *middle), (0.0, 0.0, 0.0, 0.0))
-    core = CoreRun(camera, core_settings(s, estimator), data.landmarks.shape[1])
+    core = CoreRun(camera, core_settings(s, case.estimator), data.landmarks.shape[1])
     poses, tangent = np.zeros((s.frames, 4, 4)), np.zeros((s.frames, 6, 6))
     drift = np.full(s.frames, np.nan)
     points = np.full(data.landmarks.shape[1:], np.nan)
     for k in range(s.frames):
-        frame = _frame(s, collaboration, data, b, k, sigma_r, middle)
+        frame = _frame(s, case.collaboration, data, b, k, sigma_r, middle)
         if k == 0:
             aside = np.where(frame.visible, np.abs(data.true_bearings[b, 0]), np.inf)
             numbers = [int(i) for i in np.argsort(aside)[: s.known_features]]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from collabslam.evaluation.consistency import nees
 from collabslam.types import Array
-from collabslam_lab.paper_simulation.estimators import Estimator
+from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.settings import SimulationSettings
 from collabslam_lab.paper_simulation.wall import WallRuns, simulate
 from collabslam_lab.paper_simulation.wall_filter import EMPTY, FEATURE, WAITING, WallFilter
@@ -51,23 +51,16 @@ class Outcome:
     map: Array
 
 
-def run_wall(
-    s: SimulationSettings,
-    estimator: Estimator,
-    collaboration: str,
-    seed: int,
-    runs: Sequence[int],
-    range_sigma: float | None = None,
-) -> Outcome:
+def run_wall(s: SimulationSettings, case: Case, seed: int, runs: Sequence[int]) -> Outcome:
     """Runs by number, with or without pseudo-stereo (`COLLABORATIONS`).
 
     The truth, the bearings and the unit draws of the pseudo-stereo noise are the same for every estimator,
     collaboration and ``range_sigma``.
     """
     data = simulate(s, seed, runs)
-    sigma_r = s.range_sigma if range_sigma is None else range_sigma
+    sigma_r = s.range_sigma if case.range_sigma is None else case.range_sigma
     sigmas = [s.start_velocity_sigma, s.start_velocity_sigma, np.radians(s.start_turn_sigma)]
-    f = WallFilter(s, estimator, data.states[:, 0, 3:] + data.start_draws * sigmas)
+    f = WallFilter(s, case.estimator, data.states[:, 0, 3:] + data.start_draws * sigmas)
     records = []
     points = np.full(data.landmarks.shape, np.nan)
     for k in range(s.frames):
@@ -77,8 +70,8 @@ def run_wall(
         else:
             f.predict()
             stereo = None
-            if collaboration != "mono" and s.window_at(k) >= 0:
-                stereo = data.stereo(s, k, shared=collaboration == "shared", range_sigma=sigma_r)
+            if case.collaboration != "mono" and s.window_at(k) >= 0:
+                stereo = data.stereo(s, k, shared=case.collaboration == "shared", range_sigma=sigma_r)
             visible = (f.kind > EMPTY) & _of_slots(f, data.visible[:, k])
             measured = (_of_slots(f, stereo[0]), _of_slots(f, stereo[1]), sigma_r) if stereo else None
             f.update(visible, _of_slots(f, data.bearings[:, k]), measured)

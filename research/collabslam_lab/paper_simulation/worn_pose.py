@@ -9,10 +9,11 @@ import numpy as np
 from collabslam.evaluation.consistency import nees_band
 from collabslam.runs.report import number
 from collabslam.types import Array
-from collabslam_lab.paper_simulation import style
+from collabslam_lab.figures import style
+from collabslam_lab.figures.finding import Finding, Table
+from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.estimators import PLAIN
-from collabslam_lab.paper_simulation.monte_carlo import Request, Study
-from collabslam_lab.paper_simulation.outputs import Finding, Table
+from collabslam_lab.paper_simulation.monte_carlo import Study
 from collabslam_lab.paper_simulation.statistics import mean_over_runs
 from collabslam_lab.paper_simulation.worn_run import RATE, START, WornOutcome
 
@@ -27,7 +28,7 @@ _LEAST_RUNS = 0.5
 
 def make(study: Study) -> Finding:
     """Random walks through simulated corridors and rooms, with furniture, other people and gaps."""
-    request = Request("worn", PLAIN, "mono")
+    request = Case("worn", PLAIN, "mono")
     o: WornOutcome = study.gather([request], "worn-pose")[request]
     runs = len(o.nees)
     numbers = {"runs": runs, "seed": study.seed, "told": int(study.settings.worn_told), **summary(o)}

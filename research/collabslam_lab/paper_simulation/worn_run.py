@@ -18,7 +18,7 @@ from collabslam.worn_pose import (
     WornPoseEstimator,
     estimates_at,
 )
-from collabslam_lab.paper_simulation.estimators import Estimator
+from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.settings import SimulationSettings
 from collabslam_lab.paper_simulation.worn_walks import Walk, random_walk
 from collabslam_lab.worn_sensors import sensor_times, simulate_ahrs, simulate_scans
@@ -57,14 +57,7 @@ class WornOutcome:
     found: Array
 
 
-def run_worn(
-    s: SimulationSettings,
-    estimator: Estimator,
-    collaboration: str,
-    seed: int,
-    runs: Sequence[int],
-    range_sigma: float | None = None,
-) -> WornOutcome:
+def run_worn(s: SimulationSettings, case: Case, seed: int, runs: Sequence[int]) -> WornOutcome:
     """Runs by number; of the settings only ``worn_duration`` and ``worn_told`` count."""
     told = bool(s.worn_told)
     parts = [_run(float(s.worn_duration), told, np.random.default_rng([seed, r])) for r in runs]

@@ -66,7 +66,7 @@ def run_experiments(
     if jobs < 1 or seed < 0:
         raise SettingsError(f"jobs {jobs}, seed {seed}: give 1 job or more, seed 0 or more.")
     with needs("plot"):
-        from collabslam_lab.paper_simulation.outputs import hand_over
+        from collabslam_lab.figures.finding import hand_over
     numbers = {}
     modules = {name: importlib.import_module(f"collabslam_lab.paper_worlds.{name}") for name in names}
     wanted = [case for module in modules.values() for case in module.cases(quick)]

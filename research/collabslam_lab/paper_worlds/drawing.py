@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from collabslam_lab.paper_simulation import style
+from collabslam_lab.figures import style
 from collabslam_lab.paper_worlds.cases import CaseResult
 
 LINES = {

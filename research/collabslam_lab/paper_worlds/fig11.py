@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from collabslam.runs.report import number
-from collabslam_lab.paper_simulation import style
-from collabslam_lab.paper_simulation.outputs import Finding, Table
+from collabslam_lab.figures import style
+from collabslam_lab.figures.finding import Finding, Table
 from collabslam_lab.paper_worlds.cases import DIRECT, SENSORS, Case, CaseResult
 from collabslam_lab.paper_worlds.drawing import draw_tracks
 from collabslam_lab.paper_worlds.tables import COLUMNS, SOURCES, cases_of, cells

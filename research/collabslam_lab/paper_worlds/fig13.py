@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from collabslam.runs.report import number
-from collabslam_lab.paper_simulation import style
-from collabslam_lab.paper_simulation.outputs import Finding, Table
+from collabslam_lab.figures import style
+from collabslam_lab.figures.finding import Finding, Table
 from collabslam_lab.paper_worlds.cases import DIRECT, SENSORS, Case, CaseResult, Row
 from collabslam_lab.paper_worlds.drawing import draw_tracks
 from collabslam_lab.paper_worlds.tables import (

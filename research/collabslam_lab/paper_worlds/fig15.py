@@ -8,8 +8,8 @@ import numpy as np
 
 from collabslam.runs.report import number
 from collabslam.types import Array
-from collabslam_lab.paper_simulation import style
-from collabslam_lab.paper_simulation.outputs import Finding, Table
+from collabslam_lab.figures import style
+from collabslam_lab.figures.finding import Finding, Table
 from collabslam_lab.paper_worlds import table2
 from collabslam_lab.paper_worlds.cases import DIRECT, SENSORS, Case, CaseResult
 from collabslam_lab.paper_worlds.tables import COLUMNS, SOURCES, cells, chosen, rows_of

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from collabslam.runs.report import number
-from collabslam_lab.paper_simulation import style
-from collabslam_lab.paper_simulation.outputs import Finding, Table
+from collabslam_lab.figures import style
+from collabslam_lab.figures.finding import Finding, Table
 from collabslam_lab.paper_worlds.cases import Case, CaseResult, Row
 from collabslam_lab.paper_worlds.drawing import LINES
 from collabslam_lab.paper_worlds.tables import COLUMNS, average_share, cells, rows_of

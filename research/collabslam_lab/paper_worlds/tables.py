@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from collabslam.runs.report import number
-from collabslam_lab.paper_simulation.outputs import Finding, Table
+from collabslam_lab.figures.finding import Finding, Table
 from collabslam_lab.paper_worlds.cases import DIRECT, MODES, SENSORS, UNCALIBRATED, Case, CaseResult, Row
 from collabslam_lab.worlds import SETS
 

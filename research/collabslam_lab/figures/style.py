@@ -9,8 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from collabslam_lab.paper_simulation.settings import SimulationSettings
-
 INK, GREY, WINDOW = "#1b1b1b", "#8a94a0", "#f2b134"
 MONO, COLLAB = "#d1495b", "#1d6fa5"
 COLOURS = {
@@ -38,14 +36,6 @@ def canvas(
         axes.grid(color="#e6e8eb", linewidth=0.7)
         axes.set_axisbelow(True)
     return figure, panels
-
-
-def windows(axes: Axes, s: SimulationSettings, label: str | None = "pseudo-stereo at hand") -> None:
-    """Shades the windows of pseudo-stereo."""
-    for k, (start, end) in enumerate(s.windows):
-        axes.axvspan(
-            start, end, color=WINDOW, alpha=0.25, linewidth=0, label=label if k == 0 else None, zorder=0
-        )
 
 
 def legend(axes: Axes, where: Literal["upper left", "lower left"] = "upper left") -> None:
