@@ -17,13 +17,13 @@ from numpy.typing import ArrayLike
 
 from collabslam import _core
 from collabslam._core import Camera, UpdateReport
-from collabslam.errors import CollabslamError, DataError, InputError, SettingsError
+from collabslam.errors import CollabslamError, DataError, InputError
 from collabslam.formats.container import read_container, write_container
 from collabslam.frontend.detect import Corners
 from collabslam.frontend.patch import Patch
 from collabslam.frontend.search import SearchCode
 from collabslam.settings.frontend import FrontendSettings
-from collabslam.settings.modes import MODES, SLAM_STARTS
+from collabslam.settings.modes import SLAM_STARTS
 from collabslam.settings.table import Settings
 from collabslam.slam.births import BIRTHS, Births
 from collabslam.slam.blank_image import FROZEN, BlankImageDetector
@@ -31,6 +31,7 @@ from collabslam.slam.depth_input import DepthInput
 from collabslam.slam.feature_states import FrameFeatures, frame_features, unsearched_features
 from collabslam.slam.relocalise import Relocaliser, searchable
 from collabslam.slam.saved_map import SavedMap
+from collabslam.slam.starts import check_start
 from collabslam.slam.state import persistent_parts
 from collabslam.slam.status import StatusMonitor
 from collabslam.slam.target_start import TargetStart
@@ -126,8 +127,6 @@ class Slam:
         has found itself; W is the earlier run's.
     target : Target, optional
         Needed with ``start="target"``.
-    filter : Filter, optional
-        A filter to go on with, made with the same cameras and settings; a new one if left out.
     map : SavedMap, optional
         Needed with ``start="map"``.  Another camera may have made it.
 
@@ -149,32 +148,39 @@ class Slam:
         mode: str | None = None,
         start: str = "worn",
         target: Target | None = None,
-        filter: _core.Filter | None = None,
         map: SavedMap | None = None,
     ) -> None:
+        check_start(start, mode=mode, worn_camera=worn_camera, target=target, map=map)
         settings = settings or Settings.default()
         if mode is not None:
-            if mode not in MODES:
-                raise SettingsError(f"There is no mode '{mode}'; use one of {', '.join(MODES)}.")
             settings = settings.replace({"filter.estimator.mode": mode})
-        if start not in SLAM_STARTS:
-            raise SettingsError(f"There is no start '{start}'; use one of {', '.join(SLAM_STARTS)}.")
-        if start == "worn" and worn_camera is None:
-            raise SettingsError("start='worn' needs worn_camera, the calibration of Cf.")
-        if start == "target" and target is None:
-            raise SettingsError("start='target' needs a target.")
-        if filter is None and (start == "map") != (map is not None):
-            raise SettingsError("start='map' needs a map, and other starts take none.")
         if map is not None:  # room for as many new landmarks as without it
             map = map.seen_by(camera)
             room = min(int(settings["filter.map.max_features"]) + len(map.landmarks), 10000)
             settings = settings.replace({"filter.map.max_features": room})
-        self._settings = settings
-        self._camera = camera
-        self._start = start
+        core = _core.Filter(camera, worn_camera, settings=dict(settings.section("filter")))
+        self._assemble(core, camera, worn_camera, settings, start, target)
+        self._metric = start != "scale-free"
+        if map is not None:
+            self._metric = map.metric
+            self._monitor.lost = True
+            ids = self.filter.start_from_map(map.landmarks, map.covariance, map.drift)
+            self._relocaliser.adopt(ids, map.views)
+
+    def _assemble(
+        self,
+        core: _core.Filter,
+        camera: Camera,
+        worn_camera: Camera | None,
+        settings: Settings,
+        start: str,
+        target: Target | None,
+    ) -> None:
+        """Puts the parts around a filter, new or restored."""
+        self.filter = core
+        self._camera, self._worn_camera, self._settings = camera, worn_camera, settings
+        self._start, self._target = start, target
         self._options = FrontendSettings.from_flat(settings.section("frontend"))
-        self._worn_camera, self._target = worn_camera, target
-        self.filter = filter or _core.Filter(camera, worn_camera, settings=dict(settings.section("filter")))
         self._tracks = Tracks(camera, self._options)
         self._corners = Corners(self._options.detect, self._options.patch.size)
         self._births = Births(
@@ -187,11 +193,7 @@ class Slam:
         self._depth = DepthInput(self._corners)
         self._sight = BlankImageDetector(self._options.sight)
         self._relocaliser = Relocaliser(self.filter, camera, self._tracks, self._options)
-        self._monitor = StatusMonitor(settings.section("filter"), lost=map is not None)
-        self._metric = start != "scale-free" if map is None else map.metric
-        if map is not None:
-            ids = self.filter.start_from_map(map.landmarks, map.covariance, map.drift)
-            self._relocaliser.adopt(ids, map.views)
+        self._monitor = StatusMonitor(settings.section("filter"))
 
     def add_depth(self, uv: ArrayLike, depth: ArrayLike, sigma: ArrayLike) -> None:
         """Gives depths of another sensor (a range finder, a depth camera) for the frame of the next `step`.
@@ -387,13 +389,16 @@ class Slam:
         """The engine of a `state`; raises DataError if it is none."""
         try:
             worn = state["worn_camera"]
-            slam = cls(
+            if state["start"] not in SLAM_STARTS:
+                raise DataError(f"There is no start '{state['start']}'.")
+            slam = cls.__new__(cls)
+            slam._assemble(
+                _core.Filter.restore(state["filter"]),
                 Camera(*state["camera"]),
                 None if worn is None else Camera(*worn),
-                settings=Settings.from_flat(state["settings"]),
-                start=state["start"],
-                target=state["target"],
-                filter=_core.Filter.restore(state["filter"]),
+                Settings.from_flat(state["settings"]),
+                state["start"],
+                state["target"],
             )
             slam._metric = bool(state["metric"])
             parts = persistent_parts(slam)
