@@ -14,6 +14,7 @@ mod jacobians;
 mod local;
 mod long_run;
 mod overlap;
+mod poses;
 mod properties;
 mod reference;
 mod relocalise;

@@ -1,7 +1,9 @@
 //! Overlap of two views: configurations that can be checked by hand.
 
 use ekf_core::camera::Camera;
-use ekf_core::overlap::{OverlapSettings, ViewBody, predict_overlap};
+use ekf_core::math::pose::Pose;
+use ekf_core::overlap::{Overlap, ViewBody, predict_overlap};
+use ekf_core::settings::OverlapSettings;
 use nalgebra::{Matrix3, Matrix6, Rotation3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
@@ -12,14 +14,39 @@ fn camera() -> Camera {
     Camera::new("pinhole", 641, 481, [320.0, 320.0, 320.0, 240.0], &[]).unwrap()
 }
 
-/// Sharp parallax, no growth: the bodies as they are.
-fn sharp() -> OverlapSettings {
-    OverlapSettings {
-        near_m: 0.5,
-        sigma_px: 0.0,
-        max_far_m: 10.0,
+/// What a prediction goes by: the settings, and the standard deviation of a pixel.
+struct Options {
+    settings: OverlapSettings,
+    sigma_px: f64,
+}
+
+/// Views from half a metre to `far`, parallax as sharp as `sigma_px`.
+fn options(far: f64, sigma_px: f64) -> Options {
+    let settings = OverlapSettings {
+        near: 0.5,
+        far,
         ..OverlapSettings::default()
-    }
+    };
+    Options { settings, sigma_px }
+}
+
+/// Ten metres and sharp parallax: the bodies as they are.
+fn sharp() -> Options {
+    options(10.0, 0.0)
+}
+
+fn predict(
+    cs: &Camera,
+    cf: &Camera,
+    (rotation, t): (&Matrix3<f64>, &Vector3<f64>),
+    sigma_t: &Matrix6<f64>,
+    options: &Options,
+) -> Option<Overlap> {
+    let t_cf = Pose {
+        rotation: *rotation,
+        translation: *t,
+    };
+    predict_overlap(cs, cf, &t_cf, sigma_t, options.sigma_px, &options.settings)
 }
 
 fn sigma(translation: f64, rotation: f64) -> Matrix6<f64> {
@@ -38,7 +65,7 @@ fn parallel_offset() {
     let camera = camera();
     let t = Vector3::new(1.0, 0.0, 0.0);
     let view = (&Matrix3::identity(), &t);
-    let overlap = predict_overlap(&camera, &camera, view, &Matrix6::zeros(), &sharp()).unwrap();
+    let overlap = predict(&camera, &camera, view, &Matrix6::zeros(), &sharp()).unwrap();
     assert!(close(overlap.roi_s, [32.0, 0.0, 640.0, 480.0], 1e-9));
     assert!(close(overlap.roi_f, [0.0, 0.0, 608.0, 480.0], 1e-9));
     assert_eq!((overlap.d_max, overlap.baseline), (10.0, 1.0));
@@ -48,30 +75,26 @@ fn parallel_offset() {
 fn useful_depth_follows_from_the_parallax() {
     // sd^2 = 2 (1/320)^2 + 0.01^2, alpha_u = 3 sd, d = 1 / (2 tan(alpha_u / 2)).
     let camera = camera();
-    let settings = OverlapSettings {
-        sigma_px: 1.0,
-        max_far_m: 100.0,
-        ..sharp()
-    };
+    let settings = options(100.0, 1.0);
     let t = Vector3::new(1.0, 0.0, 0.0);
     let view = (&Matrix3::identity(), &t);
-    let overlap = predict_overlap(&camera, &camera, view, &sigma(0.0, 0.01), &settings).unwrap();
+    let overlap = predict(&camera, &camera, view, &sigma(0.0, 0.01), &settings).unwrap();
     let alpha = 3.0 * (2.0 / 320.0_f64.powi(2) + 1e-4).sqrt();
     assert!((overlap.d_max - 1.0 / (2.0 * (alpha / 2.0).tan())).abs() < 1e-12);
     // Rotation about the baseline makes no parallax; the smaller of the other two counts.
     let mut about = Matrix6::zeros();
     about[(3, 3)] = 1e-4;
     about[(4, 4)] = 1e-4;
-    let overlap = predict_overlap(&camera, &camera, view, &about, &settings).unwrap();
+    let overlap = predict(&camera, &camera, view, &about, &settings).unwrap();
     let alpha = 3.0 * (2.0 / 320.0_f64.powi(2)).sqrt();
     assert!((overlap.d_max - 1.0 / (2.0 * (alpha / 2.0).tan())).abs() < 1e-12);
     // A baseline too short to be useful beyond the near distance.
     let t = Vector3::new(0.01, 0.0, 0.0);
     let view = (&Matrix3::identity(), &t);
-    assert!(predict_overlap(&camera, &camera, view, &sigma(0.0, 0.01), &settings).is_none());
+    assert!(predict(&camera, &camera, view, &sigma(0.0, 0.01), &settings).is_none());
     let t = Vector3::zeros();
     let view = (&Matrix3::identity(), &t);
-    assert!(predict_overlap(&camera, &camera, view, &sigma(0.0, 0.01), &settings).is_none());
+    assert!(predict(&camera, &camera, view, &sigma(0.0, 0.01), &settings).is_none());
 }
 
 #[test]
@@ -81,20 +104,16 @@ fn facing_each_other() {
     let camera = camera();
     let turned = Rotation3::from_axis_angle(&Vector3::y_axis(), PI).into_inner();
     let t = Vector3::new(0.0, 0.0, 4.0);
-    let near = OverlapSettings {
-        max_far_m: 3.0,
-        ..sharp()
-    };
-    let overlap =
-        predict_overlap(&camera, &camera, (&turned, &t), &Matrix6::zeros(), &near).unwrap();
+    let near = options(3.0, 0.0);
+    let overlap = predict(&camera, &camera, (&turned, &t), &Matrix6::zeros(), &near).unwrap();
     assert!(close(overlap.roi_s, [0.0, 0.0, 640.0, 480.0], 1e-9));
     assert!(close(overlap.roi_f, [0.0, 0.0, 640.0, 480.0], 1e-9));
     // At a distance of 5 m with 3 m of depth they share z from 2 to 3 m, where F reaches to x = 3 at z = 2
     // and C to x = 2: still the whole image. At 5.9 m the slice from 2.9 to 3 is left.
     let t = Vector3::new(0.0, 0.0, 5.9);
-    assert!(predict_overlap(&camera, &camera, (&turned, &t), &Matrix6::zeros(), &near).is_some());
+    assert!(predict(&camera, &camera, (&turned, &t), &Matrix6::zeros(), &near).is_some());
     let t = Vector3::new(0.0, 0.0, 6.1);
-    assert!(predict_overlap(&camera, &camera, (&turned, &t), &Matrix6::zeros(), &near).is_none());
+    assert!(predict(&camera, &camera, (&turned, &t), &Matrix6::zeros(), &near).is_none());
 }
 
 #[test]
@@ -104,18 +123,18 @@ fn side_by_side_looking_apart_and_back_to_back() {
     // F to the right, turned right by 90 degrees: C's right border and F's left border are parallel, 1 m apart.
     let right = Rotation3::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2).into_inner();
     let t = Vector3::new(1.0, 0.0, 0.0);
-    assert!(predict_overlap(&camera, &camera, (&right, &t), &none, &sharp()).is_none());
+    assert!(predict(&camera, &camera, (&right, &t), &none, &sharp()).is_none());
     // To the left instead, the strip between the borders is shared: x from z - 1 to z in C, so at 10 m only
     // u >= 320 + 288, and from 0.5 m on everything: F's left border x = z - 1 passes C's left border at z = 0.5.
     let t = Vector3::new(-1.0, 0.0, 0.0);
-    let overlap = predict_overlap(&camera, &camera, (&right, &t), &none, &sharp()).unwrap();
+    let overlap = predict(&camera, &camera, (&right, &t), &none, &sharp()).unwrap();
     assert!((overlap.roi_s[2] - 640.0).abs() < 1e-9);
     assert!(overlap.roi_s[0] < 320.0);
     // Back to back, with and without distance.
     let turned = Rotation3::from_axis_angle(&Vector3::y_axis(), PI).into_inner();
     for z in [-0.1, -3.0] {
         let t = Vector3::new(0.0, 0.0, z);
-        assert!(predict_overlap(&camera, &camera, (&turned, &t), &none, &sharp()).is_none());
+        assert!(predict(&camera, &camera, (&turned, &t), &none, &sharp()).is_none());
     }
 }
 
@@ -124,11 +143,8 @@ fn growth_opens_the_view() {
     let camera = camera();
     let right = Rotation3::from_axis_angle(&Vector3::y_axis(), FRAC_PI_2 + 0.05).into_inner();
     let t = Vector3::new(0.05, 0.0, 0.0);
-    let settings = OverlapSettings {
-        max_far_m: 100.0,
-        ..sharp()
-    };
-    let at = |cov: &Matrix6<f64>| predict_overlap(&camera, &camera, (&right, &t), cov, &settings);
+    let settings = options(100.0, 0.0);
+    let at = |cov: &Matrix6<f64>| predict(&camera, &camera, (&right, &t), cov, &settings);
     // Looking apart; with a sharp baseline axis (no useful limit) only the uncertainty makes them meet.
     let mut turn = Matrix6::zeros();
     assert!(at(&turn).is_none());
@@ -140,7 +156,7 @@ fn growth_opens_the_view() {
     let mut last: Option<[f64; 8]> = None;
     for scale in [0.0, 0.2, 0.5, 1.0] {
         let cov = sigma(0.1 * scale, 0.0);
-        let o = predict_overlap(&camera, &camera, (&tilt, &t), &cov, &sharp()).unwrap();
+        let o = predict(&camera, &camera, (&tilt, &t), &cov, &sharp()).unwrap();
         let now = [
             -o.roi_s[0],
             -o.roi_s[1],
@@ -195,11 +211,14 @@ fn regions_hold_every_common_point() {
         let (t, turn) = (vector(1.0), vector(0.8));
         let rotation = Rotation3::from_scaled_axis(turn).into_inner();
         let (st, sr) = (0.02, 0.01);
-        let settings = OverlapSettings {
-            max_far_m: 8.0,
-            ..OverlapSettings::default()
+        let settings = Options {
+            settings: OverlapSettings {
+                far: 8.0,
+                ..OverlapSettings::default()
+            },
+            sigma_px: 1.0,
         };
-        let overlap = predict_overlap(cs, cf, (&rotation, &t), &sigma(st, sr), &settings);
+        let overlap = predict(cs, cf, (&rotation, &t), &sigma(st, sr), &settings);
         let far = overlap.map_or(2.0, |o| o.d_max);
         for _ in 0..3000 {
             let mut unit = |s: f64| {

@@ -25,6 +25,8 @@
 use nalgebra::{Matrix2, Matrix3, Matrix6, SymmetricEigen, Vector2, Vector3};
 
 use crate::camera::Camera;
+use crate::math::pose::Pose;
+use crate::settings::OverlapSettings;
 
 /// Widest slope `x / z` of a body: 85 degrees off the axis.
 const MAX_SLOPE: f64 = 11.43;
@@ -32,33 +34,6 @@ const MAX_SLOPE: f64 = 11.43;
 const MIN_SIDE: f64 = 2.0;
 /// Points taken along each side of the image, and along each edge of the common body.
 const SAMPLES: usize = 8;
-
-/// Settings of [`predict_overlap`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct OverlapSettings {
-    /// Distance at which a view begins, metres.
-    pub near_m: f64,
-    /// Standard deviation of a pixel coordinate, pixels.
-    pub sigma_px: f64,
-    /// The least useful parallax, in standard deviations of the parallax.
-    pub parallax_sigmas: f64,
-    /// By how many standard deviations of T_CF a view is grown.
-    pub grow_sigmas: f64,
-    /// Distance at which a view ends at most, metres.
-    pub max_far_m: f64,
-}
-
-impl Default for OverlapSettings {
-    fn default() -> Self {
-        Self {
-            near_m: 0.3,
-            sigma_px: 1.0,
-            parallax_sigmas: 3.0,
-            grow_sigmas: 3.0,
-            max_far_m: 60.0,
-        }
-    }
-}
 
 /// Overlap of the two views of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,43 +50,48 @@ pub struct Overlap {
 
 /// Predicts where `cs` and `cf` see the same space, or `None` if they do not (usefully).
 ///
-/// `t_cf` maps points of F into C: `p_C = R p_F + t`, metres. `sigma_t` is its covariance, see the module's page.
+/// `t_cf` maps points of F into C, metres; `sigma_t` is its covariance (see the module's page), `sigma_px` the standard
+/// deviation of a pixel coordinate in either view, pixels.
 pub fn predict_overlap(
     cs: &Camera,
     cf: &Camera,
-    t_cf: (&Matrix3<f64>, &Vector3<f64>),
+    t_cf: &Pose,
     sigma_t: &Matrix6<f64>,
+    sigma_px: f64,
     settings: &OverlapSettings,
 ) -> Option<Overlap> {
-    let (rotation, translation) = t_cf;
+    let Pose {
+        rotation,
+        translation,
+    } = t_cf;
     let baseline = translation.norm();
     let rotation_cov: Matrix3<f64> = sigma_t.fixed_view::<3, 3>(3, 3).into_owned();
     let translation_cov: Matrix3<f64> = sigma_t.fixed_view::<3, 3>(0, 0).into_owned();
     // The baseline in F, where the covariance lives.
     let axis = rotation.transpose() * translation;
-    let alpha = settings.parallax_sigmas
-        * parallax_variance(cs, cf, &axis, &rotation_cov, settings.sigma_px).sqrt();
+    let alpha =
+        settings.parallax_sigmas * parallax_variance(cs, cf, &axis, &rotation_cov, sigma_px).sqrt();
     let d_max = if alpha > 0.0 {
-        (baseline / (2.0 * (0.5 * alpha).tan())).min(settings.max_far_m)
+        (baseline / (2.0 * (0.5 * alpha).tan())).min(settings.far)
     } else {
-        settings.max_far_m
+        settings.far
     };
-    if baseline <= 0.0 || alpha >= std::f64::consts::PI || d_max <= settings.near_m {
+    if baseline <= 0.0 || alpha >= std::f64::consts::PI || d_max <= settings.near {
         return None;
     }
     let angle = settings.grow_sigmas * largest_deviation(&rotation_cov);
     let offset = settings.grow_sigmas * largest_deviation(&translation_cov);
-    let body_s = ViewBody::new(cs, settings.near_m, d_max)?;
-    let body_f = ViewBody::new(cf, settings.near_m, d_max)?;
+    let body_s = ViewBody::new(cs, settings.near, d_max)?;
+    let body_f = ViewBody::new(cf, settings.near, d_max)?;
 
     let f_in_c = body_f.grown(angle, offset).moved(rotation, translation);
-    let roi_s = region(cs, &body_s, &f_in_c, settings.sigma_px)?;
+    let roi_s = region(cs, &body_s, &f_in_c, sigma_px)?;
     // Seen from F the error turns Cs about F, so its apex moves as well.
     let back = rotation.transpose();
     let c_in_f = body_s
         .grown(angle, offset + baseline * angle.min(1.0))
         .moved(&back, &-axis);
-    let roi_f = region(cf, &body_f, &c_in_f, settings.sigma_px)?;
+    let roi_f = region(cf, &body_f, &c_in_f, sigma_px)?;
     Some(Overlap {
         roi_s,
         roi_f,

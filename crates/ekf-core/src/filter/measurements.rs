@@ -61,7 +61,7 @@ pub struct Measurements {
     pub worn: Option<WornObservation>,
     /// Other depths.
     pub depths: Vec<DepthObservation>,
-    /// Fewest accepted bearings with which the frame is accepted: with fewer nothing of it is used.
+    /// Fewest accepted bearings with which the frame is used: with fewer nothing of it is.
     pub min_inliers: usize,
 }
 
@@ -89,7 +89,7 @@ pub enum Outcome {
     RejectedGate,
     /// Rejected by the batch test.
     RejectedBatch,
-    /// Contradicted by the other accepted matches.
+    /// Rejected given the other accepted matches, by the conditional gate or the innovation window test.
     RejectedConditional,
     /// A new feature with this id.
     Born(u64),
@@ -97,6 +97,13 @@ pub enum Outcome {
     Unused,
     /// Refused with the whole frame: the update would have broken the filter.
     Refused,
+}
+
+impl Outcome {
+    /// Whether the match measured its feature, in its own form or in the better one that replaced it.
+    pub fn is_accepted(&self) -> bool {
+        matches!(self, Self::Pixel | Self::Depth | Self::Replaced)
+    }
 }
 
 /// What one update did.
@@ -122,7 +129,7 @@ pub struct UpdateReport {
     pub worn_error: Vector6<f64>,
     /// Why the frame was refused, if it was: the filter is as it was before.
     pub refused: Option<EkfError>,
-    /// Whether [`Measurements::min_inliers`] bearings were accepted; otherwise nothing of the frame was used.
+    /// Whether the frame was used: at least [`Measurements::min_inliers`] bearings were accepted.
     pub accepted: bool,
 }
 
@@ -157,10 +164,14 @@ impl UpdateReport {
         };
     }
 
-    /// Number of features measured in Cs.
-    pub(super) fn inliers(&self) -> usize {
-        let accepted = |o: &&Outcome| matches!(o, Outcome::Pixel | Outcome::Replaced);
-        self.bearings.iter().filter(accepted).count()
+    /// The mask of accepted bearings, in their order: which features were measured in Cs.
+    pub fn inliers(&self) -> impl ExactSizeIterator<Item = bool> {
+        self.bearings.iter().map(Outcome::is_accepted)
+    }
+
+    /// How many of [`Self::inliers`] are.
+    pub(super) fn inlier_count(&self) -> usize {
+        self.inliers().filter(|&accepted| accepted).count()
     }
 
     /// Says that the frame was not accepted.

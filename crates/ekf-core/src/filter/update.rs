@@ -120,7 +120,7 @@ impl Filter {
                 scratch.leave_out();
                 self.batch.leave_out(&scratch.gone);
                 // Sooner than the costly tests can tell, and no later than they do.
-                if report.inliers() < z.min_inliers {
+                if report.inlier_count() < z.min_inliers {
                     return Ok(false);
                 }
                 if outcome == Outcome::RejectedGate || !scratch.gone.is_empty() {
@@ -183,10 +183,9 @@ impl Filter {
                 record.searched += 1;
             }
         }
-        for (bearing, outcome) in z.bearings.iter().zip(&report.bearings) {
-            if let (Outcome::Pixel | Outcome::Replaced, Some(record)) =
-                (outcome, self.records.get_mut(&bearing.id))
-            {
+        let found = z.bearings.iter().zip(report.inliers());
+        for (bearing, _) in found.filter(|(_, accepted)| *accepted) {
+            if let Some(record) = self.records.get_mut(&bearing.id) {
                 record.found += 1;
                 record.last_found = now;
             }

@@ -6,8 +6,7 @@ use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
 use crate::guard::check_pose;
 use crate::math::pose::Pose;
-use crate::overlap;
-use crate::overlap::Overlap;
+use crate::overlap::{Overlap, predict_overlap};
 use crate::settings::WornErrors;
 use crate::state::{BlockKind, LinearPart};
 use nalgebra::{Matrix6, Vector2, Vector6};
@@ -92,21 +91,15 @@ impl Filter {
     ) -> Result<Option<Overlap>, EkfError> {
         let worn = self.worn_model()?;
         check_pose(t_cf, covariance)?;
-        let options = &self.settings.overlap;
-        let settings = overlap::OverlapSettings {
-            near_m: options.near,
-            max_far_m: options.far,
-            sigma_px: self.settings.pixel.sigma_cf,
-            parallax_sigmas: options.parallax_sigmas,
-            grow_sigmas: options.grow_sigmas,
-        };
-        let pose = (&t_cf.rotation, &t_cf.translation);
-        Ok(overlap::predict_overlap(
+        let sigma_px = self.settings.pixel.sigma_cf;
+        let settings = &self.settings.overlap;
+        Ok(predict_overlap(
             &self.camera,
             worn,
-            pose,
+            t_cf,
             covariance,
-            &settings,
+            sigma_px,
+            settings,
         ))
     }
 }

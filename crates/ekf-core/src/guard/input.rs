@@ -3,8 +3,9 @@
 use crate::error::EkfError;
 use crate::guard;
 use crate::math::pose::Pose;
+use crate::math::quat;
 use crate::observe::feature::FARTHEST;
-use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, Vector2};
+use nalgebra::{DMatrix, Matrix6, SMatrix, Vector2};
 
 /// Largest coordinate of a pixel.
 const LARGEST_PIXEL: f64 = 1e6;
@@ -142,8 +143,7 @@ pub(crate) fn check_rigid(what: &'static str, pose: &Pose) -> Result<(), EkfErro
         return Err(EkfError::NonFinite { what });
     }
     guard::lengths(what, pose.translation.iter())?;
-    let off = pose.rotation * pose.rotation.transpose() - Matrix3::identity();
-    if off.abs().max() > 1e-6 || pose.rotation.determinant() < 0.0 {
+    if !quat::is_rotation(&pose.rotation, 1e-6) {
         return Err(EkfError::InvalidInput {
             what,
             why: "its upper left 3x3 is not a rotation matrix".into(),

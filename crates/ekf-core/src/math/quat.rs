@@ -63,6 +63,23 @@ pub fn from_rotation(r: &Matrix3<f64>) -> Quat {
     if q[0] < 0.0 { -q } else { q }
 }
 
+/// Rotation matrix of a rotation vector, rad.
+pub fn rotation_exp(w: &Vector3<f64>) -> Matrix3<f64> {
+    rotation(&exp(w))
+}
+
+/// Rotation vector of a rotation matrix, rad; no longer than pi.
+pub fn rotation_log(r: &Matrix3<f64>) -> Vector3<f64> {
+    log(&from_rotation(r))
+}
+
+/// Whether a matrix is a rotation: orthonormal to within `tolerance` an entry, finite, and no reflection.
+pub fn is_rotation(m: &Matrix3<f64>, tolerance: f64) -> bool {
+    let off = (m * m.transpose() - Matrix3::identity()).abs();
+    // NaN is not within.
+    off.iter().all(|off| *off <= tolerance) && m.determinant() > 0.0
+}
+
 /// Matrix of left multiplication: `left(a) b = a (x) b`.
 pub fn left(a: &Quat) -> Matrix4<f64> {
     Matrix4::new(
