@@ -11,6 +11,7 @@ mod gauge;
 mod guards;
 mod innovation_window;
 mod jacobians;
+mod layers;
 mod local;
 mod long_run;
 mod overlap;

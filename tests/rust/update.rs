@@ -521,6 +521,10 @@ fn every_test_rejects_an_outlier() {
         assert!(accepted + 3 >= z.bearings.len(), "{test}: {report:?}");
         let rejected = count(&report.bearings, Outcome::RejectedBatch);
         assert_eq!(report.order, rejected, "{test}");
+        let mask: Vec<bool> = report.inliers().collect();
+        assert_eq!(mask.len(), z.bearings.len());
+        assert_eq!(mask.iter().filter(|&&inlier| inlier).count(), accepted);
+        assert!(!mask[wrong], "{test}");
     }
 }
 

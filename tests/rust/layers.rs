@@ -1,0 +1,223 @@
+//! The layers of `ekf_core`: what each module may import. A table is read from top to bottom: a module may import those
+//! above it only, so that no circle can form; and no import may stand in it that the sources do not have.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+type Table = &'static [(&'static str, &'static [&'static str])];
+
+/// Modules of the crate.
+const CRATE: Table = &[
+    ("chi2", &[]),
+    ("error", &[]),
+    ("math", &[]),
+    ("performance", &[]),
+    ("camera", &["error"]),
+    ("settings", &["error"]),
+    ("observe", &["math", "camera"]),
+    ("overlap", &["math", "camera", "settings"]),
+    ("validate", &["chi2", "settings"]),
+    ("birth", &["math", "camera", "observe"]),
+    ("drift", &["math", "settings", "observe"]),
+    ("kernel", &["observe"]),
+    ("state", &["error", "math", "observe", "kernel"]),
+    ("gauge", &["math", "observe", "kernel", "state"]),
+    ("local", &["error", "observe", "kernel", "state"]),
+    ("predict", &["math", "settings", "state"]),
+    (
+        "guard",
+        &[
+            "error", "math", "settings", "observe", "birth", "state", "predict",
+        ],
+    ),
+    (
+        "batch",
+        &[
+            "error", "observe", "validate", "kernel", "state", "gauge", "guard",
+        ],
+    ),
+    (
+        "filter",
+        &[
+            "error", "math", "camera", "settings", "observe", "overlap", "validate", "birth",
+            "drift", "kernel", "state", "gauge", "local", "predict", "guard", "batch",
+        ],
+    ),
+];
+
+/// Files of the filter.
+const FILTER: Table = &[
+    ("candidate", &[]),
+    ("innovation_window", &[]),
+    ("measurements", &[]),
+    ("snapshot", &[]),
+    ("visibility", &[]),
+    ("record", &["innovation_window"]),
+    ("sources", &["measurements"]),
+    (
+        "ekf",
+        &["candidate", "innovation_window", "record", "sources"],
+    ),
+    ("births", &["candidate", "ekf"]),
+    ("checks", &["measurements", "sources", "ekf"]),
+    (
+        "conditional_prediction",
+        &["measurements", "sources", "ekf"],
+    ),
+    ("known_map", &["record", "ekf"]),
+    ("landmarks", &["ekf"]),
+    ("map", &["candidate", "visibility", "record", "ekf"]),
+    ("measurement", &["measurements", "sources", "ekf"]),
+    ("metric_births", &["measurements", "ekf"]),
+    ("predicted_features", &["visibility", "ekf"]),
+    ("prediction", &["visibility", "ekf"]),
+    ("relocalisation", &["measurements", "sources", "ekf"]),
+    ("validation", &["innovation_window", "measurements", "ekf"]),
+    ("working_set", &["measurements", "ekf"]),
+    ("worn_error", &["measurements", "ekf"]),
+    (
+        "snapshot_image",
+        &[
+            "candidate",
+            "innovation_window",
+            "snapshot",
+            "record",
+            "sources",
+            "ekf",
+            "prediction",
+        ],
+    ),
+    ("update", &["measurements", "sources", "ekf", "validation"]),
+];
+
+fn source(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("src").join(path)
+}
+
+/// Modules of a folder, each with its files.
+fn modules(folder: &Path) -> BTreeMap<String, Vec<PathBuf>> {
+    let mut found: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
+    for entry in fs::read_dir(folder).expect("a folder of the sources") {
+        let path = entry.expect("an entry").path();
+        let name = path.file_stem().expect("a name").to_string_lossy();
+        if matches!(&*name, "lib" | "mod") {
+            continue;
+        }
+        found
+            .entry(name.into_owned())
+            .or_default()
+            .extend(files(&path));
+    }
+    found
+}
+
+fn files(path: &Path) -> Vec<PathBuf> {
+    if !path.is_dir() {
+        return vec![path.to_owned()];
+    }
+    let entries = fs::read_dir(path).expect("a folder of the sources");
+    entries
+        .flat_map(|entry| files(&entry.expect("an entry").path()))
+        .filter(|path| path.file_name().is_some_and(|name| name != "tests.rs"))
+        .collect()
+}
+
+/// The code of a file: without comments, and without its tests, which stand at the end.
+fn code(path: &Path) -> String {
+    let text = fs::read_to_string(path).expect("a source file");
+    let code = text.split("#[cfg(test)]\nmod tests {").next();
+    let lines = code.unwrap_or_default().lines();
+    let lines = lines.map(|line| line.split("//").next().unwrap_or_default());
+    lines.collect::<Vec<_>>().join("\n")
+}
+
+/// What follows `prefix::` in some code: `b` of `a::b::c`, `b` and `d` of `a::{b::c, d}`.
+fn imports_after(code: &str, prefix: &str) -> BTreeSet<String> {
+    let mut found = BTreeSet::new();
+    for (at, _) in code.match_indices(prefix) {
+        let before = code[..at].chars().next_back();
+        if before.is_some_and(|c| c.is_alphanumeric() || c == '_' || c == ':') {
+            continue;
+        }
+        let rest = &code[at + prefix.len()..];
+        let Some(list) = rest.strip_prefix('{') else {
+            found.insert(name(rest));
+            continue;
+        };
+        let (mut depth, mut start) = (1, 0);
+        for (i, c) in list.char_indices() {
+            depth += i32::from(c == '{') - i32::from(c == '}');
+            if depth == 0 || (depth == 1 && c == ',') {
+                found.insert(name(list[start..i].trim_start()));
+                start = i + 1;
+            }
+            if depth == 0 {
+                break;
+            }
+        }
+    }
+    found.remove("");
+    found
+}
+
+fn name(text: &str) -> String {
+    let end = text.find(|c: char| !(c.is_alphanumeric() || c == '_'));
+    text[..end.unwrap_or(text.len())].into()
+}
+
+fn check(what: &str, table: Table, found: &BTreeMap<String, BTreeSet<String>>) {
+    let known: BTreeSet<&str> = table.iter().map(|(module, _)| *module).collect();
+    let modules: BTreeSet<&str> = found.keys().map(String::as_str).collect();
+    assert_eq!(modules, known, "{what}: the modules and the table");
+    for (k, (module, allowed)) in table.iter().enumerate() {
+        for import in *allowed {
+            let above = table[..k].iter().any(|(other, _)| other == import);
+            assert!(above, "{what}: {import} must stand above {module}");
+        }
+        let imports: BTreeSet<&str> = found[*module].iter().map(String::as_str).collect();
+        let allowed: BTreeSet<&str> = allowed.iter().copied().collect();
+        assert_eq!(imports, allowed, "{what}: what {module} imports");
+    }
+}
+
+#[test]
+fn modules_import_what_is_below_them() {
+    let modules = modules(&source(""));
+    let imports = |(module, files): (&String, &Vec<PathBuf>)| {
+        let all = files
+            .iter()
+            .flat_map(|file| imports_after(&code(file), "crate::"));
+        let others = all.filter(|other| other != module);
+        (module.clone(), others.collect())
+    };
+    check("ekf_core", CRATE, &modules.iter().map(imports).collect());
+}
+
+#[test]
+fn files_of_the_filter_import_what_is_below_them() {
+    let modules = modules(&source("filter"));
+    let imports = |(module, files): (&String, &Vec<PathBuf>)| {
+        let code: String = files.iter().map(|file| code(file)).collect();
+        (module.clone(), imports_after(&code, "super::"))
+    };
+    let found = modules.iter().map(imports).collect();
+    check("the filter", FILTER, &found);
+    // The folder's own page re-exports and does nothing else, so that no import can go through it unseen.
+    let page = code(&source("filter/mod.rs"));
+    let statements = page.split(';').map(str::trim).filter(|s| !s.is_empty());
+    for statement in statements {
+        let kind = ["mod ", "pub mod ", "pub use "];
+        assert!(kind.iter().any(|k| statement.starts_with(k)), "{statement}");
+    }
+    for (module, files) in &modules {
+        let through = files
+            .iter()
+            .flat_map(|file| imports_after(&code(file), "crate::filter::"));
+        assert_eq!(
+            through.count(),
+            0,
+            "{module} imports by way of crate::filter"
+        );
+    }
+}
