@@ -30,6 +30,7 @@ pub mod math;
 pub mod observe;
 pub mod overlap;
 pub mod performance;
+mod placed;
 pub mod predict;
 pub mod settings;
 pub mod state;

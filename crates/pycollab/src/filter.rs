@@ -470,6 +470,91 @@ impl PyFilter {
             .map_err(to_python)
     }
 
+    /// Starts a new map from a view of Cf, where the camera is believed to be; the map of before is gone.
+    ///
+    /// What is left of the pose's certainty becomes that of the new map's place in W: it is part of `pose_covariance` and of
+    /// the landmarks' covariance. Take `known_map` before, to come back to the map with `relocalise_in`.
+    ///
+    /// Parameters
+    /// ----------
+    /// worn : tuple
+    ///     As for `update`, all ids -1.
+    /// worn_bias : (6, 6) float64, optional
+    ///     As for `update`.
+    ///
+    /// Returns
+    /// -------
+    /// UpdateReport
+    ///     ``believed`` says whether the map was started (``worn.start_births``); otherwise the filter is as it was.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For wrong shapes, NaN, an id that is not -1, an impossible pose or covariance, or before the start; the filter
+    ///     stays as it was.
+    #[pyo3(signature = (worn, worn_bias = None))]
+    fn restart(
+        &mut self,
+        py: Python<'_>,
+        worn: WornArgument<'_>,
+        worn_bias: Option<Argument<'_>>,
+    ) -> PyResult<PyUpdateReport> {
+        let worn = worn_observation(&worn, worn_bias.as_ref())?;
+        let filter = &mut self.0;
+        py.detach(|| filter.restart(&worn))
+            .map(PyUpdateReport)
+            .map_err(to_python)
+    }
+
+    /// Puts a lost camera into another map, where its matches with that say, and forgets the map that it is in.
+    ///
+    /// Parameters
+    /// ----------
+    /// landmarks, covariance, drift
+    ///     As `known_map` gives them.
+    /// pose : (4, 4) float64
+    ///     T_WC that explains the matches, as PnP gives it.
+    /// index, uv : (N,) int64, (N, 2) float64
+    ///     Landmarks by their place in the map, and their pixels in Cs.
+    ///
+    /// Returns
+    /// -------
+    /// report : UpdateReport
+    ///     ``believed`` says whether the pose was taken; otherwise the filter is as it was.
+    /// ids : (M,) int64
+    ///     The new feature ids of the map's landmarks, in its order; none where the pose was not taken.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For wrong shapes, NaN, a covariance that is none, an impossible pose, or before the start; the filter stays as
+    ///     it was.
+    #[expect(clippy::too_many_arguments, reason = "a map is three arrays")]
+    fn relocalise_in<'py>(
+        &mut self,
+        py: Python<'py>,
+        landmarks: Argument<'py>,
+        covariance: Argument<'py>,
+        drift: Argument<'py>,
+        pose: Argument<'py>,
+        index: Argument<'py>,
+        uv: Argument<'py>,
+    ) -> PyResult<(PyUpdateReport, Bound<'py, PyArray1<i64>>)> {
+        let map = KnownMap {
+            landmarks: rows::<6>("landmarks", &landmarks)?,
+            covariance: square("covariance", &covariance)?,
+            drift: matrix::<6, 6>("drift", &drift)?,
+        };
+        let pose = self::pose("pose", &pose)?;
+        let matches = bearings(&index, &uv)?;
+        let matches: Vec<_> = matches.iter().map(|b| (b.id as usize, b.uv)).collect();
+        let filter = &mut self.0;
+        let (report, ids) = py
+            .detach(|| filter.relocalise_in(&map, &pose, &matches))
+            .map_err(to_python)?;
+        Ok((PyUpdateReport(report), to_ids(py, ids.into_iter().map(Some))))
+    }
+
     /// The map to start another filter in.
     ///
     /// Returns

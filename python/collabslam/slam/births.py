@@ -65,6 +65,16 @@ class Births:
             "births_delayed": int(self._promoted(ids, features).sum()),
         }
 
+    def first(self, image: Image, overlap: Overlap, report: UpdateReport) -> dict[str, int]:
+        """Takes over the features that a map begins with, and starts candidates beside them."""
+        born, _ = overlap.births(report)
+        self._tracks.add_features(image, self._filter.pose, born, overlap.uv_of(report))
+        return {
+            **dict.fromkeys(BIRTHS, 0),
+            "births_instant": len(born),
+            "births_undelayed": self.start_others(image),
+        }
+
     def vague(self, tracked: int) -> int:
         """Where the view runs out of features, those who waited longest wait no longer."""
         ids = self._tracks.waiting(self._vague_below - tracked)

@@ -29,19 +29,19 @@ from collabslam.slam.births import BIRTHS, Births
 from collabslam.slam.blank_image import FROZEN, BlankImageDetector
 from collabslam.slam.depth_input import DepthInput
 from collabslam.slam.feature_states import FrameFeatures, frame_features, unsearched_features
-from collabslam.slam.relocalise import Relocaliser, searchable
+from collabslam.slam.relocalise import MapAside, Relocaliser, searchable
 from collabslam.slam.saved_map import SavedMap
 from collabslam.slam.starts import check_start
 from collabslam.slam.state import persistent_parts
 from collabslam.slam.status import StatusMonitor
 from collabslam.slam.target_start import TargetStart
 from collabslam.slam.tracks import Found, Tracks, chosen
-from collabslam.slam.worn_frame import WornLook
+from collabslam.slam.worn_frame import Overlap, WornLook
 from collabslam.types import Array, Ids, Image, Status, Target, WornView
 
-KIND, VERSION = "engine state", 1
+KIND, VERSION = "engine state", 2
 """Of the file that `Slam.save` writes; the version counts the changes of what is in it."""
-CLASSES = (Patch, Target)
+CLASSES = (MapAside, Patch, Target)
 """Dataclasses that are in it."""
 
 
@@ -273,10 +273,18 @@ class Slam:
         )
         stages.done("update")
         tracked = np.array([o in ("pixel", "replaced") for o in report.bearings], dtype=np.bool_)
-        again = None if report.believed or not was_started else self._relocaliser.attempt(image)
+        again, anew, of_cf = None, None, report
+        if was_started and report.believed:
+            again = self._relocaliser.look_back(t, image)
+        elif was_started:
+            again = self._relocaliser.attempt(image)
+            if again is None and was_lost:
+                anew = self._restart(image, worn)
         stages.done("relocalise")
         deleted = np.empty(0, np.int64)
-        if report.believed and not was_lost:
+        if anew is not None:
+            overlap, of_cf, births = anew
+        elif report.believed and again is None and not was_lost:
             births = self._births.with_depth(image, found, overlap, depths, report)  # 8
             deleted = self.filter.manage_map()
             self._tracks.forget_features(deleted)
@@ -297,22 +305,45 @@ class Slam:
             accepted += births["births_undelayed"]
         status = Status.COASTING
         if self.filter.started:
-            status = self._monitor.update(t, accepted, believed=report.believed or again is not None)
+            believed = report.believed or again is not None or anew is not None
+            status = self._monitor.update(t, accepted, believed=believed)
         if status is Status.OK and again is None:
             self._relocaliser.remember(t, image, self.filter.pose, found.ids[tracked], found.uv[tracked])
         stages.done("map")
         counts = {
             **_search_counts(expected["ids"], found, report),
-            **overlap.counts(report),
+            **overlap.counts(of_cf),
             **births,
             "accepted": accepted,
             "refused": int(report.refused is not None),
             "unseen": 0,
             "relocalised": int(again is not None),
+            "restarted": int(anew is not None),
             "target_residual_px": target_residual,
             "deleted": len(deleted),
         }
         return self._result(t, status, counts, frame_features(expected, found, report), stages)
+
+    def _restart(
+        self, image: Image, worn: WornView | None
+    ) -> tuple[Overlap, UpdateReport, dict[str, int]] | None:
+        """A new map from Cf where prediction puts a lost camera (METHOD 15), and its births; None if too few.
+
+        A camera that has never known where it is has nothing to tie a map to, and one in metres cannot be tied
+        to a map of an arbitrary unit.
+        """
+        if not (self._metric and self._monitor.found):
+            return None
+        overlap = self._look.match(image, worn, Tracks.nothing(), self._births.in_view)
+        if overlap.observation is None:
+            return None
+        old = self._relocaliser.map_in_use()
+        report = self.filter.restart(overlap.observation, overlap.bias)
+        if not report.believed:
+            return None
+        self._relocaliser.put_aside(old)
+        self._tracks.leave_map()
+        return overlap, report, self._births.first(image, overlap, report)
 
     def _coast(self, t: float, sight: str, stages: _Stages) -> StepResult:
         """A frame that was predicted and shows nothing; depths given for it are gone.

@@ -1,7 +1,12 @@
-"""Finding a lost camera again in its map: views of the landmarks are kept, and compared when it is lost."""
+"""Finding a lost camera again: views of the landmarks are kept, and compared when it is lost.
+
+A map that the camera was lost in is put aside when a new one is started, and its views are compared as well:
+in frames that fail, and every now and then while the camera is in the new map.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,7 +14,7 @@ import numpy as np
 from collabslam._core import Camera, Filter
 from collabslam.frontend.describe import Descriptors
 from collabslam.frontend.patch import Patch, capture
-from collabslam.frontend.place_recognition import describe_views, in_one_list, locate
+from collabslam.frontend.place_recognition import Fix, describe_views, in_one_list, locate
 from collabslam.settings.frontend import FrontendSettings, SearchSettings
 from collabslam.slam.state import PersistentState
 from collabslam.slam.tracks import Tracks, chosen
@@ -20,7 +25,34 @@ ROLLS = (0.5, -0.5)
 MAX_RHO_RATIO = 0.3
 """Largest sd(rho) / rho of a landmark that helps to find the camera: the range of others is hardly known."""
 
+MAX_ASIDE = 4
+"""Maps put aside, at most; beyond it the second oldest goes, as the first is the one best tied to W."""
+
 Found = tuple[Ids, Array]
+
+
+@dataclass(frozen=True)
+class MapAside:
+    """A map that the camera is not in.
+
+    Attributes
+    ----------
+    landmarks, covariance, drift : ndarray
+        As `Filter.known_map` gives them.
+    use : (M,) int64
+        Landmarks that help to find the camera, by their place in the map.
+    points : (M, 3) float64
+        Where they are in W, metres.
+    views : list of N lists of Patch
+        Of each landmark, the first view first.
+    """
+
+    landmarks: Array
+    covariance: Array
+    drift: Array
+    use: Ids
+    points: Array
+    views: list[list[Patch]]
 
 
 def searchable(expected: dict[str, Any], options: SearchSettings) -> dict[str, Any]:
@@ -46,13 +78,15 @@ class Relocaliser(PersistentState):
     options : FrontendSettings
     """
 
-    PERSISTENT = ("_views", "_last", "_attempts")
+    PERSISTENT = ("_views", "_last", "_attempts", "_aside", "_looked_back")
 
     def __init__(self, core: Filter, camera: Camera, tracks: Tracks, options: FrontendSettings) -> None:
         self._core, self._camera, self._tracks, self._options = core, camera, tracks, options
         self._views: dict[int, list[Patch]] = {}
         self._last: float | None = None
         self._attempts = 0
+        self._aside: list[MapAside] = []
+        self._looked_back: float | None = None
         self._described: dict[int, tuple[Patch, Descriptors]] = {}
 
     def remember(self, t: float, image: Image, pose: Array, ids: Ids, uv: Array) -> None:
@@ -85,8 +119,28 @@ class Relocaliser(PersistentState):
         for i in ids.tolist():
             self._views.pop(i, None)
 
+    def map_in_use(self) -> MapAside:
+        """The map that the camera is in, to be put aside."""
+        known, landmarks = self._core.known_map(), self._core.landmarks()
+        good = landmarks["rho_ratio"] < MAX_RHO_RATIO
+        return MapAside(
+            known["landmarks"],
+            known["covariance"],
+            known["drift"],
+            np.flatnonzero(np.isin(known["ids"], landmarks["ids"][good])),
+            landmarks["points"][good],
+            self.views(known["ids"]),
+        )
+
+    def put_aside(self, old: MapAside) -> None:
+        """Notes that the camera has left a map for a new one."""
+        self._views.clear()
+        if len(old.use) >= self._options.relocalise.min_patches:
+            self._aside.append(old)
+            del self._aside[1 : len(self._aside) + 1 - MAX_ASIDE]
+
     def attempt(self, image: Image) -> Found | None:
-        """Looks for the camera in its map, and resets the filter to where it is.
+        """Looks for the camera in its map, in turn with those aside, and resets the filter to where it is.
 
         Returns
         -------
@@ -95,19 +149,29 @@ class Relocaliser(PersistentState):
         uv : (N, 2) float64
             Their pixels; None instead if the camera was not found.
         """
+        round_, turn = divmod(self._attempts, 1 + len(self._aside))
+        self._attempts += 1
+        rolls = (0.0, ROLLS[round_ % len(ROLLS)])
+        return self._in_aside(image, turn - 1, rolls) if turn else self._in_use(image, rolls)
+
+    def look_back(self, t: float, image: Image) -> Found | None:
+        """Whether the camera, at ``t`` seconds, sees a map put aside: now and then, one in turn.
+
+        As `attempt`: if it does, the filter is back in that map.
+        """
+        if not self._aside:
+            return None
+        if self._looked_back is not None and t - self._looked_back < self._options.relocalise.every:
+            return None
+        self._looked_back = t
+        self._aside.insert(0, self._aside.pop())
+        return self._in_aside(image, 0, (0.0,))
+
+    def _in_use(self, image: Image, rolls: tuple[float, ...]) -> Found | None:
         landmarks = self._core.landmarks()
         use = np.flatnonzero(landmarks["rho_ratio"] < MAX_RHO_RATIO)
         ids: Ids = landmarks["ids"][use]
-        if len(ids) < self._options.relocalise.min_patches:
-            return None
-        patches, owner = in_one_list(self.views(ids))
-        rolls = (0.0, ROLLS[self._attempts % len(ROLLS)])
-        self._attempts += 1
-        points: Array = landmarks["points"][use]
-        views = self._describe(patches)
-        fix = locate(
-            image, self._camera, points, patches, views, owner, self._core.pose, rolls, self._options
-        )
+        fix = self._locate(image, landmarks["points"][use], self.views(ids), rolls)
         if fix is None:
             return None
         report = self._core.relocalise(fix.pose, ids[fix.landmarks], fix.uv)
@@ -117,6 +181,37 @@ class Relocaliser(PersistentState):
         found = ids[fix.landmarks][good], fix.uv[good]
         self._tracks.found(*found)
         return found
+
+    def _in_aside(self, image: Image, which: int, rolls: tuple[float, ...]) -> Found | None:
+        old = self._aside[which]
+        fix = self._locate(image, old.points, [old.views[i] for i in old.use], rolls)
+        if fix is None:
+            return None
+        places = old.use[fix.landmarks]
+        report, ids = self._core.relocalise_in(
+            old.landmarks, old.covariance, old.drift, fix.pose, places, fix.uv
+        )
+        if not report.believed:
+            return None
+        del self._aside[which]
+        self._views.clear()
+        self._tracks.leave_map()
+        self.adopt(ids, old.views)
+        good = np.array([outcome == "pixel" for outcome in report.bearings])
+        found = ids[places][good], fix.uv[good]
+        self._tracks.found(*found)
+        return found
+
+    def _locate(
+        self, image: Image, points: Array, by_landmark: list[list[Patch]], rolls: tuple[float, ...]
+    ) -> Fix | None:
+        if len(points) < self._options.relocalise.min_patches:
+            return None
+        patches, owner = in_one_list(by_landmark)
+        views = self._describe(patches)
+        return locate(
+            image, self._camera, points, patches, views, owner, self._core.pose, rolls, self._options
+        )
 
     def _describe(self, patches: list[Patch]) -> Descriptors:
         """Descriptors of views, one after the other; made once for all attempts until the camera is found."""

@@ -24,7 +24,7 @@ class StatusMonitor(PersistentState):
         Whether the camera is lost to begin with.
     """
 
-    PERSISTENT = ("_last_ok", "_failed", "lost")
+    PERSISTENT = ("_last_ok", "_failed", "lost", "found")
 
     def __init__(self, settings: Mapping[str, Value], *, lost: bool = False) -> None:
         self._min_matches = int(settings["lost.min_matches"])
@@ -35,6 +35,8 @@ class StatusMonitor(PersistentState):
         self._failed = 0
         self.lost = lost
         """Whether the camera was lost after the last frame."""
+        self.found = not lost
+        """Whether it has ever known where it is."""
 
     def least(self, searched: int) -> int:
         """Fewest accepted matches with which a frame is believed in which so many features were searched.
@@ -75,7 +77,7 @@ class StatusMonitor(PersistentState):
         elif accepted:  # a frame that shows nothing, as it may, says nothing of those before
             self._failed = 0
         if believed and accepted >= self._min_matches:
-            self._last_ok, self.lost = t, False
+            self._last_ok, self.lost, self.found = t, False, True
             return Status.OK
         self.lost = self.lost or self._failed >= self._frames or t - self._last_ok > self._seconds
         return Status.LOST if self.lost else Status.COASTING

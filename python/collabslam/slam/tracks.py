@@ -211,6 +211,18 @@ class Tracks(PersistentState):
         self._candidates = {i: p for i, p in self._candidates.items() if i in alive}
         self._candidate_last = {i: p for i, p in self._candidate_last.items() if i in alive}
 
+    def leave_map(self) -> None:
+        """Drops all features and candidates: the camera is in another map."""
+        for kept in (self._features, self._candidates, self._last, self._candidate_last):
+            kept.clear()
+
+    @classmethod
+    def nothing(cls) -> Found:
+        """What a search finds in a map without features."""
+        none, ids = np.empty(0), np.empty(0, np.int64)
+        result = SearchResult(np.empty((0, 2)), none, none, np.empty(0, np.int32))
+        return Found(ids, result, none, none, ids, np.empty((0, 2)), ids)
+
     def waiting(self, count: int) -> Ids:
         """Ids (N,) of at most so many candidates, those first that have waited longest."""
         return np.array(sorted(self._candidate_last)[: max(count, 0)], np.int64)

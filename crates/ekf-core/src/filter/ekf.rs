@@ -16,6 +16,7 @@ use crate::error::EkfError;
 use crate::gauge::Gauge;
 use crate::local::{Buffers, OutsideSet};
 use crate::math::quat;
+use crate::placed::Placed;
 use crate::settings::{Consistency, Settings};
 use crate::state::{CAMERA_DIM, Mark, State};
 use crate::{guard, validate};
@@ -38,6 +39,7 @@ pub struct Filter {
     pub(super) batch: Workspace,
     pub(super) test: validate::Workspace,
     pub(super) drift: FrameDrift,
+    pub(super) placed: Placed,
     pub(super) misfit: Misfit,
     pub(super) gauge: Gauge,
     pub(super) windows: PendingWindows,
@@ -76,6 +78,7 @@ impl Filter {
             batch: Workspace::default(),
             test: validate::Workspace::default(),
             drift: FrameDrift::default(),
+            placed: Placed::default(),
             misfit: Misfit::default(),
             gauge: Gauge::default(),
             windows: PendingWindows::default(),
@@ -162,9 +165,11 @@ impl Filter {
         (quat::rotation(&pose.q), pose.r)
     }
 
-    /// 6x6 covariance of the pose, (translation, rotation), right tangent: the state's, and the drift of W.
+    /// 6x6 covariance of the pose, (translation, rotation), right tangent: the state's, the drift of W, and that of the
+    /// map's place in it.
     pub fn pose_covariance(&self) -> SMatrix<f64, 6, 6> {
-        self.state.pose_covariance() + self.drift.of_pose(&self.state.camera_pose())
+        let pose = self.state.camera_pose();
+        self.state.pose_covariance() + self.drift.of_pose(&pose) + self.placed.of_pose(&pose)
     }
 
     /// Whether P moves with the directions that no camera can see.

@@ -32,7 +32,7 @@ pub struct KnownMap {
     pub landmarks: Vec<Vector6<f64>>,
     /// `6 N x 6 N`, in their order.
     pub covariance: DMatrix<f64>,
-    /// Covariance of the drift of W, (translation, rotation) of W, m^2 and rad^2.
+    /// Covariance of the drift of W and of the map's place in it, (translation, rotation) of W, m^2 and rad^2.
     pub drift: Matrix6<f64>,
 }
 
@@ -53,7 +53,7 @@ impl Filter {
                 (Some(i), Some(j)) => state.p.get(i, j),
                 _ => 0.0,
             }),
-            drift: self.drift.0,
+            drift: self.drift.0 + self.placed.0,
         };
         (blocks.iter().map(|b| b.id).collect(), map)
     }
@@ -66,6 +66,15 @@ impl Filter {
     /// `BadShape`, `NonFinite`, `InvalidInput` (an empty map, a landmark with `rho <= 0`, a covariance that is none, a
     /// filter that has started); the filter stays as it was.
     pub fn start_from_map(&mut self, map: &KnownMap) -> Result<Vec<u64>, EkfError> {
+        self.start_from_map_after(map, 0)
+    }
+
+    /// As [`Self::start_from_map`], with ids from `first` on.
+    pub(crate) fn start_from_map_after(
+        &mut self,
+        map: &KnownMap,
+        first: u64,
+    ) -> Result<Vec<u64>, EkfError> {
         self.check_map(map)?;
         self.changes();
         let (slots, rows) = shared_rows(map);
@@ -73,6 +82,7 @@ impl Filter {
         let n = CAMERA_DIM + rows.len();
         let origin = State::at_origin(0);
         let mut state = origin.camera_alone(Covariance::of_stored(n, capacity, None));
+        state.layout.set_next_id(first);
         for (j, &column) in rows.iter().enumerate() {
             for (i, &row) in rows.iter().enumerate().skip(j) {
                 let value = (map.covariance[(row, column)] + map.covariance[(column, row)]) * 0.5;

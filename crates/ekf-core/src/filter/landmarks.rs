@@ -31,6 +31,7 @@ impl Filter {
             let j = feature.point_jacobian();
             let (cross, own) = state.feature_covariance(block);
             let covariance = j * own * j.transpose();
+            let placed = self.placed.of_point(&point);
             let rho_ratio = match feature {
                 FeatureState::InverseDepth(y) => own[(5, 5)].max(0.0).sqrt() / y[5],
                 FeatureState::Point(_) => {
@@ -44,7 +45,7 @@ impl Filter {
             Some(Landmark {
                 id: block.id,
                 point,
-                covariance: plus_transpose(covariance) * 0.5,
+                covariance: plus_transpose(covariance + placed) * 0.5,
                 rho_ratio,
             })
         };

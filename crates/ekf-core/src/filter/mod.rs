@@ -23,6 +23,7 @@ mod predicted_features;
 mod prediction;
 mod record;
 mod relocalisation;
+mod restart;
 pub mod snapshot;
 mod snapshot_image;
 mod sources;

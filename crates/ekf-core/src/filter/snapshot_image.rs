@@ -14,6 +14,7 @@ use crate::drift::{FrameDrift, Misfit};
 use crate::error::EkfError;
 use crate::gauge::Gauge;
 use crate::local::{Buffers, OutsideSet, OutsideSetImage};
+use crate::placed::Placed;
 use crate::settings::{Settings, Value};
 use crate::state::{Layout, State, StateImage};
 use crate::{guard, validate};
@@ -58,6 +59,8 @@ pub(super) struct FilterImage {
     candidates: Vec<(u64, CandidateImage)>,
     next_candidate: u64,
     drift: Vec<f64>,
+    /// Covariance of the map's place in W.
+    placed: Vec<f64>,
     /// NIS of all updates, and their degrees of freedom.
     misfit: (f64, f64),
     moved_by: f64,
@@ -113,6 +116,7 @@ impl Filter {
             next_candidate,
             batch,
             drift,
+            placed,
             misfit,
             gauge,
             outside,
@@ -135,6 +139,7 @@ impl Filter {
             candidates: candidates.iter().map(|(&id, c)| (id, c.image())).collect(),
             next_candidate: *next_candidate,
             drift: drift.0.as_slice().to_vec(),
+            placed: placed.0.as_slice().to_vec(),
             misfit: (misfit.nis, misfit.dof),
             moved_by: batch.moved_by(),
             followed: gauge.followed().to_vec(),
@@ -154,6 +159,7 @@ impl Filter {
             candidates,
             next_candidate,
             drift,
+            placed,
             misfit: (nis, dof),
             moved_by,
             followed,
@@ -189,12 +195,8 @@ impl Filter {
         }
         let records = records_of(records, &state.layout, outside.as_ref())?;
         let candidates = candidates_of(candidates, next_candidate, &state.layout)?;
-        let drift = match <[f64; 36]>::try_from(drift) {
-            Ok(entries) if entries.iter().all(|v| v.is_finite()) => {
-                Matrix6::from_column_slice(&entries)
-            }
-            _ => return Err(EkfError::bad_snapshot("its drift is no 6x6 matrix")),
-        };
+        let drift = of_frame(drift, "its drift is no 6x6 matrix")?;
+        let placed = of_frame(placed, "its map's place is no 6x6 matrix")?;
         if ![nis, dof].iter().all(|v| v.is_finite() && *v >= 0.0) {
             return Err(EkfError::bad_snapshot(
                 "its normalised innovations are impossible",
@@ -215,6 +217,7 @@ impl Filter {
             batch,
             test: validate::Workspace::default(),
             drift: FrameDrift(drift),
+            placed: Placed(placed),
             misfit: Misfit { nis, dof },
             gauge: Gauge::following(followed),
             windows: PendingWindows::default(),
@@ -227,6 +230,15 @@ impl Filter {
         guard::state_is_sane(&filter.state).map_err(EkfError::bad_snapshot)?;
         guard::attitude_is_sane(&filter.state).map_err(EkfError::bad_snapshot)?;
         Ok(filter)
+    }
+}
+
+fn of_frame(entries: Vec<f64>, why: &str) -> Result<Matrix6<f64>, EkfError> {
+    match <[f64; 36]>::try_from(entries) {
+        Ok(entries) if entries.iter().all(|v| v.is_finite()) => {
+            Ok(Matrix6::from_column_slice(&entries))
+        }
+        _ => Err(EkfError::bad_snapshot(why)),
     }
 }
 

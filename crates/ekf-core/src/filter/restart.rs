@@ -1,0 +1,107 @@
+//! A lost camera goes on (METHOD 19): in a new map that the worn camera starts, or in one of before that it recognises.
+
+use super::ekf::Filter;
+use super::known_map::KnownMap;
+use super::measurements::{Bearing, Measurements, UpdateReport, WornObservation};
+use super::sources::Scratch;
+use crate::error::EkfError;
+use crate::gauge::Gauge;
+use crate::guard::check_rigid;
+use crate::math::pose::Pose;
+use crate::placed::Placed;
+use crate::state::BlockKind;
+use nalgebra::Vector2;
+
+impl Filter {
+    /// Starts a new map from a view of Cf, where the camera is predicted to be.
+    ///
+    /// What is known of the pose, which is what prediction has left of it, becomes the place of the new map in W: camera
+    /// and landmarks are as certain among each other as after any start, and all are off by that one unknown motion. The
+    /// map of before is gone: take it with [`Self::known_map`] first to come back to it with [`Self::relocalise_in`]. Ids go
+    /// on, velocities start anew. The report's `accepted` says whether there were births enough for a start
+    /// (`worn.start_births`); if not, the filter is as it was.
+    ///
+    /// # Errors
+    /// `InvalidInput` before the start or for a pair that is of a feature, and what [`Self::update`] says of its input; the
+    /// filter stays as it was.
+    pub fn restart(&mut self, worn: &WornObservation) -> Result<UpdateReport, EkfError> {
+        self.check_started()?;
+        if worn.pairs.iter().any(|pair| pair.id.is_some()) {
+            return Err(EkfError::InvalidInput {
+                what: "worn pairs",
+                why: "a new map has no features yet; give new points only".into(),
+            });
+        }
+        let z = Measurements {
+            worn: Some(worn.clone()),
+            ..Measurements::default()
+        };
+        self.check_measurements(&z, &mut Scratch::default())?;
+        let mut trial = self.clone();
+        trial.leave_map();
+        let mut report = UpdateReport::default();
+        let done = trial.update_into(&z, &mut report);
+        if done.is_ok() && trial.started {
+            *self = trial;
+        } else {
+            report.reject_all(&z);
+        }
+        Ok(report)
+    }
+
+    /// A camera at the pose of before that knows it exactly, in a frame that is as uncertain as that pose was.
+    fn leave_map(&mut self) {
+        self.make_whole();
+        let pose = self.state.camera_pose();
+        self.placed = Placed::by_pose(&pose, &self.pose_covariance());
+        self.drift = Default::default();
+        self.state.remove(|b| b.kind != BlockKind::WornBias);
+        self.state.reset_camera(&pose);
+        self.gauge = Gauge::default();
+        self.records.clear();
+        self.candidates.clear();
+        self.windows = Default::default();
+        self.started = false;
+    }
+
+    /// Puts a lost camera into another map, where its matches with that say, and forgets the map that it is in.
+    ///
+    /// `matches` are landmarks by their place in `map`, with their pixels in Cs; `pose` and the rest is as with
+    /// [`Self::relocalise`]. Returns the report and the new ids of the map's landmarks, in its order; they are none where
+    /// the pose was not taken, and the filter is as it was then.
+    ///
+    /// # Errors
+    /// As [`Self::start_from_map`] and [`Self::relocalise`]; the filter stays as it was.
+    pub fn relocalise_in(
+        &mut self,
+        map: &KnownMap,
+        pose: &Pose,
+        matches: &[(usize, Vector2<f64>)],
+    ) -> Result<(UpdateReport, Vec<u64>), EkfError> {
+        self.check_started()?;
+        check_rigid("pose", pose)?;
+        let mut trial = Self::new(
+            self.settings.clone(),
+            self.camera.clone(),
+            self.worn_camera.clone(),
+        );
+        trial.time = self.time;
+        trial.misfit = self.misfit;
+        trial.next_candidate = self.next_candidate;
+        let ids = trial.start_from_map_after(map, self.state.layout.next_id())?;
+        let bearing = |&(landmark, uv): &(usize, Vector2<f64>)| {
+            let id = ids.get(landmark).ok_or(EkfError::InvalidInput {
+                what: "matches",
+                why: format!("there is no landmark {landmark} in a map of {}", ids.len()),
+            });
+            id.map(|&id| Bearing { id, uv })
+        };
+        let bearings: Vec<Bearing> = matches.iter().map(bearing).collect::<Result<_, _>>()?;
+        let report = trial.relocalise(pose, &bearings)?;
+        if !report.accepted {
+            return Ok((report, Vec::new()));
+        }
+        *self = trial;
+        Ok((report, ids))
+    }
+}
