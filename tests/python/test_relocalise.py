@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -22,6 +23,7 @@ from collabslam.frontend.place_recognition import (
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.engine import Slam, StepResult
+from collabslam.slam.relocalise import Relocaliser
 from collabslam.slam.status import StatusMonitor
 from collabslam.types import Array, Image, Status
 
@@ -148,19 +150,79 @@ def test_a_jump_ends_alike_to_the_bit(recording: DemoRecording, images: list[Ima
     assert one.last.covariance.tobytes() == two.last.covariance.tobytes()
 
 
-def test_no_second_map_is_started_from_an_overlap(recording: DemoRecording) -> None:
-    walk = Walk(recording, mode="collab-tight", seen=12)
-    ids = set(walk.ids())
-    statuses = []
-    for i in range(80, 88):  # nine metres on: nothing of the map is in sight, and Cf sees what Cs sees
+def _elsewhere(recording: DemoRecording, mode: str) -> tuple[Walk, list[StepResult]]:
+    """From its first frames to nine metres on: nothing of the map is in sight, and Cf sees what Cs sees."""
+    walk = Walk(recording, mode=mode, seen=12)
+    steps = []
+    for i in range(80, 88):
         frame = recording.frame(i)
         worn = frame.worn or recording.frame(82).worn
         assert worn is not None
-        statuses.append(walk.step(frame.image, worn).status)
-        assert set(walk.ids()) == ids
-        assert all(walk.last.diagnostics[k] == 0 for k in ("accepted", "births_instant", "relocalised"))
-    assert statuses == [Status.COASTING] * 2 + [Status.LOST] * 6
+        steps.append(walk.step(frame.image, worn))
+    return walk, steps
+
+
+def test_lost_it_starts_again_where_cf_sees_what_it_sees(recording: DemoRecording) -> None:
+    walk, steps = _elsewhere(recording, "collab-tight")
+    assert [s.status for s in steps] == [Status.COASTING] * 2 + [Status.LOST] + [Status.OK] * 5
+    assert [s.diagnostics["restarted"] for s in steps] == [0, 0, 0, 1, 0, 0, 0, 0]
+    before, start, last = steps[2], steps[3], steps[-1]
+    assert np.allclose(start.pose, before.pose, atol=1.0)  # one frame of prediction apart
+    assert np.trace(start.covariance) > np.trace(before.covariance)  # where it is in W, it does not know
+    truth = recording.truth
+    moved = se3_log(pose_inverse(start.pose) @ last.pose)
+    really = se3_log(pose_inverse(truth[83]) @ truth[87])
+    assert np.linalg.norm(moved - really) < 0.15 * np.linalg.norm(really[:3])  # in metres
+    assert all(s.diagnostics["map_size"] >= 8 for s in steps[3:])
+    assert walk.slam.filter.soundness() > -1e-10
+
+
+def test_without_cf_there_is_no_second_map(recording: DemoRecording) -> None:
+    walk, steps = _elsewhere(recording, "mono")
+    assert [s.status for s in steps] == [Status.COASTING] * 2 + [Status.LOST] * 6
+    assert all(s.diagnostics["accepted"] == s.diagnostics["restarted"] == 0 for s in steps)
     assert not walk.last.valid
+
+
+def test_back_in_the_first_map(recording: DemoRecording, images: list[Image], tmp_path: Path) -> None:
+    walk, steps = _elsewhere(recording, "collab-tight")
+    unsure = np.trace(steps[-1].covariance)
+    walk.slam.save(tmp_path / "engine")
+    for i in range(11, 11 + 2 * SECOND):  # a jump to where it began
+        step = walk.step(images[i])
+        if step.diagnostics["relocalised"]:
+            break
+    assert step.status is Status.OK
+    walk.is_right(i)
+    assert np.trace(step.covariance) < 0.1 * unsure
+    again = Slam.load(tmp_path / "engine")  # a checkpoint holds the map that was put aside
+    times = walk.t - 0.1 * (i - 11) + 0.1 * np.arange(i - 10)
+    for k, t in zip(range(11, i + 1), times, strict=True):
+        other = again.step(float(t), images[k])
+    assert other.diagnostics["relocalised"] == 1
+    for later in range(i + 1, i + 4):
+        assert walk.step(images[later]).status is Status.OK
+        walk.is_right(later)
+
+
+def test_it_looks_back_while_it_is_ok(
+    recording: DemoRecording, images: list[Image], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    walk = Walk(recording, mode="collab", seen=8)
+    dark = _dark(images[0].shape)
+    for _ in range(4):
+        walk.step(next(dark))
+    with monkeypatch.context() as patch:  # it would find itself at once
+        patch.setattr(Relocaliser, "attempt", lambda *_: None)
+        frame = next(f for f in map(recording.frame, range(8, 14)) if f.worn is not None)
+        assert walk.step(frame.image, frame.worn).diagnostics["restarted"] == 1
+    for i in range(frame.index + 1, frame.index + 1 + 2 * SECOND):
+        step = walk.step(images[i])
+        assert step.status is Status.OK
+        if step.diagnostics["relocalised"]:
+            break
+    assert step.diagnostics["relocalised"] == 1
+    walk.is_right(i)
 
 
 def test_elsewhere_it_stays_lost(recording: DemoRecording, images: list[Image]) -> None:

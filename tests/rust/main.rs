@@ -19,6 +19,7 @@ mod poses;
 mod properties;
 mod reference;
 mod relocalise;
+mod restart;
 mod scene;
 mod shrink;
 mod snapshot;

@@ -329,8 +329,8 @@ class Slam:
     ) -> tuple[Overlap, UpdateReport, dict[str, int]] | None:
         """A new map from Cf where prediction puts a lost camera (METHOD 15), and its births; None if too few.
 
-        A camera that has never known where it is has nothing to tie a map to, and one in metres cannot be tied
-        to a map of an arbitrary unit.
+        A camera that has never known where it is has nothing to tie a map to, and to a map of arbitrary unit
+        none in metres can be tied.
         """
         if not (self._metric and self._monitor.found):
             return None
