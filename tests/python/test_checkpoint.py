@@ -21,7 +21,7 @@ from collabslam.runs import runner
 from collabslam.runs.checkpoint import Checkpoint, Interval
 from collabslam.runs.results import CHECKPOINT, COVARIANCE, FRAMES, TRAJECTORY
 from collabslam.runs.run_folder import RunFolder
-from collabslam.slam.engine import CLASSES, KIND, Slam
+from collabslam.slam.engine import CLASSES, KIND, VERSION, Slam
 from collabslam.slam.state import PersistentState, persistent_parts
 from collabslam.types import Frame, Target
 from collabslam_lab.reliability.kills import check_lines, compare_results, run_kills
@@ -174,7 +174,7 @@ def test_spoilt_files_are_refused(saved: Path, tmp_path: Path) -> None:
 
 
 def test_files_that_hold_something_else_are_refused(saved: Path, tmp_path: Path) -> None:
-    good = container.read_container(saved, KIND, 1, CLASSES)
+    good = container.read_container(saved, KIND, VERSION, CLASSES)
     path = tmp_path / "bad.bin"
     parts = good["parts"]
     spoilt: list[Any] = [
@@ -192,11 +192,11 @@ def test_files_that_hold_something_else_are_refused(saved: Path, tmp_path: Path)
         {**good, "parts": {**parts, "_tracks": {**parts["_tracks"], "_features": {}}}},
     ]
     for content in spoilt:
-        container.write_container(path, KIND, 1, content, CLASSES)
+        container.write_container(path, KIND, VERSION, content, CLASSES)
         with pytest.raises(DataError):
             Slam.load(path)
-    container.write_container(path, KIND, 2, good, CLASSES)
-    with pytest.raises(DataError, match="has version 2"):
+    container.write_container(path, KIND, VERSION + 1, good, CLASSES)
+    with pytest.raises(DataError, match=f"has version {VERSION + 1}"):
         Slam.load(path)
 
 

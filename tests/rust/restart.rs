@@ -70,9 +70,13 @@ fn the_new_map_hangs_on_what_prediction_knows() {
     let (before, uncertain) = (pose(&warm.filter), warm.filter.pose_covariance());
     let old: Vec<u64> = warm.known.keys().copied().collect();
     let report = restart(&mut warm);
-    assert!(report.believed);
+    assert!(report.accepted);
     assert!(warm.known.len() >= 8, "{}", warm.known.len());
-    assert!(warm.known.keys().all(|id| old.iter().all(|other| id > other)));
+    assert!(
+        warm.known
+            .keys()
+            .all(|id| old.iter().all(|other| id > other))
+    );
     assert!(warm.filter.map_size() == warm.known.len());
     warm.filter.check().unwrap();
     // The pose is what it was: where it is in W, no view of new points tells.
@@ -94,7 +98,7 @@ fn in_the_new_map_it_moves_in_metres_and_honestly() {
     let runs = 40;
     for seed in 0..runs {
         let mut warm = lost(100 + seed);
-        assert!(restart(&mut warm).believed);
+        assert!(restart(&mut warm).accepted);
         let first = (pose(&warm.filter), warm.scene.pose(warm.t));
         for _ in 0..15 {
             warm.next_frame();
@@ -110,7 +114,10 @@ fn in_the_new_map_it_moves_in_metres_and_honestly() {
         let step = since(&first.0, &estimate) - since(&first.1, &truth);
         relative += step.norm() / since(&first.1, &truth).norm() / runs as f64;
     }
-    println!("NEES in W {in_w:.2}, error of the way since {:.1} %", 100.0 * relative);
+    println!(
+        "NEES in W {in_w:.2}, error of the way since {:.1} %",
+        100.0 * relative
+    );
     // The sway is smoother than the model allows: 6 would be its own draw.
     assert!(in_w < 9.0, "{in_w}");
     assert!(relative < 0.25, "{relative}");
@@ -123,7 +130,7 @@ fn too_few_births_leave_the_filter_as_it_was() {
     worn.pairs.truncate(7);
     let before = warm.filter.snapshot();
     let report = warm.filter.restart(&worn).unwrap();
-    assert!(!report.believed);
+    assert!(!report.accepted);
     assert!(report.pairs.iter().all(|o| *o == Outcome::Unused));
     assert!(warm.filter.snapshot() == before);
 }
@@ -154,7 +161,7 @@ fn back_in_the_old_map_nothing_of_the_new_ones_uncertainty_is_left() {
     let mut warm = lost(5);
     let known = warm.known.clone();
     let (old_ids, old) = warm.filter.known_map();
-    assert!(restart(&mut warm).believed);
+    assert!(restart(&mut warm).accepted);
     let new_ids: Vec<u64> = warm.known.keys().copied().collect();
     for _ in 0..5 {
         warm.next_frame();
@@ -173,10 +180,10 @@ fn back_in_the_old_map_nothing_of_the_new_ones_uncertainty_is_left() {
         .collect();
     let before = warm.filter.snapshot();
     let (report, none) = warm.filter.relocalise_in(&old, &near, &wrong).unwrap();
-    assert!(!report.believed && none.is_empty());
+    assert!(!report.accepted && none.is_empty());
     assert!(warm.filter.snapshot() == before);
     let (report, ids) = warm.filter.relocalise_in(&old, &near, &matches).unwrap();
-    assert!(report.believed);
+    assert!(report.accepted);
     assert!(ids.len() == old_ids.len());
     assert!(ids.iter().all(|id| new_ids.iter().all(|new| id > new)));
     let covariance = warm.filter.pose_covariance();
@@ -192,7 +199,7 @@ fn back_in_the_old_map_nothing_of_the_new_ones_uncertainty_is_left() {
 #[test]
 fn a_snapshot_keeps_the_place_of_the_map() {
     let mut warm = lost(6);
-    assert!(restart(&mut warm).believed);
+    assert!(restart(&mut warm).accepted);
     let again = Filter::restore(&warm.filter.snapshot()).unwrap();
     assert!(again.pose_covariance() == warm.filter.pose_covariance());
     assert!(again.snapshot() == warm.filter.snapshot());

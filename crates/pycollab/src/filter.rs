@@ -470,7 +470,7 @@ impl PyFilter {
             .map_err(to_python)
     }
 
-    /// Starts a new map from a view of Cf, where the camera is believed to be; the map of before is gone.
+    /// Starts a new map from a view of Cf, where the camera is predicted to be; the map of before is gone.
     ///
     /// What is left of the pose's certainty becomes that of the new map's place in W: it is part of `pose_covariance` and of
     /// the landmarks' covariance. Take `known_map` before, to come back to the map with `relocalise_in`.
@@ -552,7 +552,10 @@ impl PyFilter {
         let (report, ids) = py
             .detach(|| filter.relocalise_in(&map, &pose, &matches))
             .map_err(to_python)?;
-        Ok((PyUpdateReport(report), to_ids(py, ids.into_iter().map(Some))))
+        Ok((
+            PyUpdateReport(report),
+            to_ids(py, ids.into_iter().map(Some)),
+        ))
     }
 
     /// The map to start another filter in.

@@ -327,7 +327,7 @@ class Slam:
     def _restart(
         self, image: Image, worn: WornView | None
     ) -> tuple[Overlap, UpdateReport, dict[str, int]] | None:
-        """A new map from Cf where prediction puts a lost camera (METHOD 15), and its births; None if too few.
+        """A new map from Cf where prediction puts a lost camera (METHOD 19), and its births; None if too few.
 
         A camera that has never known where it is has nothing to tie a map to, and to a map of arbitrary unit
         none in metres can be tied.
