@@ -20,6 +20,7 @@ const CRATE: Table = &[
     ("validate", &["chi2", "settings"]),
     ("birth", &["math", "camera", "observe"]),
     ("drift", &["math", "settings", "observe"]),
+    ("placed", &["math", "observe"]),
     ("kernel", &["observe"]),
     ("state", &["error", "math", "observe", "kernel"]),
     ("gauge", &["math", "observe", "kernel", "state"]),
@@ -41,7 +42,7 @@ const CRATE: Table = &[
         "filter",
         &[
             "error", "math", "camera", "settings", "observe", "overlap", "validate", "birth",
-            "drift", "kernel", "state", "gauge", "local", "predict", "guard", "batch",
+            "drift", "placed", "kernel", "state", "gauge", "local", "predict", "guard", "batch",
         ],
     ),
 ];
@@ -73,6 +74,7 @@ const FILTER: Table = &[
     ("predicted_features", &["visibility", "ekf"]),
     ("prediction", &["visibility", "ekf"]),
     ("relocalisation", &["measurements", "sources", "ekf"]),
+    ("restart", &["measurements", "sources", "known_map", "ekf"]),
     ("validation", &["innovation_window", "measurements", "ekf"]),
     ("working_set", &["measurements", "ekf"]),
     ("worn_error", &["measurements", "ekf"]),
