@@ -45,7 +45,7 @@ pub(crate) struct Gauge {
     /// `P B`, then `P+ B + D (B^T P+ B) / 2`.
     along: Vec<f64>,
     column: Vec<f64>,
-    /// Stored rows that no coordinate has a say in: dual ones.
+    /// Stored rows on which no coordinate depends: the auxiliary ones.
     idle: Vec<Range<usize>>,
     carried: Vec<bool>,
     change: Product,
@@ -85,7 +85,7 @@ impl Gauge {
         std::mem::swap(&mut self.followed, list);
     }
 
-    /// Notes `B` and `P B` at the mean where the rows that are followed have their direction.
+    /// Works out `B` and `P B` at the reference mean, where the followed rows of P have their direction.
     pub(crate) fn prepare(&mut self, state: &State) {
         let Self {
             followed,
@@ -128,7 +128,7 @@ impl Gauge {
         }
     }
 
-    /// `H P B` of a block with the noted `P B`, row `r` of it for the coordinate `k`.
+    /// `H P B` of a block with the prepared `P B`, row `r` of it for the coordinate `k`.
     pub(crate) fn seen_by(
         &self,
         block: &MeasurementBlock,
@@ -155,7 +155,7 @@ impl Gauge {
     }
 
     /// What carries P from the reference to the present mean, as `-(T P T^T - P)`; `taken` is what has changed of
-    /// the noted `P B` since. Before quaternions are normalised.
+    /// the prepared `P B` since. Before quaternions are normalised.
     pub(crate) fn change(&mut self, state: &State, taken: Option<&[f64]>) -> &Product {
         let n = state.p.stored().n;
         for (along, taken) in self.along.iter_mut().zip(taken.unwrap_or(&[])) {
@@ -213,7 +213,7 @@ impl Gauge {
         }
     }
 
-    /// Notes that P has been carried to the present mean.
+    /// Moves the reference of the carried rows to the present mean.
     pub(crate) fn mark_carried(&self, state: &mut State) {
         let slots = state.p.stored().slots;
         for (i, &slot) in slots.iter().enumerate() {

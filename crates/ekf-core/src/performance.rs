@@ -73,9 +73,9 @@
 //! # Features out of view
 //! With `map.local` (see its module in the source) the update works on what is in view and auxiliary rows for the rest.
 //! Exact: the test of a walk with births, deletions, clones and wrong matches asserts 1e-8 standard deviations between
-//! it and the plain filter. Which far features may be in view is told from points of up to 32 frames ago, with a
+//! it and the plain filter. Which features outside may be in view is told from points of up to 32 frames ago, with a
 //! margin: after a gross jump one may be predicted some frames late. The gauge transport works with it, as it moves
-//! only what follows the view. When auxiliary rows have gathered, every 70 frames or so of that walk, all of P is written;
+//! only what follows the view. When too many auxiliary rows have accumulated, every 70 frames or so of that walk, all of P is written;
 //! more seldom makes the steps between dearer. In the median a step costs 0.164 of the plain one. It is off by default:
 //! the default map has 120 features, few of them out of view.
 //!

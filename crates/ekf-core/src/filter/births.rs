@@ -93,8 +93,9 @@ impl Filter {
         Ok(outcomes)
     }
 
-    /// Candidates that shall wait for parallax no longer: each is born as an undelayed feature of its first view (METHOD 5),
-    /// with the depth of `birth.vague_rho`, and is no candidate any more; None where that gives no feature.
+    /// Ends the wait of candidates for parallax: each is born undelayed, as a feature of its first view with the weak prior
+    /// `birth.vague_rho` and `birth.vague_rho_sd` on its inverse depth (METHOD 5). None where that gives no feature; the
+    /// candidate is gone in any case.
     ///
     /// # Errors
     /// `UnknownFeature` for an id that is not a candidate, `InvalidInput` for one given twice; nothing changes then.
@@ -133,7 +134,7 @@ impl Filter {
         Ok(born)
     }
 
-    pub(super) fn try_delayed_birth(&mut self, id: u64, uv: &Vector2<f64>) -> CandidateOutcome {
+    fn try_delayed_birth(&mut self, id: u64, uv: &Vector2<f64>) -> CandidateOutcome {
         let candidate = &self.candidates[&id];
         let now = self.state.camera_pose();
         let Some((first, covariance)) = self.first_pose(candidate) else {
@@ -176,7 +177,7 @@ impl Filter {
     }
 
     /// Pose of a candidate's first view, and where its uncertainty comes from; None without its clone.
-    pub(super) fn first_pose<'a>(
+    fn first_pose<'a>(
         &self,
         candidate: &'a Candidate,
     ) -> Option<(CameraPose, FirstPoseCovariance<'a>)> {
@@ -192,7 +193,8 @@ impl Filter {
         }
     }
 
-    /// Starts features at first sight with the vague depth of `birth.undelayed_rho` (METHOD 5, undelayed).
+    /// Starts features in the view in which they are first seen, with the weak prior of `birth.undelayed_rho` on their
+    /// inverse depth (METHOD 5, undelayed).
     ///
     /// Before the start this is the scale-free start: the depth prior fixes an arbitrary scale.
     ///
@@ -217,7 +219,7 @@ impl Filter {
             .collect())
     }
 
-    /// Ids of the candidates that wait, increasing.
+    /// Ids of the waiting candidates, increasing.
     pub fn candidate_ids(&self) -> impl Iterator<Item = u64> {
         self.candidates.keys().copied()
     }

@@ -22,7 +22,7 @@ pub(super) struct Candidate {
 pub(super) enum FirstView {
     /// The pose is a block of the state.
     Clone(u64),
-    /// The pose and its covariance were noted.
+    /// The pose and its covariance are remembered here, not in the state.
     Remembered(CameraPose, Box<SMatrix<f64, 7, 7>>),
 }
 
@@ -99,6 +99,6 @@ pub enum CandidateOutcome {
     Born(u64),
     /// Too little baseline or parallax yet: it waits.
     Waiting,
-    /// The two rays contradict each other: it was dropped.
+    /// The two rays do not meet: it was dropped.
     Dropped,
 }

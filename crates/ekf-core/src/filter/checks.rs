@@ -1,4 +1,4 @@
-//! What a call is asked before anything changes.
+//! Checks of input, all made before anything changes.
 
 use super::ekf::Filter;
 use super::measurements::Measurements;

@@ -1,7 +1,8 @@
-//! Where features are expected once others of the same frame have been found (METHOD 7, between steps 2 and 3).
+//! Conditional prediction: where features are expected once others of the same frame have been found (METHOD 7, between
+//! steps 2 and 3).
 //!
 //! Most of a pixel's predicted uncertainty is that of the camera's motion since the last frame, which all features share.
-//! A few features that were found tell it; given them, the innovation of another feature `i` has the mean
+//! A few features that were found reveal it; conditional on them, the innovation of another feature `i` has the mean
 //! `S_iT S_TT^-1 g_T` and the covariance `S_ii - S_iT S_TT^-1 S_Ti`: both stand in the factor of their joint S.
 
 use super::ekf::Filter;
@@ -24,8 +25,8 @@ pub struct ConditionalPrediction {
 impl Filter {
     /// Where the features `ids` are expected given those that were found; `None` for one that predicts nothing.
     ///
-    /// Found features that contradict the most of them (1-point RANSAC) do not count. Nothing is expected of any feature if
-    /// their joint covariance is not positive definite. The state stays as it is.
+    /// Outliers among those found (by 1-point RANSAC) are left out. All are `None` if the joint covariance of those found is
+    /// not positive definite. The state stays as it is.
     ///
     /// # Errors
     /// `NonFinite`, `UnknownFeature`, `InvalidInput` (an id given twice, also in both lists).
@@ -82,7 +83,7 @@ impl Filter {
     }
 
     /// Of the feature whose rows of the factored batch begin at `row`, given the first `told` rows.
-    pub(super) fn expectation(&self, row: usize, told: usize) -> ConditionalPrediction {
+    fn expectation(&self, row: usize, told: usize) -> ConditionalPrediction {
         let batch = &self.batch;
         let ld = batch.rows();
         let predicted = -Vector2::new(batch.g()[row], batch.g()[row + 1]);

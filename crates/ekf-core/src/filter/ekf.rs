@@ -1,9 +1,4 @@
-//! The filter: what a frame loop calls, in the order of METHOD 7.
-//!
-//! ```text
-//! predict(t) -> predict_pixels() -> [search, match outside] -> update(measurements)
-//!            -> observe_candidates() -> manage_map() -> add_candidates() / add_undelayed()
-//! ```
+//! The filter itself: its parts, and what can be read from it at any time.
 
 use super::candidate::Candidate;
 use super::innovation_window::PendingWindows;
@@ -105,7 +100,7 @@ impl Filter {
         }
     }
 
-    /// To be called before anything changes.
+    /// Forgets the assembled whole state; to be called before the state changes.
     pub(super) fn changes(&mut self) {
         self.shown.take();
     }

@@ -1,16 +1,17 @@
-//! Features that the others contradict a little, frame after frame: the gate of one frame never sees them.
+//! The innovation window test: it finds features that disagree with the others a little in every frame, too little for
+//! the gate of any single frame.
 //!
-//! A feature with a wrong depth that is believed fits each frame within its sigmas and pulls the camera along. But the
-//! distance of a match given all the others is chi-square, and independent from frame to frame: its sum over the
-//! last frames is chi-square as well, and tells.
+//! A feature whose depth is wrong but small in variance fits each frame within its sigmas and drags the camera along.
+//! The squared distance of its match, conditional on all the others, is chi-square and independent from frame to frame;
+//! so the sum over a window of frames is chi-square too, with as many degrees of freedom as the window has rows.
 
 use crate::validate::Quantiles;
 use serde::{Deserialize, Serialize};
 
-/// Frames of half a memory: what is remembered are 8 to 16 frames in which a feature was measured.
+/// Frames of half a window: a window holds the last 8 to 16 frames in which the feature was measured.
 const HALF: usize = 8;
 
-/// Squared distances given the others, and their degrees of freedom.
+/// Sum of conditional squared distances, and its degrees of freedom.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Sum {
     d2: f64,
@@ -18,41 +19,41 @@ struct Sum {
     frames: usize,
 }
 
-/// How far a feature was off what the others say, in the last frames in which it was measured.
+/// The conditional squared distances of one feature over the last frames in which it was measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct InnovationWindow {
-    before: Sum,
-    now: Sum,
+    older: Sum,
+    newer: Sum,
 }
 
 impl InnovationWindow {
     pub(super) fn add(&mut self, d2: f64, rows: usize) {
-        if self.now.frames == HALF {
-            self.before = std::mem::take(&mut self.now);
+        if self.newer.frames == HALF {
+            self.older = std::mem::take(&mut self.newer);
         }
-        self.now.d2 += d2;
-        self.now.dof += rows;
-        self.now.frames += 1;
+        self.newer.d2 += d2;
+        self.newer.dof += rows;
+        self.newer.frames += 1;
     }
 
-    /// Whether half a memory or more is contradicted at this level.
+    /// Whether the sum of at least half a window exceeds the chi-square quantile at this level.
     pub(super) fn exceeds(&self, level: f64, quantiles: &mut Quantiles) -> bool {
-        let frames = self.before.frames + self.now.frames;
-        let dof = self.before.dof + self.now.dof;
-        frames >= HALF && self.before.d2 + self.now.d2 > quantiles.get(level, dof)
+        let frames = self.older.frames + self.newer.frames;
+        let dof = self.older.dof + self.newer.dof;
+        frames >= HALF && self.older.d2 + self.newer.d2 > quantiles.get(level, dof)
     }
 
-    /// Whether its numbers can be those of a filter.
+    /// Whether its numbers can come from a filter; asked of a snapshot.
     pub(super) fn is_sane(&self) -> bool {
-        let sums = [self.before, self.now];
+        let sums = [self.older, self.newer];
         sums.iter()
             .all(|s| s.d2.is_finite() && s.d2 >= 0.0 && s.frames <= HALF)
     }
 }
 
-/// What this frame makes of them, by feature, until the update is made; and quantiles.
+/// The windows as this frame leaves them, by feature, kept apart until its update is made; and cached quantiles.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct PendingWindows {
-    pub(super) news: Vec<(u64, InnovationWindow)>,
+    pub(super) updated: Vec<(u64, InnovationWindow)>,
     pub(super) quantiles: Quantiles,
 }

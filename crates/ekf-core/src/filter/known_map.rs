@@ -115,7 +115,7 @@ impl Filter {
         Ok(ids)
     }
 
-    pub(super) fn check_map(&self, map: &KnownMap) -> Result<(), EkfError> {
+    fn check_map(&self, map: &KnownMap) -> Result<(), EkfError> {
         let invalid = |what, why: &str| {
             let why = why.into();
             Err(EkfError::InvalidInput { what, why })
@@ -160,12 +160,12 @@ fn shared_rows(map: &KnownMap) -> (Vec<[usize; DIM]>, Vec<usize>) {
     let mut first: HashMap<[u64; ANCHOR], usize> = HashMap::new();
     for (k, mean) in map.landmarks.iter().enumerate() {
         let key = std::array::from_fn(|i| mean[i].to_bits());
-        let twin = *first.entry(key).or_insert(k);
+        let sharer = *first.entry(key).or_insert(k);
         let same =
-            twin < k && (0..ANCHOR).all(|i| p.column(DIM * twin + i) == p.column(DIM * k + i));
+            sharer < k && (0..ANCHOR).all(|i| p.column(DIM * sharer + i) == p.column(DIM * k + i));
         slots.push(std::array::from_fn(|i| {
             if same && i < ANCHOR {
-                return slots[twin][i];
+                return slots[sharer][i];
             }
             rows.push(DIM * k + i);
             CAMERA_DIM + rows.len() - 1

@@ -123,7 +123,7 @@ impl Filter {
     }
 
     /// Makes points of the features in view whose depth has converged, with `map.linearity_index`.
-    pub(super) fn shrink_converged(&mut self) {
+    fn shrink_converged(&mut self) {
         let largest = self.settings.map.linearity_index;
         if largest == 0.0 {
             return;

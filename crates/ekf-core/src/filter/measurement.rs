@@ -105,7 +105,7 @@ impl Filter {
         MeasurementBlock::new(rows, &landmark, None)
     }
 
-    pub(super) fn worn_point(
+    fn worn_point(
         &self,
         worn: &WornObservation,
         pair: &WornPair,
@@ -141,7 +141,7 @@ impl Filter {
         MeasurementBlock::new(rows, &landmark, error)
     }
 
-    pub(super) fn worn_pixel(
+    fn worn_pixel(
         &self,
         worn: &WornObservation,
         pair: &WornPair,
@@ -164,10 +164,7 @@ impl Filter {
         MeasurementBlock::new(rows, &landmark, self.worn_error_offset())
     }
 
-    pub(super) fn other_depth(
-        &self,
-        depth: &DepthObservation,
-    ) -> Result<MeasurementBlock, Outcome> {
+    fn other_depth(&self, depth: &DepthObservation) -> Result<MeasurementBlock, Outcome> {
         let id = depth.id.ok_or(Outcome::Unused)?;
         let landmark = self.feature_block(id).map_err(|_| Outcome::NotVisible)?;
         let (point, noise) = self.point_at_depth(depth).ok_or(Outcome::NotVisible)?;

@@ -81,7 +81,8 @@ pub enum Outcome {
     Depth,
     /// Its feature was measured by a better form of the same match.
     Replaced,
-    /// Not accurate enough to be worth more than its bearing; of a pixel: predicted no better than somewhere in the image.
+    /// A depth not accurate enough to be worth more than its bearing; a pixel that was predicted no better than somewhere in
+    /// the image.
     TooUncertain,
     /// The rays do not meet in front of both cameras, or the feature predicts nothing.
     NotVisible,
@@ -134,7 +135,7 @@ pub struct UpdateReport {
 }
 
 impl UpdateReport {
-    /// What there is to say of measurements that [`Filter::update`] answered with `NotPositiveDefinite` or `Unsound`.
+    /// The report of measurements that [`Filter::update`](super::Filter::update) refused with `NotPositiveDefinite` or `Unsound`.
     pub fn refused(z: &Measurements, error: EkfError) -> Self {
         let mut report = Self::default();
         report.start(z);
@@ -146,7 +147,7 @@ impl UpdateReport {
         report
     }
 
-    /// As before anything is done with the measurements; the lists keep their room.
+    /// Resets the report for these measurements; the lists keep their capacity.
     pub(super) fn start(&mut self, z: &Measurements) {
         let lists = [&mut self.bearings, &mut self.pairs, &mut self.depths].map(std::mem::take);
         let [mut bearings, mut pairs, mut depths] = lists;
@@ -174,7 +175,7 @@ impl UpdateReport {
         self.inliers().filter(|&accepted| accepted).count()
     }
 
-    /// Says that the frame was not accepted.
+    /// Reports a frame of which nothing was used.
     pub(super) fn reject_all(&mut self, z: &Measurements) {
         self.start(z);
         self.bearings.fill(Outcome::RejectedBatch);

@@ -38,7 +38,7 @@ impl Filter {
         seen
     }
 
-    /// As [`Self::predict_pixels`], in place of what a list of before holds: a warm filter allocates nothing then.
+    /// As [`Self::predict_pixels`], into a list that is reused: a warm filter allocates nothing then.
     pub fn predict_pixels_into(&self, seen: &mut Vec<PredictedFeature>) {
         seen.clear();
         let pose = self.state.camera_pose();

@@ -1,4 +1,4 @@
-//! Prediction (METHOD 3), and what comes into view by it.
+//! Prediction (METHOD 3), and the features that it brings into view.
 
 use super::ekf::Filter;
 use super::visibility::{MAYBE, appearance, visibility};
@@ -13,23 +13,25 @@ use crate::{guard, predict};
 pub(crate) const LAST_TIME: f64 = 1e11;
 
 /// Shortest time between two frames, seconds: the steps of f64 time stamps since 1970 are a quarter of it.
-pub(super) const SHORTEST_STEP: f64 = 1e-6;
+const SHORTEST_STEP: f64 = 1e-6;
 
 /// Longest time that one prediction bridges, seconds; beyond it the stamps are taken to be wrong.
-pub(super) const LONGEST_GAP: f64 = 3600.0;
+const LONGEST_GAP: f64 = 3600.0;
 
-/// Longest motion that is predicted, seconds. After it nothing is known of the attitude any more (its sd is several
-/// turns with the default process noise), so that more of it would only drown the map's digits in P.
-pub(super) const LONGEST_MOTION: f64 = 20.0;
+/// Longest motion that is predicted, seconds. By then the attitude is unknown (its standard deviation is several turns with
+/// the default process noise), and a longer prediction would only cost P the digits of the map.
+const LONGEST_MOTION: f64 = 20.0;
 
-/// ...unless an update has moved the camera by as much (metres or quaternion entries): the map may have moved as well.
-pub(super) const JUMP: f64 = 0.02;
+/// Step of the camera in one update, metres or quaternion entries, beyond which the remembered points of features outside
+/// of the working set are worked out anew: the map may have moved as well.
+const JUMP: f64 = 0.02;
 
-/// Pixels out of the image within which features join the working set when one in view does.
-pub(super) const SOON: f64 = 60.0;
+/// When a feature in view joins the working set, those join with it that are no farther than this outside of the image,
+/// pixels.
+const SOON: f64 = 60.0;
 
 impl Filter {
-    /// Predicts to time `t`, seconds. Before the start only the time is noted. A gap of more than 20 s is predicted as
+    /// Predicts to time `t`, seconds. Before the start this only sets the time. A gap of more than 20 s is predicted as
     /// one of 20 s, after which the pose is as good as unknown: find it again in the map.
     ///
     /// # Errors
@@ -61,7 +63,7 @@ impl Filter {
         Ok(())
     }
 
-    pub(super) fn predict_by(&mut self, dt: f64) {
+    fn predict_by(&mut self, dt: f64) {
         self.changes();
         let process = &self.settings.process;
         let before = self.state.camera_pose().r;
@@ -71,7 +73,8 @@ impl Filter {
         let misfit = self.misfit.share();
         self.drift.grow(&pose, dt, distance, misfit, process);
         if let Some(outside) = &mut self.outside {
-            // What comes into view joins the working set, and what is about to come with it: to join costs a pass over R.
+            // A feature that comes into view joins the working set, and those about to come into view join with it:
+            // joining costs a pass over R, however many join.
             outside.refresh_points(&self.state, self.batch.moved_by() > JUMP);
             let look = |y: &FeatureState, margin| appearance(&self.camera, &pose, y, margin);
             let seen = visibility(&self.camera, &pose);

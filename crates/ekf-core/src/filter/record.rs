@@ -1,9 +1,9 @@
-//! How each feature of the map has done so far.
+//! The record of a feature: how often it was searched and found.
 
 use super::innovation_window::InnovationWindow;
 use serde::{Deserialize, Serialize};
 
-/// How a feature has done so far.
+/// How often a feature was searched and found.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct FeatureRecord {
     /// Frames in which it was searched.
@@ -12,6 +12,6 @@ pub(super) struct FeatureRecord {
     pub found: usize,
     /// Time of the last accepted match, seconds.
     pub last_found: f64,
-    /// How far it was off what the others say, in the last frames.
+    /// Its disagreement with the others over the last frames.
     pub window: InnovationWindow,
 }

@@ -1,9 +1,9 @@
 //! A lost camera found again: a pose from matches with the map and from nothing else.
 //!
-//! What the filter accepted about the camera is thrown away: its rows of P are cut off from the map, which leaves the
-//! map's own marginal as it was. The pose that the matches gave becomes the point of linearisation, with a prior that
-//! says next to nothing; the ordinary update with those matches (METHOD 7, 8) then gives pose, covariance and the
-//! correlation with the map, whose uncertainty is part of S.
+//! The camera's estimate is discarded: its rows of P are cut off from the map, which leaves the map's own marginal as it
+//! was. The pose that the matches gave becomes the point of linearisation, with a prior so weak that it hardly matters; the
+//! ordinary update with those matches (METHOD 7, 8) then gives pose, covariance and the correlation with the map, whose
+//! uncertainty is part of S.
 //!
 //! The prior is [`WIDE`] times as wide as what the matches say, `C = (H_p^T S_f^-1 H_p)^-1`, with `H_p` the derivative by
 //! the pose's tangent and `S_f = H_f P_ff H_f^T + R` the innovation covariance if the pose were known: so it is wide in
@@ -26,7 +26,7 @@ const WIDE: f64 = 100.0;
 const MAX_CONDITION: f64 = 1e10;
 
 impl Filter {
-    /// Puts a lost camera where its matches with the map say, and forgets what was accepted about it.
+    /// Puts a lost camera where its matches with the map say, and discards its former estimate.
     ///
     /// `pose` is a first T_WC that explains `matches` to within the range of the linear model, as PnP with the
     /// landmarks' means gives it; it counts for nothing but as the point of linearisation. Velocities start anew from the
@@ -63,7 +63,7 @@ impl Filter {
         Ok(report)
     }
 
-    pub(super) fn put_at(
+    fn put_at(
         &mut self,
         pose: &Pose,
         z: &Measurements,
@@ -89,7 +89,7 @@ impl Filter {
         self.start();
         let mut scratch = Scratch::default();
         report.start(z);
-        // The prior is vague on purpose.
+        // The prior is weak on purpose, so the test of badly predicted pixels does not apply.
         let tests = &Self::TESTS[1..];
         let taken = self.measure(z, WornForm::Unused, &[], tests, report, &mut scratch)?;
         if taken {
@@ -101,7 +101,7 @@ impl Filter {
 
     /// [`WIDE`]^2 times the covariance of the pose's tangent that the matches give, the map's own included; `None` where
     /// they leave the pose open. The camera's rows of P must be zero.
-    pub(super) fn prior_of_matches(
+    fn prior_of_matches(
         &mut self,
         pose: &CameraPose,
         z: &Measurements,

@@ -48,7 +48,7 @@ impl Filter {
 }
 
 #[derive(Serialize, Deserialize)]
-pub(super) struct FilterImage {
+struct FilterImage {
     settings: Vec<(String, Value)>,
     camera: CameraImage,
     worn_camera: Option<CameraImage>,
@@ -103,7 +103,7 @@ impl CameraImage {
 }
 
 impl Filter {
-    pub(super) fn image(&self) -> FilterImage {
+    fn image(&self) -> FilterImage {
         let Self {
             settings,
             camera,
@@ -147,7 +147,7 @@ impl Filter {
         }
     }
 
-    pub(super) fn from_image(image: FilterImage) -> Result<Self, EkfError> {
+    fn from_image(image: FilterImage) -> Result<Self, EkfError> {
         let FilterImage {
             settings,
             camera,

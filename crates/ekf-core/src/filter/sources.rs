@@ -1,4 +1,4 @@
-//! Which match each measurement block of a frame comes from, and the lists of an update.
+//! The match behind each measurement block of a frame, and the lists that an update works with.
 
 use super::measurements::{Outcome, UpdateReport};
 
@@ -65,7 +65,8 @@ impl Clone for Scratch {
 }
 
 impl Scratch {
-    /// Notes what became of the blocks that are gone; true if a 3D block may fall back to its bearing.
+    /// Writes the outcome of the rejected blocks into the report; true if a 3D block among them may fall back to its
+    /// bearing.
     pub(super) fn record(&mut self, outcome: Outcome, report: &mut UpdateReport) -> bool {
         let mut any = false;
         for &u in &self.gone {
@@ -78,7 +79,7 @@ impl Scratch {
         any
     }
 
-    /// Leaves out the sources of the blocks that are gone.
+    /// Drops the sources of the rejected blocks.
     pub(super) fn leave_out(&mut self) {
         let mut u = 0;
         self.sources.retain(|_| {

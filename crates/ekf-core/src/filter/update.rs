@@ -23,10 +23,10 @@ impl Filter {
         Ok(report)
     }
 
-    /// As [`Self::update`], into a report of before: a warm filter allocates nothing then.
+    /// As [`Self::update`], into a report that is reused: a warm filter allocates nothing then.
     ///
     /// # Errors
-    /// As there; what the report says is left open.
+    /// As there; the report is then unspecified.
     pub fn update_into(
         &mut self,
         z: &Measurements,
@@ -39,7 +39,7 @@ impl Filter {
         done
     }
 
-    pub(super) fn update_with(
+    fn update_with(
         &mut self,
         z: &Measurements,
         report: &mut UpdateReport,
@@ -81,7 +81,7 @@ impl Filter {
         Ok(())
     }
 
-    pub(super) fn worn_form(&self, z: &Measurements) -> WornForm {
+    fn worn_form(&self, z: &Measurements) -> WornForm {
         if z.worn.is_none() {
             return WornForm::Unused;
         }
@@ -97,7 +97,7 @@ impl Filter {
         }
     }
 
-    /// False, and nothing is changed, if too few matches are accepted for the frame to be accepted.
+    /// False, with the state unchanged, if fewer than `min_inliers` bearings pass the tests.
     pub(super) fn measure(
         &mut self,
         z: &Measurements,
@@ -119,7 +119,7 @@ impl Filter {
                 again |= scratch.record(outcome, report);
                 scratch.leave_out();
                 self.batch.leave_out(&scratch.gone);
-                // Sooner than the costly tests can tell, and no later than they do.
+                // Asked after each test, so that a hopeless frame never reaches the costly ones.
                 if report.inlier_count() < z.min_inliers {
                     return Ok(false);
                 }
@@ -148,7 +148,7 @@ impl Filter {
         Ok(true)
     }
 
-    pub(super) fn iterate(
+    fn iterate(
         &mut self,
         z: &Measurements,
         sources: &[Source],

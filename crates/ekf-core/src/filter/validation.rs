@@ -1,4 +1,4 @@
-//! What a frame's matches must stand before they are used (METHOD 8).
+//! The tests that the matches of a frame must pass before they are used (METHOD 8).
 
 use super::ekf::Filter;
 use super::innovation_window::PendingWindows;
@@ -7,11 +7,11 @@ use crate::settings::BatchTestKind;
 use crate::validate;
 use crate::validate::{BatchTest, conditional_gate};
 
-/// Finds blocks of the batch that are to go, and says what to call them.
+/// One test: lists the blocks of the batch that fail it, and names their outcome.
 pub(super) type Test = fn(&mut Filter, &mut UpdateReport, &mut Vec<usize>) -> Outcome;
 
 impl Filter {
-    /// What the matches must stand, in this order.
+    /// All tests, in the order in which they are made.
     pub(super) const TESTS: [Test; 4] = [
         Self::poorly_predicted,
         Self::gated,
@@ -19,12 +19,8 @@ impl Filter {
         Self::conditional_tests,
     ];
 
-    /// Matches whose pixel was predicted no better than somewhere in the image, or beyond: no linearisation holds there.
-    pub(super) fn poorly_predicted(
-        &mut self,
-        _: &mut UpdateReport,
-        gone: &mut Vec<usize>,
-    ) -> Outcome {
+    /// Matches whose predicted pixel has a standard deviation as wide as the image: no linearisation holds there.
+    fn poorly_predicted(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
         gone.clear();
         let (s, m) = (self.batch.s(), self.batch.rows());
         let widest = f64::from(self.camera.width.max(self.camera.height)).powi(2);
@@ -43,8 +39,8 @@ impl Filter {
         Outcome::TooUncertain
     }
 
-    /// Matches that fail their own gate.
-    pub(super) fn gated(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
+    /// Matches that fail their individual gate.
+    fn gated(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
         gone.clear();
         if self.settings.validate.test == BatchTestKind::None {
             return Outcome::RejectedGate;
@@ -63,11 +59,7 @@ impl Filter {
     }
 
     /// Matches that the batch test leaves out.
-    pub(super) fn batch_test(
-        &mut self,
-        report: &mut UpdateReport,
-        gone: &mut Vec<usize>,
-    ) -> Outcome {
+    fn batch_test(&mut self, report: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
         gone.clear();
         let test = BatchTest::chosen(&self.settings.validate);
         let batch = self.batch.as_batch();
@@ -81,16 +73,13 @@ impl Filter {
         Outcome::RejectedBatch
     }
 
-    /// Matches that the other accepted ones contradict, in this frame or for long.
-    pub(super) fn conditional_tests(
-        &mut self,
-        _: &mut UpdateReport,
-        gone: &mut Vec<usize>,
-    ) -> Outcome {
+    /// Matches that disagree with the other accepted ones: in this frame (conditional gate), or in the sum over several
+    /// (innovation window).
+    fn conditional_tests(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
         gone.clear();
         let options = &self.settings.validate;
-        let PendingWindows { news, quantiles } = &mut self.windows;
-        news.clear();
+        let PendingWindows { updated, quantiles } = &mut self.windows;
+        updated.clear();
         if options.test == BatchTestKind::None || options.conditional_level >= 1.0 {
             return Outcome::RejectedConditional;
         }
@@ -114,25 +103,25 @@ impl Filter {
                 continue;
             };
             let rows = block.rows.count;
-            // What the gate leaves out counts as what it lets pass at most.
+            // A match that the gate rejects counts as the largest distance that it lets pass.
             let d2 = d2.min(quantiles.get(options.conditional_level, rows));
-            let mut with_this = record.window;
-            with_this.add(d2, rows);
-            if with_this.exceeds(options.lasting_level, quantiles) {
+            let mut window = record.window;
+            window.add(d2, rows);
+            if window.exceeds(options.lasting_level, quantiles) {
                 gone.push(u);
             }
-            news.push((block.id, with_this));
+            updated.push((block.id, window));
         }
         gone.sort_unstable();
         gone.dedup();
         Outcome::RejectedConditional
     }
 
-    /// Notes what the frame's last test said, once its update is made.
+    /// Stores the updated windows, once the frame's update is made.
     pub(super) fn keep_windows(&mut self) {
-        for (id, with_this) in self.windows.news.drain(..) {
+        for (id, window) in self.windows.updated.drain(..) {
             if let Some(record) = self.records.get_mut(&id) {
-                record.window = with_this;
+                record.window = window;
             }
         }
     }

@@ -6,7 +6,8 @@ use crate::observe::point::CameraPose;
 use crate::observe::{FeatureState, PointInCamera};
 use nalgebra::{SMatrix, Vector2, Vector3};
 
-/// With `map.local`: pixels out of the image within which a feature's mean of some frames ago may be while it is in view...
+/// With `map.local`: how far out of the image a feature's point of some frames ago may lie, pixels, while the feature itself
+/// may be in view.
 pub(super) const MAYBE: f64 = 200.0;
 
 /// A feature in view: its point in C, its pixel, and the pixel's derivative by that point.

@@ -6,7 +6,7 @@ use crate::local::OutsideSet;
 use crate::state::{Block, State};
 
 impl Filter {
-    /// Keeps the working set of `map.local` small: chooses it anew when auxiliary rows have gathered.
+    /// Chooses the working set of `map.local` anew once too many auxiliary rows have accumulated.
     pub(super) fn choose_working_set(&mut self, searched: &[u64]) {
         let choose = match &self.outside {
             Some(outside) => outside.is_full(&self.state),
@@ -32,7 +32,7 @@ impl Filter {
         (self.state, self.outside) = (state, Some(outside));
     }
 
-    /// Puts the whole state together, without a working set of `map.local`.
+    /// Gives up the working set of `map.local`: the filter holds the whole state again.
     pub(super) fn make_whole(&mut self) {
         self.changes();
         if let Some(outside) = self.outside.take() {
@@ -40,7 +40,7 @@ impl Filter {
         }
     }
 
-    /// Brings what is measured or was looked for into the working set of the local update.
+    /// Brings the features that are measured into the working set of the local update.
     pub(super) fn fetch(&mut self, z: &Measurements, ids: &mut Vec<u64>) {
         let Some(outside) = &mut self.outside else {
             return;

@@ -12,18 +12,18 @@ use crate::state::{BlockKind, LinearPart};
 use nalgebra::{Matrix6, Vector2, Vector6};
 
 impl Filter {
-    /// Appends the frame's error of T_CF, `xi = J b + white` with the bias `b` along C's axes: it belongs to what
-    /// both cameras travel along, and a head that turns takes F's axes with it.
+    /// Appends the frame's error of T_CF, `xi = J b + white`. The bias `b` is along C's axes: it comes from what both cameras
+    /// travel along, and must not turn with F's axes when the wearer's head does.
     pub(super) fn open_worn_error(&mut self, worn: &WornObservation) {
         let share = self.settings.worn.bias_share;
-        let lasting = worn.bias.unwrap_or(worn.covariance * share);
+        let bias_covariance = worn.bias.unwrap_or(worn.covariance * share);
         let mut j = Matrix6::zeros();
         for at in [0, 3] {
             j.fixed_view_mut::<3, 3>(at, at)
                 .copy_from(&worn.t_cf.rotation.transpose());
         }
-        if lasting.diagonal().max() > 0.0 && self.state.worn_bias().is_none() {
-            let stationary = j.transpose() * lasting * j;
+        if bias_covariance.diagonal().max() > 0.0 && self.state.worn_bias().is_none() {
+            let stationary = j.transpose() * bias_covariance * j;
             self.state.bias_stationary = (stationary + stationary.transpose()) * 0.5;
             let stationary = self.state.bias_stationary;
             self.state
@@ -39,7 +39,7 @@ impl Filter {
             })
             .collect();
         let white = match bias {
-            Some(_) => worn.covariance - lasting,
+            Some(_) => worn.covariance - bias_covariance,
             None => worn.covariance,
         };
         self.state

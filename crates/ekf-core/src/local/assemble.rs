@@ -1,4 +1,4 @@
-//! From a working state and what is outside of it to the whole state, and back.
+//! From a working state and its outside set to the whole state, and back.
 
 use super::{Auxiliary, Buffers, OutsideSet, product};
 use crate::state::{Block, BlockKind, CAMERA_DIM, Covariance, State};
@@ -18,7 +18,7 @@ pub(super) fn stored_rows(state: &State, chosen: impl Fn(&Block) -> bool) -> Vec
     (0..stored.n).filter(|&row| used[row]).collect()
 }
 
-/// Factors of a settling, and what they give; every entry is written before it is read.
+/// Factors and products of an assembly; every entry is written before it is read.
 #[derive(Debug, Default)]
 pub(super) struct Products {
     r: Vec<f64>,
@@ -27,14 +27,14 @@ pub(super) struct Products {
     psi_r: Vec<f64>,
 }
 
-/// So many entries, whatever they are.
+/// `len` entries of the buffer, with whatever they hold.
 fn room(buffer: &mut Vec<f64>, len: usize) -> &mut [f64] {
     buffer.resize(len, 0.0);
     buffer
 }
 
 /// The working state of the blocks for which `stays` holds, with auxiliary rows for all of its own; its covariance is written
-/// over a spare one if there is one.
+/// over a buffer if there is one.
 pub(super) fn working_state(
     whole: &State,
     stays: impl Fn(&Block) -> bool,
@@ -61,7 +61,7 @@ pub(super) fn working_state(
 }
 
 impl OutsideSet {
-    /// The whole state as it is now, its covariance written over a spare one if there is one.
+    /// The whole state as it is now; its covariance is written over a buffer if there is one.
     pub(crate) fn assemble(&self, working: &State, buffers: &mut Buffers) -> State {
         let is_auxiliary = |b: &Block| matches!(b.kind, BlockKind::Auxiliary(_));
         let auxiliary = Auxiliary::of(working);
@@ -142,7 +142,7 @@ impl OutsideSet {
         whole
     }
 
-    /// Puts the blocks of both into the whole state, by id.
+    /// Puts the blocks of the working state and of the outside set into the whole state, in the order of their ids.
     fn join(
         &self,
         whole: &mut State,

@@ -1,4 +1,4 @@
-//! What is outside of the working set, in a snapshot: as it is, not settled, since settling would round.
+//! The outside set in a snapshot: as it is, not assembled into a whole state, which would round.
 
 use super::{Auxiliary, OutsideFeature, OutsideSet};
 use crate::error::EkfError;
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Serialize, Deserialize)]
 pub(crate) struct OutsideSetImage {
     then: StateImage,
-    /// Id and late point of each feature outside.
+    /// Id and last point of each feature outside.
     outside: Vec<(u64, [f64; 3])>,
     age: usize,
     columns: Vec<usize>,

@@ -44,7 +44,7 @@ pub(crate) struct OutsideSet {
     then: State,
     /// Features of `then` that are outside, by id.
     features: Vec<OutsideFeature>,
-    /// Frames since all their means were worked out.
+    /// Frames since their points were last worked out.
     age: usize,
     /// Column of `R` of each stored row of `then`, if it has one.
     column: Vec<Option<usize>>,
@@ -59,7 +59,7 @@ pub(crate) struct OutsideSet {
     clear_at: Option<CameraPose>,
 }
 
-/// Room of the working set of before, megabytes whose pages are there already.
+/// The storage of the previous working set, megabytes whose pages are mapped already.
 #[derive(Debug, Default)]
 pub(crate) struct Buffers {
     whole: Option<Covariance>,
@@ -80,7 +80,7 @@ impl Clone for Buffers {
 struct OutsideFeature {
     /// Its block of `then`.
     block: Block,
-    /// Its point when all means were worked out last: good enough to tell whether it may be in view.
+    /// Its point when the points were last worked out: good enough to tell whether it may be in view.
     last_point: Vector3<f64>,
 }
 
@@ -95,7 +95,7 @@ fn place(feature: &FeatureState) -> Vector3<f64> {
     feature.point().unwrap_or(Vector3::repeat(f64::INFINITY))
 }
 
-/// Frames after which all means are worked out again.
+/// Frames after which the last points of all features outside are worked out anew.
 const OLDEST: usize = 32;
 
 /// Where the auxiliary rows of a working state are.
@@ -157,7 +157,7 @@ impl OutsideSet {
                 }
             }
         }
-        let far = Self {
+        let outside = Self {
             then: whole,
             features: outside,
             age: 0,
@@ -168,7 +168,7 @@ impl OutsideSet {
             first,
             clear_at: None,
         };
-        (working, far)
+        (working, outside)
     }
 
     /// Ids of the features outside.
@@ -188,7 +188,7 @@ impl OutsideSet {
             .is_ok()
     }
 
-    /// Deletes features outside, and brings in the twins of those inside that are about to be deleted.
+    /// Deletes features outside, and brings in those that share an anchor with one inside that is about to be deleted.
     pub(crate) fn remove(&mut self, working: &mut State, gone: impl Fn(u64) -> bool) {
         self.features.retain(|o| !gone(o.block.id));
         self.enter_sharers(working, gone);
@@ -207,7 +207,7 @@ impl OutsideSet {
         self.enter(working, |id| sharers.binary_search(&id).is_ok());
     }
 
-    /// To be called in each frame; `jumped` if the last update moved the camera by much, and the map maybe as well.
+    /// Works out the last points anew when they are too old. To be called in each frame; `jumped` if the last update moved the camera by much, and the map maybe as well.
     pub(crate) fn refresh_points(&mut self, working: &State, jumped: bool) {
         self.age += 1;
         if self.age < OLDEST && !jumped {
@@ -220,17 +220,17 @@ impl OutsideSet {
         }
     }
 
-    /// Notes that no feature outside is in view from here.
+    /// Remembers that no feature outside is in view from here.
     pub(crate) fn mark_clear(&mut self, pose: &CameraPose) {
         self.clear_at = Some(*pose);
     }
 
-    /// Whether no feature outside is in view from here, as far as was noted: the map moves with the camera only.
+    /// Whether [`Self::mark_clear`] was last called from here: the map only moves when the camera does.
     pub(crate) fn is_clear(&self, pose: &CameraPose) -> bool {
         self.clear_at == Some(*pose)
     }
 
-    /// Present means of the features outside that may be in view, as far as a mean of late tells.
+    /// Present means of the features outside that may be in view, judged by their last point.
     pub(crate) fn maybe_in_view(
         &self,
         working: &State,

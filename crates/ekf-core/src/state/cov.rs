@@ -113,7 +113,8 @@ impl Covariance {
         }
     }
 
-    /// `n` stored rows, of which only the camera's are placed: zeros, or what a spare matrix with room for them holds.
+    /// `n` stored rows, of which only the camera's are placed: zeros, or whatever the entries of `reuse` are if it has
+    /// room for them.
     pub(crate) fn of_stored(n: usize, capacity: usize, reuse: Option<Self>) -> Self {
         let reuse = reuse.filter(|p| p.ld >= capacity.max(n));
         let mut p = reuse.unwrap_or_else(|| Self::zeros(n, capacity));
@@ -423,7 +424,7 @@ mod tests {
         for (i, left) in [1e-9, -1e-16, 5.0, -3.0].into_iter().enumerate() {
             p.set(i, i, left);
         }
-        // The last row is a dual one: it was -2.
+        // The last row is an auxiliary one: it was -2.
         p.round_up(&[4.0, 2.0, 1.0, 1.0]);
         let raised = [1e-9 + LOST_DIGITS * (4.0 + 1e-9), LOST_DIGITS * 2.0];
         assert!((p.get(0, 0) - raised[0]).abs() < 1e-24);

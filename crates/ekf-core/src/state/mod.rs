@@ -187,8 +187,8 @@ impl State {
         parts: &[LinearPart<'_>],
         noise: &SMatrix<f64, 6, 6>,
     ) -> Block {
-        let twin = self.newborn.and_then(|id| self.layout.find(id));
-        let anchor = twin.map(|block| block.offset);
+        let sharer = self.newborn.and_then(|id| self.layout.find(id));
+        let anchor = sharer.map(|block| block.offset);
         debug_assert!(anchor.is_none_or(|a| self.x[a..a + 3] == mean.as_slice()[..3]));
         self.p.augment(parts, noise, anchor);
         self.x.extend_from_slice(mean.as_slice());

@@ -3,7 +3,7 @@
 use super::{Blocks, Quantiles, Verdict, Workspace, block_distance, check};
 use crate::validate::hohct::Scratch;
 
-/// Leaves out, the worst first, every block that the others contradict: whose distance given all of them,
+/// Leaves out, the worst first, every block that disagrees with the others: whose distance given all of them,
 /// `z_i^T (A_ii)^-1 z_i` with `A = S^-1` and `z = A g`, exceeds the chi-square quantile at `level`.
 ///
 /// A joint test at the degrees of freedom of a whole batch does not see one wrong match among many that fit better

@@ -267,9 +267,9 @@ pub(crate) fn reject_each(
     check(s, ld, g, blocks);
     ws.rejected.clear();
     for block in 0..blocks.len() {
-        let far = ws.quantiles.get(level, blocks.count(block));
+        let limit = ws.quantiles.get(level, blocks.count(block));
         let distance = individual_distance(s, ld, g, blocks, block);
-        if distance.is_nan() || distance > far {
+        if distance.is_nan() || distance > limit {
             ws.rejected.push(block);
         }
     }
