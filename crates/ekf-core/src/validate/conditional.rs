@@ -1,7 +1,10 @@
 //! The conditional gate: each match against what all the other accepted matches say.
 
-use super::{Blocks, Quantiles, Verdict, Workspace, block_distance, check};
-use crate::validate::hohct::Scratch;
+use super::batch::{Blocks, Verdict, check};
+use super::distance::{block_distance, whiten};
+use super::hohct::scratch::Scratch;
+use super::quantiles::Quantiles;
+use super::workspace::Workspace;
 
 /// Leaves out, the worst first, every block that disagrees with the others: whose distance given all of them,
 /// `z_i^T (A_ii)^-1 z_i` with `A = S^-1` and `z = A g`, exceeds the chi-square quantile at `level`.
@@ -28,7 +31,7 @@ pub fn conditional_gate(
     if blocks.is_empty() {
         return Verdict::joint(0, 0.0, 0, true);
     }
-    let d2 = super::whiten(l, ld, g, &mut ws.whitened);
+    let d2 = whiten(l, ld, g, &mut ws.whitened);
     let most = (max_share * n as f64) as usize;
     let scratch = &mut ws.hohct;
     scratch.prepare_z(l, ld, &ws.whitened, blocks);

@@ -6,7 +6,9 @@
 //! first one found. The tree is exponential in the number of wrong matches: past the node budget the best set so far stands
 //! and the verdict says so.
 
-use super::{Blocks, Verdict, Workspace, check, individual_distance};
+use super::batch::{Blocks, Verdict, check};
+use super::distance::individual_distance;
+use super::workspace::{JcbbScratch, Workspace};
 
 /// Settings of [`jcbb`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,16 +28,6 @@ impl Default for JcbbSettings {
     }
 }
 
-#[derive(Clone, Debug, Default)]
-pub(super) struct Scratch {
-    distance: Vec<f64>,
-    /// Blocks that pass by themselves, nearest first.
-    order: Vec<usize>,
-    /// Position in `order` of each match of the branch.
-    branch: Vec<usize>,
-    best: Vec<usize>,
-}
-
 /// Largest jointly compatible set of blocks; `s` is `S` (lower triangle, column-major).
 pub fn jcbb(
     s: &[f64],
@@ -53,7 +45,7 @@ pub fn jcbb(
         jcbb: scratch,
         ..
     } = ws;
-    let Scratch {
+    let JcbbScratch {
         distance,
         order,
         branch,

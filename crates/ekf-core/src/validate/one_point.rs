@@ -12,7 +12,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::{Blocks, MAX_ROWS, Verdict, Workspace, check};
+use super::batch::{Blocks, MAX_ROWS, Verdict, check};
+use super::workspace::{OnePointScratch, Workspace};
 
 /// Settings of [`one_point`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,14 +31,6 @@ impl Default for OnePointSettings {
             level: 0.99,
         }
     }
-}
-
-#[derive(Clone, Debug, Default)]
-pub(super) struct Scratch {
-    precision: Vec<Matrix3<f64>>,
-    inliers: Vec<usize>,
-    best: Vec<usize>,
-    rescued: Vec<usize>,
 }
 
 /// Blocks consistent with the best 1-point hypothesis, and the rescued ones.
@@ -64,7 +57,7 @@ pub fn one_point(
         one_point: scratch,
         ..
     } = ws;
-    let Scratch {
+    let OnePointScratch {
         precision,
         inliers,
         best,

@@ -1,7 +1,8 @@
 //! The greedy set `G` of HOHCT: the best single block given those already out, again and again.
 
 use crate::chi2;
-use crate::validate::{Blocks, MAX_ROWS, block_distance};
+use crate::validate::batch::{Blocks, MAX_ROWS};
+use crate::validate::distance::block_distance;
 
 /// The greedy set, by pivoted Cholesky of the whitened `A`: `O(m)` per row taken and row taken before.
 #[derive(Clone, Debug, Default)]

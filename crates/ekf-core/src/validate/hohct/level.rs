@@ -1,6 +1,7 @@
 //! A node of HOHCT's search: one set `X` of blocks that are out, worked out, and the terms of its bounds.
 
-use crate::validate::{Blocks, MAX_ROWS, block_distance, dot};
+use crate::validate::batch::{Blocks, MAX_ROWS};
+use crate::validate::distance::{block_distance, dot};
 
 /// Shares of Young's inequality that are tried, see the module's page. The first is for bounds without bringing back.
 pub(super) const THETAS: [f64; 4] = [1.0, 0.75, 0.5, 0.25];

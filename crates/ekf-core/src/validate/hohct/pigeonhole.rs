@@ -1,6 +1,7 @@
 //! HOHCT's bound for sets with many blocks from outside of the greedy set: some of several disjoint groups are kept whole.
 
-use crate::validate::{Blocks, Joint};
+use crate::validate::batch::Blocks;
+use crate::validate::distance::Joint;
 
 /// Most choices from `G` that are looked at for one choice of groups.
 const MAX_STEPS: usize = 500;

@@ -3,9 +3,11 @@
 use super::greedy::Greedy;
 use super::level::{Level, PerTheta, Sums, THETAS, sum_of_largest};
 use super::pigeonhole::{Pigeonhole, Rows};
-use super::{HohctSettings, Scratch};
+use super::scratch::Scratch;
+use super::thresholds::Thresholds;
 use crate::chi2;
-use crate::validate::{Blocks, Quantiles};
+use crate::validate::batch::Blocks;
+use crate::validate::quantiles::Quantiles;
 
 /// Most groups that are looked at together.
 const MOST_INTACT: usize = 6;
@@ -13,47 +15,6 @@ const MOST_INTACT: usize = 6;
 const MOST_CHOICES: usize = 600;
 /// Rows out times rows squared that make one more node for the budget.
 const WORK_PER_NODE: usize = 250_000;
-
-/// `T_k,e` and what follows from them.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Thresholds {
-    /// Rows beyond the smallest number that a block can have.
-    pub(super) spread: usize,
-    /// `T_k,e` for `k = 0, 1, ...`, `k * spread + 1` values each.
-    pub(super) values: Vec<f64>,
-    /// `target_k`.
-    pub(super) target: Vec<f64>,
-    pub(super) tau: f64,
-}
-
-impl Thresholds {
-    pub(super) fn start(&self, order: usize) -> usize {
-        // Sum of j * spread + 1 over j < order.
-        order + self.spread * order * order.saturating_sub(1) / 2
-    }
-
-    pub(super) fn at(&self, order: usize, extra: usize) -> f64 {
-        self.values[self.start(order) + extra]
-    }
-
-    /// Least of `T_k,e` for a `k`.
-    pub(super) fn least(&self, order: usize) -> f64 {
-        let start = self.start(order);
-        let end = start + order * self.spread;
-        self.values[start..=end]
-            .iter()
-            .copied()
-            .fold(f64::INFINITY, f64::min)
-    }
-
-    /// `target_k` from `T_k,e`.
-    pub(super) fn update_target(&mut self, order: usize) {
-        let start = self.start(order);
-        self.target[order] = (0..=order * self.spread)
-            .map(|extra| self.values[start + extra] - self.tau * extra as f64)
-            .fold(f64::INFINITY, f64::min);
-    }
-}
 
 /// Depth-first search over all sets.
 pub(super) struct Search<'a> {
@@ -95,7 +56,8 @@ impl<'a> Search<'a> {
         scratch: &'a mut Scratch,
         batch: Rows<'a>,
         d2: f64,
-        settings: &HohctSettings,
+        level: f64,
+        max_nodes: usize,
         quantiles: &'a mut Quantiles,
     ) -> Self {
         let blocks = batch.blocks;
@@ -115,11 +77,11 @@ impl<'a> Search<'a> {
             best: &mut scratch.best,
             quantiles,
             d2,
-            level: settings.level,
+            level,
             least_rows,
             order: 0,
             nodes: 0,
-            max_nodes: settings.max_nodes,
+            max_nodes,
             struck: false,
             found: None,
         }

@@ -1,0 +1,60 @@
+//! The buffers of all tests.
+
+use super::batch::Blocks;
+use super::distance::Joint;
+use super::hohct::scratch::Scratch;
+use super::quantiles::Quantiles;
+use nalgebra::Matrix3;
+
+/// Buffers of all tests, and the last rejected set.
+#[derive(Clone, Debug, Default)]
+pub struct Workspace {
+    pub(super) rejected: Vec<usize>,
+    pub(super) conditional_d2: Vec<f64>,
+    pub(super) whitened: Vec<f64>,
+    pub(super) quantiles: Quantiles,
+    pub(super) joint: Joint,
+    pub(super) hohct: Scratch,
+    pub(super) jcbb: JcbbScratch,
+    pub(super) one_point: OnePointScratch,
+}
+
+#[derive(Clone, Debug, Default)]
+pub(super) struct JcbbScratch {
+    pub(super) distance: Vec<f64>,
+    /// Blocks that pass by themselves, nearest first.
+    pub(super) order: Vec<usize>,
+    /// Position in `order` of each match of the branch.
+    pub(super) branch: Vec<usize>,
+    pub(super) best: Vec<usize>,
+}
+
+#[derive(Clone, Debug, Default)]
+pub(super) struct OnePointScratch {
+    pub(super) precision: Vec<Matrix3<f64>>,
+    pub(super) inliers: Vec<usize>,
+    pub(super) best: Vec<usize>,
+    pub(super) rescued: Vec<usize>,
+}
+
+impl Workspace {
+    /// An empty workspace; its buffers grow with the batches it sees.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Blocks that the last test rejected, in increasing order.
+    pub fn rejected(&self) -> &[usize] {
+        &self.rejected
+    }
+
+    /// After [`conditional_gate`]: the squared distance of each block given all the others, infinite for those left out.
+    pub fn conditional_d2(&self) -> &[f64] {
+        &self.conditional_d2
+    }
+
+    pub(super) fn reject_all(&mut self, blocks: Blocks) {
+        self.rejected.clear();
+        self.rejected.extend(0..blocks.len());
+    }
+}
