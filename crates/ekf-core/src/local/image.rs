@@ -1,6 +1,6 @@
 //! The outside set in a snapshot: as it is, not assembled into a whole state, which would round.
 
-use super::{Auxiliary, OutsideFeature, OutsideSet};
+use super::outside_set::{Auxiliary, OutsideFeature, OutsideSet};
 use crate::error::EkfError;
 use crate::state::{State, StateImage};
 use nalgebra::Vector3;

@@ -1,0 +1,133 @@
+//! Features that leave the outside set: into the working state, or for good.
+
+use super::outside_set::{Auxiliary, OutsideSet, anchored};
+use crate::kernel::dot;
+use crate::state::{Block, BlockKind, State};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
+
+impl OutsideSet {
+    /// Brings features into the working set: their rows of P as they are now, and auxiliary rows of their own.
+    pub(crate) fn enter(&mut self, working: &mut State, wanted: impl Fn(u64) -> bool) {
+        let entering = self.features.iter().map(|o| o.block);
+        let entering: Vec<Block> = entering.filter(|b| wanted(b.id)).collect();
+        if entering.is_empty() {
+            return;
+        }
+        self.features.retain(|o| !wanted(o.block.id));
+        let auxiliary = Auxiliary::of(working);
+        let (depth, n, theta) = (
+            auxiliary.rows.len(),
+            working.p.stored().n,
+            auxiliary.theta(working),
+        );
+        // Rows of `then` that enter, and where each feature's rows will be stored.
+        let mut rows: Vec<usize> = Vec::new();
+        let mut means: Vec<f64> = Vec::new();
+        let mut slots: Vec<Vec<usize>> = Vec::new();
+        let mates = self.mates(working);
+        for block in &entering {
+            let mate = self.mate(&mates, block);
+            let mut own = vec![0; block.kind.dim()];
+            for (k, slot) in own.iter_mut().enumerate() {
+                let row = self.then.p.slot(block.offset + k);
+                *slot = match (mate, rows.iter().position(|&r| r == row)) {
+                    (Some(mate), _) if k < 3 => working.p.slot(mate + k),
+                    (_, Some(at)) => n + at,
+                    _ => {
+                        rows.push(row);
+                        let moved = dot(&theta, self.column(row, depth));
+                        means.push(self.then.x[block.offset + k] + moved);
+                        n + rows.len() - 1
+                    }
+                };
+            }
+            slots.push(own);
+        }
+        let width = rows.len();
+        let mut of_rows = Vec::with_capacity(depth * width);
+        for &row in &rows {
+            of_rows.extend_from_slice(self.column(row, depth));
+        }
+        let mut by_auxiliary = vec![0.0; n * depth];
+        for (column, &d) in by_auxiliary.chunks_exact_mut(n).zip(&auxiliary.rows) {
+            working.p.stored_column(d, column);
+        }
+        // `M R_J`: the rows of A are P_AJ, those of the auxiliary rows -Psi R_J, the new rows of Phi.
+        let mut with_auxiliary = vec![0.0; n * width];
+        product(
+            MatMut::from_column_major_slice_mut(&mut with_auxiliary, n, width),
+            MatRef::from_column_major_slice(&by_auxiliary, n, depth),
+            MatRef::from_column_major_slice(&of_rows, depth, width),
+        );
+        // R's new rows: as they were.
+        self.make_room(depth + width, depth);
+        for (column, &b) in self.r.chunks_exact_mut(self.ld).zip(&self.columns) {
+            for (value, &row) in column[depth..].iter_mut().zip(&rows) {
+                *value = self.then.p.stored_entry(row, b);
+            }
+        }
+        let own = |i: usize, j: usize| {
+            let moved = auxiliary
+                .rows
+                .iter()
+                .zip(&of_rows[i * depth..(i + 1) * depth]);
+            let moved: f64 = moved.map(|(&d, r)| r * with_auxiliary[j * n + d]).sum();
+            self.then.p.stored_entry(rows[i], rows[j]) + moved
+        };
+        working.p.append_stored(&with_auxiliary, own, width);
+        for (block, slots) in entering.iter().zip(&slots) {
+            let mate = self.mate(&mates, block);
+            let value = |(k, slot): (usize, &usize)| match (slot.checked_sub(n), mate) {
+                (Some(at), _) => means[at],
+                (None, mate) => working.x[mate.expect("its slot is there") + k],
+            };
+            let mean: Vec<f64> = slots.iter().enumerate().map(value).collect();
+            let reference = self.reference(working, mate, block);
+            working.insert(block.kind, block.id, slots, (&mean, &reference));
+        }
+        let slots: Vec<usize> = (n + width..n + 2 * width).collect();
+        let zeros = vec![0.0; width];
+        working.insert(
+            BlockKind::Auxiliary(width),
+            u64::MAX,
+            &slots,
+            (&zeros, &zeros),
+        );
+    }
+
+    /// Deletes features outside, and brings in those that share an anchor with one inside that is about to be deleted.
+    pub(crate) fn remove(&mut self, working: &mut State, gone: impl Fn(u64) -> bool) {
+        self.features.retain(|o| !gone(o.block.id));
+        self.enter_sharers(working, gone);
+    }
+
+    /// Brings in features that share an anchor with one inside that is about to lose it: the row of that anchor is kept
+    /// inside.
+    pub(crate) fn enter_sharers(&mut self, working: &mut State, loses: impl Fn(u64) -> bool) {
+        let slot = |block: &Block| self.then.p.slot(block.offset);
+        let before = anchored(working).filter(|b| loses(b.id));
+        let before = before.filter_map(|b| self.then.layout.find(b.id));
+        let anchors: Vec<usize> = before.map(slot).collect();
+        let sharers = self.features.iter().map(|o| &o.block);
+        let sharers = sharers.filter(|b| anchors.contains(&self.then.p.slot(b.offset)));
+        let sharers: Vec<u64> = sharers.map(|b| b.id).collect();
+        self.enter(working, |id| sharers.binary_search(&id).is_ok());
+    }
+
+    fn make_room(&mut self, rows: usize, used: usize) {
+        if rows <= self.ld {
+            return;
+        }
+        let ld = 2 * rows;
+        let mut r = vec![0.0; ld * self.columns.len()];
+        for (to, from) in r.chunks_exact_mut(ld).zip(self.r.chunks_exact(self.ld)) {
+            to[..used].copy_from_slice(&from[..used]);
+        }
+        (self.r, self.ld) = (r, ld);
+    }
+}
+
+pub(super) fn product(to: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
+    matmul(to, Accum::Replace, a, b, 1.0, Par::Seq);
+}

@@ -1,0 +1,250 @@
+//! The outside set, and the present means and covariances of its features.
+
+use crate::kernel::dot;
+use crate::observe::point::CameraPose;
+use crate::observe::{FeatureState, Form};
+use crate::state::{Block, BlockKind, Covariance, State};
+use nalgebra::{SMatrix, Vector3};
+
+/// What is outside of the working set.
+#[derive(Clone, Debug)]
+pub(crate) struct OutsideSet {
+    /// The whole state as it was when the working set was chosen.
+    pub(super) then: State,
+    /// Features of `then` that are outside, by id.
+    pub(super) features: Vec<OutsideFeature>,
+    /// Frames since their points were last worked out.
+    pub(super) age: usize,
+    /// Column of `R` of each stored row of `then`, if it has one.
+    pub(super) column: Vec<Option<usize>>,
+    /// Stored row of `then` of each column of `R`.
+    pub(super) columns: Vec<usize>,
+    /// `R`, a row for each auxiliary row, column-major with leading dimension `ld`.
+    pub(super) r: Vec<f64>,
+    pub(super) ld: usize,
+    /// Auxiliary rows at first.
+    pub(super) first: usize,
+    /// Where the camera was when no feature outside was in view.
+    pub(super) clear_at: Option<CameraPose>,
+}
+
+/// A feature outside of the working set.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct OutsideFeature {
+    /// Its block of `then`.
+    pub(super) block: Block,
+    /// Its point when the points were last worked out: good enough to tell whether it may be in view.
+    pub(super) last_point: Vector3<f64>,
+}
+
+/// Frames after which the last points of all features outside are worked out anew.
+const OLDEST: usize = 32;
+
+/// Features with an anchor. What has one now had it when the working set was chosen.
+pub(super) fn anchored(working: &State) -> impl Iterator<Item = &Block> {
+    let inverse_depth = BlockKind::Feature(Form::InverseDepth);
+    working.layout.of_kind(inverse_depth)
+}
+
+/// Point of a feature; one with `rho <= 0` is in view of nobody.
+pub(super) fn place(feature: &FeatureState) -> Vector3<f64> {
+    feature.point().unwrap_or(Vector3::repeat(f64::INFINITY))
+}
+
+/// Where the auxiliary rows of a working state are.
+pub(super) struct Auxiliary {
+    /// Index in its mean.
+    pub(super) mean: Vec<usize>,
+    /// Row stored in its covariance.
+    pub(super) rows: Vec<usize>,
+}
+
+impl Auxiliary {
+    pub(super) fn of(working: &State) -> Self {
+        Self {
+            mean: working.auxiliary_blocks().flat_map(Block::range).collect(),
+            rows: working.auxiliary_rows().flatten().collect(),
+        }
+    }
+
+    pub(super) fn theta(&self, working: &State) -> Vec<f64> {
+        self.mean.iter().map(|&i| working.x[i]).collect()
+    }
+}
+
+impl OutsideSet {
+    /// Ids of the features outside.
+    pub(crate) fn ids(&self) -> impl Iterator<Item = u64> {
+        self.features.iter().map(|o| o.block.id)
+    }
+
+    /// Number of features outside.
+    pub(crate) fn len(&self) -> usize {
+        self.features.len()
+    }
+
+    /// Whether a feature is outside.
+    pub(crate) fn has(&self, id: u64) -> bool {
+        self.features
+            .binary_search_by_key(&id, |o| o.block.id)
+            .is_ok()
+    }
+
+    /// Whether the working state has grown so much that writing the whole state pays.
+    pub(crate) fn is_full(&self, working: &State) -> bool {
+        2 * working.p.stored().n > 5 * self.first + 128
+    }
+
+    /// Works out the last points anew when they are too old. To be called in each frame; `jumped` if the last update moved the camera by much, and the map maybe as well.
+    pub(crate) fn refresh_points(&mut self, working: &State, jumped: bool) {
+        self.age += 1;
+        if self.age < OLDEST && !jumped {
+            return;
+        }
+        self.age = 0;
+        let means: Vec<_> = self.means(working).iter().map(|(_, y)| place(y)).collect();
+        for (outside, mean) in self.features.iter_mut().zip(means) {
+            outside.last_point = mean;
+        }
+    }
+
+    /// Remembers that no feature outside is in view from here.
+    pub(crate) fn mark_clear(&mut self, pose: &CameraPose) {
+        self.clear_at = Some(*pose);
+    }
+
+    /// Whether [`Self::mark_clear`] was last called from here: the map only moves when the camera does.
+    pub(crate) fn is_clear(&self, pose: &CameraPose) -> bool {
+        self.clear_at == Some(*pose)
+    }
+
+    /// Present means of the features outside that may be in view, judged by their last point.
+    pub(crate) fn maybe_in_view(
+        &self,
+        working: &State,
+        may_be: impl Fn(&Vector3<f64>) -> bool,
+    ) -> impl Iterator<Item = (Block, FeatureState)> {
+        let theta = Auxiliary::of(working).theta(working);
+        let mates = self.mates(working);
+        let some = self.features.iter().filter(move |o| may_be(&o.last_point));
+        let moved = move |row| dot(&theta, self.column(row, theta.len()));
+        some.map(move |o| (o.block, self.mean(working, &mates, &o.block, &moved)))
+    }
+
+    /// Present means of all features outside, in their order.
+    pub(crate) fn means(&self, working: &State) -> Vec<(Block, FeatureState)> {
+        let theta = Auxiliary::of(working).theta(working);
+        // R^T theta at once: features that share an anchor share its columns.
+        let columns = self.r.chunks_exact(self.ld).take(self.columns.len());
+        let moved: Vec<f64> = columns.map(|column| dot(&theta, column)).collect();
+        let moved = |row: usize| moved[self.column[row].expect("a row outside has a column")];
+        let mates = self.mates(working);
+        let all = self.features.iter().map(|o| &o.block);
+        all.map(|block| (*block, self.mean(working, &mates, block, &moved)))
+            .collect()
+    }
+
+    /// Present mean of a feature, from how far its rows have moved.
+    pub(super) fn mean(
+        &self,
+        working: &State,
+        mates: &[(usize, usize)],
+        block: &Block,
+        moved: &impl Fn(usize) -> f64,
+    ) -> FeatureState {
+        let mut mean = block.feature(&self.then.x);
+        let mate = self.mate(mates, block);
+        for (k, value) in mean.numbers_mut().iter_mut().enumerate() {
+            match mate {
+                Some(mate) if k < 3 => *value = working.x[mate + k],
+                _ => *value += moved(self.then.p.slot(block.offset + k)),
+            }
+        }
+        mean
+    }
+
+    /// Present covariance of a feature outside with the camera's pose, and of itself; zeros where a point has no numbers.
+    pub(crate) fn covariance(
+        &self,
+        working: &State,
+        block: &Block,
+    ) -> (SMatrix<f64, 7, 6>, SMatrix<f64, 6, 6>) {
+        let auxiliary = Auxiliary::of(working).rows;
+        let dim = block.kind.dim();
+        let row = |k: usize| self.then.p.slot(block.offset + k.min(dim - 1));
+        let rows: [usize; 6] = std::array::from_fn(row);
+        let columns = rows.map(|row| self.column(row, auxiliary.len()));
+        // An anchor that a feature inside has as well is stored there.
+        let mate = self.mate(&self.mates(working), block);
+        let inside = |k: usize| mate.filter(|_| k < 3).map(|mate| working.p.slot(mate + k));
+        let with = |i: usize, c: usize| -> f64 {
+            if let Some(slot) = inside(c) {
+                return working.p.stored_entry(i, slot);
+            }
+            let along = auxiliary.iter().zip(columns[c]);
+            along.map(|(&d, r)| working.p.stored_entry(i, d) * r).sum()
+        };
+        let mut own = SMatrix::<f64, 6, 6>::zeros();
+        for c in 0..dim {
+            let column: Vec<f64> = auxiliary.iter().map(|&d| with(d, c)).collect();
+            for i in 0..dim {
+                own[(i, c)] = match (inside(i), inside(c)) {
+                    (Some(slot), _) => with(slot, c),
+                    (None, Some(slot)) => with(slot, i),
+                    (None, None) => {
+                        self.then.p.stored_entry(rows[i], rows[c]) + dot(columns[i], &column)
+                    }
+                };
+            }
+        }
+        let cross = SMatrix::from_fn(|i, c| if c < dim { with(i, c) } else { 0.0 });
+        (cross, (own + own.transpose()) * 0.5)
+    }
+
+    /// Where P holds the gauge's direction for a feature outside.
+    pub(super) fn reference(
+        &self,
+        working: &State,
+        mate: Option<usize>,
+        block: &Block,
+    ) -> Vec<f64> {
+        let mut reference = self.then.reference[block.range()].to_vec();
+        if let Some(mate) = mate {
+            reference[..3].copy_from_slice(&working.reference[mate..mate + 3]);
+        }
+        reference
+    }
+
+    pub(super) fn column(&self, row: usize, auxiliary: usize) -> &[f64] {
+        let k = self.column[row].expect("a row outside has a column");
+        &self.r[k * self.ld..k * self.ld + auxiliary]
+    }
+
+    /// Anchors of the working state that features outside may have as well: row stored in `then`, and offset of a feature.
+    pub(super) fn mates(&self, working: &State) -> Vec<(usize, usize)> {
+        let mates = anchored(working).filter_map(|b| {
+            let before = self.then.layout.find(b.id)?;
+            Some((self.then.p.slot(before.offset), b.offset))
+        });
+        let mut mates: Vec<_> = mates.collect();
+        mates.sort_unstable();
+        mates
+    }
+
+    /// Offset, in the working state, of a feature with the same anchor.
+    pub(super) fn mate(&self, mates: &[(usize, usize)], block: &Block) -> Option<usize> {
+        let anchor = self.then.p.slot(block.offset);
+        let found = mates.partition_point(|mate| mate.0 < anchor);
+        mates
+            .get(found)
+            .filter(|mate| mate.0 == anchor)
+            .map(|m| m.1)
+    }
+}
+
+impl Covariance {
+    /// Row of P to row stored.
+    pub(super) fn slot(&self, i: usize) -> usize {
+        self.stored().slots[i]
+    }
+}
