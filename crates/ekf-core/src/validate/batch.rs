@@ -65,13 +65,13 @@ pub struct Batch<'a> {
     pub ld: usize,
     /// Innovation, one value per row.
     pub g: &'a [f64],
-    /// Measurement noise of each block, in the leading rows and columns. Only [`one_point`] reads it.
+    /// Measurement noise of each block, in the leading rows and columns. Only [`one_point`](super::one_point()) reads it.
     pub noise: &'a [Matrix3<f64>],
     /// The blocks.
     pub blocks: Blocks<'a>,
 }
 
-/// Outcome of a test. The rejected blocks are in [`Workspace::rejected`].
+/// Outcome of a test. The rejected blocks are in [`Workspace::rejected`](super::Workspace::rejected).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Verdict {
     /// Number of blocks rejected.

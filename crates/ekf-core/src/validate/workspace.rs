@@ -48,7 +48,7 @@ impl Workspace {
         &self.rejected
     }
 
-    /// After [`conditional_gate`]: the squared distance of each block given all the others, infinite for those left out.
+    /// After [`conditional_gate`](super::conditional_gate): the squared distance of each block given all the others, infinite for those left out.
     pub fn conditional_d2(&self) -> &[f64] {
         &self.conditional_d2
     }
