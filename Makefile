@@ -9,7 +9,7 @@ SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Ca
 
 # The main job on its embedded default: renders the corridor, runs it with and without Cf.
 demo: $(VENV)/.built
-	$(BIN)/collabslam demo --out results/demo
+	$(BIN)/collabslam demo --out results/demo --overwrite
 
 # Every test, Rust and Python, the lints, and a wheel in an empty environment. (All Rust tests are in the default
 # members, ekf-core and frontend; this wheel shares the build above, make wheel makes the one to hand out.)

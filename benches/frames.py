@@ -24,8 +24,7 @@ import numpy as np
 from collabslam.demo.demo_run import MODES, HeldRecording
 from collabslam.demo.recording import corridor_recording
 from collabslam.runs.report import STAGES, text_table
-from collabslam.runs.runner import make_engine
-from collabslam.settings.table import Settings
+from collabslam.slam.engine import Slam
 from collabslam.types import Recording
 
 TOTAL = "frame"
@@ -44,7 +43,7 @@ def one_core() -> str:
 
 def timed_run(recording: Recording, mode: str) -> tuple[np.ndarray, np.ndarray]:
     """Milliseconds (frames, stages and the whole), and which frames had overlap."""
-    engine = make_engine(recording, mode=mode, start="worn", settings=Settings.default())
+    engine = Slam(recording.camera, recording.worn_camera, mode=mode)
     rows, overlap = [], []
     for i in range(len(recording)):
         frame = recording.frame(i)

@@ -14,7 +14,8 @@ from collabslam.errors import CollabslamError, DataError, FilterError, InputErro
 
 if TYPE_CHECKING:
     from collabslam._core import Camera, Filter
-    from collabslam.datasets import attach_worn, open_recording
+    from collabslam.datasets import Source, WornSpec, attach_worn, open_recording
+    from collabslam.runs.plan import Output
     from collabslam.runs.runner import RunResult, resume, run
     from collabslam.settings.table import Settings
     from collabslam.slam.engine import Slam, StepResult
@@ -31,14 +32,17 @@ __all__ = [
     "FilterError",
     "Frame",
     "InputError",
+    "Output",
     "RunResult",
     "SavedMap",
     "Settings",
     "SettingsError",
     "Slam",
+    "Source",
     "Status",
     "StepResult",
     "Target",
+    "WornSpec",
     "WornView",
     "__version__",
     "attach_worn",
@@ -51,13 +55,16 @@ _HOMES = {
     "Camera": "_core",
     "Filter": "_core",
     "Frame": "types",
+    "Output": "runs.plan",
     "RunResult": "runs.runner",
     "SavedMap": "slam.saved_map",
     "Settings": "settings.table",
     "Slam": "slam.engine",
+    "Source": "datasets",
     "Status": "types",
     "StepResult": "slam.engine",
     "Target": "types",
+    "WornSpec": "datasets",
     "WornView": "types",
     "__version__": "_core",
     "attach_worn": "datasets",

@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class CollabslamError(ValueError):
-    """Base class of every error that this package raises on purpose."""
+    """Base class of every error that this package raises on purpose.
+
+    Attributes
+    ----------
+    result : RunResult or None
+        Of an error that ended a run: what had been done until then, which was scored and written too.
+    """
+
+    result: Any = None
 
 
 class DataError(CollabslamError):
@@ -21,3 +31,7 @@ class InputError(CollabslamError):
 
 class FilterError(CollabslamError):
     """The filter met a numerical state from which it cannot go on."""
+
+
+class Terminated(KeyboardInterrupt):
+    """The command line was asked to end by SIGTERM; it does what it does for Ctrl-C."""

@@ -18,7 +18,8 @@ from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.errors import DataError, InputError, SettingsError
 from collabslam.formats import container
 from collabslam.runs import runner
-from collabslam.runs.checkpoint import Checkpoint, Interval
+from collabslam.runs.checkpoint import Checkpoint
+from collabslam.runs.plan import Interval, Output
 from collabslam.runs.results import CHECKPOINT, COVARIANCE, FRAMES, TRAJECTORY
 from collabslam.runs.run_folder import RunFolder
 from collabslam.slam.engine import CLASSES, KIND, VERSION, Slam
@@ -362,7 +363,7 @@ def whole(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_checkpoints_change_nothing(clip: Clip, whole: Path, tmp_path: Path) -> None:
-    runner.run(Short(clip), out=tmp_path, mode="collab", checkpoint_every=2)
+    runner.run(Short(clip), mode="collab", out=Output(tmp_path, checkpoint_every=2))
     assert compare_results(whole, tmp_path) == []
 
 
@@ -371,7 +372,7 @@ def test_a_run_that_broke_off_goes_on_bit_for_bit(
     clip: Clip, whole: Path, tmp_path: Path, every: Any
 ) -> None:
     with pytest.raises(DataError, match="disk is gone"):
-        runner.run(Short(clip, ends=STOP), out=tmp_path, mode="collab", checkpoint_every=every)
+        runner.run(Short(clip, ends=STOP), mode="collab", out=Output(tmp_path, checkpoint_every=every))
     check_lines(tmp_path)
     assert len(RunFolder(tmp_path).frames()) == STOP, "what was reported is there"
     assert len(RunFolder(tmp_path).trajectory()[0]) == STOP
@@ -384,7 +385,7 @@ def test_a_run_that_broke_off_goes_on_bit_for_bit(
 
 def test_files_that_were_cut_are_made_whole(clip: Clip, whole: Path, tmp_path: Path) -> None:
     with pytest.raises(DataError):
-        runner.run(Short(clip, ends=STOP), out=tmp_path, mode="collab", checkpoint_every=2)
+        runner.run(Short(clip, ends=STOP), mode="collab", out=Output(tmp_path, checkpoint_every=2))
     for name in (FRAMES, COVARIANCE, TRAJECTORY):
         data = (tmp_path / name).read_bytes()
         (tmp_path / name).write_bytes(data[: 2 * len(data) // 3])
@@ -396,7 +397,7 @@ def test_files_that_were_cut_are_made_whole(clip: Clip, whole: Path, tmp_path: P
 
 def test_another_recording_is_refused(clip: Clip, tmp_path: Path) -> None:
     with pytest.raises(DataError):
-        runner.run(Short(clip, ends=STOP), out=tmp_path, mode="collab", checkpoint_every=2)
+        runner.run(Short(clip, ends=STOP), mode="collab", out=Output(tmp_path, checkpoint_every=2))
     later, other = Short(clip), Short(clip)
     later.times = later.times + 1.0
     other.camera = Camera("pinhole", 720, 480, (600.0, 600.0, 359.5, 239.5), [])
@@ -409,7 +410,7 @@ def test_another_recording_is_refused(clip: Clip, tmp_path: Path) -> None:
 
 def test_checkpoints_of_another_program_are_refused(clip: Clip, tmp_path: Path) -> None:
     with pytest.raises(DataError):
-        runner.run(Short(clip, ends=2), out=tmp_path, mode="collab", checkpoint_every=1)
+        runner.run(Short(clip, ends=2), mode="collab", out=Output(tmp_path, checkpoint_every=1))
     checkpoint = dataclasses.replace(Checkpoint.read(tmp_path), program="99.0")
     checkpoint.write(tmp_path / CHECKPOINT)
     with pytest.raises(DataError, match=r"is of collabslam 99\.0"):
@@ -429,7 +430,7 @@ def test_intervals() -> None:
 
 def test_a_checkpoint_needs_a_place(clip: Clip) -> None:
     with pytest.raises(SettingsError, match="result folder"):
-        runner.run(Short(clip), checkpoint_every=2)
+        runner.run(Short(clip), out=Output(checkpoint_every=2))
 
 
 def test_the_command_line(clip: Clip, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

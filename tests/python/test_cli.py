@@ -16,10 +16,13 @@ from collabslam import geometry as g
 from collabslam._core import Camera
 from collabslam.cli import COMMANDS, options
 from collabslam.cli import main as cli
+from collabslam.datasets import FirstFrames
 from collabslam.demo import demo_run
 from collabslam.errors import DataError, FilterError, SettingsError
 from collabslam.runs import runner
+from collabslam.runs.plan import MODE_KEY, Plan
 from collabslam.runs.report import median_summary, summary_text
+from collabslam.runs.summary import is_trusted
 from collabslam.settings.table import Settings
 from collabslam.types import Frame, WornView
 from collabslam.viz.plot import plot_run
@@ -97,16 +100,16 @@ def _no_picture(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def _walk_instead(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command line meets the walk and the stand-in, whatever it is asked to open."""
-    monkeypatch.setattr("collabslam.datasets.open_recording", lambda source, **_: Walk())
-    monkeypatch.setattr(runner, "make_engine", lambda recording, **_: FakeSlam(Walk()))
+    monkeypatch.setattr("collabslam.datasets.source.open_recording", lambda source, **_: Walk())
+    monkeypatch.setattr(runner, "make_engine", lambda *_: FakeSlam(Walk()))
 
 
 def test_run_writes_results_and_scores_them(tmp_path: Path) -> None:
-    summary = go(Walk(), tmp_path, mode="collab-tight", seed=3)
+    summary = go(Walk(), tmp_path, mode="collab-tight", notes={"seed": 3})
     stored = json.loads((tmp_path / "summary.json").read_text())
     assert stored["frames"] == stored["frames_ok"] == 30
     assert stored["scale_error"] == pytest.approx(1 / 1.05 - 1, abs=1e-6)
-    assert stored["seed"] == 3
+    assert stored["options"]["seed"] == 3
     assert stored["depth_measurements"] == 45
     assert stored["overlap_ratio"] == pytest.approx(0.5)
     assert stored["ms_per_frame"]["update"] == 1.0
@@ -117,7 +120,7 @@ def test_run_writes_results_and_scores_them(tmp_path: Path) -> None:
                 "final_position_error_m", "final_error_pct", "nees_mean"):  # fmt: skip
         assert stored[key] is not None
     assert Settings.load(tmp_path / "config.yaml") == Settings.default()
-    assert runner.exit_status(summary) == 0
+    assert is_trusted(summary)
     assert "average position error" in summary_text(summary)
 
 
@@ -142,7 +145,7 @@ def test_two_pictures_of_a_run_are_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_mode_and_settings_agree(tmp_path: Path) -> None:
-    mono = Settings.default().replace({runner.MODE_KEY: "mono"})
+    mono = Settings.default().replace({MODE_KEY: "mono"})
     assert go(Walk(), settings=mono)["mode"] == "mono"
     assert go(Walk(), tmp_path, mode="mono")["settings_hash"] == mono.hash()
     assert Settings.load(tmp_path / "config.yaml") == mono
@@ -155,27 +158,27 @@ def test_a_scale_free_run_never_speaks_of_metres(tmp_path: Path) -> None:
         walk = Walk()
         summary = go(walk, tmp_path / start, start=start, slam=FakeSlam(walk, scale=40.0))
         assert summary["unit"] == word
-        assert runner.exit_status(summary) == (start == "worn")  # far off counts where there are metres
+        assert is_trusted(summary) == (start == "scale-free")  # far off counts where there are metres
         assert f"seconds, {word};" in (tmp_path / start / "trajectory.tum").read_text().splitlines()[0]
         assert ("not metres" in summary_text(summary)) == (start == "scale-free")
 
 
 def test_max_frames_ends_the_run() -> None:
-    assert go(Walk(), max_frames=7)["frames"] == 7
-    assert go(Walk(), max_frames=700)["frames"] == 30
+    for count, frames in ((7, 7), (700, 30)):
+        assert go(FirstFrames(Walk(), count), slam=FakeSlam(Walk()))["frames"] == frames
     with pytest.raises(SettingsError, match="1 or more"):
-        go(Walk(), max_frames=0)
+        FirstFrames(Walk(), 0)
 
 
 @pytest.mark.usefixtures("_no_picture")
 def test_a_lost_camera_is_told(tmp_path: Path) -> None:
     walk = Walk()
     summary = go(walk, tmp_path, slam=FakeSlam(walk, lost_from=20))
-    assert runner.exit_status(summary) == 1
+    assert not is_trusted(summary)
     assert summary["frames_lost"] == 10
     assert len(np.loadtxt(tmp_path / "trajectory.tum", comments="#")) == 20
     walk = Walk()
-    assert runner.exit_status(go(walk, slam=FakeSlam(walk, scale=40.0))) == 1  # OK by itself, and far off
+    assert not is_trusted(go(walk, slam=FakeSlam(walk, scale=40.0)))  # OK by itself, and far off
 
 
 @pytest.mark.usefixtures("_no_picture")
@@ -205,7 +208,7 @@ def test_modes_and_starts_must_fit_the_recording() -> None:
         ("mono", "target", "known target"),
     ):
         with pytest.raises(SettingsError, match=part):
-            runner.make_engine(alone, mode=mode, start=start, settings=settings)
+            runner.make_engine(alone, Plan(mode, start, True, settings))
 
 
 @pytest.mark.usefixtures("_walk_instead", "_no_picture")
@@ -320,7 +323,7 @@ def test_demo_runs_both_modes_on_one_rendering(
     scales = {"mono": 1.4, "collab": 1.1}
     monkeypatch.setattr(demo_run, "corridor_recording", lambda seed: Counted())
     monkeypatch.setattr(
-        runner, "make_engine", lambda recording, *, mode, **_: FakeSlam(Walk(), scale=scales[mode])
+        runner, "make_engine", lambda recording, plan, map: FakeSlam(Walk(), scale=scales[plan.mode])
     )
     medians = demo_run.run_demo(tmp_path, seeds=[0], progress=False)
     assert rendered == list(range(30))
@@ -334,7 +337,7 @@ def test_demo_runs_both_modes_on_one_rendering(
 def test_demo_of_several_seeds_gives_medians(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("collabslam.viz.plot.plot_comparison", lambda *_, **__: None)
     monkeypatch.setattr(demo_run, "corridor_recording", lambda seed: Walk())
-    monkeypatch.setattr(runner, "make_engine", lambda *_, **__: FakeSlam(Walk()))
+    monkeypatch.setattr(runner, "make_engine", lambda *_: FakeSlam(Walk()))
     demo_run.run_demo(tmp_path, seeds=[0, 1], progress=False)
     assert (tmp_path / "seed-1" / "collab" / "summary.json").exists()
     assert (tmp_path / "medians.json").exists()

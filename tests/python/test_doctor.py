@@ -14,7 +14,7 @@ import pytest
 from collabslam.checks.doctor import diagnose
 from collabslam.cli import main as cli
 from collabslam.datasets import load_camera, open_recording
-from collabslam.runs.results import MARK
+from collabslam.runs.folder import MARK
 from collabslam.runs.run_folder import RunFolder
 from collabslam.settings.table import Settings, schema
 

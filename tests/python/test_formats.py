@@ -18,7 +18,8 @@ from collabslam.errors import DataError
 from collabslam.evaluation.record import RunRecord
 from collabslam.formats import landmarks, trajectory
 from collabslam.formats import ros_odometry as rosbag
-from collabslam.runs.results import MARK, ResultWriter
+from collabslam.runs.folder import MARK
+from collabslam.runs.results import ResultWriter
 from collabslam.runs.run_folder import RunFolder
 
 TOOLS = Path(sys.executable).parent

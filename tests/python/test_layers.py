@@ -37,7 +37,7 @@ ALLOWED: dict[str, set[str]] = {
     "runs": BASE | {"version", "settings", "formats", "evaluation", "slam", "datasets"},
     "viz": BASE | {"formats", "evaluation", "slam", "runs"},
     "checks": BASE | {"frontend", "datasets", "runs"},
-    "demo": BASE | {"settings", "datasets", "runs", "viz"},
+    "demo": BASE | {"settings", "formats", "datasets", "runs", "viz"},
     "cli": BASE
     | {"version", "settings", "formats", "worn_pose", "datasets", "runs", "viz", "checks", "demo"},
     "__main__": {"cli"},

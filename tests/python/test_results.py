@@ -4,6 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import resource
+import subprocess
+import sys
+from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,10 +18,12 @@ import pytest
 from collabslam import geometry as g
 from collabslam.errors import DataError
 from collabslam.evaluation.record import RunRecord
+from collabslam.formats.files import LineFile
 from collabslam.formats.landmarks import write_ply
 from collabslam.runs import results
+from collabslam.runs.folder import MARK, claim, locked
 
-CONFIG = results.MARK + ": test\n"
+CONFIG = MARK + ": test\n"
 
 
 def landmarks(count: int = 5) -> SimpleNamespace:
@@ -148,11 +155,86 @@ def test_an_earlier_result_is_replaced_and_other_files_stay(tmp_path: Path) -> N
 
 def test_a_folder_with_other_things_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "config.yaml").write_text("mine: 1\n")
-    with pytest.raises(DataError, match="--out"):
-        results.ResultWriter(tmp_path, CONFIG)
+    for overwrite in (False, True):
+        with ExitStack() as stack, pytest.raises(DataError, match="--out"):
+            claim(tmp_path, stack, overwrite=overwrite)
     assert (tmp_path / "config.yaml").read_text() == "mine: 1\n"
-    with pytest.raises(DataError, match="cannot be written"):
-        results.ResultWriter(tmp_path / "config.yaml", CONFIG)
+    with ExitStack() as stack, pytest.raises(DataError, match="cannot be written"):
+        claim(tmp_path / "config.yaml", stack, overwrite=False)
+
+
+def test_earlier_results_are_kept_in_folders_with_numbers(tmp_path: Path) -> None:
+    for expected in ("walk", "walk-2", "walk-3"):
+        with ExitStack() as stack:
+            folder = claim(tmp_path / "walk", stack, overwrite=False)
+            assert folder == tmp_path / expected
+            assert (tmp_path / "latest").readlink() == Path(expected)
+            write(folder)
+    with ExitStack() as stack:
+        assert claim(tmp_path / "latest", stack, overwrite=True) == tmp_path / "walk-3"
+    with ExitStack() as stack:
+        assert claim(tmp_path / "walk", stack, overwrite=True) == tmp_path / "walk"
+        assert (tmp_path / "latest").readlink() == Path("walk")
+
+
+def test_a_link_or_file_that_is_not_ours_stays(tmp_path: Path) -> None:
+    for k, make in enumerate((lambda p: p.write_text("mine"), lambda p: p.symlink_to("/nowhere/else"))):
+        place = tmp_path / str(k)
+        place.mkdir()
+        make(place / "latest")
+        before = os.readlink(place / "latest") if k else (place / "latest").read_text()
+        with ExitStack() as stack:
+            claim(place / "walk", stack, overwrite=False)
+        assert (os.readlink(place / "latest") if k else (place / "latest").read_text()) == before
+
+
+def test_two_runs_never_write_into_one_folder(tmp_path: Path) -> None:
+    with ExitStack() as stack:
+        folder = claim(tmp_path / "walk", stack, overwrite=False)
+        write(folder)
+        for overwrite in (False, True):
+            with ExitStack() as other, pytest.raises(DataError, match="Another run is writing"):
+                claim(tmp_path / "walk", other, overwrite=overwrite)
+    with locked(folder):
+        pass
+
+
+def test_the_lock_of_a_killed_process_is_gone(tmp_path: Path) -> None:
+    code = (
+        "import sys, time; from contextlib import ExitStack; from pathlib import Path\n"
+        "from collabslam.runs.folder import claim\n"
+        "with ExitStack() as s:\n"
+        "    claim(Path(sys.argv[1]), s, overwrite=False); print('in', flush=True); time.sleep(60)"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code, tmp_path / "walk"], stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"in\n"
+    with ExitStack() as stack, pytest.raises(DataError, match="Another run"):
+        claim(tmp_path / "walk", stack, overwrite=False)
+    process.kill()
+    process.communicate()
+    with ExitStack() as stack:
+        assert claim(tmp_path / "walk", stack, overwrite=False) == tmp_path / "walk"
+
+
+def test_a_full_disk_tears_no_line(tmp_path: Path) -> None:
+    """A limit on the size of files stands in for the disk: it takes a part of a line, then refuses."""
+    path = tmp_path / "lines.txt"
+    path.touch()
+    lines = LineFile(path)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (105, limits[1]))
+    try:
+        for _ in range(10):
+            lines.append("123456789")
+        with pytest.raises(DataError, match="disk space"):
+            lines.append("123456789")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert path.read_text() == "123456789\n" * 10
+    lines.append("goes on")
+    lines.close()
+    assert path.read_text().endswith("123456789\ngoes on\n")
 
 
 def test_runs_without_a_valid_pose_write_empty_trajectories(tmp_path: Path) -> None:

@@ -137,6 +137,6 @@ def test_a_recordings_name_is_no_path(walk: Path, name: str) -> None:
 def test_opening_and_running_write_nowhere_else(walk: Path, tmp_path: Path) -> None:
     before = sorted(p.relative_to(tmp_path) for p in tmp_path.rglob("*"))
     recording = open_recording(walk)
-    collabslam.run(recording, out=tmp_path / "out", checkpoint_every=1)
+    collabslam.run(recording, out=collabslam.Output(tmp_path / "out", latest=False, checkpoint_every=1))
     after = {p.relative_to(tmp_path) for p in tmp_path.rglob("*")} - {Path("out")}
     assert sorted(p for p in after if p.parts[0] != "out") == before

@@ -14,12 +14,14 @@ from conftest import Clip
 
 from collabslam._core import Camera
 from collabslam.cli.main import main
+from collabslam.datasets import FirstFrames
 from collabslam.demo import DemoRecording
 from collabslam.demo.recording import WORN_CAMERA
 from collabslam.errors import DataError, InputError, SettingsError
 from collabslam.frontend.patch import Patch, capture
 from collabslam.frontend.place_recognition import in_other_camera
 from collabslam.geometry import pose_inverse, se3_log
+from collabslam.runs.plan import Output
 from collabslam.runs.runner import run
 from collabslam.settings.modes import STARTS
 from collabslam.slam.engine import Slam
@@ -191,13 +193,13 @@ def test_options_that_do_not_go_together(clip: Clip, file: Path) -> None:
         Slam(camera, mode="mono", start="scale-free", map=SavedMap.load(file))
     for start in STARTS:
         with pytest.raises(SettingsError, match=start):
-            run(clip.recording, start=start, map=file)
+            Slam(camera, mode="mono", start=start, map=SavedMap.load(file))
 
 
 def test_runs_save_it_and_start_in_it(clip: Clip, tmp_path: Path) -> None:
     path = tmp_path / "first.map"
-    first = run(clip.recording, max_frames=10, save_map=path)
-    second = run(clip.recording, mode="mono", max_frames=4, map=path)
+    first = run(FirstFrames(clip.recording, 10), out=Output(save_map=path))
+    second = run(FirstFrames(clip.recording, 4), mode="mono", start=SavedMap.load(path))
     assert second.summary["start"] == "map"
     assert second.summary["unit"] == first.summary["unit"]
     assert second.summary["status_final"] == "OK"

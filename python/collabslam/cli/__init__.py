@@ -7,8 +7,9 @@ exit status.
 
 from __future__ import annotations
 
-OK, LOST, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-"""Exit statuses: fine, finished but lost the camera (or the filter gave up), bad input, Ctrl-C."""
+OK, NOT_TRUSTED, BAD_INPUT, FAULT, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 130, 143
+"""Exit statuses: fine; finished, but not to be trusted (the camera was lost, the filter gave up, a check
+found something); bad input; a fault of this program; ended by Ctrl-C; ended by SIGTERM."""
 
 COMMANDS = {
     "run": "run a recording through the filter",

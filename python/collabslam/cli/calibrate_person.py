@@ -40,7 +40,7 @@ def main(arguments: argparse.Namespace) -> int:
             "A person is calibrated from a bag with laser scans and attitudes; give it with --topics "
             "cs=TOPIC,cf=TOPIC,t_cf=sensors:FILE."
         )
-    recording = options.open_source(arguments)
+    recording = options.source_of(arguments).open()
     with Bag(arguments.source) as bag:
         sensors = bag_sensors(bag, read_sensors(Path(source.removeprefix(ESTIMATED))))
     estimates = sensors.estimates(recording.times)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from collabslam.cli import LOST, OK, options
+from collabslam.cli import NOT_TRUSTED, OK, options
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -18,7 +18,7 @@ def main(arguments: argparse.Namespace) -> int:
     from collabslam.checks.calibration import check_calibration
     from collabslam.runs.report import number, text_table
 
-    recording = options.open_with_worn(arguments)
+    recording = options.source_with_worn(arguments).open()
     report = check_calibration(recording)
     rows = [[f"residual, frames {gap} apart", number(r, 2, "px")] for gap, r in report.by_gap.items()]
     rows += [
@@ -37,4 +37,4 @@ def main(arguments: argparse.Namespace) -> int:
         print(line)
     if not report.findings and (report.by_gap or report.worn.residual is not None):
         print("Calibration, poses and time stamps agree with the images, as far as they were checked.")
-    return LOST if report.findings else OK
+    return NOT_TRUSTED if report.findings else OK

@@ -5,14 +5,19 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from collabslam.cli import options
+from collabslam.cli import NOT_TRUSTED, OK, options
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     parser.add_argument(
-        "--out", metavar="DIR", type=Path, default=Path("results/demo"), help=options.OUT_HELP
+        "--out",
+        metavar="DIR",
+        type=Path,
+        default=Path("results/demo"),
+        help=options.OUT_HELP + options.KEPT_HELP,
     )
+    parser.add_argument("--overwrite", action="store_true", help=options.OVERWRITE_HELP)
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--seed", metavar="N", type=int, default=0, help="of the noise (default 0)")
     which.add_argument("--seeds", metavar="A-B", type=options.seed_list, help="several: medians are printed")
@@ -23,9 +28,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Render, run both modes, print the comparison."""
     from collabslam.demo.demo_run import run_demo
-    from collabslam.runs.runner import exit_status
+    from collabslam.runs.summary import is_trusted
 
-    seeds = arguments.seeds or [arguments.seed]
-    settings = options.read_settings(arguments)
-    summaries = run_demo(arguments.out, seeds=seeds, settings=settings, animation=arguments.animation)
-    return exit_status(summaries["collab"])
+    summaries = run_demo(
+        arguments.out,
+        seeds=arguments.seeds or [arguments.seed],
+        settings=options.read_settings(arguments),
+        animation=arguments.animation,
+        overwrite=arguments.overwrite,
+    )
+    return OK if is_trusted(summaries["collab"]) else NOT_TRUSTED

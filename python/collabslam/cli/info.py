@@ -29,7 +29,7 @@ def main(arguments: argparse.Namespace) -> int:
             print(text_table([[t.name, t.type, str(t.messages)] for t in bag.topics] or [["none"]]))
         print("roles for --topics")
         print(text_table([list(row) for row in ROLES.items()]))
-    recording = options.open_source(arguments)
+    recording = options.source_of(arguments).open()
     print(recording.name)
     print(text_table([[label, text] for label, text in describe(recording).items()]))
     return OK

@@ -65,7 +65,7 @@ def _calibration(arguments: argparse.Namespace) -> tuple[str, bool]:
         from collabslam.datasets.readers.video import frame_size
 
         return _stub(source, *frame_size(source)), False
-    recording = options.open_source(arguments)
+    recording = options.source_of(arguments).open()
     return _text(recording.camera, source), True
 
 

@@ -1,15 +1,19 @@
-"""The command line: finds the command, and turns errors into one sentence and an exit status."""
+"""The command line: finds the command, and turns whatever ends it into a sentence and an exit status."""
 
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
+import threading
 from collections.abc import Mapping, Sequence
 from importlib import import_module
-from typing import Any
+from typing import Any, NoReturn
 
-from collabslam.cli import BAD_INPUT, COMMANDS, INTERRUPTED, LOST
-from collabslam.errors import CollabslamError, FilterError
+from collabslam.cli import BAD_INPUT, COMMANDS, INTERRUPTED, NOT_TRUSTED, TERMINATED
+from collabslam.cli.fault import tell_fault
+from collabslam.cli.pipes import quiet_pipes
+from collabslam.errors import CollabslamError, FilterError, Terminated
 
 DESCRIPTION = "Metric monocular SLAM for a robot, helped now and then by a camera that a person wears."
 
@@ -20,17 +24,31 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = None) -> int:
-    """Parse, call the command, and turn errors into one sentence and an exit status."""
-    arguments = parser.parse_args(argv)
-    try:
-        status: int = arguments.main(arguments)
-    except CollabslamError as error:
-        print(f"{parser.prog}: error: {error}", file=sys.stderr)
-        return LOST if isinstance(error, FilterError) else BAD_INPUT
-    except KeyboardInterrupt:
-        print(f"{parser.prog}: interrupted", file=sys.stderr)
-        return INTERRUPTED
+    """Parse, call the command, and turn whatever ends it into a sentence and an exit status."""
+    debug = False
+    with quiet_pipes():
+        try:
+            if threading.current_thread() is threading.main_thread():
+                signal.signal(signal.SIGTERM, _terminate)
+            arguments = parser.parse_args(argv)
+            debug = arguments.debug
+            status: int = arguments.main(arguments)
+        except CollabslamError as error:
+            print(f"{parser.prog}: error: {error}", file=sys.stderr)
+            return NOT_TRUSTED if isinstance(error, FilterError) else BAD_INPUT
+        except Terminated:
+            print(f"{parser.prog}: terminated", file=sys.stderr)
+            return TERMINATED
+        except KeyboardInterrupt:
+            print(f"{parser.prog}: interrupted", file=sys.stderr)
+            return INTERRUPTED
+        except Exception as error:
+            return tell_fault(error, parser.prog, debug=debug)
     return status
+
+
+def _terminate(number: int, frame: object) -> NoReturn:
+    raise Terminated
 
 
 def build_parser(
@@ -68,6 +86,9 @@ class _CommandParser(argparse.ArgumentParser):
             self._module = ""
             self.set_defaults(main=module.main)
             module.configure(self)
+            self.add_argument(
+                "--debug", action="store_true", help="show where a fault of this program happened"
+            )
         return super().parse_known_args(args, namespace)
 
 

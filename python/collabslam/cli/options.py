@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from collabslam.errors import DataError
-
 if TYPE_CHECKING:
+    from collabslam.datasets.source import Source
     from collabslam.runs.runner import Watch
     from collabslam.settings.table import Settings
     from collabslam.types import Recording
 
 OUT_HELP = "result folder (default: %(default)s)"
+KEPT_HELP = "; an earlier run's results are kept: a numbered folder beside it is taken then"
+OVERWRITE_HELP = "take the result folder even if it holds an earlier run's results, which are removed"
 NOISE_HELP = (
     "standard deviation of T_CF: metres, then degrees of roll, pitch and yaw "
     "(default 0.03,0.5,0.5,1; for a rig 0.002,0.05,0.05,0.05)"
@@ -112,28 +114,21 @@ def read_settings(arguments: argparse.Namespace) -> Settings:
     return settings.replace(parse_assignments(arguments.set))
 
 
-def open_source(arguments: argparse.Namespace) -> Recording:
+def source_of(arguments: argparse.Namespace) -> Source:
     """The recording that `add_source` names, as it is."""
-    from collabslam.datasets import open_recording
+    from collabslam.datasets.overrides import Given
+    from collabslam.datasets.source import Source
 
-    return open_recording(
-        arguments.source,
-        camera=arguments.camera,
-        times=arguments.times,
-        poses=arguments.poses,
-        topics=arguments.topics,
-    )
+    given = Given(arguments.camera, arguments.times, arguments.poses, arguments.topics or {})
+    return Source(arguments.source, given)
 
 
-def open_with_worn(arguments: argparse.Namespace) -> Recording:
-    """The recording that `add_source` names, with the worn camera of `add_worn`."""
-    from collabslam.datasets import attach_worn
+def source_with_worn(arguments: argparse.Namespace) -> Source:
+    """The recording that `add_source` names, with the worn camera of `add_worn` or, without one, its own."""
+    from collabslam.datasets.source import WornSpec
 
-    recording = open_source(arguments)
-    spec = arguments.worn or ("none" if recording.worn_camera is None else "recorded")
-    return attach_worn(
-        recording,
-        spec,
+    worn = WornSpec(
+        arguments.worn or "recorded",
         available=1.0 if arguments.worn_available is None else arguments.worn_available,
         period=arguments.worn_period,
         intervals=arguments.worn_intervals,
@@ -141,48 +136,13 @@ def open_with_worn(arguments: argparse.Namespace) -> Recording:
         seed=arguments.seed,
         bias_per_block=arguments.worn_bias_per_block,
     )
+    return dataclasses.replace(source_of(arguments), worn=worn)
 
 
-def opened_with(arguments: argparse.Namespace) -> dict[str, Any]:
-    """What `open_with_worn` needs, for a checkpoint: paths are made absolute."""
-    kept: dict[str, Any] = {}
-    for name, value in _opening().items():
-        value = getattr(arguments, name, value)
-        if isinstance(value, Path):
-            value = {"path": str(value.resolve())}
-        elif name == "worn" and value is not None and value.startswith("views:"):
-            value = "views:" + str(Path(value.removeprefix("views:")).resolve())
-        kept[name] = value
-    return kept
-
-
-def open_again(kept: dict[str, Any], source: Path | None) -> Recording:
-    """The recording of `opened_with`; ``source`` says where it lies now, if it was moved.
-
-    Raises
-    ------
-    DataError
-        If it was not a command that opened it, or as `open_with_worn` does.
-    """
-    if set(kept) != set(_opening()):
-        raise DataError("The run was not started by a command; go on with it by collabslam.resume.")
-    paths = {k: Path(v["path"]) if isinstance(v, dict) and set(v) == {"path"} else v for k, v in kept.items()}
-    if source is not None:
-        paths["source"] = source
-    return open_with_worn(argparse.Namespace(**paths))
-
-
-def _opening() -> dict[str, Any]:
-    """The arguments by which a recording is opened, with their defaults."""
-    parser = argparse.ArgumentParser(add_help=False)
-    add_source(parser, optional=True)
-    add_worn(parser)
-    return vars(parser.parse_args([]))
-
-
-def worn_options(arguments: argparse.Namespace) -> dict[str, Any]:
+def notes_of(arguments: argparse.Namespace) -> dict[str, Any]:
     """How the worn camera was made, for the summary."""
-    return {k: v for k, v in vars(arguments).items() if k.startswith("worn") and v is not None}
+    given = {k: v for k, v in vars(arguments).items() if k.startswith("worn") and v is not None}
+    return given | {"seed": arguments.seed}
 
 
 def share(text: str) -> float:

@@ -30,7 +30,7 @@ def main(arguments: argparse.Namespace) -> int:
     from collabslam.datasets import write_recording
     from collabslam.runs.progress import Progress
 
-    recording = options.open_with_worn(arguments)
+    recording = options.source_with_worn(arguments).open()
     if arguments.bag is not None:
         return _write_bag(recording, arguments)
     with Progress(len(recording), f"{recording.name} writing") as bar:

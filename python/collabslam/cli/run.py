@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from collabslam.cli import INTERRUPTED, options
-from collabslam.errors import SettingsError
+from collabslam.cli import INTERRUPTED, NOT_TRUSTED, OK, TERMINATED, options
+from collabslam.errors import CollabslamError, SettingsError
 from collabslam.settings.modes import MODES, STARTS
 
 if TYPE_CHECKING:
@@ -29,7 +31,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         choices=STARTS,
         help="where the scale comes from; default: the first of these that the recording allows",
     )
-    parser.add_argument("--out", metavar="DIR", type=Path, help="result folder (default: results/NAME-MODE)")
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        type=Path,
+        help=f"result folder (default: results/NAME-MODE){options.KEPT_HELP}",
+    )
+    parser.add_argument("--overwrite", action="store_true", help=options.OVERWRITE_HELP)
     parser.add_argument(
         "--map", metavar="FILE", type=Path, help="start in the map of an earlier run, of any camera"
     )
@@ -65,32 +73,37 @@ def main(arguments: argparse.Namespace) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     from collabslam.runs import runner
+    from collabslam.runs.plan import MODE_KEY, Output
 
     settings = options.read_settings(arguments)
-    recording = options.open_with_worn(arguments)
+    source = dataclasses.replace(options.source_with_worn(arguments), frames=arguments.max_frames)
+    recording = source.open()
     mode = arguments.mode or runner.default_mode(recording, settings)
-    if arguments.mode is None and mode != settings[runner.MODE_KEY]:
+    if arguments.mode is None and mode != settings[MODE_KEY]:
         print(f"There is no worn camera in this run (see --worn): the mode is {mode}.", file=sys.stderr)
-    out = arguments.out or Path("results") / f"{recording.name}-{mode}"
+    if arguments.map is not None and arguments.start is not None:
+        raise SettingsError(f"A map was given but the start is '{arguments.start}'; leave the start out.")
+    output = Output(
+        arguments.out or Path("results") / f"{recording.name}-{mode}",
+        overwrite=arguments.overwrite,
+        save_map=arguments.save_map,
+        checkpoint_every=arguments.checkpoint_every,
+        reopen=source,
+        progress=True,
+    )
     with options.watching(recording, arguments) as watch:
-        result = runner.run(
-            recording,
-            mode=mode,
-            start=arguments.start,
-            settings=settings,
-            out=out,
-            seed=arguments.seed,
-            max_frames=arguments.max_frames,
-            progress=True,
-            options=options.worn_options(arguments),
-            watch=watch,
-            checkpoint_every=arguments.checkpoint_every,
-            reopen=options.opened_with(arguments),
-            map=arguments.map,
-            save_map=arguments.save_map,
+        return _told(
+            lambda: runner.run(
+                recording,
+                mode=mode,
+                start=arguments.map or arguments.start,
+                settings=settings,
+                out=output,
+                notes=options.notes_of(arguments),
+                watch=watch,
+            ),
+            arguments,
         )
-    _draw(result, out)
-    return _report(result.summary, out)
 
 
 def _resume(arguments: argparse.Namespace) -> int:
@@ -104,12 +117,20 @@ def _resume(arguments: argparse.Namespace) -> int:
     if (out / SUMMARY).is_file() and not (out / CHECKPOINT).is_file():
         print(f"The run in {out} is finished; nothing is left to do.", file=sys.stderr)
         return _report(RunFolder(out).summary(), out)
-    recording = options.open_again(Checkpoint.read(out).reopen, arguments.source)
+    source = Checkpoint.read(out).source()
+    recording = (source if arguments.source is None else source.moved(arguments.source)).open()
     with options.watching(recording, arguments) as watch:
-        every = arguments.checkpoint_every
-        result = runner.resume(out, recording, checkpoint_every=every, progress=True, watch=watch)
-    _draw(result, out)
-    return _report(result.summary, out)
+        return _told(
+            lambda: runner.resume(
+                out,
+                recording,
+                checkpoint_every=arguments.checkpoint_every,
+                save_map=arguments.save_map,
+                progress=True,
+                watch=watch,
+            ),
+            arguments,
+        )
 
 
 def _check_alone(arguments: argparse.Namespace) -> None:
@@ -117,36 +138,52 @@ def _check_alone(arguments: argparse.Namespace) -> None:
     parser = argparse.ArgumentParser(add_help=False)
     configure(parser)
     defaults = vars(parser.parse_args([]))
-    allowed = ("source", "resume", "checkpoint_every", "view", "save", "refuse")
+    allowed = ("source", "resume", "checkpoint_every", "save_map", "view", "save", "refuse")
     extra = [k for k, v in defaults.items() if k not in allowed and getattr(arguments, k) != v]
     if extra:
         names = ", ".join("--" + name.replace("_", "-") for name in extra)
         raise SettingsError(f"A run goes on with the options it was started with; leave out {names}.")
 
 
-def _draw(result: RunResult, out: Path) -> None:
-    """The run's picture, beside its other results."""
+def _told(go: Callable[[], RunResult], arguments: argparse.Namespace) -> int:
+    """Runs, draws the picture, says what came out; of a run that an error ended, too."""
+    try:
+        result = go()
+    except CollabslamError as error:
+        if error.result is not None:
+            _show(error.result, arguments)
+        raise
+    return _show(result, arguments)
+
+
+def _show(result: RunResult, arguments: argparse.Namespace) -> int:
     from collabslam.extras import drawing
     from collabslam.runs.results import PICTURE
 
+    folder = result.folder or Path()
     if drawing():
         from collabslam.viz.plot import plot_run
 
-        plot_run(result, out / PICTURE)
+        plot_run(result, folder / PICTURE)
+    if arguments.save_map is not None and not len(result.landmarks.ids):
+        print(f"collabslam: warning: there is no map, {arguments.save_map} is not written.", file=sys.stderr)
+    return _report(result.summary, folder)
 
 
-def _report(summary: Summary, out: Path) -> int:
+def _report(summary: Summary, folder: Path) -> int:
     """Print what came out, and say it as an exit status."""
-    from collabslam.runs import runner
     from collabslam.runs.report import lost_text, summary_text, unused_text
+    from collabslam.runs.summary import TERMINATED as BY_SIGTERM
+    from collabslam.runs.summary import is_trusted
 
     print(summary_text(summary))
-    print(f"  results are in {out}")
+    print(f"  results are in {folder}")
     if unused := unused_text(summary):
         print(f"collabslam: warning: {unused}.", file=sys.stderr)
     if summary["interrupted"]:
-        return INTERRUPTED
-    status = runner.exit_status(summary)
-    if status:
-        print(f"collabslam: {lost_text(summary)}; frames.csv says why.", file=sys.stderr)
-    return status
+        print(f"  go on with: collabslam run --resume {folder}")
+        return TERMINATED if summary["ended_by"] == BY_SIGTERM else INTERRUPTED
+    if is_trusted(summary):
+        return OK
+    print(f"collabslam: {lost_text(summary)}; frames.csv says why.", file=sys.stderr)
+    return NOT_TRUSTED

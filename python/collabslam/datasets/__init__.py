@@ -6,5 +6,16 @@ from collabslam.datasets.calibration import load_camera
 from collabslam.datasets.emulated.worn import attach_worn
 from collabslam.datasets.opening import open_recording, recognised_layouts
 from collabslam.datasets.readers.collab import write_recording
+from collabslam.datasets.source import Source, WornSpec
+from collabslam.datasets.wrapped import FirstFrames
 
-__all__ = ["attach_worn", "load_camera", "open_recording", "recognised_layouts", "write_recording"]
+__all__ = [
+    "FirstFrames",
+    "Source",
+    "WornSpec",
+    "attach_worn",
+    "load_camera",
+    "open_recording",
+    "recognised_layouts",
+    "write_recording",
+]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collabslam._core import Camera
+from collabslam.errors import SettingsError
 from collabslam.types import Array, Frame, Image, Recording, Target
 
 
@@ -34,3 +35,29 @@ class WrappedRecording:
     def frame(self, i: int) -> Frame:
         """Frame ``i``."""
         return self._base.frame(i)
+
+
+class FirstFrames(WrappedRecording):
+    """The first frames of a recording.
+
+    Parameters
+    ----------
+    base : Recording
+    count : int
+        How many; all of them if there are fewer.
+
+    Raises
+    ------
+    SettingsError
+        If there would be none.
+    """
+
+    def __init__(self, base: Recording, count: int) -> None:
+        super().__init__(base)
+        if count < 1:
+            raise SettingsError(f"The largest number of frames is {count}; give 1 or more.")
+        self.times = base.times[:count]
+        self.truth = None if base.truth is None else base.truth[:count]
+
+    def __len__(self) -> int:
+        return len(self.times)

@@ -8,6 +8,9 @@ from typing import Any
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.demo.recording import corridor_recording
 from collabslam.extras import drawing
+from collabslam.formats.files import try_place
+from collabslam.runs.folder import is_result_folder, numbered
+from collabslam.runs.plan import Output
 from collabslam.runs.progress import Progress
 from collabslam.runs.report import median_summary, number, side_by_side
 from collabslam.runs.results import write_summary
@@ -54,6 +57,7 @@ def run_demo(
     seeds: list[int],
     settings: Settings | None = None,
     animation: Path | None = None,
+    overwrite: bool = False,
     progress: bool = True,
 ) -> dict[str, Summary]:
     """Render the corridor for each seed, run every mode on it, print the table, write the results.
@@ -62,13 +66,16 @@ def run_demo(
     ----------
     out : Path
         Gets a result folder for each mode (below ``seed-N`` if there are several seeds), ``comparison.png``
-        of the first seed and, for several seeds, ``medians.json``.
+        of the first seed and, for several seeds, ``medians.json``.  If an earlier demo is in it, a numbered
+        folder beside it does.
     seeds : list of int
         Of the noise of pictures and of the measured ``T_CF``.
     settings : Settings, optional
         The same for both modes.
     animation : Path, optional
         Where to write an animated picture (GIF) of the first seed.
+    overwrite : bool
+        Take ``out`` even so: what an earlier demo has written there is removed.
     progress : bool
 
     Returns
@@ -77,8 +84,13 @@ def run_demo(
         The summary of each mode; medians over the seeds if there are several.
     """
     runs: dict[str, list[Summary]] = {mode: [] for mode in MODES}
-    for seed in seeds:
-        folder = out / f"seed-{seed}" if len(seeds) > 1 else out
+    parts = [f"seed-{seed}" for seed in seeds] if len(seeds) > 1 else [""]
+    if not overwrite:
+        out = next(f for f in numbered(out) if not _holds_results(f))
+    if animation is not None:
+        try_place(animation)
+    for seed, part in zip(seeds, parts, strict=True):
+        folder = out / part
         held = HeldRecording(corridor_recording(seed), progress=progress)
         results = run_pair(held, folder, seed=seed, settings=settings, progress=progress)
         for mode, result in results.items():
@@ -100,6 +112,11 @@ def run_demo(
     return medians
 
 
+def _holds_results(folder: Path) -> bool:
+    """Whether an earlier demo, of one seed or several, has written into this folder."""
+    return any(is_result_folder(f) for f in (*folder.glob("*"), *folder.glob("seed-*/*")))
+
+
 def run_pair(
     recording: Recording, out: Path | None, *, seed: int, settings: Settings | None, progress: bool
 ) -> dict[str, RunResult]:
@@ -110,9 +127,8 @@ def run_pair(
             mode=mode,
             start="worn",
             settings=settings,
-            out=None if out is None else out / mode,
-            seed=seed,
-            progress=progress,
+            out=Output(None if out is None else out / mode, overwrite=True, latest=False, progress=progress),
+            notes={"seed": seed},
         )
         for mode in MODES
     }

@@ -20,6 +20,25 @@ def remove_parts(folder: Path, names: Iterable[str]) -> None:
             part.unlink(missing_ok=True)
 
 
+def try_place(path: Path) -> None:
+    """Makes sure that a file can be written later, at the end of long work; nothing is left behind.
+
+    Raises
+    ------
+    DataError
+        If there is a folder in its place, or its folder can neither be made nor written.
+    """
+    if path.is_dir():
+        raise DataError(f"The file {path} cannot be written (a folder is in its place); give another place.")
+    beside = _beside(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        beside.touch()
+        beside.unlink()
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
 def write_text(path: Path, text: str) -> None:
     """Write a whole text file; raises DataError as `write_bytes` does."""
     write_bytes(path, text.encode())
@@ -40,7 +59,7 @@ def write_bytes(path: Path, data: bytes, *, durable: bool = False) -> None:
     DataError
         If the file cannot be written.
     """
-    beside = path.with_name(f".{path.name}.{os.getpid()}{PART}")
+    beside = _beside(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with beside.open("wb") as file:
@@ -50,9 +69,62 @@ def write_bytes(path: Path, data: bytes, *, durable: bool = False) -> None:
                 os.fsync(file.fileno())
         os.replace(beside, path)
     except OSError as error:
-        raise DataError(
-            f"The file {path} cannot be written ({error.strerror}); give another place."
-        ) from error
+        raise _unwritable(path, error) from error
     finally:
         with contextlib.suppress(OSError):
             beside.unlink()
+
+
+class LineFile:
+    """A text file that grows: each line goes to the system in one piece, and nothing is held back.
+
+    Parameters
+    ----------
+    path : Path
+        Of a file that is there; lines are added to its end.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file = path.open("ab", buffering=0)
+        self._length = self._file.tell()
+
+    def append(self, line: str) -> None:
+        """Add a line.
+
+        Raises
+        ------
+        DataError
+            If it cannot be written whole (the disk is full); the file ends with the line before.
+        """
+        data = f"{line}\n".encode()
+        try:
+            written = 0
+            while written < len(data):  # a full disk takes a part before it says so
+                written += self._file.write(data[written:])
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                self._file.truncate(self._length)
+            raise _unwritable(self._path, error) from error
+        self._length += len(data)
+
+    def sync(self) -> None:
+        """Bring what was written to the disk; raises DataError if it cannot be done."""
+        try:
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise _unwritable(self._path, error) from error
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def _beside(path: Path) -> Path:
+    return path.with_name(f".{path.name}.{os.getpid()}{PART}")
+
+
+def _unwritable(path: Path, error: OSError) -> DataError:
+    return DataError(
+        f"The file {path} cannot be written ({error.strerror}); free disk space or give another place."
+    )

@@ -8,20 +8,54 @@ from typing import Any
 
 import numpy as np
 
-from collabslam.errors import DataError, SettingsError
+from collabslam.datasets.source import STATE as SOURCE_STATE
+from collabslam.datasets.source import Source
+from collabslam.errors import CollabslamError, DataError
+from collabslam.evaluation.record import RunRecord
+from collabslam.formats import schema
 from collabslam.formats.container import read_container, write_container
+from collabslam.runs.plan import PLAN_STATE, Plan
 from collabslam.runs.results import CHECKPOINT, SUMMARY
-from collabslam.slam import engine
-from collabslam.types import Recording
+from collabslam.slam.engine import CLASSES, Slam
+from collabslam.types import Recording, Status
 from collabslam.version import version
 
-KIND, VERSION = "run checkpoint", 1
+KIND, VERSION = "run checkpoint", 2
 """The version counts the changes of what a checkpoint holds; the engine's own state has another one."""
+
+_COLUMN = schema.any_of(
+    schema.array("<f8", None, nan=True),
+    schema.array("<i8", None),
+    schema.items(schema.optional(schema.any_of(schema.flag, schema.number(nan=True)))),
+)
+CONTENT = schema.fields(
+    program=schema.text(),
+    recording=schema.fields(
+        times=schema.array("<f8", None, nan=True),
+        camera=schema.text(),
+        worn_camera=schema.optional(schema.text()),
+    ),
+    plan=PLAN_STATE,
+    reopen=schema.optional(SOURCE_STATE),
+    record=schema.fields(
+        times=schema.array("<f8", None),
+        poses=schema.array("<f8", None, 4, 4, nan=True),
+        covariances=schema.array("<f8", None, 6, 6, nan=True),
+        statuses=schema.items(schema.text([s.value for s in Status])),
+        usable=schema.array("|b1", None),
+        started=schema.array("|b1", None),
+        worn=schema.array("|b1", None),
+        seconds=schema.array("<f8", None),
+        diagnostics=schema.table(str, _COLUMN),
+    ),
+    engine=schema.table(str, lambda value, where: None),  # the engine asks by itself
+)
+"""What a checkpoint may hold."""
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Everything that a run needs to go on.
+    """Everything that a run needs to go on; it names no file that is written to.
 
     Attributes
     ----------
@@ -30,9 +64,9 @@ class Checkpoint:
     recording : dict
         What tells the recording from others; see `fingerprint`.
     plan : dict
-        Mode, start, settings and whatever else the run was asked for.
-    reopen : dict
-        How the recording is opened again; empty if only the caller knows.
+        State of the `Plan`.
+    reopen : dict or None
+        State of the `Source`; None if only the caller knows how the recording is opened.
     record : dict
         State of the `RunRecord`; its length is the number of frames that are done.
     engine : dict
@@ -42,14 +76,14 @@ class Checkpoint:
     program: str
     recording: dict[str, Any]
     plan: dict[str, Any]
-    reopen: dict[str, Any]
+    reopen: dict[str, Any] | None
     record: dict[str, Any]
     engine: dict[str, Any]
 
     def write(self, path: Path) -> None:
         """Write it in one piece; raises DataError if the file cannot be written."""
         content = {f.name: getattr(self, f.name) for f in fields(self)}
-        write_container(path, KIND, VERSION, content, engine.CLASSES)
+        write_container(path, KIND, VERSION, content, CLASSES)
 
     @classmethod
     def read(cls, folder: Path) -> Checkpoint:
@@ -64,11 +98,12 @@ class Checkpoint:
         if not path.is_file():
             done = "its run is finished" if (folder / SUMMARY).is_file() else "run it with --checkpoint-every"
             raise DataError(f"The folder {folder} holds no checkpoint to go on from; {done}.")
-        content = read_container(path, KIND, VERSION, engine.CLASSES)
+        content = read_container(path, KIND, VERSION, CLASSES)
         try:
-            checkpoint = cls(**content)
-        except TypeError as error:
-            raise DataError(f"The file {path} holds no checkpoint; start the run again.") from error
+            CONTENT(content, "checkpoint")
+        except DataError as error:
+            raise DataError(f"The file {path} holds no checkpoint. {error}") from error
+        checkpoint = cls(**content)
         if checkpoint.program != version():
             raise DataError(
                 f"The file {path} is of collabslam {checkpoint.program}, this is {version()}; results would "
@@ -76,11 +111,32 @@ class Checkpoint:
             )
         return checkpoint
 
-    def check_recording(self, recording: Recording) -> None:
-        """Raises DataError if this is another recording than the run's."""
+    def source(self) -> Source:
+        """How the recording is opened again; raises DataError if only who started the run knows."""
+        if self.reopen is None:
+            raise DataError("The run does not know how its recording was opened; give the recording.")
+        return Source.from_state(self.reopen)
+
+    def restored(self, recording: Recording) -> tuple[Plan, Slam, RunRecord]:
+        """The run as it stood.
+
+        Raises
+        ------
+        DataError
+            If the recording is another than the run's, or parts of the checkpoint do not fit together.
+        """
+        self._check_recording(recording)
+        try:
+            plan = Plan.from_state(self.plan)
+            record = RunRecord.from_state(self.record)
+            return plan, Slam.from_state(self.engine), record
+        except CollabslamError as error:
+            raise DataError(f"The checkpoint cannot be used. {error}") from error
+
+    def _check_recording(self, recording: Recording) -> None:
         now = fingerprint(recording)
         for name, what in _WHAT.items():
-            if not _equal(now[name], self.recording.get(name)):
+            if not _equal(now[name], self.recording[name]):
                 raise DataError(
                     f"The recording {recording.source} has other {what} than the run that is to go on; give "
                     "the same recording."
@@ -101,41 +157,4 @@ def fingerprint(recording: Recording) -> dict[str, Any]:
 
 
 def _equal(a: Any, b: Any) -> bool:
-    return np.array_equal(a, b) if isinstance(a, np.ndarray) else bool(a == b)
-
-
-@dataclass(frozen=True)
-class Interval:
-    """How often a checkpoint is written: every so many frames, or seconds of the clock."""
-
-    frames: int | None = None
-    seconds: float | None = None
-
-    @classmethod
-    def parse(cls, value: int | str | Interval) -> Interval:
-        """``100`` or ``"100"``: frames; ``"30s"``: seconds.
-
-        Raises
-        ------
-        SettingsError
-            If it is none of them, or not above zero.
-        """
-        if isinstance(value, Interval):
-            return value
-        text = str(value).strip()
-        try:
-            if text.endswith("s"):
-                seconds = float(text[:-1])
-                if 0.0 < seconds < float("inf"):
-                    return cls(seconds=seconds)
-            elif int(text) > 0:
-                return cls(frames=int(text))
-        except ValueError:
-            pass
-        raise SettingsError(f"A checkpoint every '{value}' is not understood; give frames as 100, or 30s.")
-
-    def is_over(self, frames: int, seconds: float) -> bool:
-        """Whether it is time, so many frames and seconds after the last checkpoint."""
-        if self.frames is not None:
-            return frames >= self.frames
-        return self.seconds is not None and seconds >= self.seconds
+    return np.array_equal(a, b, equal_nan=True) if isinstance(a, np.ndarray) else bool(a == b)

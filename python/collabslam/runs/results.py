@@ -2,18 +2,19 @@
 
 A result folder holds ``config.yaml`` (the settings as used), ``frames.csv`` (every frame), ``trajectory.tum``
 and ``trajectory.cov`` (valid poses only), ``groundtruth.tum``, ``map.ply``, ``trajectory.png`` and
-``summary.json``; ``checkpoint.bin`` while a run is under way that keeps one.  The first three grow line by
-line, each line in one piece as soon as its frame is done.  Whole files are written beside their place and
-then moved into it, so that a reader never meets half a file.
+``summary.json``; ``checkpoint.bin`` until a run that keeps one is done; ``traceback.txt`` of one that a fault
+of this program ended.  The first three grow line by line, each line in one piece once its frame is done.
+Whole files are written beside their place and then moved into it, so that a reader never meets half a file.
 """
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
 import math
-import os
+import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -21,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from collabslam.errors import DataError
+from collabslam.errors import CollabslamError, DataError
 from collabslam.evaluation.record import Landmarks, RunRecord, status_name
-from collabslam.formats.files import remove_parts, write_text
+from collabslam.formats.files import LineFile, remove_parts, write_text
 from collabslam.formats.landmarks import write_ply
 from collabslam.formats.trajectory import (
     METRES,
@@ -33,18 +34,17 @@ from collabslam.formats.trajectory import (
     write_covariances,
     write_tum,
 )
+from collabslam.runs.folder import CONFIG, unwritable
 from collabslam.types import Array
 
-CONFIG, FRAMES, TRAJECTORY, COVARIANCE = "config.yaml", "frames.csv", "trajectory.tum", "trajectory.cov"
+FRAMES, TRAJECTORY, COVARIANCE = "frames.csv", "trajectory.tum", "trajectory.cov"
 GROUND_TRUTH, MAP, PICTURE, SUMMARY = "groundtruth.tum", "map.ply", "trajectory.png", "summary.json"
-CHECKPOINT = "checkpoint.bin"
+CHECKPOINT, TRACEBACK = "checkpoint.bin", "traceback.txt"
 LINES = (FRAMES, COVARIANCE, TRAJECTORY)
 """Files that grow line by line; a pose's covariance comes before the pose."""
 AT_THE_END = (GROUND_TRUTH, MAP, PICTURE, SUMMARY)
 RESULT_FILES = (CONFIG, FRAMES, TRAJECTORY, COVARIANCE, *AT_THE_END)
-_OWN = (*RESULT_FILES, CHECKPOINT)
-MARK = "# collabslam settings"
-"""How the first line of a result folder's ``config.yaml`` begins."""
+_OWN = (*RESULT_FILES, CHECKPOINT, TRACEBACK)
 
 POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 DIAGNOSTICS = (
@@ -95,12 +95,13 @@ LEADING = ("index", "t", "status", "valid", "started", "worn")
 class ResultWriter:
     """Writes the files of one run into a folder; use it as a context manager.
 
-    What was written stays, however the run ends; leaving the block closes the files.
+    What was written stays, however the run ends; leaving the block closes the files.  If an error leaves it
+    that is no `CollabslamError`, its traceback is kept beside the results.
 
     Parameters
     ----------
     folder : Path
-        Made if missing.  Results of an earlier run in it are removed.
+        Of this run alone, see `folder.claim`; results of an earlier one in it are removed.
     config : str
         Content of ``config.yaml``.
     unit : str
@@ -111,7 +112,7 @@ class ResultWriter:
     Raises
     ------
     DataError
-        If the folder holds something that is no result of collabslam, or cannot be written.
+        If the folder cannot be written.
     """
 
     def __init__(
@@ -121,13 +122,13 @@ class ResultWriter:
         self._unit = unit
         self._record = resumed or RunRecord()
         if resumed is None:
-            claim_folder(folder)
+            clear_folder(folder, (name for name in _OWN if name != CONFIG))
             write_text(folder / CONFIG, config)
         else:
-            clear_folder(folder, AT_THE_END)
+            clear_folder(folder, (*AT_THE_END, TRACEBACK))
         self._columns = self._write_lines()
         self._count = len(self._record)
-        self._frames, self._covariances, self._poses = (_Lines(folder / name) for name in LINES)
+        self._frames, self._covariances, self._poses = (LineFile(folder / name) for name in LINES)
 
     def __enter__(self) -> ResultWriter:
         return self
@@ -137,8 +138,12 @@ class ResultWriter:
     ) -> None:
         for lines in (self._frames, self._covariances, self._poses):
             lines.close()
-        if self._count != len(self._record):  # stopped between two lines of a frame
-            self._write_lines()
+        with contextlib.suppress(DataError):  # a disk that is full was told of before
+            if self._count != len(self._record):  # stopped between two lines of a frame
+                self._write_lines()
+            if isinstance(error, Exception) and not isinstance(error, CollabslamError):
+                write_text(self.folder / TRACEBACK, "".join(traceback.format_exception(error)))
+                error.kept_in = self.folder / TRACEBACK  # type: ignore[attr-defined]
 
     def frame(self, record: RunRecord) -> None:
         """Append the record's last frame to the files that grow."""
@@ -199,50 +204,6 @@ class ResultWriter:
         return columns
 
 
-class _Lines:
-    """A text file that grows: each line goes to the system in one piece, and nothing is held back."""
-
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("ab", buffering=0)
-
-    def append(self, line: str) -> None:
-        self._file.write(f"{line}\n".encode())
-
-    def sync(self) -> None:
-        os.fsync(self._file.fileno())
-
-    def close(self) -> None:
-        self._file.close()
-
-
-def is_result_folder(folder: Path) -> bool:
-    """Whether a run has written into this folder."""
-    try:
-        with (folder / CONFIG).open(encoding="utf-8") as lines:
-            return lines.readline().startswith(MARK)
-    except (OSError, UnicodeDecodeError):
-        return False
-
-
-def claim_folder(folder: Path) -> None:
-    """Make the folder, or empty it of an earlier run's results; nothing else in it is touched.
-
-    Raises
-    ------
-    DataError
-        If it holds other things than results, or cannot be written.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()) and not is_result_folder(folder):
-            raise DataError(
-                f"The folder {folder} is not empty and holds no collabslam result; give another --out."
-            )
-    except OSError as error:
-        raise _unwritable(folder, error) from error
-    clear_folder(folder, _OWN)
-
-
 def clear_folder(folder: Path, names: Iterable[str]) -> None:
     """Remove these files, and what a killed process left of them; raises DataError if it cannot be done."""
     try:
@@ -250,11 +211,7 @@ def clear_folder(folder: Path, names: Iterable[str]) -> None:
         for name in names:
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
-        raise _unwritable(folder, error) from error
-
-
-def _unwritable(folder: Path, error: OSError) -> DataError:
-    return DataError(f"The folder {folder} cannot be written ({error.strerror}); give another --out.")
+        raise unwritable(folder, error) from error
 
 
 def write_trajectory(folder: Path, record: RunRecord, unit: str = METRES) -> None:

@@ -12,7 +12,8 @@ from collabslam.datasets.poses import read_track
 from collabslam.errors import DataError
 from collabslam.formats.landmarks import MapPoints, read_ply
 from collabslam.formats.trajectory import read_covariances
-from collabslam.runs.results import COVARIANCE, FRAMES, MAP, SUMMARY, TRAJECTORY, is_result_folder
+from collabslam.runs.folder import is_result_folder
+from collabslam.runs.results import COVARIANCE, FRAMES, MAP, SUMMARY, TRAJECTORY
 from collabslam.types import Array
 
 

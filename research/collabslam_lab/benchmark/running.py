@@ -20,6 +20,7 @@ from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.demo.demo_run import HeldRecording
 from collabslam.demo.recording import corridor_recording
 from collabslam.errors import CollabslamError, SettingsError
+from collabslam.runs.plan import Output
 from collabslam.runs.report import number
 from collabslam.runs.results import write_summary
 from collabslam.runs.runner import run
@@ -82,16 +83,14 @@ def _rendered(seed: int) -> Recording:
 def run_item(item: Item) -> Row:
     """Run one item and keep its summary; an error becomes a row."""
     try:
-        options = {KEY: item.fingerprint(), "worn": item.entry.worn, "worn_available": item.entry.available}
+        notes = {KEY: item.fingerprint(), "worn": item.entry.worn, "worn_available": item.entry.available}
         summary = run(
             open_entry(item),
             mode=item.used_mode,
             start=item.entry.start,
             settings=item.settings,
-            out=item.folder,
-            seed=item.seed,
-            progress=False,
-            options={**options, "worn_bias_per_block": item.biased},
+            out=Output(item.folder, overwrite=True, latest=False),
+            notes={**notes, "seed": item.seed, "worn_bias_per_block": item.biased},
         ).summary
         if item.folder is None:
             write_summary(item.summary, summary)

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import collabslam
+from collabslam.runs.plan import MODE_KEY
 from collabslam.runs.results import SUMMARY
-from collabslam.runs.runner import MODE_KEY
 from collabslam.settings.table import Settings
 from collabslam.version import version
 from collabslam_lab.benchmark.plan import Entry

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from collabslam.cli import LOST, OK, options
+from collabslam.cli import NOT_TRUSTED, OK, options
 from collabslam.settings.modes import MODES
 from collabslam_lab.benchmark.studies import STUDIES
 
@@ -79,7 +79,7 @@ def main(arguments: argparse.Namespace) -> int:
         again=arguments.again,
         dry=arguments.dry_run,
     )
-    return LOST if failed(evaluate(arguments.data, arguments.out, choice)) else OK
+    return NOT_TRUSTED if failed(evaluate(arguments.data, arguments.out, choice)) else OK
 
 
 def _names(text: str) -> tuple[str, ...]:

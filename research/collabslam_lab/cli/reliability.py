@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from collabslam.cli import LOST, OK
+from collabslam.cli import NOT_TRUSTED, OK
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -41,4 +41,4 @@ def main(arguments: argparse.Namespace) -> int:
 
     parts = list(PARTS) if "all" in arguments.parts else list(dict.fromkeys(arguments.parts))
     good = measure(parts, arguments.out, full=arguments.full, seed=arguments.seed, driver=arguments.driver)
-    return OK if good else LOST
+    return OK if good else NOT_TRUSTED

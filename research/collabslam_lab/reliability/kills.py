@@ -14,13 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from collabslam.datasets import write_recording
-from collabslam.datasets.wrapped import WrappedRecording
+from collabslam.datasets import FirstFrames, write_recording
 from collabslam.demo import corridor_recording
 from collabslam.errors import DataError
+from collabslam.runs.folder import CONFIG
 from collabslam.runs.results import (
     CHECKPOINT,
-    CONFIG,
     COVARIANCE,
     FRAMES,
     GROUND_TRUTH,
@@ -28,24 +27,11 @@ from collabslam.runs.results import (
     SUMMARY,
     TRAJECTORY,
 )
-from collabslam.types import Recording
 
 SAME = (CONFIG, TRAJECTORY, COVARIANCE, GROUND_TRUTH, MAP)
 """Files that are the same to the byte; frames.csv and the summary are, but for wall times."""
 WALL_TIMES = ("ms_per_frame", "fps")
 _RUN = [sys.executable, "-m", "collabslam", "run"]
-
-
-class _First(WrappedRecording):
-    """The first frames of a recording."""
-
-    def __init__(self, base: Recording, frames: int) -> None:
-        super().__init__(base)
-        self.times = base.times[:frames]
-        self.truth = None if base.truth is None else base.truth[:frames]
-
-    def __len__(self) -> int:
-        return len(self.times)
 
 
 def run_kills(count: int, seed: int, *, frames: int = 40, every: int = 3) -> int:
@@ -79,7 +65,7 @@ def run_kills(count: int, seed: int, *, frames: int = 40, every: int = 3) -> int
     random = np.random.Generator(np.random.PCG64(seed))
     with tempfile.TemporaryDirectory(prefix="collabslam-kills-") as folder:
         place = Path(folder)
-        recording = write_recording(_First(corridor_recording(seed=0), frames), place / "recording")
+        recording = write_recording(FirstFrames(corridor_recording(seed=0), frames), place / "recording")
         whole = place / "whole"
         _finish(_start(recording, whole, every))
         kills = 0
@@ -141,7 +127,7 @@ def _attempts(recording: Path, out: Path, every: int) -> Iterator[subprocess.Pop
 
 
 def _start(recording: Path, out: Path, every: int) -> subprocess.Popen[bytes]:
-    return _process(str(recording), "--out", str(out), "--checkpoint-every", str(every))
+    return _process(str(recording), "--out", str(out), "--overwrite", "--checkpoint-every", str(every))
 
 
 def _process(*arguments: str) -> subprocess.Popen[bytes]:

@@ -10,6 +10,7 @@ from typing import Any
 from collabslam.demo.demo_run import HeldRecording
 from collabslam.demo.recording import corridor_recording
 from collabslam.errors import CollabslamError
+from collabslam.runs.plan import Output
 from collabslam.runs.runner import run
 from collabslam.types import Recording
 from collabslam_lab.reliability.faults import FAULTS, Fault, inject
@@ -95,7 +96,7 @@ def measure_faults(
 
 def _run(recording: Recording, progress: bool) -> dict[str, Any]:
     try:
-        return run(recording, mode=MODE, start="worn", progress=progress).summary
+        return run(recording, mode=MODE, start="worn", out=Output(progress=progress)).summary
     except CollabslamError as error:
         return {"error": str(error)}
 

@@ -1,0 +1,134 @@
+"""How a recording is opened, as one value: files, what is given beside them, worn camera, number of them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from collabslam.datasets.emulated.pose_noise import PoseNoise
+from collabslam.datasets.emulated.worn import WornRecording, attach_worn
+from collabslam.datasets.opening import open_recording
+from collabslam.datasets.overrides import Given
+from collabslam.datasets.wrapped import FirstFrames
+from collabslam.formats.schema import fields, flag, items, number, optional, table, text, whole
+from collabslam.types import Recording
+
+
+@dataclass(frozen=True)
+class WornSpec:
+    """The options of `collabslam.attach_worn`, which says what they mean."""
+
+    spec: str
+    available: float = 1.0
+    period: float = 5.0
+    intervals: Sequence[tuple[float, float]] | None = None
+    noise: PoseNoise | Sequence[float] | None = None
+    seed: int = 0
+    bias_per_block: bool = False
+
+    def attach(self, recording: Recording) -> WornRecording:
+        """The recording with the worn camera's views; raises as `attach_worn` does."""
+        return attach_worn(recording, **vars(self))
+
+
+@dataclass(frozen=True)
+class Source:
+    """How a recording is opened, now or when a run goes on.
+
+    Attributes
+    ----------
+    path : Path
+        Folder or file.
+    given : Given
+        Files in place of the recording's own.
+    worn : WornSpec or None
+        The worn camera; what the recording holds if it is None.
+    frames : int or None
+        Only so many frames from the first one on.
+    """
+
+    path: Path
+    given: Given = field(default_factory=Given)
+    worn: WornSpec | None = None
+    frames: int | None = None
+
+    def open(self) -> Recording:
+        """The recording.
+
+        Raises
+        ------
+        DataError
+            If it cannot be opened, or lacks what the worn camera needs.
+        SettingsError
+            If an option is not allowed.
+        """
+        recording: Recording = open_recording(self.path, **vars(self.given))
+        if self.worn is not None:
+            recording = self.worn.attach(recording)
+        return recording if self.frames is None else FirstFrames(recording, self.frames)
+
+    def moved(self, path: Path) -> Source:
+        """The same recording, which lies elsewhere now."""
+        return dataclasses.replace(self, path=path)
+
+    def state(self) -> dict[str, Any]:
+        """In plain values with absolute paths, for a checkpoint."""
+        given = {k: _absolute(v) if isinstance(v, Path) else v for k, v in vars(self.given).items()}
+        return {
+            "path": _absolute(self.path),
+            "given": given | {"topics": dict(self.given.topics)},
+            "worn": None if self.worn is None else self._worn_state(self.worn),
+            "frames": self.frames,
+        }
+
+    def _worn_state(self, worn: WornSpec) -> dict[str, Any]:
+        kind, colon, folder = worn.spec.partition(":")
+        if kind == "views" and not (self.path / folder).is_dir():
+            folder = _absolute(Path(folder))
+        noise = dataclasses.astuple(worn.noise) if isinstance(worn.noise, PoseNoise) else worn.noise
+        return {
+            **vars(worn),
+            "spec": f"{kind}{colon}{folder}",
+            "intervals": None if worn.intervals is None else [list(pair) for pair in worn.intervals],
+            "noise": None if noise is None else list(noise),
+        }
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, Any]) -> Source:
+        """The source of a `state` that passes `STATE`."""
+        given, worn = state["given"], state["worn"]
+        files = {k: None if given[k] is None else Path(given[k]) for k in ("camera", "times", "poses")}
+        return cls(
+            Path(state["path"]),
+            Given(**files, topics=given["topics"]),
+            None if worn is None else WornSpec(**worn),
+            state["frames"],
+        )
+
+
+STATE = fields(
+    path=text(),
+    given=fields(
+        camera=optional(text()), times=optional(text()), poses=optional(text()), topics=table(str, text())
+    ),
+    worn=optional(
+        fields(
+            spec=text(),
+            available=number(0.0, 1.0),
+            period=number(0.0),
+            intervals=optional(items(items(number(), 2))),
+            noise=optional(items(number(0.0), 4)),
+            seed=whole(0),
+            bias_per_block=flag,
+        )
+    ),
+    frames=optional(whole(1)),
+)
+"""What `Source.state` may hold."""
+
+
+def _absolute(path: Path) -> str:
+    return str(path.resolve())

@@ -1,0 +1,84 @@
+"""What ``summary.json`` says of a run, and whether that is to be trusted."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from collabslam.evaluation.record import Landmarks, RunRecord
+from collabslam.evaluation.scoring import score
+from collabslam.runs.plan import Plan
+from collabslam.types import Array, Recording
+from collabslam.version import version
+
+Summary = dict[str, Any]
+
+LEAST_OK_SHARE = 0.5
+"""A run with a smaller share of OK frames counts as having lost the camera."""
+INTERRUPTED, TERMINATED = "Ctrl-C", "SIGTERM"
+"""How a run can have been ended, besides by an error's message."""
+
+
+def summarise(
+    plan: Plan,
+    recording: Recording,
+    record: RunRecord,
+    *,
+    truth: Array | None,
+    landmarks: Landmarks,
+    ended_by: str | None,
+) -> Summary:
+    """Everything in ``summary.json``.
+
+    Parameters
+    ----------
+    plan : Plan
+    recording : Recording
+    record : RunRecord
+        Of its usable frames, as far as the run came.
+    truth : (N, 4, 4) array or None
+        Of the usable frames, in the data set's own world.
+    landmarks : Landmarks
+        The map at the end.
+    ended_by : str or None
+        What ended the run before its last frame: `INTERRUPTED`, `TERMINATED`, or an error's message.
+    """
+    return {
+        **score(record, truth, metric=plan.metric),
+        **_timing(record),
+        "mode": plan.mode,
+        "start": plan.start,
+        "unit": plan.unit,
+        "metric": plan.metric,
+        "recording": recording.name,
+        "source": recording.source,
+        "version": version(),
+        "interrupted": ended_by is not None,
+        "ended_by": ended_by,
+        "frames_available": len(recording),
+        "frames_unseen": int(np.nansum(record.diagnostic("unseen"))),
+        "map_size_final": len(landmarks.ids),
+        "settings_hash": plan.settings.hash(),
+        "options": plan.notes,
+    }
+
+
+def is_trusted(summary: Summary) -> bool:
+    """Whether the camera was there at the end, and OK in at least half of the frames."""
+    share = summary["ok_share"]
+    return summary["status_final"] != "LOST" and share is not None and share >= LEAST_OK_SHARE
+
+
+def _timing(record: RunRecord) -> Summary:
+    """Mean milliseconds per stage, and frames per second without reading or rendering images."""
+    stages = sorted({k for s in record.steps for k in s.diagnostics if k.startswith("ms_")})
+    means = {}
+    for key in stages:
+        values = record.diagnostic(key)
+        if np.isfinite(values).any():
+            means[key.removeprefix("ms_")] = float(np.nanmean(values))
+    total = float(np.sum(record.seconds))
+    if len(record):
+        means["step"] = 1e3 * total / len(record)
+    return {"ms_per_frame": means, "fps": len(record) / total if total > 0.0 else None}
