@@ -49,7 +49,7 @@ def place(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def row(name: str, mode: str, seed: int = 0, **numbers: Any) -> Row:
     base = {"recording": name, "mode": mode, "seed": seed, "bias_per_block": False, "status": "done",
             "ate_pct": 1.0, "ate_sim3_pct": 0.6, "avg_error_pct": 2.0, "ok_share": 0.98, "scale_error": 0.01,
-            "nees_position_mean": 4.0, "nees_attitude_mean": 12.0, "frames_ok_too_far": 1, "frames": 150,
+            "nees_position": 4.0, "nees_attitude": 12.0, "frames_ok_too_far": 1, "frames": 150,
             "ms_per_frame": {"search": 3.0, "total": 20.0}, "features_per_frame": 50.0,
             "target_residual_max_px": None}  # fmt: skip
     return {**base, **numbers}
@@ -188,7 +188,7 @@ def test_pages_hold_medians_bands_and_ratios() -> None:
     rows = [row("walk", "collab", seed, ate_pct=1.0 + seed) for seed in (0, 1, 2)]
     rows += [
         row("walk", "collab", bias_per_block=True, ate_pct=5.0),
-        row("same", "collab", nees_position_mean=40.0),
+        row("same", "collab", nees_position=40.0),
     ]
     page = accuracy.page(plan, rows, [])
     assert "| walk | lag:0.2 | collab | 2.00 | 5.00 | 2.00 | 98.0 | 98.0 | 1.0 | 50.0 | 150 | - |" in page
@@ -320,4 +320,4 @@ def test_a_run_is_taken_apart_and_calibrations_are_wrong_on_purpose(place: Path,
     assert whole["status"] == "done"
     default = Settings.default()
     sizes = [float(default[k]) for k in (drift.POSITION, drift.ATTITUDE)]
-    assert drift.honesty([parts], *sizes)[0] == pytest.approx(whole["nees_position_mean"], rel=1e-6)
+    assert drift.honesty([parts], *sizes)[0] == pytest.approx(whole["nees_position"], rel=1e-6)

@@ -117,7 +117,9 @@ def test_run_writes_results_and_scores_them(tmp_path: Path) -> None:
     assert stored["fps"] > 0
     assert stored["settings_hash"] == summary["settings_hash"] == Settings.default().hash()
     for key in ("mode", "source", "version", "path_length_m", "ate_rmse_m", "avg_position_error_m",
-                "final_position_error_m", "final_error_pct", "nees_mean"):  # fmt: skip
+                "final_position_error_m", "final_error_pct", "nees_mean", "ate_pct_all_frames", "coverage",
+                "ok_share", "ok_but_wrong_share", "nees_position", "nees_attitude", "sharpness_position",
+                "sharpness_attitude", "ms_p99", "ms_max"):  # fmt: skip
         assert stored[key] is not None
     assert Settings.load(tmp_path / "config.yaml") == Settings.default()
     assert is_trusted(summary)
@@ -161,6 +163,14 @@ def test_a_scale_free_run_never_speaks_of_metres(tmp_path: Path) -> None:
         assert is_trusted(summary) == (start == "scale-free")  # far off counts where there are metres
         assert f"seconds, {word};" in (tmp_path / start / "trajectory.tum").read_text().splitlines()[0]
         assert ("not metres" in summary_text(summary)) == (start == "scale-free")
+        assert summary["metric"] == (start == "worn")
+        arbitrary = start == "scale-free"
+        assert (summary["nees_position"] is None) == (summary["ate_rmse_m"] is None) == arbitrary
+        for name in ("trajectory.cov", "groundtruth.tum"):
+            head = "".join((tmp_path / start / name).read_text().splitlines()[:4])
+            assert word in head, name
+            assert ("metres" in head) != arbitrary, name
+        assert word.encode() in (tmp_path / start / "map.ply").read_bytes()[:200]
 
 
 def test_max_frames_ends_the_run() -> None:

@@ -182,6 +182,8 @@ def test_an_ok_frame_more_than_five_sigma_off_is_not_ok() -> None:
     estimate[-5:-3, 0, 3] += 0.6
     scores = scoring.score(record_of(estimate), truth)
     assert (scores["frames_ok"], scores["frames_ok_reported"], scores["frames_ok_too_far"]) == (57, 60, 3)
+    assert scores["ok_but_wrong_share"] == pytest.approx(3 / 60)
+    assert scores["ok_share"] == pytest.approx(57 / 60)
 
 
 def test_scores_skip_missing_truth_late_starts_and_invalid_poses() -> None:
@@ -199,6 +201,83 @@ def test_scores_skip_missing_truth_late_starts_and_invalid_poses() -> None:
     assert scores["frames_scored"] == 50 - 3 - 1
     assert scores["avg_position_error_m"] < 1e-9 < scores["avg_position_error_all_m"]
     assert scores["final_position_error_m"] < 1e-9
+
+
+def lost_from(frame: int, poses: np.ndarray) -> RunRecord:
+    """A record whose camera is lost from a frame on, and says so."""
+    record = record_of(poses)
+    for step in record.steps[frame:]:
+        step.valid, step.status = False, "LOST"
+    return record
+
+
+def test_a_lost_run_is_scored_over_all_frames() -> None:
+    truth = walk()
+    stuck = truth.copy()
+    stuck[15:] = stuck[14]
+    scores = scoring.score(lost_from(15, stuck), truth)
+    assert scores["ate_pct"] == pytest.approx(0.0, abs=1e-9)  # which looks perfect by itself
+    assert scores["coverage"] == scores["ok_share"] == pytest.approx(0.25)
+    expected = metrics.ate_rmse(stuck[:, :3, 3], truth[:, :3, 3]) / metrics.path_length(truth[:, :3, 3])
+    assert scores["ate_pct_all_frames"] == pytest.approx(100.0 * expected)
+    assert scores["ate_pct_all_frames"] > 15.0
+    assert scores["ate_alignment"] == "SE(3)"
+    # a prediction that is not finite counts as the last one that was; one that never started, as the origin
+    stuck[15:] = np.nan
+    assert scoring.score(lost_from(15, stuck), truth)["ate_pct_all_frames"] == pytest.approx(100.0 * expected)
+    nowhere = lost_from(0, np.full_like(truth, np.nan))
+    spread = np.sqrt(((truth[:, :3, 3] - truth[:, :3, 3].mean(axis=0)) ** 2).sum(axis=1).mean())
+    assert scoring.score(nowhere, truth)["ate_pct_all_frames"] == pytest.approx(
+        100.0 * spread / metrics.path_length(truth[:, :3, 3])
+    )
+
+
+def test_an_arbitrary_scale_has_no_lengths_of_errors() -> None:
+    truth = walk()
+    estimate = truth.copy()
+    estimate[:, :3, 3] *= 7.0
+    scores = scoring.score(record_of(estimate), truth, metric=False)
+    assert all(scores[name] is None for name in scoring.METRIC_SCORES)
+    assert scores["ate_alignment"] == "Sim(3)"
+    assert scores["ate_pct_all_frames"] == pytest.approx(0.0, abs=1e-9)
+    assert scores["ate_sim3_pct"] == pytest.approx(0.0, abs=1e-9)
+    assert scores["path_length_m"] == pytest.approx(metrics.path_length(truth[:, :3, 3]))
+    assert scoring.score(record_of(estimate), None, metric=False)["path_length_m"] is None
+    # the truth that is drawn and written is in the estimate's unit
+    aligned = scoring.align_truth(record_of(estimate), truth, metric=False)
+    assert aligned is not None
+    np.testing.assert_allclose(aligned.poses, estimate, atol=1e-9)
+    # half the path twice as long: what is off after the fit is in metres of the truth
+    estimate[30:, :3, 3] += estimate[30:, :3, 3] - estimate[30, :3, 3]
+    bent = scoring.score(record_of(estimate), truth, metric=False)
+    expected = metrics.ate_rmse(estimate[:, :3, 3], truth[:, :3, 3], with_scale=True)
+    assert bent["ate_sim3_m"] == pytest.approx(expected)
+
+
+def test_honesty_is_told_apart_from_inflation(rng: np.random.Generator) -> None:
+    sd = np.array([0.1, 0.2, 0.3])
+    errors = rng.normal(size=(20_000, 3)) * sd
+    honest = np.tile(np.diag(sd**2), (len(errors), 1, 1))
+    assert consistency.sharpness(errors, honest) == pytest.approx(1.0, abs=0.02)
+    assert consistency.sharpness(errors, 4.0 * honest) == pytest.approx(0.5, abs=0.01)
+    # overconfident in half of the poses, far too cautious in the others: the mean NEES is honest, this is not
+    mixed = honest.copy()
+    mixed[::2] *= 0.5
+    mixed[1::2] *= 100.0
+    assert consistency.nees(errors, mixed).mean() == pytest.approx(3.0, abs=0.1)
+    assert consistency.sharpness(errors, mixed) < 0.2
+    assert math.isnan(consistency.sharpness(np.full((1, 3), np.nan), honest[:1]))
+
+
+def test_the_slowest_frames() -> None:
+    record = record_of(walk(50))
+    record.seconds = [0.001 * k for k in range(50)]
+    scores = scoring.score(record, None)
+    assert (scores["ms_p99"], scores["ms_max"]) == pytest.approx((49.0, 49.0))
+    record = record_of(walk(200))
+    record.seconds = [0.01] * 199 + [1.0]
+    scores = scoring.score(record, None)
+    assert (scores["ms_p99"], scores["ms_max"]) == pytest.approx((10.0, 1000.0))
 
 
 def test_scores_without_truth_and_without_a_start() -> None:

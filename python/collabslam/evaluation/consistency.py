@@ -58,6 +58,33 @@ def nees(errors: ArrayLike, covariances: ArrayLike) -> Array:
     return out
 
 
+def sharpness(errors: ArrayLike, covariances: ArrayLike) -> float:
+    """Root mean square error over the root mean square standard deviation that was claimed.
+
+    1 is honest, more is overconfident, less is overcautious.  Where NEES is a mean of ratios, this is a ratio
+    of means: a covariance that is much too large in some poses cannot hide behind others.
+
+    Parameters
+    ----------
+    errors : (N, d) array
+    covariances : (N, d, d) array
+        `RESOLUTION` squared is added to the diagonal.
+
+    Returns
+    -------
+    float
+        NaN if no row is finite.
+    """
+    e, p = np.asarray(errors, np.float64), np.asarray(covariances, np.float64)
+    if e.ndim != 2 or p.shape != (*e.shape, e.shape[1]):
+        raise InputError(f"Errors {e.shape} and covariances {p.shape} do not fit; give (N, d) and (N, d, d).")
+    good = np.isfinite(e).all(axis=1) & np.isfinite(p).all(axis=(1, 2))
+    if not good.any():
+        return float("nan")
+    claimed = np.trace(p[good], axis1=1, axis2=2) + e.shape[1] * RESOLUTION**2
+    return float(np.sqrt((e[good] ** 2).sum() / claimed.sum()))
+
+
 def chi2_cdf(x: float, dof: float) -> float:
     """Chi-square distribution function: the regularised incomplete gamma function P(dof / 2, x / 2)."""
     if dof <= 0.0:

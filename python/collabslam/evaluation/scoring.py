@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from collabslam.evaluation import metrics, overlap
-from collabslam.evaluation.consistency import nees, nees_band, pose_tangent_error, sigma_gate
+from collabslam.evaluation import headline, metrics, overlap
+from collabslam.evaluation.consistency import nees, nees_band, pose_tangent_error, sharpness, sigma_gate
 from collabslam.evaluation.record import RunRecord
 from collabslam.types import Array, Mask
 
@@ -18,10 +18,19 @@ OK_SIGMAS = 5.0
 """An OK frame further off than this counts as not OK; see `sigma_gate` for six dimensions."""
 RPE_SECONDS = 1.0
 TRUTH_SCORES = (
-    "ate_rmse_m",
-    "ate_pct",
+    "ate_pct_all_frames",
+    "ate_alignment",
     "ate_sim3_m",
     "ate_sim3_pct",
+    "rpe_rotation_deg",
+    "orientation_error_avg_deg",
+    "orientation_error_final_deg",
+    "heading_error_final_deg",
+)
+"""Numbers that need a truth."""
+METRIC_SCORES = (
+    "ate_rmse_m",
+    "ate_pct",
     "scale_error",
     "avg_position_error_m",
     "avg_position_error_all_m",
@@ -30,17 +39,17 @@ TRUTH_SCORES = (
     "final_position_error_m",
     "final_error_pct",
     "rpe_translation_m",
-    "rpe_rotation_deg",
-    "orientation_error_avg_deg",
-    "orientation_error_final_deg",
-    "heading_error_final_deg",
+    "ok_but_wrong_share",
     "nees_mean",
-    "nees_position_mean",
-    "nees_attitude_mean",
+    "nees_position",
+    "nees_attitude",
     "nees_inside_share",
+    "sharpness_position",
+    "sharpness_attitude",
     "overhead_u",
     "overhead_u_per_path",
 )
+"""Numbers that need a truth and an estimate in metres: of an arbitrary scale they would say nothing."""
 
 
 @dataclass(frozen=True)
@@ -50,19 +59,22 @@ class AlignedTruth:
     Attributes
     ----------
     poses : (N, 4, 4) float64
-        ``T_WC``; NaN where the truth is missing.
+        ``T_WC``; NaN where the truth is missing.  In the estimate's unit, if that is not metres.
     start : int
         First frame with both a valid estimate and a truth.
     known : (N,) bool
         Frames from ``start`` on that have a truth and a finite estimate.
+    scale : float
+        Metres in one unit of ``poses``.
     """
 
     poses: Array
     start: int
     known: Mask
+    scale: float = 1.0
 
 
-def align_truth(record: RunRecord, truth: Array | None) -> AlignedTruth | None:
+def align_truth(record: RunRecord, truth: Array | None, *, metric: bool = True) -> AlignedTruth | None:
     """The truth of a run's frames moved into W, or None if there is none to compare with.
 
     Parameters
@@ -71,6 +83,9 @@ def align_truth(record: RunRecord, truth: Array | None) -> AlignedTruth | None:
         Of N frames.
     truth : (N or more, 4, 4) array or None
         ``T_WC`` in the data set's own world, NaN where it is missing.
+    metric : bool
+        Whether the estimate is in metres; if not, the truth's lengths are scaled to its unit, by the scale
+        that fits the paths best.
     """
     if truth is None or not len(record):
         return None
@@ -80,43 +95,56 @@ def align_truth(record: RunRecord, truth: Array | None) -> AlignedTruth | None:
     if not len(both):
         return None
     start = int(both[0])
-    moved = metrics.first_poses_aligned(given, given[start], record.poses[start])
-    return AlignedTruth(moved, start, known & (np.arange(len(record)) >= start))
+    moved, scale = metrics.first_poses_aligned(given, given[start], record.poses[start]), 1.0
+    if not metric:
+        estimate, true = record.poses[both, :3, 3], given[both, :3, 3]
+        if metrics.path_length(estimate) > 0.0 and metrics.path_length(true) > 0.0:
+            scale = 1.0 + metrics.scale_error(estimate, true)
+            origin = moved[start, :3, 3].copy()
+            moved[:, :3, 3] = origin + (moved[:, :3, 3] - origin) / scale
+    return AlignedTruth(moved, start, known & (np.arange(len(record)) >= start), scale)
 
 
 def score(record: RunRecord, truth: Array | None, *, metric: bool = True) -> Scores:
     """Every number of ``summary.json`` that follows from the frames and the truth.
 
-    ATE, scale error, Eq. 15 and 16, RPE and NEES are over the valid poses that have a truth;
-    ``avg_position_error_all_m`` and the final errors are over all poses from the start on, valid or not, so
-    that getting lost does not pay.  NEES leaves out the start, whose error is zero by construction.
+    ``ate_pct_all_frames`` is over all frames, as described in `collabslam.evaluation.headline`.  The other
+    ATE, scale error, Eq. 15 and 16, RPE, NEES and sharpness are over the valid poses that have a truth, and
+    mean nothing without ``coverage``, their share; ``avg_position_error_all_m`` and the final errors are over
+    all poses from the start on, valid or not.  NEES and sharpness leave out the start, whose error is zero by
+    construction.
 
     Parameters
     ----------
     record : RunRecord
     truth : (N or more, 4, 4) array or None
     metric : bool
-        Whether the poses are in metres; if not, a frame is not held against the truth to count as OK.
+        Whether the poses are in metres.  If not, there are no lengths of errors but after a Sim(3) alignment,
+        no NEES, and no frame is held against the truth to count as OK.
 
     Returns
     -------
     dict
         Numbers, or None where one cannot be had.
     """
-    aligned = align_truth(record, truth)
+    aligned = align_truth(record, truth, metric=metric)
     out = _activity(record, aligned, metric)
     out.update(_overlap(record))
-    out.update(dict.fromkeys(TRUTH_SCORES))
+    out.update(dict.fromkeys((*TRUTH_SCORES, *METRIC_SCORES)))
+    out.update(headline.frame_times(record.seconds))
+    if truth is not None:
+        out.update(headline.all_frames(record, truth, metric=metric))
     if aligned is None:
         positions = record.poses[record.valid, :3, 3]
-        out["path_length_m"], out["path_length_of"] = metrics.path_length(positions), "estimate"
+        out["path_length_m"] = metrics.path_length(positions) if metric else None
+        out["path_length_of"] = "estimate"
         return _plain(out)
-    path = metrics.path_length(aligned.poses[aligned.known, :3, 3])
+    path = metrics.path_length(np.asarray(truth)[: len(record)][aligned.known, :3, 3])
     out["path_length_m"], out["path_length_of"] = path, "truth"
-    out.update(_position_scores(record, aligned, path))
-    out.update(_orientation_scores(record, aligned))
-    out.update(_consistency_scores(record, aligned))
-    out.update(_overhead(record, aligned, path))
+    scores = _position_scores(record, aligned, path) | _orientation_scores(record, aligned)
+    scores |= _consistency_scores(record, aligned) | _overhead(record, aligned, path)
+    scores["ok_but_wrong_share"] = out["frames_ok_too_far"] / out["frames"]
+    out.update({k: v for k, v in scores.items() if metric or k not in METRIC_SCORES})
     return _plain(out)
 
 
@@ -153,6 +181,7 @@ def _activity(record: RunRecord, aligned: AlignedTruth | None, metric: bool) -> 
         "frames_valid": int(record.valid.sum()),
         "frames_scored": 0 if aligned is None else int((aligned.known & record.valid).sum()),
         "frames_worn": int(np.sum(record.worn)),
+        "coverage": headline.coverage(record),
         "ok_share": good / frames if frames else None,
         "status_final": str(statuses[-1]) if frames else None,
         "start_frame": record.start,
@@ -192,7 +221,7 @@ def _position_scores(record: RunRecord, aligned: AlignedTruth, path: float) -> S
     last = int(every[-1])
     final = float(np.linalg.norm(estimate[last] - truth[last]))
     moves = metrics.path_length(estimate[use]) > 0.0
-    scaled = metrics.ate_rmse(estimate[use], truth[use], with_scale=True) if moves else None
+    scaled = aligned.scale * metrics.ate_rmse(estimate[use], truth[use], with_scale=True) if moves else None
     step = _frames_in(record.times, RPE_SECONDS)
     gaps = np.where(use[:, None, None], record.poses, np.nan)
     relative = metrics.rpe(gaps, aligned.poses, step=step) if step < len(record) else (None, None)
@@ -235,8 +264,10 @@ def _consistency_scores(record: RunRecord, aligned: AlignedTruth) -> Scores:
     low, high = nees_band(6)
     return {
         "nees_mean": _mean(whole),
-        "nees_position_mean": _mean(nees(errors[:, :3], covariances[:, :3, :3])),
-        "nees_attitude_mean": _mean(nees(errors[:, 3:], covariances[:, 3:, 3:])),
+        "nees_position": _mean(nees(errors[:, :3], covariances[:, :3, :3])),
+        "nees_attitude": _mean(nees(errors[:, 3:], covariances[:, 3:, 3:])),
+        "sharpness_position": sharpness(errors[:, :3], covariances[:, :3, :3]),
+        "sharpness_attitude": sharpness(errors[:, 3:], covariances[:, 3:, 3:]),
         "nees_band_95": [low, high],
         "nees_inside_share": float(((whole >= low) & (whole <= high)).mean()) if len(whole) else None,
     }

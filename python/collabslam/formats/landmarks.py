@@ -10,6 +10,7 @@ import numpy as np
 from collabslam.errors import DataError
 from collabslam.evaluation.record import Landmarks
 from collabslam.formats.files import write_bytes, write_text
+from collabslam.formats.trajectory import METRES
 from collabslam.types import Array, Ids
 
 _UPPER = (("xx", 0, 0), ("xy", 0, 1), ("xz", 0, 2), ("yy", 1, 1), ("yz", 1, 2), ("zz", 2, 2))
@@ -24,8 +25,8 @@ class MapPoints(NamedTuple):
     covariance: Array
 
 
-def write_ply(path: Path, landmarks: Landmarks) -> None:
-    """The map as a binary PLY: points in W, metres, with sd along x, y, z and the 3x3 covariance."""
+def write_ply(path: Path, landmarks: Landmarks, unit: str = METRES) -> None:
+    """The map as a binary PLY: points in W, in ``unit``, with sd along x, y, z and the 3x3 covariance."""
     columns = _columns(landmarks)
     table = np.empty(len(columns["x"]), dtype=[(name, _PLY_TYPES[_ply_type(name)]) for name in columns])
     for name, values in columns.items():
@@ -33,7 +34,7 @@ def write_ply(path: Path, landmarks: Landmarks) -> None:
     header = [
         "ply",
         "format binary_little_endian 1.0",
-        "comment collabslam map: points in W, metres; sigma in metres; cov in m^2",
+        f"comment collabslam map: points in W and sigma in {unit}, cov in its square",
         f"element vertex {len(table)}",
         *(f"property {_ply_type(name)} {name}" for name in columns),
         "end_header",

@@ -21,7 +21,7 @@ METRES, ARBITRARY = "metres", "an arbitrary unit"
 _TUM_HEADER = "# t tx ty tz qx qy qz qw: seconds, {}; T_WC maps points of the camera C into W"
 _COV_HEADER = """\
 # Covariance of each pose of trajectory.tum, row by row: t, then the 21 numbers of the lower triangle
-# c11 c21 c22 c31 ... c66 of the 6x6 matrix over (x y z rx ry rz), in m^2, m rad and rad^2.
+# c11 c21 c22 c31 ... c66 of the 6x6 matrix over (x y z rx ry rz), lengths in {}, angles in radians.
 # Tangent on the right, in the camera's frame C: T_WC = T_WC_hat Exp(xi).
 #%TANGENT_CONVENTION right_perturbation
 #%TANGENT_ORDER translation_rotation"""
@@ -52,9 +52,9 @@ def tum_header(unit: str = METRES, note: str = "") -> str:
     return "".join(line + "\n" for line in (note, _TUM_HEADER.format(unit)) if line)
 
 
-def covariance_header() -> str:
-    """First lines of a covariance file, with an end of line: frame and order."""
-    return _COV_HEADER + "\n"
+def covariance_header(unit: str = METRES) -> str:
+    """First lines of a covariance file, with an end of line: unit, frame and order."""
+    return _COV_HEADER.format(unit) + "\n"
 
 
 def write_tum(path: Path, times: ArrayLike, poses: ArrayLike, note: str = "", unit: str = METRES) -> None:
@@ -63,10 +63,10 @@ def write_tum(path: Path, times: ArrayLike, poses: ArrayLike, note: str = "", un
     write_text(path, tum_header(unit, note) + "".join(lines))
 
 
-def write_covariances(path: Path, times: ArrayLike, covariances: ArrayLike) -> None:
+def write_covariances(path: Path, times: ArrayLike, covariances: ArrayLike, unit: str = METRES) -> None:
     """Covariances (N, 6, 6) as lower triangles; the header states frame and order."""
     lines = (covariance_line(t, p) + "\n" for t, p in _finite(times, covariances))
-    write_text(path, covariance_header() + "".join(lines))
+    write_text(path, covariance_header(unit) + "".join(lines))
 
 
 def write_euroc(path: Path, times: ArrayLike, poses: ArrayLike) -> None:

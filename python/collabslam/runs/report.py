@@ -23,18 +23,23 @@ STAGES = ("predict", "search", "cf", "update", "map", "rest")
 
 
 LINES: tuple[tuple[str, Callable[[Summary], str]], ...] = (
+    ("frames with a pose", lambda s: number(s["coverage"], 1, "%", 100.0)),
     ("frames OK", lambda s: f"{s['frames_ok']} of {s['frames']} ({number(s['ok_share'], 1, '%', 100.0)})"),
     ("status at the end", lambda s: str(s["status_final"])),
     ("path length", lambda s: number(s["path_length_m"], 2, "m")),
+    ("ATE, all frames", lambda s: _all_frames(s)),
     ("average position error", lambda s: _with_share(s["avg_position_error_m"], s["avg_error_pct"])),
     ("final position error", lambda s: _with_share(s["final_position_error_m"], s["final_error_pct"])),
-    ("ATE (SE(3), RMS)", lambda s: _with_share(s["ate_rmse_m"], s["ate_pct"])),
+    ("ATE of frames with a pose", lambda s: _with_share(s["ate_rmse_m"], s["ate_pct"])),
     ("scale error", lambda s: number(s["scale_error"], 1, "%", 100.0)),
-    ("NEES (6 expected)", lambda s: number(s["nees_mean"], 1)),
+    ("NEES position, attitude", lambda s: _pair(s, "nees", 1, " (3 is honest)")),
+    ("error over claimed sd", lambda s: _pair(s, "sharpness", 2, " (1 is honest)")),
     ("features a frame", lambda s: number(s["features_per_frame"], 1)),
     ("overlap", lambda s: number(s["overlap_ratio"], 0, "%", 100.0)),
     ("measurements with depth", lambda s: str(s["depth_measurements"])),
     ("time a frame", lambda s: number(step_ms(s), 1, "ms")),
+    ("  99 of 100 within", lambda s: number(s["ms_p99"], 1, "ms")),
+    ("  the slowest", lambda s: number(s["ms_max"], 1, "ms")),
     *((f"  {stage}", lambda s, stage=stage: _stage(s, stage)) for stage in STAGES),
 )
 """What a summary shows on a terminal: label and text."""
@@ -64,7 +69,7 @@ def summary_text(summary: Summary) -> str:
         head += " (the filter never started)"
     elif summary["interrupted"]:
         head += f" (interrupted after {summary['frames']} frames)"
-    if summary["start"] == "scale-free":
+    if not summary["metric"]:
         head += f" (lengths are in {summary['unit']}, not metres)"
     return head + "\n" + text_table([[label, text(summary)] for label, text in LINES])
 
@@ -129,6 +134,18 @@ def _stage(summary: Summary, stage: str) -> str:
     if value is None or not step:
         return _MISSING
     return f"{value:.1f} ms ({100.0 * value / step:.0f} %)"
+
+
+def _all_frames(summary: Summary) -> str:
+    """The error with what it was laid over the truth by, which says whether its scale is part of it."""
+    error = summary["ate_pct_all_frames"]
+    return _MISSING if error is None else f"{error:.2f} % of the path ({summary['ate_alignment']})"
+
+
+def _pair(summary: Summary, what: str, digits: int, note: str) -> str:
+    """Position and attitude side by side."""
+    values = [summary[f"{what}_{part}"] for part in ("position", "attitude")]
+    return _MISSING if None in values else ", ".join(number(v, digits) for v in values) + note
 
 
 def _with_share(metres: Any, percent: Any) -> str:

@@ -89,6 +89,10 @@ DIAGNOSTICS = (
     "ms_map",
     "ms_total",
 )
+_TRUTH_NOTE = "# True poses, moved so that the first one equals the estimate's."
+_TRUTH_NOTE_SCALED = (
+    "# True poses, moved so that the first one equals the estimate's, in its unit."
+)
 LEADING = ("index", "t", "status", "valid", "started", "worn")
 
 
@@ -183,10 +187,11 @@ class ResultWriter:
                 self.folder / GROUND_TRUTH,
                 record.times,
                 truth,
-                note="# True poses, moved so that the first one equals the estimate's.",
+                note=_TRUTH_NOTE if self._unit == METRES else _TRUTH_NOTE_SCALED,
+                unit=self._unit,
             )
         if landmarks is not None:
-            write_ply(self.folder / MAP, landmarks)
+            write_ply(self.folder / MAP, landmarks, self._unit)
         write_summary(self.folder / SUMMARY, summary)
 
     def complete(self) -> None:
@@ -218,7 +223,7 @@ def write_trajectory(folder: Path, record: RunRecord, unit: str = METRES) -> Non
     """``trajectory.tum`` and ``trajectory.cov``: the valid poses, one line of each per pose."""
     use = record.valid
     write_tum(folder / TRAJECTORY, record.times[use], record.poses[use], unit=unit)
-    write_covariances(folder / COVARIANCE, record.times[use], record.covariances[use])
+    write_covariances(folder / COVARIANCE, record.times[use], record.covariances[use], unit)
 
 
 def write_summary(path: Path, summary: Mapping[str, Any]) -> None:

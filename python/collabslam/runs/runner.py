@@ -298,8 +298,9 @@ class _Run:
         summary = summarise(
             self.plan, self.recording, self.record, truth=truth, landmarks=landmarks, ended_by=ended_by
         )
+        aligned = align_truth(self.record, truth, metric=self.plan.metric)
         summary["frames_out_of_order"] = len(self.recording) - len(usable)
-        return RunResult(summary, self.record, align_truth(self.record, truth), landmarks, self.folder)
+        return RunResult(summary, self.record, aligned, landmarks, self.folder)
 
     def _write(self, result: RunResult, writer: ResultWriter | None, save_map: Path | None) -> None:
         """What needs the whole run; the checkpoint goes last, when nothing else can fail."""

@@ -77,7 +77,8 @@ class _Scene:
         self._cf = _picture(right, np.zeros_like(first.image), "worn camera")
         (self._dots,) = left.plot([], [], "o", markersize=4, markerfacecolor="none", color=_FOUND)
         below = self._figure.add_axes((0.09, 0.1, 0.88, 0.28))
-        below.set(xlabel="z, metres", ylabel="x, metres")
+        unit = self._results[-1].summary["unit"]
+        below.set(xlabel=f"z, {unit}", ylabel=f"x, {unit}")
         below.grid(color="#e6e8eb", linewidth=0.7)
         truth = self._results[-1].truth
         if truth is not None:

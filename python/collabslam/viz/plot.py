@@ -98,6 +98,11 @@ def _verdict(summary: Mapping[str, object]) -> str:
     )
 
 
+def _unit(result: RunResult) -> str:
+    """Of lengths, for an axis."""
+    return "m" if result.summary["metric"] else "arbitrary unit"
+
+
 def _path(axes: Axes, record: RunRecord, colour: str, label: str) -> None:
     """The valid poses, with the 3-sigma ellipse of some of them; the gaps are where none is valid."""
     use = record.valid
@@ -148,8 +153,9 @@ def _scene(axes: Axes, runs: list[RunResult]) -> None:
     half_x = half_z * box.height / box.width
     axes.set_xlim(middle[2] - half_z, middle[2] + half_z)
     axes.set_ylim(middle[0] + half_x, middle[0] - half_x)
-    axes.set_xlabel("ahead of the start, z (m)")
-    axes.set_ylabel("to the right, x (m)")
+    unit = _unit(last)
+    axes.set_xlabel(f"ahead of the start, z ({unit})")
+    axes.set_ylabel(f"to the right, x ({unit})")
     axes.legend(loc="lower left", fontsize=9, framealpha=0.9)
 
 
@@ -216,7 +222,8 @@ def _dress_errors(axes: Axes, runs: list[RunResult]) -> None:
     axes.set_ylim(0.0, 1.6 * largest if largest > 0.0 else None)
     axes.margins(x=0.0)
     axes.set_xlabel("time (s)")
-    axes.set_ylabel("position error (m)" if largest > 0.0 else "3 sigma of the position (m)")
+    unit = _unit(runs[-1])
+    axes.set_ylabel(f"position error ({unit})" if largest > 0.0 else f"3 sigma of the position ({unit})")
     if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="upper left", fontsize=9, ncols=3, framealpha=0.9)
 

@@ -123,7 +123,7 @@ def band_word(value: Any, low: float, high: float) -> str:
 
 
 def _honesty_cells(entry: Entry, mode: str, runs: list[Row], biased: list[Row]) -> list[str] | None:
-    position, attitude = (median_of(runs, f"nees_{what}_mean") for what in ("position", "attitude"))
+    position, attitude = (median_of(runs, f"nees_{what}") for what in ("position", "attitude"))
     if position is None:
         return None
     band = nees_band(3)
@@ -132,8 +132,8 @@ def _honesty_cells(entry: Entry, mode: str, runs: list[Row], biased: list[Row]) 
         band_word(position, *band),
         number(attitude, 2),
         band_word(attitude, *band),
-        number(median_of(biased, "nees_position_mean"), 2),
-        number(median_of(biased, "nees_attitude_mean"), 2),
+        number(median_of(biased, "nees_position"), 2),
+        number(median_of(biased, "nees_attitude"), 2),
         number(median_of(runs, "frames_ok_too_far"), 0),
     ]
 
@@ -146,8 +146,8 @@ def _pooled(plan: Plan, rows: Sequence[Row]) -> list[str]:
         for entry in plan.recordings:
             runs = [r for r in rows if r["recording"] == entry.name and r["mode"] == mode]
             runs = [r for r in runs if r["status"] == "done" and not r["bias_per_block"]]
-            if median_of(runs, "nees_position_mean") is not None:
-                found.append([median_of(runs, f"nees_{w}_mean") or 0.0 for w in ("position", "attitude")])
+            if median_of(runs, "nees_position") is not None:
+                found.append([median_of(runs, f"nees_{w}") or 0.0 for w in ("position", "attitude")])
         if len(found) > 1:
             low, high = nees_band(3, len(found))
             means = [statistics.fmean(values) for values in zip(*found, strict=True)]

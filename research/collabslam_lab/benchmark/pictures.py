@@ -18,8 +18,8 @@ from collabslam_lab.benchmark.store import Row
 
 _PANELS = (
     ("ate_pct", "ATE, % of the path"),
-    ("nees_position_mean", "NEES position"),
-    ("nees_attitude_mean", "NEES attitude"),
+    ("nees_position", "NEES position"),
+    ("nees_attitude", "NEES attitude"),
 )
 
 
