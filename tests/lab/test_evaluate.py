@@ -17,8 +17,9 @@ from collabslam.errors import DataError, SettingsError
 from collabslam.evaluation.metrics import ate_rmse
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.settings.table import Settings
-from collabslam_lab.benchmark import ablation, accuracy, blackout, descriptors, drift, pairs, running
+from collabslam_lab.benchmark import ablation, accuracy, blackout, descriptors, drift, figures, pairs, running
 from collabslam_lab.benchmark.evaluate import Choice, chosen, evaluate
+from collabslam_lab.benchmark.figures import NAMES
 from collabslam_lab.benchmark.plan import find_plan, parse_plan
 from collabslam_lab.benchmark.store import Item, Row, code_hash
 from collabslam_lab.cli import main as lab
@@ -27,7 +28,7 @@ PLAN = """
 seeds: [0, 1]
 defaults: {available: 0.4, modes: [mono, collab]}
 recordings:
-  walk: {worn: "lag:0.2", biased: [collab], reference: {system: other, ate_sim3_pct: 0.5}}
+  walk: {worn: "lag:0.2", independent: [collab], reference: {system: other, ate_sim3_pct: 0.5}}
   same: {folder: walk, modes: [collab], settings: {filter: {map: {in_view: 20}}}}
   gone: {worn: rig}
   broken: {}
@@ -48,7 +49,10 @@ def place(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def row(name: str, mode: str, seed: int = 0, **numbers: Any) -> Row:
     base = {"recording": name, "mode": mode, "seed": seed, "bias_per_block": False, "status": "done",
-            "ate_pct": 1.0, "ate_sim3_pct": 0.6, "avg_error_pct": 2.0, "ok_share": 0.98, "scale_error": 0.01,
+            "independent": False, "ate_pct": 0.9,
+            "ate_pct_all_frames": 1.0, "ate_alignment": "SE(3)", "coverage": 0.97, "ate_sim3_pct": 0.6,
+            "ok_but_wrong_share": 0.004, "sharpness_position": 1.1, "sharpness_attitude": 0.8, "ms_p99": 30.0,
+            "ms_max": 44.0, "avg_error_pct": 2.0, "ok_share": 0.98, "scale_error": 0.01,
             "nees_position": 4.0, "nees_attitude": 12.0, "frames_ok_too_far": 1, "frames": 150,
             "ms_per_frame": {"search": 3.0, "total": 20.0}, "features_per_frame": 50.0,
             "target_residual_max_px": None}  # fmt: skip
@@ -58,11 +62,15 @@ def row(name: str, mode: str, seed: int = 0, **numbers: Any) -> Row:
 def test_the_packages_own_plan_is_sound() -> None:
     plan = find_plan(Path("/nowhere"), None)
     assert [e.name for e in plan.recordings[:3]] == ["demo", "demo_miscalibrated", "scenes7_redkitchen"]
-    assert plan.seeds == (0, 1, 2, 3, 4)
+    assert plan.seeds == tuple(range(10))
     assert all(changed for changed in plan.ablation.levers.values())
-    assert plan.recordings[0].biased == ()  # nothing to draw: rendered as it is
-    assert plan.recordings[2].biased == ("collab", "collab-tight")
+    assert plan.recordings[0].independent == ()  # nothing to draw: rendered as it is
+    assert plan.recordings[2].independent == ("collab-tight",)
     assert not plan.recordings[-1].seeded
+    by_name = {e.name: e for e in plan.recordings}
+    assert list(by_name["icl_two_cameras"].seeds(plan.seeds)) == [0, 1, 2]
+    assert list(by_name["davison_monoslam"].seeds(plan.seeds)) == [0]
+    assert not by_name["kitti_seq2"].scored
     for entry in plan.recordings:
         Settings.default().replace(entry.settings)
 
@@ -96,9 +104,9 @@ def test_evaluate_runs_resumes_and_reports(
     rows = evaluate(place, out, asked)
     shown = capsys.readouterr().out
     assert [(r["recording"], r["mode"], r["bias_per_block"], r["status"]) for r in rows] == [
-        ("walk", "mono", False, "done"),
-        ("walk", "collab", False, "done"),
+        ("walk", "mono", True, "done"),
         ("walk", "collab", True, "done"),
+        ("walk", "collab", False, "done"),
         ("same", "collab", False, "done"),
         ("broken", "mono", False, "failed"),
         ("broken", "collab", False, "failed"),
@@ -108,7 +116,15 @@ def test_evaluate_runs_resumes_and_reports(
     assert stored["missing"] == ["gone"]
     assert stored["complete"]
     assert [r["mode"] for r in stored["rows"]] == ["mono", "collab", "collab", "mono", "collab"]
-    assert [r["recording"] for r in stored["biased_rows"]] == ["walk"]
+    assert [r["recording"] for r in stored["independent_rows"]] == ["walk"]
+    told = stored["recordings"]["walk"]["collab"]
+    assert set(told) == {*NAMES, "runs"}
+    assert told["ate_pct_all_frames"] == stored["rows"][1]["ate_pct_all_frames"] > 0.0
+    assert told["coverage"] == 1.0
+    nothing = dict.fromkeys(NAMES) | {"coverage": 0.0, "ok_share": 0.0, "runs": 1}
+    assert stored["recordings"]["broken"]["mono"] == nothing
+    (difference,) = stored["differences"]
+    assert (difference["recording"], difference["mode"], difference["pairs"]) == ("walk", "collab", 1)
     summary = json.loads((out / "runs" / "walk-collab-seed0" / "summary.json").read_text())
     assert set(summary) <= set(stored["rows"][1])
     assert stored["rows"][1]["ate_sim3_pct"] == summary["ate_sim3_pct"] is not None
@@ -185,26 +201,73 @@ def test_a_process_that_dies_fails_its_run_only(
 
 def test_pages_hold_medians_bands_and_ratios() -> None:
     plan = parse_plan(PLAN)
-    rows = [row("walk", "collab", seed, ate_pct=1.0 + seed) for seed in (0, 1, 2)]
+    rows = [row("walk", "collab", seed, ate_pct_all_frames=1.0 + seed) for seed in (0, 1, 2)]
+    rows += [row("walk", "mono", seed, ate_pct_all_frames=3.0 + 2.0 * seed) for seed in (0, 1, 2)]
     rows += [
-        row("walk", "collab", bias_per_block=True, ate_pct=5.0),
+        row("walk", "collab", independent=True, ate_pct_all_frames=5.0, coverage=0.5),
         row("same", "collab", nees_position=40.0),
     ]
     page = accuracy.page(plan, rows, [])
-    assert "| walk | lag:0.2 | collab | 2.00 | 5.00 | 2.00 | 98.0 | 98.0 | 1.0 | 50.0 | 150 | - |" in page
-    assert "| walk | lag:0.2 | collab | 4.00 | yes | 12.00 | x2 | 4.00 | 12.00 | 1 |" in page
-    assert "| same | recorded | collab | 40.00 | high | 12.00 | x2 | - | - | 1 |" in page
-    assert "| walk | lag:0.2 | collab | 0.60 | 0.50 | 1.20 | - | other |" in page
+    cells = (
+        "| walk | lag:0.2 | collab | 2.00 | 97.0 | 0.90 | 98.0 | 0.4 | 5.00 | 50.0 | 1.0 | 50.0 | 150 | - |"
+    )
+    assert cells in page
+    assert "| walk | lag:0.2 | collab | 97.0 | 4.00 | yes | 12.00 | x2 | 1.10 | 0.80 | 4.00 | 12.00 |" in page
+    assert "| same | recorded | collab | 97.0 | 40.00 | high | 12.00 | x2 | 1.10 | 0.80 | - | - |" in page
+    assert "| walk | lag:0.2 | collab | 0.60 | 97.0 | 0.50 | 1.20 | - | other |" in page
+    assert "| walk | lag:0.2 | collab | 30.0 | 44.0 | - | 3.0 |" in page
+    # 2, 3 and 4 percent less: 3 +- 4.303 / sqrt(3)
+    assert "| walk | lag:0.2 | collab | -3.00 | -5.48 to -0.52 | 3 |" in page
     assert "| collab | 2 | 0.62 to 7.22 | 22.00 | high |" in page
     assert accuracy.band_word(0.15, 0.216, 9.35) == "x2"
     assert accuracy.band_word(0.1, 0.216, 9.35) == "low"
     assert accuracy.band_word(None, 0.216, 9.35) == "-"
 
 
+def test_the_interval_of_a_mean_is_students() -> None:
+    stats = pytest.importorskip("scipy.stats")
+    for count in (2, 3, 10, 31):
+        values = np.random.default_rng(count).normal(size=count)
+        mean, low, high = figures.t_interval(values.tolist())
+        expected = stats.t.interval(0.95, count - 1, loc=values.mean(), scale=stats.sem(values))
+        assert (mean, low, high) == pytest.approx((values.mean(), *expected), rel=1e-3)
+    assert figures.t_interval([2.0]) == (2.0, None, None)
+
+
+def test_a_truth_that_is_no_judge_gives_coverage_only() -> None:
+    plan = parse_plan("recordings: {bad: {worn: rig, scored: false, modes: [mono, collab]}}")
+    rows = [row("bad", mode, seed) for mode in ("mono", "collab") for seed in (0, 1)]
+    told = figures.medians(plan, rows)["bad"]["collab"]
+    assert told["ate_pct_all_frames"] is told["nees_position"] is told["ok_but_wrong_share"] is None
+    assert told["coverage"] == 0.97
+    assert figures.differences(plan, rows) == []
+    assert "| bad | rig | collab | - | 97.0 | - | 98.0 |" in accuracy.page(plan, rows, [])
+
+
+def test_draws_of_the_relative_pose_take_the_recordings_place(place: Path, tmp_path: Path) -> None:
+    import shutil
+
+    folder = tmp_path / "walk"
+    shutil.copytree(place / "walk", folder)
+    shutil.copytree(folder / "relpose", folder / "other")
+    listing = folder / "other" / "data.csv"
+    head, first, *rest = listing.read_text().splitlines()
+    stamp, x, *others = first.split(",")
+    listing.write_text("\n".join([head, ",".join([stamp, str(float(x) + 0.5), *others]), *rest]) + "\n")
+    entry = parse_plan("recordings: {walk: {draws: [relpose, other]}}").recordings[0]
+    assert list(entry.seeds(range(5))) == [0, 1]
+    a, b = (
+        running.open_entry(Item(entry, "collab", seed, tmp_path, tmp_path)).frame(0).worn for seed in (0, 1)
+    )
+    assert a is not None
+    assert b is not None
+    np.testing.assert_allclose(b.t_cf[:3, 3] - a.t_cf[:3, 3], [0.5, 0.0, 0.0], atol=1e-9)
+
+
 def test_only_what_is_asked_for(place: Path, tmp_path: Path) -> None:
     plan = find_plan(place, None)
     less = chosen(plan, Choice(only=("walk",), modes=("mono",), seeds=(3,)))
-    assert [(e.name, e.modes, e.biased) for e in less.recordings] == [("walk", ("mono",), ())]
+    assert [(e.name, e.modes, e.independent) for e in less.recordings] == [("walk", ("mono",), ())]
     assert less.seeds == (3,)
     with pytest.raises(SettingsError, match="no recording 'wlak'"):
         chosen(plan, Choice(only=("wlak",)))
@@ -216,7 +279,7 @@ def test_only_what_is_asked_for(place: Path, tmp_path: Path) -> None:
 
 def test_the_command(place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert lab.main(["evaluate", str(place), "--dry-run", "--only", "walk", "--out", str(tmp_path)]) == 0
-    assert "to do  walk collab seed 1 biased" in capsys.readouterr().out
+    assert "to do  walk collab seed 1 independent" in capsys.readouterr().out
     assert not (tmp_path / "evaluate.json").exists()
     assert lab.main(["evaluate", str(place), "--only", "broken", "--jobs", "1", "--out", str(tmp_path)]) == 1
     assert "2 of 2 runs failed" in capsys.readouterr().err

@@ -139,4 +139,4 @@ def page(
 
 def drift_items(items: Sequence[Item], mode: str) -> list[Item]:
     """The runs to take apart: one mode, independent errors."""
-    return [replace(item, lever="drift") for item in items if item.mode == mode and not item.biased]
+    return [replace(item, lever="drift") for item in items if item.mode == mode and not item.independent]

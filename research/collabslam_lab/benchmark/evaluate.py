@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from collabslam.formats.files import write_text
 from collabslam.runs.results import write_summary
 from collabslam.version import version
 from collabslam_lab.benchmark import ablation, accuracy, blackout, descriptors, drift
+from collabslam_lab.benchmark.figures import differences, medians, split
 from collabslam_lab.benchmark.plan import Plan, find_plan
 from collabslam_lab.benchmark.running import estimate, outcome, run_items
 from collabslam_lab.benchmark.store import Item, Row
@@ -76,7 +77,7 @@ def evaluate(data: Path, out: Path, choice: Choice | None = None) -> list[Row]:
     -------
     list of dict
         A row for each run: the keys of ``summary.json`` with ``recording``, ``mode``, ``seed``,
-        ``bias_per_block`` and ``status``; a failed one has ``error`` in place of results.
+        ``bias_per_block``, ``independent`` and ``status``; a failed one has ``error`` in place of results.
 
     Raises
     ------
@@ -155,7 +156,7 @@ def chosen(plan: Plan, choice: Choice) -> Plan:
             replace(
                 e,
                 modes=tuple(m for m in e.modes if m in wanted),
-                biased=tuple(m for m in e.biased if m in wanted),
+                independent=tuple(m for m in e.independent if m in wanted),
             )
             for e in entries
         ]
@@ -174,9 +175,9 @@ def _items(plan: Plan, data: Path, out: Path, present: Sequence[str], choice: Ch
     items = []
     for entry in plan.recordings:
         if entry.name in present:
-            for seed in plan.seeds if entry.seeded else plan.seeds[:1]:
-                for biased, modes in ((False, entry.modes), (True, entry.biased)):
-                    items += [Item(entry, m, seed, data, out, biased, "", changes) for m in modes]
+            for seed in entry.seeds(plan.seeds):
+                for independent, modes in ((False, entry.modes), (True, entry.independent)):
+                    items += [Item(entry, m, seed, data, out, independent, "", changes) for m in modes]
     return items
 
 
@@ -241,7 +242,8 @@ class _Report:
             self.write([self._rows[i.title] for i in self._items if i.title in self._rows])
 
     def write(self, rows: Sequence[Row]) -> None:
-        """The rows as JSON; apart those with one error of T_CF a block: they answer another question."""
+        """What was found of each recording and mode, by how much Cf helps, and every run, as JSON."""
+        headline, independent = split(rows)
         write_summary(
             self._path,
             {
@@ -249,8 +251,10 @@ class _Report:
                 "plan": self._plan.origin,
                 "missing": list(self._missing),
                 "complete": len(rows) == len(self._items),
-                "rows": [row for row in rows if not row["bias_per_block"]],
-                "biased_rows": [row for row in rows if row["bias_per_block"]],
+                "recordings": medians(self._plan, headline),
+                "differences": [asdict(d) for d in differences(self._plan, headline)],
+                "rows": headline,
+                "independent_rows": independent,
             },
         )
 

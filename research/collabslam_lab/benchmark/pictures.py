@@ -17,14 +17,14 @@ from collabslam_lab.benchmark.plan import Plan
 from collabslam_lab.benchmark.store import Row
 
 _PANELS = (
-    ("ate_pct", "ATE, % of the path"),
+    ("ate_pct_all_frames", "ATE, all frames, % of the path"),
     ("nees_position", "NEES position"),
     ("nees_attitude", "NEES attitude"),
 )
 
 
 def plot_rows(plan: Plan, rows: Sequence[Row], path: Path) -> None:
-    """Write the picture: a dot for each seed, hollow for one error of T_CF for each block of overlap."""
+    """Write the picture: a dot for each seed, hollow for an error of T_CF of its own in each frame."""
     names = [e.name for e in plan.recordings if any(r["recording"] == e.name for r in rows)]
     figure = Figure(figsize=(11.0, 9.0), dpi=100, layout="constrained")
     panels = figure.subplots(len(_PANELS), 1, sharex=True)
@@ -50,14 +50,18 @@ def _panel(axes: Axes, rows: Sequence[Row], names: Sequence[str], key: str) -> N
     axes.spines[["top", "right"]].set_visible(False)
     modes = list(dict.fromkeys(row["mode"] for row in rows))
     for k, mode in enumerate(modes):
-        for biased in (False, True):
+        aside = (k - 0.5 * (len(modes) - 1)) * 0.16
+        for independent in (False, True):
             found = [
-                (names.index(r["recording"]) + (k - 0.5 * (len(modes) - 1)) * 0.16 + 0.05 * biased, r[key])
+                (
+                    names.index(r["recording"]) + aside + 0.05 * independent,
+                    r[key],
+                )
                 for r in rows
-                if r["mode"] == mode and r["bias_per_block"] is biased and r.get(key)
+                if r["mode"] == mode and r["independent"] is independent and r.get(key)
             ]
             if found:
                 colour = COLOURS.get(mode, POINTS)
                 axes.plot(*zip(*found, strict=True), "o", markersize=5, color=colour, zorder=3,
-                          markerfacecolor="none" if biased else colour, alpha=0.8,
-                          label=f"{mode}, one bias" if biased else mode)  # fmt: skip
+                          markerfacecolor="none" if independent else colour, alpha=0.8,
+                          label=f"{mode}, independent" if independent else mode)  # fmt: skip

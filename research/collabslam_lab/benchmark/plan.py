@@ -62,8 +62,14 @@ class Entry:
         Standard deviation of ``T_CF``: metres, then degrees of roll, pitch and yaw.
     start : str
     modes : tuple of str
-    biased : tuple of str
-        Modes that are also run with one error of ``T_CF`` for each block of overlap.
+    independent : tuple of str
+        Modes that are also run with an error of ``T_CF`` of its own in each frame, which averages out; all
+        are run with one error for each block of overlap, as it is in life.
+    draws : tuple of str
+        Folders with measured ``T_CF`` (``data.csv``) of a recording in the two-camera layout: seed k takes
+        the k-th in place of the recording's own, and there are as many seeds.
+    scored : bool
+        Whether its truth is good enough to judge lengths by; if not, only coverage is told.
     calibration_sd : tuple of float or None
         Deliberate errors of Cs's calibration, standard deviations: focal length as a share, centre in pixels,
         first coefficient of the distortion. Drawn with the seed.
@@ -81,7 +87,9 @@ class Entry:
     noise: tuple[float, ...] | None = None
     start: str = "worn"
     modes: tuple[str, ...] = ("mono", "collab", "collab-tight")
-    biased: tuple[str, ...] = ()
+    independent: tuple[str, ...] = ()
+    draws: tuple[str, ...] = ()
+    scored: bool = True
     calibration_sd: tuple[float, ...] | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     reference: Reference | None = None
@@ -94,7 +102,14 @@ class Entry:
     @property
     def seeded(self) -> bool:
         """Whether anything in it depends on the seed."""
-        return self.noisy or self.rendered is not None or self.calibration_sd is not None
+        made = self.rendered is not None or self.calibration_sd is not None
+        return self.noisy or made or bool(self.draws)
+
+    def seeds(self, given: Sequence[int]) -> Sequence[int]:
+        """The seeds of those given that make a difference: one of each draw, or one if nothing is drawn."""
+        if self.draws:
+            return [seed for seed in given if seed < len(self.draws)]
+        return given if self.seeded else given[:1]
 
 
 @dataclass(frozen=True)
@@ -111,7 +126,7 @@ class Plan:
     """What is to be run."""
 
     recordings: tuple[Entry, ...]
-    seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
+    seeds: tuple[int, ...] = tuple(range(10))
     ablation: Ablation = field(default_factory=Ablation)
     origin: str = "the package's own plan"
 
@@ -179,7 +194,7 @@ def _entry(name: str, given: Mapping[str, Any], origin: str) -> Entry:
     if not entry.noisy:
         if entry.noise is not None and "noise" not in given:
             values["noise"] = None
-        values["biased"] = ()
+        values["independent"] = ()
         entry = Entry(name=name, **values)
     if entry.rendered is not None and entry.worn is not None:
         raise SettingsError(f"{where}: a rendered scene brings its own worn camera; leave out 'worn'.")
@@ -237,6 +252,18 @@ def _modes(value: Any, where: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(value))
 
 
+def _names(value: Any, where: str) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+        raise SettingsError(f"{where} is {value!r}; give a list of folders.")
+    return tuple(value)
+
+
+def _flag(value: Any, where: str) -> bool:
+    if not isinstance(value, bool):
+        raise SettingsError(f"{where} is {value!r}; give true or false.")
+    return value
+
+
 def _noise(value: Any, where: str) -> tuple[float, ...] | None:
     if value is None:
         return None
@@ -282,7 +309,9 @@ _FIELDS: dict[str, Callable[[Any, str], Any]] = {
     "noise": _noise,
     "start": _choice(STARTS),
     "modes": _modes,
-    "biased": _modes,
+    "independent": _modes,
+    "draws": _names,
+    "scored": _flag,
     "calibration_sd": _calibration,
     "settings": _settings,
     "reference": _reference,

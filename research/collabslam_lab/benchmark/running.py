@@ -16,6 +16,7 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.datasets import attach_worn, open_recording
+from collabslam.datasets.readers import collab
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.demo.demo_run import HeldRecording
 from collabslam.demo.recording import corridor_recording
@@ -42,7 +43,11 @@ def open_entry(item: Item) -> Recording:
         If it cannot be opened, or lacks what the worn camera needs.
     """
     entry = item.entry
-    recording = _rendered(item.seed) if entry.rendered else open_recording(item.data / entry.folder)
+    folder = item.data / entry.folder
+    if entry.draws:
+        recording: Recording = collab.open(folder, folder / entry.draws[item.seed] / "data.csv")
+    else:
+        recording = _rendered(item.seed) if entry.rendered else open_recording(folder)
     if entry.calibration_sd is not None:
         recording = Miscalibrated(recording, entry.calibration_sd, item.seed)
     if entry.worn is None:
@@ -54,7 +59,7 @@ def open_entry(item: Item) -> Recording:
         period=entry.period,
         noise=entry.noise,
         seed=item.seed,
-        bias_per_block=item.biased,
+        bias_per_block=item.bias_per_block,
     )
 
 
@@ -90,7 +95,7 @@ def run_item(item: Item) -> Row:
             start=item.entry.start,
             settings=item.settings,
             out=Output(item.folder, overwrite=True, latest=False),
-            notes={**notes, "seed": item.seed, "worn_bias_per_block": item.biased},
+            notes={**notes, "seed": item.seed, "worn_bias_per_block": item.bias_per_block},
         ).summary
         if item.folder is None:
             write_summary(item.summary, summary)
@@ -155,7 +160,8 @@ def outcome(row: Row) -> str:
     if row["status"] != "done":
         return f"failed: {row['error']}"
     ok = number(row["ok_share"], 1, scale=100.0)
-    return f"ATE {number(row['ate_pct'], 2)} % of the path, OK {ok} %"
+    pose = number(row["coverage"], 1, scale=100.0)
+    return f"ATE {number(row['ate_pct_all_frames'], 2)} % over all frames, pose in {pose} %, OK {ok} %"
 
 
 def estimate(items: Iterable[Item]) -> float:

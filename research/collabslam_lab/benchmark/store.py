@@ -22,7 +22,7 @@ Row = dict[str, Any]
 
 KEY = "evaluated_as"
 """Where a summary's options say what it was made from."""
-_LOOKS_ONLY = {"benchmark", "commands", "reproduce", "checks", "viz", "cli.py", "report.py", "demo_run.py"}
+_LOOKS_ONLY = {"cli", "checks", "viz"}
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class Item:
         Folder of the recordings.
     out : Path
         Of the whole evaluation.
-    biased : bool
-        One error of ``T_CF`` for each block of overlap.
+    independent : bool
+        An error of ``T_CF`` of its own in each frame, in place of one for each block of overlap.
     lever : str
         Of the ablation; empty for the plain runs, which get a whole result folder.
     changes : tuple of (key, value)
@@ -51,7 +51,7 @@ class Item:
     seed: int
     data: Path
     out: Path
-    biased: bool = False
+    independent: bool = False
     lever: str = ""
     changes: tuple[tuple[str, Any], ...] = ()
 
@@ -68,9 +68,20 @@ class Item:
         return str(dict(self.changes).get(MODE_KEY, self.mode))
 
     @property
+    def bias_per_block(self) -> bool:
+        """Whether one error of ``T_CF`` is drawn for each block of overlap."""
+        return self.entry.noisy and not self.independent
+
+    @property
     def title(self) -> str:
         """Name for messages."""
-        parts = [self.entry.name, self.mode, f"seed {self.seed}", "biased" if self.biased else "", self.lever]
+        parts = [
+            self.entry.name,
+            self.mode,
+            f"seed {self.seed}",
+            "independent" if self.independent else "",
+            self.lever,
+        ]
         return " ".join(part for part in parts if part)
 
     @property
@@ -78,8 +89,8 @@ class Item:
         """Result folder; None for a lever's run, of which only the summary is kept."""
         if self.lever:
             return None
-        biased = "-biased" if self.biased else ""
-        return self.out / "runs" / f"{slug(self.entry.name)}-{self.mode}{biased}-seed{self.seed}"
+        independent = "-independent" if self.independent else ""
+        return self.out / "runs" / f"{slug(self.entry.name)}-{self.mode}{independent}-seed{self.seed}"
 
     @property
     def summary(self) -> Path:
@@ -93,15 +104,16 @@ class Item:
     def row(self) -> Row:
         """What names the run in ``evaluate.json``."""
         row: Row = {"recording": self.entry.name, "mode": self.mode, "seed": self.seed}
-        row["bias_per_block"] = self.biased
+        row |= {"bias_per_block": self.bias_per_block, "independent": self.independent}
         return {**row, "lever": self.lever} if self.lever else row
 
     def fingerprint(self) -> str:
         """Changes when anything does that the result depends on: options, settings, code, recording."""
         entry = self.entry
         facts = {
-            "worn": [entry.worn, entry.available, entry.period, entry.noise, self.biased],
+            "worn": [entry.worn, entry.available, entry.period, entry.noise, self.bias_per_block],
             "calibration": entry.calibration_sd,
+            "draws": entry.draws,
             "run": [entry.start, self.used_mode, self.seed if entry.seeded else 0, entry.rendered],
             "settings": self.settings.hash(),
             "version": [version(), code_hash()],

@@ -23,7 +23,9 @@ A plan is a YAML file:
       calibration_sd: [0.005, 2, 0.01] # wrong on purpose: focal length, centre in px, distortion k1
       start: worn                # worn, target or scale-free
       modes: [mono, collab]
-      biased: [collab]           # modes run once more with one error of T_CF for each block of overlap
+      independent: [collab]      # modes run once more with an error of T_CF of its own in each frame
+      draws: [relpose, seed1/relpose] # recorded in two-camera layout: folders of T_CF, one for each seed
+      scored: true               # false: the truth is no judge of lengths, only coverage is told
       settings: {filter.map.in_view: 60}
       reference: {system: ORB-SLAM3, ate_sim3_pct: 0.94, poses: 476}
     demo: {rendered: corridor}   # needs no folder

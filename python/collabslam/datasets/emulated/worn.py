@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from collabslam._core import Camera
+from collabslam.datasets.emulated.pixel_noise import exposed_again
 from collabslam.datasets.emulated.pose_noise import RIG_NOISE, SENSOR_NOISE, PoseNoise
 from collabslam.datasets.emulated.views import choose_views, load_views
 from collabslam.datasets.images import read_grey
@@ -25,7 +26,8 @@ from collabslam.types import Array, Frame, Image, Recording, WornView
 
 SPECS = "recorded, none, lag:SECONDS, rig, views:FOLDER"
 _EDGE = 1e-9
-_PER_FRAME, _PER_BLOCK = 0, 1
+_PER_FRAME, _PER_BLOCK, _PIXELS = 0, 1, 2
+"""Streams of random numbers of a seed."""
 
 
 @dataclass(frozen=True)
@@ -125,9 +127,12 @@ def _truth(recording: Recording, spec: str) -> Array:
 
 
 def _lag_samples(
-    recording: Recording, spec: str, value: str, blocks: Sequence[int | None]
+    recording: Recording, spec: str, value: str, blocks: Sequence[int | None], seed: int
 ) -> dict[int, _Sample]:
-    """Images of the same recording ``value`` seconds later, nearest by time within half a frame period."""
+    """Images of the same recording ``value`` seconds later, nearest by time within half a frame period.
+
+    Cs takes the same images in its turn: fresh noise makes them two exposures of one view.
+    """
     try:
         lag = float(value)
     except ValueError:
@@ -144,8 +149,13 @@ def _lag_samples(
         wanted = times[i] + lag
         j = int(np.argmin(np.abs(times - wanted)))
         if block is not None and known[i] and known[j] and j != i and abs(times[j] - wanted) <= half + _EDGE:
-            out[i] = _Sample(partial(recording.image, j), pose_inverse(truth[i]) @ truth[j])
+            stream = np.random.SeedSequence([seed, _PIXELS, i])
+            out[i] = _Sample(partial(_exposed_again, recording, j, stream), pose_inverse(truth[i]) @ truth[j])
     return out
+
+
+def _exposed_again(recording: Recording, j: int, stream: np.random.SeedSequence) -> Image:
+    return exposed_again(recording.image(j), np.random.Generator(np.random.PCG64(stream)))
 
 
 def _rig_samples(recording: Recording) -> tuple[Camera, dict[int, _Sample]]:
@@ -210,6 +220,7 @@ def attach_worn(
     spec
         ``recorded``: the views the recording holds, as they are.  ``none``: no views.  ``lag:SECONDS``: the
         recording's own images that much later, as if the worn camera walked ahead (a negative lag: behind).
+        Their pixels get fresh noise (`collabslam.datasets.emulated.pixel_noise`).
         ``rig``: the second camera of the rig.  ``views:FOLDER``: posed views of the same place, the one with
         the largest overlap each time (:func:`collabslam.datasets.emulated.views.choose_views`).
     available
@@ -223,7 +234,7 @@ def attach_worn(
         about F's z, x and y axes; by default 3 cm and 0.5, 0.5, 1 degrees, for a rig 2 mm and 0.05 degrees.
         ``T_true = T_meas Exp(e)``, e ~ N(0, covariance of the view).
     seed
-        Of the noise; each frame draws from its own generator.
+        Of the noise, of ``T_CF`` and of pixels; each frame draws from its own generator.
     bias_per_block
         Draw e once for each block of availability instead of for each frame.
 
@@ -246,7 +257,7 @@ def attach_worn(
             return WornRecording(recording, None, {}, [None] * len(recording), None)
         return WornRecording(recording, recording.worn_camera, {}, blocks, None)
     if kind == "lag":
-        camera, samples = recording.camera, _lag_samples(recording, spec, value, blocks)
+        camera, samples = recording.camera, _lag_samples(recording, spec, value, blocks, seed)
     elif kind == "rig":
         camera, samples = _rig_samples(recording)
     else:

@@ -105,26 +105,32 @@ def _read_relative_poses(path: Path) -> tuple[list[int], list[tuple[Array, Array
     return [s for s, _ in rows], [value for _, value in rows]
 
 
-def _read_worn(path: Path, stamps: list[int]) -> RecordedWorn | None:
+def _read_worn(path: Path, stamps: list[int], relative_poses: Path) -> RecordedWorn | None:
     folder = path / "cam1"
     if not folder.is_dir():
         return None
     view_stamps, paths = read_stream(folder)
-    pose_stamps, poses = _read_relative_poses(path / "relpose" / "data.csv")
+    pose_stamps, poses = _read_relative_poses(relative_poses)
     views = match_stamps(stamps, view_stamps, _TOLERANCE)
     measured = match_stamps(stamps, pose_stamps, _TOLERANCE)
     both = sorted(set(views) & set(measured))
     if view_stamps and not both:
         raise DataError(
-            f"No view in {folder} has a frame of cam0 and a row of relpose/data.csv within 5 ms; "
+            f"No view in {folder} has a frame of cam0 and a row of {relative_poses} within 5 ms; "
             "put all three on the same clock."
         )
     found = {i: RecordedView(paths[views[i]], *poses[measured[i]]) for i in both}
     return RecordedWorn(load_camera(folder / "sensor.yaml"), found)
 
 
-def open(path: Path) -> ImageRecording:
+def open(path: Path, relative_poses: Path | None = None) -> ImageRecording:
     """Open a two-camera recording.
+
+    Parameters
+    ----------
+    path : Path
+    relative_poses : Path, optional
+        Another file of measured ``T_CF`` in place of ``relpose/data.csv``.
 
     Raises
     ------
@@ -145,7 +151,7 @@ def open(path: Path) -> ImageRecording:
         paths=tuple(paths),
         times=times,
         truth=truth,
-        worn=_read_worn(path, stamps),
+        worn=_read_worn(path, stamps, relative_poses or path / "relpose" / "data.csv"),
     )
 
 

@@ -1,0 +1,110 @@
+"""What is told of a recording and mode: medians over the runs, and how much Cf brings."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from collabslam.runs.report import median_of
+from collabslam_lab.benchmark.plan import Plan
+from collabslam_lab.benchmark.store import Row
+
+NAMES = (
+    "ate_pct_all_frames",
+    "coverage",
+    "ok_share",
+    "ok_but_wrong_share",
+    "nees_position",
+    "nees_attitude",
+    "sharpness_position",
+    "sharpness_attitude",
+    "ms_p99",
+    "ms_max",
+)
+"""The numbers of `collabslam.runs.summary` by which recordings and modes are judged."""
+LENGTHS = (*NAMES[:1], *NAMES[3:8])
+"""Those that need a truth which is good enough."""
+BASE = "mono"
+_T95 = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145,
+        2.131, 2.120, 2.110, 2.101, 2.093, 2.086, 2.080, 2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048,
+        2.045, 2.042)  # fmt: skip
+"""Two-sided 95 % quantiles of Student's t for 1 to 30 degrees of freedom."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How much lower the error over all frames is with Cf, in percent of the path.
+
+    Attributes
+    ----------
+    recording, mode : str
+    pairs : int
+        Seeds that both modes were run with.
+    mean : float
+        Of mode minus `BASE`: negative if Cf helps.
+    low, high : float or None
+        Ends of the 95 % interval of that mean (Student's t over the seeds); None for a single pair.
+    """
+
+    recording: str
+    mode: str
+    pairs: int
+    mean: float
+    low: float | None
+    high: float | None
+
+
+def split(rows: Iterable[Row]) -> tuple[list[Row], list[Row]]:
+    """The rows with one error of ``T_CF`` for each block of overlap (or none drawn), and the others."""
+    apart: tuple[list[Row], list[Row]] = ([], [])
+    for row in rows:
+        apart[bool(row["independent"])].append(row)
+    return apart
+
+
+def medians(plan: Plan, rows: Sequence[Row]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Medians of `NAMES` over the runs of each recording and mode, with the number of ``runs``.
+
+    A run that failed counts as one without a pose in any frame.
+    """
+    out: dict[str, dict[str, dict[str, Any]]] = {}
+    for entry in plan.recordings:
+        for mode in entry.modes:
+            runs = [r for r in rows if r["recording"] == entry.name and r["mode"] == mode]
+            if not runs:
+                continue
+            done = [r if r["status"] == "done" else {"coverage": 0.0, "ok_share": 0.0} for r in runs]
+            told = {n: None if n in LENGTHS and not entry.scored else median_of(done, n) for n in NAMES}
+            out.setdefault(entry.name, {})[mode] = {**told, "runs": len(runs)}
+    return out
+
+
+def differences(plan: Plan, rows: Sequence[Row]) -> list[Difference]:
+    """Every mode against `BASE` on the same recording, seed by seed."""
+    out = []
+    for entry in plan.recordings:
+        base = _errors(rows, entry.name, BASE)
+        for mode in entry.modes:
+            mine = _errors(rows, entry.name, mode)
+            found = [mine[seed] - base[seed] for seed in mine if seed in base]
+            if entry.scored and mode != BASE and found:
+                out.append(Difference(entry.name, mode, len(found), *t_interval(found)))
+    return out
+
+
+def t_interval(values: Sequence[float]) -> tuple[float, float | None, float | None]:
+    """Mean of independent values, and the ends of its 95 % interval; None for a single value."""
+    mean, count = statistics.fmean(values), len(values)
+    if count < 2:
+        return mean, None, None
+    quantile = _T95[min(count - 1, len(_T95)) - 1]
+    half = quantile * statistics.stdev(values) / math.sqrt(count)
+    return mean, mean - half, mean + half
+
+
+def _errors(rows: Sequence[Row], name: str, mode: str) -> Mapping[int, float]:
+    runs = [r for r in rows if r["recording"] == name and r["mode"] == mode and r["status"] == "done"]
+    return {r["seed"]: r["ate_pct_all_frames"] for r in runs if r["ate_pct_all_frames"] is not None}
