@@ -7,7 +7,10 @@ from dataclasses import dataclass
 import pytest
 
 from collabslam.demo import DemoRecording, corridor_recording
-from collabslam.types import Frame
+from collabslam.frontend.detect import Corners
+from collabslam.settings.frontend import DetectSettings
+from collabslam.slam.view import View
+from collabslam.types import Frame, Image
 
 FRAMES = 15
 
@@ -24,3 +27,9 @@ class Clip:
 def clip() -> Clip:
     recording = corridor_recording()
     return Clip(recording, [recording.frame(i) for i in range(FRAMES)])
+
+
+def make_view(image: Image) -> View:
+    """A frame of which nothing but its image counts."""
+    corners = Corners(image, DetectSettings(), 8)
+    return View(0.0, image, None, None, corners, started=True, lost=False)

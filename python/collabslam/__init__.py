@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from collabslam.runs.plan import Output
     from collabslam.runs.runner import RunResult, resume, run
     from collabslam.settings.table import Settings
-    from collabslam.slam.engine import Slam, StepResult
+    from collabslam.slam.engine import Slam
+    from collabslam.slam.results import StepResult
     from collabslam.slam.saved_map import SavedMap
     from collabslam.types import Frame, Status, Target, WornView
 
@@ -62,7 +63,7 @@ _HOMES = {
     "Slam": "slam.engine",
     "Source": "datasets",
     "Status": "types",
-    "StepResult": "slam.engine",
+    "StepResult": "slam.results",
     "Target": "types",
     "WornSpec": "datasets",
     "WornView": "types",

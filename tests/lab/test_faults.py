@@ -13,7 +13,8 @@ from collabslam.geometry import se3_exp
 from collabslam.runs.runner import run
 from collabslam.settings.frontend import SightSettings
 from collabslam.slam.blank_image import BlankImageDetector
-from collabslam.slam.engine import Slam, StepResult
+from collabslam.slam.engine import Slam
+from collabslam.slam.results import StepResult
 from collabslam.types import Frame, Recording, WornView
 from collabslam_lab.reliability.faults import FAULTS, FaultyRecording, inject
 from collabslam_lab.reliability.table import FaultRow, faults_markdown, measure_faults

@@ -22,7 +22,8 @@ from collabslam.runs.checkpoint import Checkpoint
 from collabslam.runs.plan import Interval, Output
 from collabslam.runs.results import CHECKPOINT, COVARIANCE, FRAMES, TRAJECTORY
 from collabslam.runs.run_folder import RunFolder
-from collabslam.slam.engine import CLASSES, KIND, VERSION, Slam
+from collabslam.slam.engine import Slam
+from collabslam.slam.parts import CLASSES, KIND, VERSION
 from collabslam.slam.state import PersistentState, persistent_parts
 from collabslam.types import Frame, Target
 from collabslam_lab.reliability.kills import check_lines, compare_results, run_kills
@@ -93,7 +94,7 @@ def differences(a: Any, b: Any, path: str, seen: set[int]) -> list[str]:
     return [] if a == b or (a != a and b != b) else [f"{path}: {a!r} and {b!r}"]
 
 
-FOR_ONE_FRAME = {"Corners": ("_image", "_peaks"), "FlowImage": ("small",)}
+FOR_ONE_FRAME = {"FlowImage": ("small",)}
 """Attributes that each frame sets anew before anything reads them, or that are worked out from the others."""
 
 

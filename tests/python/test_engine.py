@@ -13,7 +13,8 @@ from conftest import Clip
 from collabslam.errors import InputError, SettingsError
 from collabslam.runs.results import DIAGNOSTICS
 from collabslam.settings.modes import MODES
-from collabslam.slam.engine import Slam, StepResult
+from collabslam.slam.engine import Slam
+from collabslam.slam.results import StepResult
 from collabslam.types import Frame, Status, WornView
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from conftest import make_view
 
 from collabslam._core import Camera, sample_templates
 from collabslam.errors import InputError, SettingsError
@@ -14,6 +15,7 @@ from collabslam.frontend.patch import affine_maps, capture, warp_templates
 from collabslam.frontend.search import AMBIGUOUS, FOUND, LOW_SCORE, OUTSIDE, active_search
 from collabslam.geometry import se3_exp
 from collabslam.settings.frontend import FRONTEND, FrontendSettings
+from collabslam.slam.map_change import ImagePoints, MapChange
 from collabslam.slam.tracks import Tracks
 
 SETTINGS = FrontendSettings()
@@ -386,11 +388,12 @@ def test_candidates_do_not_drift():
     uv = detect_corners(image[60:300, 60:440], NONE, 40, SETTINGS.detect, 20) + 60.0
     ids = np.arange(len(uv))
     tracks = Tracks(Camera("pinhole", 540, 360, (500.0, 500.0, 270.0, 180.0), []), SETTINGS)
-    tracks.search(image, np.eye(4), NO_FEATURES, None)
-    tracks.add_candidates(image, np.eye(4), ids, uv)
+    view = make_view(image)
+    tracks.search(view, np.eye(4), NO_FEATURES, None)
+    tracks.adopt(view, np.eye(4), MapChange(candidates=ImagePoints(ids, uv)), ids)
     for step in range(1, 13):
         now = moved(image, np.eye(2), step * np.array([3.3, -1.7]))
-        found = tracks.search(now, np.eye(4), NO_FEATURES, None)
+        found = tracks.search(make_view(now), np.eye(4), NO_FEATURES, None)
     error = found.candidate_uv - uv[found.candidates] - 12 * np.array([3.3, -1.7])
     assert len(found.candidates) > 0.8 * len(uv)
     assert np.sqrt((error**2).mean()) < 0.1

@@ -22,8 +22,9 @@ from collabslam.frontend.place_recognition import (
 )
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
 from collabslam.settings.frontend import FrontendSettings
-from collabslam.slam.engine import Slam, StepResult
+from collabslam.slam.engine import Slam
 from collabslam.slam.relocalise import Relocaliser
+from collabslam.slam.results import StepResult
 from collabslam.slam.status import StatusMonitor
 from collabslam.types import Array, Image, Status
 
@@ -242,48 +243,48 @@ class TestStatus:
 
     def test_three_frames_that_fail(self) -> None:
         m = self.monitor()
-        assert m.update(0.0, 8, believed=True) is Status.OK
-        seen = [m.update(0.01 * k, 0, believed=False) for k in range(1, 5)]
+        assert m.update(0.0, 8, accepted=True) is Status.OK
+        seen = [m.update(0.01 * k, 0, accepted=False) for k in range(1, 5)]
         assert seen == [Status.COASTING, Status.COASTING, Status.LOST, Status.LOST]
 
     def test_lost_until_a_full_set_is_found(self) -> None:
         m = self.monitor(lost=True)
-        assert m.least(0) == 8
-        assert m.least(100) == 15
-        assert m.update(0.0, 7, believed=True) is Status.LOST
-        assert m.update(0.1, 8, believed=True) is Status.OK
+        assert m.min_inliers(0) == 8
+        assert m.min_inliers(100) == 15
+        assert m.update(0.0, 7, accepted=True) is Status.LOST
+        assert m.update(0.1, 8, accepted=True) is Status.OK
         assert not m.lost
 
     def test_what_says_nothing_ends_no_streak(self) -> None:
         m = self.monitor()
-        assert m.update(0.0, 8, believed=True) is Status.OK
-        assert m.least(5) == 0
-        assert m.update(0.1, 0, believed=False) is Status.COASTING
-        assert m.least(5) == 8  # it has failed: where little is expected, much is asked
-        assert m.update(0.11, 0, believed=True) is Status.COASTING  # the same image again
-        assert m.update(0.2, 0, believed=False) is Status.COASTING
-        assert m.update(0.3, 0, believed=False) is Status.LOST
+        assert m.update(0.0, 8, accepted=True) is Status.OK
+        assert m.min_inliers(5) == 0
+        assert m.update(0.1, 0, accepted=False) is Status.COASTING
+        assert m.min_inliers(5) == 8  # it has failed: where little is expected, much is asked
+        assert m.update(0.11, 0, accepted=True) is Status.COASTING  # the same image again
+        assert m.update(0.2, 0, accepted=False) is Status.COASTING
+        assert m.update(0.3, 0, accepted=False) is Status.LOST
 
     def test_too_few_for_a_second(self) -> None:
         m = self.monitor()
-        assert m.update(0.0, 9, believed=True) is Status.OK
-        seen = [m.update(0.25 * k, 5, believed=True) for k in range(1, 6)]
+        assert m.update(0.0, 9, accepted=True) is Status.OK
+        seen = [m.update(0.25 * k, 5, accepted=True) for k in range(1, 6)]
         assert seen == [Status.COASTING] * 4 + [Status.LOST]
 
     @pytest.mark.parametrize(
-        ("searched", "least"), [(0, 0), (7, 0), (8, 4), (16, 8), (40, 8), (60, 9), (100, 15)]
+        ("searched", "expected"), [(0, 0), (7, 0), (8, 4), (16, 8), (40, 8), (60, 9), (100, 15)]
     )
-    def test_least(self, searched: int, least: int) -> None:
-        assert self.monitor().least(searched) == least
+    def test_min_inliers(self, searched: int, expected: int) -> None:
+        assert self.monitor().min_inliers(searched) == expected
 
     def test_its_settings_count(self) -> None:
         m = self.monitor(frames=1, min_matches=20, min_share=0.5)
-        assert m.least(100) == 50
-        assert m.update(0.0, 19, believed=True) is Status.COASTING
-        assert m.update(0.1, 0, believed=False) is Status.LOST
+        assert m.min_inliers(100) == 50
+        assert m.update(0.0, 19, accepted=True) is Status.COASTING
+        assert m.update(0.1, 0, accepted=False) is Status.LOST
 
 
-class TestRecall:
+class TestPlaceRecognition:
     def test_descriptors_know_a_point_at_another_scale(self, images: list[Image]) -> None:
         image, options = images[0], FrontendSettings()
         uv = detect_corners(image, np.empty((0, 2)), 60, options.detect, 60)

@@ -18,8 +18,8 @@ from collabslam.datasets import FirstFrames
 from collabslam.demo import DemoRecording
 from collabslam.demo.recording import WORN_CAMERA
 from collabslam.errors import DataError, InputError, SettingsError
+from collabslam.frontend.map_views import in_other_camera
 from collabslam.frontend.patch import Patch, capture
-from collabslam.frontend.place_recognition import in_other_camera
 from collabslam.geometry import pose_inverse, se3_log
 from collabslam.runs.plan import Output
 from collabslam.runs.runner import run

@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import make_view
 
 from collabslam._core import Camera
 from collabslam.frontend.search import AMBIGUOUS, FOUND
 from collabslam.settings.frontend import FrontendSettings
+from collabslam.slam.map_change import ImagePoints, MapChange, Recovered
 from collabslam.slam.tracks import Tracks
 from collabslam.types import Array, Ids, Image
 
@@ -38,8 +40,12 @@ def _expected(spread: Array) -> dict[str, Any]:
 def test_a_lost_feature_is_looked_for_where_the_others_expect_it(told: bool, code: int) -> None:
     image = _wallpaper()
     tracks = Tracks(Camera("pinhole", 240, 240, (200.0, 200.0, 120.0, 120.0), ()), FrontendSettings())
-    tracks.add_features(image, np.eye(4), np.arange(4), TRUE)
-    tracks.found(np.arange(3), TRUE[:3])  # the last one was not seen
+    view = make_view(image)
+    born = MapChange(instant=ImagePoints(np.arange(4), TRUE))
+    nothing = np.empty(0, np.int64)
+    tracks.adopt(view, np.eye(4), born, nothing)
+    seen = ImagePoints(np.arange(3), TRUE[:3])  # the last one was not
+    tracks.adopt(view, np.eye(4), MapChange(), nothing, Recovered(seen))
     expected = _expected(np.array([2.0, 2.0, 2.0, 20.0]))
     asked = []
 
@@ -48,7 +54,7 @@ def test_a_lost_feature_is_looked_for_where_the_others_expect_it(told: bool, cod
         np.testing.assert_allclose(uv, TRUE[ids], atol=0.1)
         return (TRUE[wanted] + 0.4, np.eye(2)[None]) if told else (TRUE[wanted], 400.0 * np.eye(2)[None])
 
-    found = tracks.search(image, np.eye(4), expected, given)
+    found = tracks.search(view, np.eye(4), expected, given)
     assert asked == [([0, 1, 2], [3])]
     assert found.result.code.tolist() == [FOUND, FOUND, FOUND, code]
     if told:

@@ -14,7 +14,8 @@ from collabslam import Camera
 from collabslam.frontend.wearer_mask import covered
 from collabslam.geometry import rotation_exp
 from collabslam.settings.table import Settings
-from collabslam.slam.engine import Slam, StepResult
+from collabslam.slam.engine import Slam
+from collabslam.slam.results import StepResult
 from collabslam.types import Array
 
 RADIUS = 0.3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -54,9 +55,9 @@ def corner_peaks(image: Image, settings: DetectSettings, distance: float, border
     reach = max(1, int(distance / factor))
     block = settings.block if factor == 1 else max(3, settings.block // 2 | 1)
     response = np.asarray(cv2.cornerMinEigenVal(small, block, ksize=3), dtype=np.float32)
-    least = (settings.min_gradient / _GREY_GRADIENT) ** 2
-    place = _core.corner_peaks(response, reach, border, settings.quality, least)
-    return factor * place + 0.5 * (factor - 1)
+    min_response = (settings.min_gradient / _GREY_GRADIENT) ** 2
+    peaks = _core.corner_peaks(response, reach, border, settings.quality, min_response)
+    return factor * peaks + 0.5 * (factor - 1)
 
 
 def refine_corners(image: Image, uv: Array) -> Array:
@@ -81,36 +82,43 @@ def refine_corners(image: Image, uv: Array) -> Array:
 
 
 class Corners:
-    """Corners of one frame's image, asked for more than once: the response is found once, when first needed.
+    """Corners of one image, picked more than once: the response is worked out when it is first needed.
 
     Parameters
     ----------
+    image : (H, W) uint8
     settings : DetectSettings
-    mask_border : int
+    border : int
         Pixels along the image's edge without corners.
+    hidden : callable, optional
+        Which pixels show what is no landmark: there are no corners there.
     halve : bool, optional
         Whether to look at half resolution; where the image is wide enough unless given.
     """
 
-    def __init__(self, settings: DetectSettings, mask_border: int, halve: bool | None = None) -> None:
-        self._settings, self._border, self._halve = settings, mask_border, halve
-        self._image: Image | None = None
-        self._peaks: Array | None = None
-        self._hidden: Hidden | None = None
+    def __init__(
+        self,
+        image: Image,
+        settings: DetectSettings,
+        border: int,
+        *,
+        hidden: Hidden | None = None,
+        halve: bool | None = None,
+    ) -> None:
+        self._image, self._settings, self._border = image, settings, border
+        self._hidden = hidden
+        self._halve = halves(image.shape[1]) if halve is None else halve
 
-    def look_at(self, image: Image, hidden: Hidden | None = None) -> None:
-        """Takes the image of a new frame; pixels that are ``hidden`` have no corners."""
-        self._image, self._peaks, self._hidden = image, None, hidden
+    @cached_property
+    def _peaks(self) -> Array:
+        distance = _distance(self._image, self._settings)
+        peaks = corner_peaks(self._image, self._settings, distance, max(1, self._border), self._halve)
+        return peaks if self._hidden is None else peaks[~self._hidden(peaks)]
 
     def pick(self, existing: Array, count: int) -> Array:
-        """As :func:`detect_corners` of the frame's image: (M, 2) float64."""
-        if self._image is None or count <= 0:
+        """As :func:`detect_corners` of the image: (M, 2) float64."""
+        if count <= 0:
             return np.empty((0, 2), dtype=np.float64)
-        if self._peaks is None:
-            halve = halves(self._image.shape[1]) if self._halve is None else self._halve
-            distance = _distance(self._image, self._settings)
-            peaks = corner_peaks(self._image, self._settings, distance, max(1, self._border), halve)
-            self._peaks = peaks if self._hidden is None else peaks[~self._hidden(peaks)]
         return _spread(self._image, self._peaks, existing, count, self._settings)
 
 
@@ -144,9 +152,7 @@ def detect_corners(
     (M, 2) float64
         Corners (u, v), the most wanted first.
     """
-    corners = Corners(settings, mask_border, halve)
-    corners.look_at(image)
-    return corners.pick(existing, count)
+    return Corners(image, settings, mask_border, halve=halve).pick(existing, count)
 
 
 def _distance(image: Image, settings: DetectSettings) -> float:

@@ -18,7 +18,8 @@ from collabslam._core import Camera
 from collabslam.errors import InputError
 from collabslam.frontend.describe import Descriptors, describe
 from collabslam.frontend.detect import corner_peaks, refine_corners
-from collabslam.frontend.patch import Patch, affine_maps, warp_templates
+from collabslam.frontend.map_views import MapViews
+from collabslam.frontend.patch import Patch, warp_templates
 from collabslam.frontend.search import FOUND, active_search
 from collabslam.frontend.target import pose_from_points
 from collabslam.geometry import pose_inverse
@@ -48,12 +49,6 @@ class Fix(NamedTuple):
     pose: Array
     landmarks: Indices
     uv: Array
-
-
-def in_one_list(by_landmark: Sequence[Sequence[Patch]]) -> tuple[list[Patch], Indices]:
-    """All views, landmark after landmark, and the landmark (V,) int64 of each, by its place in the list."""
-    owner = np.repeat(np.arange(len(by_landmark)), [len(some) for some in by_landmark])
-    return [view for some in by_landmark for view in some], owner
 
 
 def describe_views(patches: Sequence[Patch], support: float) -> Descriptors:
@@ -164,51 +159,11 @@ def pose_by_ransac(
     return pose_inverse(t_cw), front[inliers.ravel()]
 
 
-def nearest_views(patches: Sequence[Patch], owner: Indices, points: Array, pose: Array) -> Indices:
-    """(L,) index of each landmark's view that is most like that from ``pose``, in direction and distance."""
-    centres = np.stack([p.t_wc[:3, 3] for p in patches])
-    then, now = points[owner] - centres, points[owner] - pose[:3, 3]
-    ranges = np.maximum(np.linalg.norm(then, axis=1), 1e-9), np.maximum(np.linalg.norm(now, axis=1), 1e-9)
-    cosine = np.clip((then * now).sum(axis=1) / (ranges[0] * ranges[1]), -1.0, 1.0)
-    unlike = np.arccos(cosine) + np.abs(np.log(ranges[0] / ranges[1]))
-    order = np.lexsort((unlike, owner))
-    return order[np.r_[True, owner[order][1:] != owner[order][:-1]]]
-
-
-def search_from(
-    image: Image,
-    camera: Camera,
-    pose: Array,
-    points: Array,
-    patches: Sequence[Patch],
-    owner: Indices,
-    settings: FrontendSettings,
-) -> tuple[Indices, Array, int]:
-    """Searches all patches where a pose says: landmarks found, their pixels, and how many could be found."""
-    seen = np.ascontiguousarray((points - pose[:3, 3]) @ pose[:3, :3])
-    uv, ok = camera.project(seen)
-    inside = ok & (seen[:, 2] > 0.0) & np.all((uv >= 0.0) & (uv < [camera.width, camera.height]), axis=1)
-    chosen = nearest_views(patches, owner, points, pose)
-    index = np.flatnonzero(inside)
-    templates, usable, _ = warp_templates(
-        camera, [patches[chosen[i]] for i in index], pose, points[index], settings.patch
-    )
-    index, templates = index[usable], templates[usable]
-    spread = (settings.relocalise.radius / settings.search.gate) ** 2 * np.eye(2)
-    result = active_search(
-        image, templates, uv[index], np.broadcast_to(spread, (len(index), 2, 2)), None, settings
-    )
-    hit = result.code == FOUND
-    return index[hit], result.uv[hit], len(index)
-
-
 def locate(
     image: Image,
     camera: Camera,
-    points: Array,
-    patches: Sequence[Patch],
-    views: Descriptors,
-    owner: Indices,
+    views: MapViews,
+    descriptors: Descriptors,
     guess: Array,
     rolls: Sequence[float],
     settings: FrontendSettings,
@@ -221,14 +176,9 @@ def locate(
     ----------
     image : (H, W) uint8
     camera : Camera
-    points : (L, 3) float64
-        Landmarks in W, metres.
-    patches : sequence of V Patch
-        Views of them.
-    views : (V, D) float32
-        Their descriptors (`describe_views`).
-    owner : (V,) int64
-        Landmark of each view, increasing; each landmark has at least one.
+    views : MapViews
+    descriptors : (V, D) float32
+        Of the views (`describe_views`).
     guess : (4, 4) float64
         T_WC as it is expected.
     rolls : sequence of float
@@ -243,18 +193,20 @@ def locate(
     for roll in rolls:
         described = describe_corners(image, corners, roll, options.support)
         places = (
-            (_near(camera, corners, points, guess, options.guess_radius), None) if roll == 0.0 else (None,)
+            (_near(camera, corners, views.points, guess, options.guess_radius), None)
+            if roll == 0.0
+            else (None,)
         )
         for near in places:
             landmark, corner = match_descriptors(
-                views, owner, described, options.ratio, options.max_distance, near
+                descriptors, views.owner, described, options.ratio, options.max_distance, near
             )
             first = pose_by_ransac(
-                points[landmark], corners[corner], camera, options.corner_residual, options.iterations
+                views.points[landmark], corners[corner], camera, options.corner_residual, options.iterations
             )
             if first is None or len(first[1]) < options.min_descriptors:
                 continue
-            fix = confirmed(image, camera, first[0], points, patches, owner, settings)
+            fix = confirmed(image, camera, first[0], views, settings)
             if fix is not None:
                 return fix
     return None
@@ -273,16 +225,14 @@ def confirmed(
     image: Image,
     camera: Camera,
     pose: Array,
-    points: Array,
-    patches: Sequence[Patch],
-    owner: Indices,
+    views: MapViews,
     settings: FrontendSettings,
 ) -> Fix | None:
     """A pose that the landmarks' patches vouch for; None where too few of them are found."""
     options = settings.relocalise
     for _ in range(2):  # the second search starts from the pose of the first
-        index, uv, possible = search_from(image, camera, pose, points, patches, owner, settings)
-        agreed = _refined(points[index], uv, camera, pose, options.max_residual)
+        index, uv, possible = _search_from(image, camera, pose, views, settings)
+        agreed = _refined(views.points[index], uv, camera, pose, options.max_residual)
         if agreed is None or len(agreed[1]) < max(options.min_patches, options.min_share * possible):
             return None
         pose, kept = agreed
@@ -293,48 +243,30 @@ def confirmed(
     return Fix(pose, index, uv)
 
 
-def in_other_camera(patches: Sequence[Patch], camera: Camera, other: Camera) -> list[Patch | None]:
-    """The patches as another camera would have captured them from the same poses.
-
-    Parameters
-    ----------
-    patches : sequence of N Patch
-        Of one size.
-    camera, other : Camera
-        The camera that captured them, and the other one.
-
-    Returns
-    -------
-    list of N Patch or None
-        None where the other camera's model does not reach.
-    """
-    if not patches:
-        return []
-    side = patches[0].pixels.shape[0]
-    middle = (side - 1) / 2.0
-    uv_ref = np.stack([patch.uv_ref for patch in patches])
-    uv, affine, ok = affine_maps(camera, uv_ref, other, np.eye(4), np.zeros(len(patches)))
-    taken: list[Patch | None] = []
-    for patch, there, map_, reached in zip(patches, uv, affine, ok, strict=True):
-        if not reached:
-            taken.append(None)
-            continue
-        local = patch.uv_ref - np.rint(patch.uv_ref) + middle
-        back = np.linalg.inv(map_)
-        step = float(np.linalg.norm(back, 2))
-        source = patch.pixels if step < 1.3 else cv2.GaussianBlur(patch.pixels, (0, 0), 0.4 * step)
-        pixels = cv2.warpAffine(
-            source,
-            np.column_stack([back, local - back @ np.full(2, middle)]),
-            (side, side),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
-        # Both cameras are upright: what is inside stays a rectangle but for the skew of the lens.
-        scale = np.tile(np.diag(map_), 2)
-        inside = np.clip(middle + scale * (patch.inside - np.tile(local, 2)), 0.0, side - 1.0)
-        taken.append(Patch(np.asarray(pixels, dtype=np.uint8), np.rint(there), patch.t_wc, inside))
-    return taken
+def _search_from(
+    image: Image,
+    camera: Camera,
+    pose: Array,
+    views: MapViews,
+    settings: FrontendSettings,
+) -> tuple[Indices, Array, int]:
+    """Searches all patches where a pose says: landmarks found, their pixels, and how many could be found."""
+    points = views.points
+    seen = np.ascontiguousarray((points - pose[:3, 3]) @ pose[:3, :3])
+    uv, ok = camera.project(seen)
+    inside = ok & (seen[:, 2] > 0.0) & np.all((uv >= 0.0) & (uv < [camera.width, camera.height]), axis=1)
+    nearest = views.nearest(pose)
+    index = np.flatnonzero(inside)
+    templates, usable, _ = warp_templates(
+        camera, [nearest[i] for i in index], pose, points[index], settings.patch
+    )
+    index, templates = index[usable], templates[usable]
+    spread = (settings.relocalise.radius / settings.search.gate) ** 2 * np.eye(2)
+    result = active_search(
+        image, templates, uv[index], np.broadcast_to(spread, (len(index), 2, 2)), None, settings
+    )
+    hit = result.code == FOUND
+    return index[hit], result.uv[hit], len(index)
 
 
 def _corners(image: Image, settings: FrontendSettings) -> Array:

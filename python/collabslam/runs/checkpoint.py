@@ -16,7 +16,8 @@ from collabslam.formats import schema
 from collabslam.formats.container import read_container, write_container
 from collabslam.runs.plan import PLAN_STATE, Plan
 from collabslam.runs.results import CHECKPOINT, SUMMARY
-from collabslam.slam.engine import CLASSES, Slam
+from collabslam.slam.engine import Slam
+from collabslam.slam.parts import CLASSES
 from collabslam.types import Recording, Status
 from collabslam.version import version
 

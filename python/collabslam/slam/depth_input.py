@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike
 
 from collabslam._core import UpdateReport
 from collabslam.errors import InputError
-from collabslam.frontend.detect import Corners
+from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import PersistentState
 from collabslam.slam.tracks import Found
+from collabslam.slam.view import View
 from collabslam.types import Array, Ids, Indices, Mask
 
 NEAR = 4.0
@@ -37,27 +38,17 @@ class Depths:
         """Argument of ``Filter.update``."""
         return (self.ids, self.uv, self.depth, self.sigma) if len(self.ids) else None
 
-    def births(self, report: UpdateReport) -> tuple[Ids, Array]:
-        """Features born from new points, and their pixels."""
-        if not len(self.ids):
-            return self.ids, self.uv
-        born = report.depth_births >= 0
-        return report.depth_births[born], self.uv[born]
+    def births(self, report: UpdateReport) -> ImagePoints:
+        """Features born from new points."""
+        return ImagePoints.born(report.depth_births, self.uv) if len(self.ids) else ImagePoints()
 
 
 class DepthInput(PersistentState):
-    """Keeps the depths that are given, and finds the points of the image they belong to.
-
-    Parameters
-    ----------
-    corners : Corners
-        Of the present frame.
-    """
+    """Keeps the depths that are given, and finds the points of the image they belong to."""
 
     PERSISTENT = ("_given",)
 
-    def __init__(self, corners: Corners) -> None:
-        self._corners = corners
+    def __init__(self) -> None:
         self._given: list[tuple[Array, Array, Array]] = []
 
     def add(self, uv: ArrayLike, depth: ArrayLike, sigma: ArrayLike) -> None:
@@ -75,17 +66,18 @@ class DepthInput(PersistentState):
             raise InputError(
                 "uv, depth and sigma must be finite, depth and sigma above zero; leave others out."
             )
-        self._given.append((pixels, z.copy(), sd.copy()))
+        self._given = [*self._given, (pixels.copy(), z.copy(), sd.copy())]
 
     def forget(self) -> None:
         """Drop what was given: the frame it was for cannot be used."""
         self._given = []
 
-    def take(self, found: Found, used: Ids, missing: int) -> Depths:
+    def take(self, view: View, found: Found, used: Ids, missing: int) -> Depths:
         """The depths given since the last frame, at the points of this one.
 
         Parameters
         ----------
+        view : View
         found : Found
             Features tracked into this frame; each takes the nearest depth.
         used : (M,) int64
@@ -103,7 +95,7 @@ class DepthInput(PersistentState):
         ids, points, nearest = ids[near], points[near], nearest[near]
         if missing > 0:
             taken = np.concatenate([found.uv, found.candidate_uv])
-            fresh = self._corners.pick(taken, CORNERS * missing)
+            fresh = view.corners.pick(taken, CORNERS * missing)
             rows, near = _nearest(fresh, uv)
             fresh, rows = fresh[near][:missing], rows[near][:missing]
             ids = np.concatenate([ids, np.full(len(fresh), -1)])

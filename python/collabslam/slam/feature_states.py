@@ -10,7 +10,7 @@ import numpy as np
 from collabslam._core import UpdateReport
 from collabslam.frontend.search import AMBIGUOUS, FOUND, LOW_SCORE
 from collabslam.slam.tracks import Found
-from collabslam.types import Array, Ids
+from collabslam.types import Array, Ids, Mask
 
 STATES = ("accepted", "rejected", "unlike", "ambiguous", "outside", "not searched")
 """Used by the filter; found but refused; patch not found; found twice; outside the image; not looked for."""
@@ -40,15 +40,18 @@ class FrameFeatures:
     states: list[str]
 
 
+def accepted_bearings(report: UpdateReport) -> Mask:
+    """(N,) bool: which features found in Cs the update accepted, by their pixel or by their depth."""
+    return np.array([outcome in ("pixel", "replaced") for outcome in report.bearings], np.bool_)
+
+
 def frame_features(expected: dict[str, Any], found: Found, report: UpdateReport) -> FrameFeatures:
     """Puts prediction, search and update of a frame together."""
     ids = expected["ids"]
     names = {FOUND: "rejected", LOW_SCORE: "unlike", AMBIGUOUS: "ambiguous"}
     codes = found.result.code.tolist()
     states = {i: names.get(c, "outside") for i, c in zip(found.searched.tolist(), codes, strict=True)}
-    for i, outcome in zip(found.ids.tolist(), report.bearings, strict=True):
-        if outcome in ("pixel", "replaced"):
-            states[i] = "accepted"
+    states.update(dict.fromkeys(found.ids[accepted_bearings(report)].tolist(), "accepted"))
     row = {i: k for k, i in enumerate(ids.tolist())}
     place = np.full((len(ids), 2), np.nan)
     place[[row[i] for i in found.ids.tolist()]] = found.uv

@@ -6,19 +6,24 @@ in frames that fail, and every now and then while the camera is in the new map.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from collabslam._core import Camera, Filter
+from collabslam._core import Camera, Filter, UpdateReport
 from collabslam.frontend.describe import Descriptors
+from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.patch import Patch, capture
-from collabslam.frontend.place_recognition import Fix, describe_views, in_one_list, locate
+from collabslam.frontend.place_recognition import Fix, describe_views, locate
 from collabslam.settings.frontend import FrontendSettings, SearchSettings
+from collabslam.slam.feature_states import accepted_bearings
+from collabslam.slam.map_change import ImagePoints, Recovered
 from collabslam.slam.state import PersistentState
 from collabslam.slam.tracks import Tracks, chosen
-from collabslam.types import Array, Ids, Image
+from collabslam.slam.view import View
+from collabslam.types import Array, Ids
 
 ROLLS = (0.5, -0.5)
 """Rolls of the camera against its views, radians: each attempt tries none, then one of these in turn."""
@@ -27,8 +32,6 @@ MAX_RHO_RATIO = 0.3
 
 MAX_ASIDE = 4
 """Maps put aside, at most; beyond it the second oldest goes, as the first is the one best tied to W."""
-
-Found = tuple[Ids, Array]
 
 
 @dataclass(frozen=True)
@@ -89,21 +92,22 @@ class Relocaliser(PersistentState):
         self._looked_back: float | None = None
         self._described: dict[int, tuple[Patch, Descriptors]] = {}
 
-    def remember(self, t: float, image: Image, pose: Array, ids: Ids, uv: Array) -> None:
-        """Keeps views of the landmarks found in a frame at ``t`` seconds, if it is time for it.
+    def remember(self, view: View, pose: Array, seen: ImagePoints) -> None:
+        """Keeps views of the landmarks seen in a frame from ``pose`` (T_WC), if it is time for it.
 
         The latest ones replace the oldest.
         """
         self._attempts = 0
         self._described.clear()
         options = self._options.relocalise
-        if self._last is not None and t - self._last < options.every:
+        if self._last is not None and view.t - self._last < options.every:
             return
-        self._last = t
-        for i, view in zip(ids.tolist(), capture(image, uv, pose, self._options.patch), strict=True):
-            views = self._views.setdefault(i, [])
-            del views[: len(views) + 1 - options.views]
-            views.append(view)
+        self._last = view.t
+        views = dict(self._views)
+        patches = capture(view.image, seen.uv, pose, self._options.patch)
+        for i, patch in zip(seen.ids.tolist(), patches, strict=True):
+            views[i] = [*views.get(i, []), patch][-options.views :]
+        self._views = views
 
     def views(self, ids: Ids) -> list[list[Patch]]:
         """The views of each landmark, the first one first."""
@@ -111,13 +115,15 @@ class Relocaliser(PersistentState):
 
     def adopt(self, ids: Ids, views: list[list[Patch]]) -> None:
         """Takes over the views of a map to start in, as `views` gives them."""
-        self._tracks.adopt(ids, [some[0] for some in views])
-        self._views.update(zip(ids.tolist(), [some[1:] for some in views], strict=True))
+        self._tracks.adopt_map(ids, [some[0] for some in views])
+        later = [some[1:] for some in views]
+        self._views = {**self._views, **dict(zip(ids.tolist(), later, strict=True))}
 
     def forget(self, ids: Ids) -> None:
         """Drops the views of deleted landmarks."""
-        for i in ids.tolist():
-            self._views.pop(i, None)
+        gone = set(ids.tolist())
+        if not gone.isdisjoint(self._views):
+            self._views = {i: views for i, views in self._views.items() if i not in gone}
 
     def map_in_use(self) -> MapAside:
         """The map that the camera is in, to be put aside."""
@@ -133,58 +139,53 @@ class Relocaliser(PersistentState):
         )
 
     def put_aside(self, old: MapAside) -> None:
-        """Notes that the camera has left a map for a new one."""
-        self._views.clear()
+        """The camera has left a map for a new one: the old one is kept, if it can be recognised at all."""
+        self._views = {}
         if len(old.use) >= self._options.relocalise.min_patches:
-            self._aside.append(old)
-            del self._aside[1 : len(self._aside) + 1 - MAX_ASIDE]
+            kept = [*self._aside, old]
+            self._aside = kept if len(kept) <= MAX_ASIDE else [kept[0], *kept[2:]]
 
-    def attempt(self, image: Image) -> Found | None:
+    def attempt(self, view: View) -> Recovered | None:
         """Looks for the camera in its map, in turn with those aside, and resets the filter to where it is.
 
         Returns
         -------
-        ids : (N,) int64
-            Landmarks that the pose rests on.
-        uv : (N, 2) float64
-            Their pixels; None instead if the camera was not found.
+        Recovered or None
+            None if the camera was not found.
         """
         round_, turn = divmod(self._attempts, 1 + len(self._aside))
         self._attempts += 1
         rolls = (0.0, ROLLS[round_ % len(ROLLS)])
-        return self._in_aside(image, turn - 1, rolls) if turn else self._in_use(image, rolls)
+        return self._in_aside(view, turn - 1, rolls) if turn else self._in_use(view, rolls)
 
-    def look_back(self, t: float, image: Image) -> Found | None:
-        """Whether the camera, at ``t`` seconds, sees a map put aside: now and then, one in turn.
+    def look_back(self, view: View) -> Recovered | None:
+        """Whether the camera sees a map put aside: asked now and then, of one map in turn.
 
         As `attempt`: if it does, the filter is back in that map.
         """
         if not self._aside:
             return None
-        if self._looked_back is not None and t - self._looked_back < self._options.relocalise.every:
+        if self._looked_back is not None and view.t - self._looked_back < self._options.relocalise.every:
             return None
-        self._looked_back = t
-        self._aside.insert(0, self._aside.pop())
-        return self._in_aside(image, 0, (0.0,))
+        self._looked_back = view.t
+        self._aside = [self._aside[-1], *self._aside[:-1]]
+        return self._in_aside(view, 0, (0.0,))
 
-    def _in_use(self, image: Image, rolls: tuple[float, ...]) -> Found | None:
+    def _in_use(self, view: View, rolls: tuple[float, ...]) -> Recovered | None:
         landmarks = self._core.landmarks()
         use = np.flatnonzero(landmarks["rho_ratio"] < MAX_RHO_RATIO)
         ids: Ids = landmarks["ids"][use]
-        fix = self._locate(image, landmarks["points"][use], self.views(ids), rolls)
+        fix = self._locate(view, landmarks["points"][use], self.views(ids), rolls)
         if fix is None:
             return None
         report = self._core.relocalise(fix.pose, ids[fix.landmarks], fix.uv)
         if not report.believed:
             return None
-        good = np.array([outcome == "pixel" for outcome in report.bearings])
-        found = ids[fix.landmarks][good], fix.uv[good]
-        self._tracks.found(*found)
-        return found
+        return self._recovered(ids[fix.landmarks], fix, report)
 
-    def _in_aside(self, image: Image, which: int, rolls: tuple[float, ...]) -> Found | None:
+    def _in_aside(self, view: View, which: int, rolls: tuple[float, ...]) -> Recovered | None:
         old = self._aside[which]
-        fix = self._locate(image, old.points, [old.views[i] for i in old.use], rolls)
+        fix = self._locate(view, old.points, [old.views[i] for i in old.use], rolls)
         if fix is None:
             return None
         places = old.use[fix.landmarks]
@@ -193,25 +194,27 @@ class Relocaliser(PersistentState):
         )
         if not report.believed:
             return None
-        del self._aside[which]
-        self._views.clear()
-        self._tracks.leave_map()
-        self.adopt(ids, old.views)
-        good = np.array([outcome == "pixel" for outcome in report.bearings])
-        found = ids[places][good], fix.uv[good]
-        self._tracks.found(*found)
-        return found
+        self._aside = [other for other in self._aside if other is not old]
+        self._views = dict(zip(ids.tolist(), [views[1:] for views in old.views], strict=True))
+        first = dict(zip(ids.tolist(), [views[0] for views in old.views], strict=True))
+        return self._recovered(ids[places], fix, report, first)
 
     def _locate(
-        self, image: Image, points: Array, by_landmark: list[list[Patch]], rolls: tuple[float, ...]
+        self, view: View, points: Array, by_landmark: list[list[Patch]], rolls: tuple[float, ...]
     ) -> Fix | None:
         if len(points) < self._options.relocalise.min_patches:
             return None
-        patches, owner = in_one_list(by_landmark)
-        views = self._describe(patches)
-        return locate(
-            image, self._camera, points, patches, views, owner, self._core.pose, rolls, self._options
-        )
+        views = MapViews.of(points, by_landmark)
+        descriptors = self._describe(views.patches)
+        return locate(view.image, self._camera, views, descriptors, self._core.pose, rolls, self._options)
+
+    def _recovered(
+        self, ids: Ids, fix: Fix, report: UpdateReport, other_map: Mapping[int, Patch] | None = None
+    ) -> Recovered:
+        """What the filter accepted of a fix; candidates were seen from where the camera is not."""
+        self._core.drop_candidates(self._core.candidates)
+        accepted = accepted_bearings(report)
+        return Recovered(ImagePoints(ids[accepted], fix.uv[accepted]), other_map)
 
     def _describe(self, patches: list[Patch]) -> Descriptors:
         """Descriptors of views, one after the other; made once for all attempts until the camera is found."""

@@ -11,8 +11,8 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.errors import DataError
 from collabslam.formats.container import read_container, write_container
+from collabslam.frontend.map_views import in_one_list, in_other_camera
 from collabslam.frontend.patch import Patch
-from collabslam.frontend.place_recognition import in_one_list, in_other_camera
 from collabslam.types import Array
 
 KIND, VERSION = "map", 1

@@ -38,8 +38,8 @@ class StatusMonitor(PersistentState):
         self.found = not lost
         """Whether it has ever known where it is."""
 
-    def least(self, searched: int) -> int:
-        """Fewest accepted matches with which a frame is believed in which so many features were searched.
+    def min_inliers(self, searched: int) -> int:
+        """Fewest accepted matches with which a frame is accepted in which so many features were searched.
 
         A few wrong matches pass any test.  Half of a small number is asked for, and a share of a large one; a
         camera that is lost must be found by a full set.  Where hardly anything is expected, nothing is asked,
@@ -60,23 +60,23 @@ class StatusMonitor(PersistentState):
         """
         return not self.lost and self._last_ok is not None and t - self._last_ok < _FRESH
 
-    def update(self, t: float, accepted: int, *, believed: bool) -> Status:
+    def update(self, t: float, inliers: int, *, accepted: bool) -> Status:
         """Status of the frame at ``t`` (seconds).
 
         Parameters
         ----------
-        accepted : int
+        inliers : int
             Accepted matches, births with depth included.
-        believed : bool
-            Whether as many were accepted as `least` asks for.
+        accepted : bool
+            Whether the frame was: it had as many as `min_inliers` asks for.
         """
         if self._last_ok is None:
             self._last_ok = t
-        if not believed:
+        if not accepted:
             self._failed += 1
-        elif accepted:  # a frame that shows nothing, as it may, says nothing of those before
+        elif inliers:  # a frame that shows nothing, as it may, says nothing of those before
             self._failed = 0
-        if believed and accepted >= self._min_matches:
+        if accepted and inliers >= self._min_matches:
             self._last_ok, self.lost, self.found = t, False, True
             return Status.OK
         self.lost = self.lost or self._failed >= self._frames or t - self._last_ok > self._seconds

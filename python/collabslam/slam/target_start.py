@@ -13,8 +13,9 @@ from collabslam.frontend.search import FOUND, active_search
 from collabslam.frontend.target import find_target
 from collabslam.geometry import pose_inverse, skew
 from collabslam.settings.frontend import FrontendSettings
+from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import PersistentState
-from collabslam.types import Array, Ids, Image, Mask, Target
+from collabslam.types import Array, Image, Mask, Target
 
 
 class TargetStart(PersistentState):
@@ -35,15 +36,15 @@ class TargetStart(PersistentState):
         self._points_w = np.empty((0, 3))
         self._patches: list[Patch] = []
 
-    def start(self, image: Image, count: int) -> tuple[Ids, Array]:
-        """Starts the filter; returns ids and pixels of all features born, the target's points first.
+    def start(self, image: Image, count: int) -> ImagePoints:
+        """Starts the filter; all features born, the target's points first.
 
         Where the target is not found nothing is born, and the next frame is tried.
         """
         try:
             fix = find_target(image, self._camera, self._target, self._options)
         except DataError:
-            return np.empty(0, np.int64), np.empty((0, 2))
+            return ImagePoints()
         t_ct = pose_inverse(fix.t_tc)
         known = self._target.points[fix.index] @ t_ct[:3, :3].T + t_ct[:3, 3]
         options = self._options
@@ -76,7 +77,7 @@ class TargetStart(PersistentState):
         if options.target.withhold:
             self._core.remove_features(ids[: len(known)])
             ids, uv = ids[len(known) :], uv[len(known) :]
-        return np.concatenate([ids, report.depth_births[born]]), uv
+        return ImagePoints(np.concatenate([ids, report.depth_births[born]]), uv)
 
     def _on_target_plane(self, uv: Array, t_tc: Array) -> tuple[Mask, Array]:
         """Which corners look at the plane near the target, and where they meet it, in C."""

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.frontend.detect import Hidden
 from collabslam.frontend.flow import FlowImage, flow_guess, motion_of
 from collabslam.frontend.patch import Patch, capture, warp_templates
 from collabslam.frontend.search import FOUND, WIDE, SearchResult, active_search, wide_ellipses
 from collabslam.settings.frontend import FrontendSettings
+from collabslam.slam.map_change import ImagePoints, MapChange, Recovered
 from collabslam.slam.state import PersistentState
+from collabslam.slam.view import View
 from collabslam.types import Array, Ids, Image, Mask
 
-Given = Callable[[Ids, Array, Ids], tuple[Array, Array]]
+ConditionalPrediction = Callable[[Ids, Array, Ids], tuple[Array, Array]]
 """Expected pixels and their covariances of features, given others (ids and pixels) that were found."""
 
-_TOLD = 16  # found features, at most, that tell the camera's motion
+_MAX_GIVEN = 16  # found features, at most, from which the camera's motion is taken
 
 
 def chosen(expected: dict[str, Any], which: Mask) -> dict[str, Any]:
@@ -56,6 +57,12 @@ class Found:
     candidate_uv: Array
     lost: Ids
 
+    @classmethod
+    def nothing(cls) -> Found:
+        """What a search finds in a map without features."""
+        none, ids, uv = np.empty(0), np.empty(0, np.int64), np.empty((0, 2))
+        return cls(ids, SearchResult(uv, none, none, ids), none, none, ids, uv, ids)
+
     @property
     def hit(self) -> Mask:
         """(S,) bool: the feature was found."""
@@ -73,7 +80,10 @@ class Found:
 
 
 class Tracks(PersistentState):
-    """Patches and last pixels of features and candidates."""
+    """Patches and last pixels of features and candidates.
+
+    A frame replaces these dictionaries and changes none, so that whoever holds the old ones can go back.
+    """
 
     PERSISTENT = ("_features", "_candidates", "_last", "_candidate_last", "_previous")
 
@@ -99,15 +109,15 @@ class Tracks(PersistentState):
         super().restore({**state, "_previous": last})
 
     def search(
-        self, image: Image, pose: Array, expected: dict[str, Any], given: Given, hidden: Hidden | None = None
+        self, view: View, pose: Array, expected: dict[str, Any], expect_given: ConditionalPrediction
     ) -> Found:
         """Active search of the expected features; candidates are followed into this frame (METHOD 7.3).
 
         A feature whose ellipse is wide, and of which the flow says nothing, is looked for last: where
-        ``given`` (`Filter.predict_given`) expects it once others have been found.  Candidates at pixels that
-        are ``hidden`` are lost.
+        ``expect_given`` (`Filter.predict_given`) expects it once others have been found.  Candidates at
+        pixels that are hidden are lost.
         """
-        ids: Ids = expected["ids"]
+        image, ids = view.image, expected["ids"]
         n = len(ids)
         waiting = np.array(sorted(self._candidate_last), dtype=np.int64)
         now = FlowImage(image, self._settings.flow)
@@ -125,11 +135,11 @@ class Tracks(PersistentState):
             self._settings,
             whole=False,
         )
-        self._search_wide(image, templates, ids, result, given)
+        self._search_wide(image, templates, ids, result, expect_given)
         seen = usable[:n]
         alive = (result.code[n:] == FOUND) & usable[n:]
-        if hidden is not None:
-            alive[alive] = ~hidden(result.uv[n:][alive])
+        if view.hidden is not None:
+            alive[alive] = ~view.hidden(result.uv[n:][alive])
         found = Found(
             searched=ids[seen],
             result=SearchResult(
@@ -147,16 +157,21 @@ class Tracks(PersistentState):
         return found
 
     def _search_wide(
-        self, image: Image, templates: Image, ids: Ids, result: SearchResult, given: Given
+        self,
+        image: Image,
+        templates: Image,
+        ids: Ids,
+        result: SearchResult,
+        expect_given: ConditionalPrediction,
     ) -> None:
-        """Looks for the features that were left for later, and notes in ``result`` what became of them."""
+        """Looks for the features that were left for later; their rows of ``result`` are filled in."""
         codes = result.code[: len(ids)]
         late = np.flatnonzero(codes == WIDE)
         if not len(late):
             return
-        told = np.flatnonzero(codes == FOUND)
-        told = told[:: max(1, -(-len(told) // _TOLD))]
-        uv, s = given(ids[told], result.uv[told], ids[late])
+        found = np.flatnonzero(codes == FOUND)
+        some = found[:: max(1, -(-len(found) // _MAX_GIVEN))]
+        uv, s = expect_given(ids[some], result.uv[some], ids[late])
         again = active_search(image, templates[late], uv, s, None, self._settings)
         for whole, part in zip(result, again, strict=True):
             whole[late] = part
@@ -180,75 +195,61 @@ class Tracks(PersistentState):
         guess[known[asked]] = np.where(ok[:, None], uv, np.nan)
         return guess
 
-    def add_features(self, image: Image, pose: Array, ids: Ids, uv: Array) -> None:
-        """Starts the patches of features born in this frame."""
-        patches = capture(image, uv, pose, self._settings.patch)
-        for i, patch in zip(ids.tolist(), patches, strict=True):
-            self._features[i] = patch
-            self._last[i] = patch.uv_ref
+    def adopt(
+        self,
+        view: View,
+        pose: Array,
+        change: MapChange,
+        alive: Ids,
+        recovered: Recovered | None = None,
+    ) -> None:
+        """Takes over what a frame did to the map, at its end.
 
-    def add_candidates(self, image: Image, pose: Array, ids: Ids, uv: Array) -> None:
-        """Starts the patches of candidates."""
-        patches = capture(image, uv, pose, self._settings.patch)
-        for i, patch in zip(ids.tolist(), patches, strict=True):
-            self._candidates[i] = patch
-            self._candidate_last[i] = patch.uv_ref
+        Parameters
+        ----------
+        view : View
+        pose : (4, 4) float64
+            T_WC at the end of the frame: new points are seen from there.
+        change : MapChange
+        alive : (C,) int64
+            Candidates that the filter still has; all others are dropped.
+        recovered : Recovered, optional
+            How a camera that had lost its way was found: those landmarks were seen, and none that the search
+            took for others; in another map, those features are left behind.
+        """
+        features, candidates = dict(self._features), dict(self._candidates)
+        last, candidate_last = dict(self._last), dict(self._candidate_last)
+        if recovered is not None:
+            last = dict(zip(recovered.seen.ids.tolist(), recovered.seen.uv, strict=True))
+            if recovered.other_map is not None:
+                features, candidates, candidate_last = dict(recovered.other_map), {}, {}
+        for i, patch in self._captured(view, pose, change.born):
+            features[i], last[i] = patch, patch.uv_ref
+        for i, patch in self._captured(view, pose, change.candidates):
+            candidates[i], candidate_last[i] = patch, patch.uv_ref
+        # What was a candidate keeps the patch of its first view.
+        for candidate, feature in [*change.delayed.items(), *change.promoted.items()]:
+            features[feature], last[feature] = candidates.pop(candidate), candidate_last.pop(candidate)
+        for i in change.deleted.tolist():
+            features.pop(i, None)
+            last.pop(i, None)
+        kept = set(alive.tolist())
+        self._features, self._last = features, last
+        self._candidates = {i: patch for i, patch in candidates.items() if i in kept}
+        self._candidate_last = {i: uv for i, uv in candidate_last.items() if i in kept}
 
-    def promote(self, candidate: int, feature: int) -> None:
-        """A candidate became a feature: it keeps its patch of the first view."""
-        self._features[feature] = self._candidates.pop(candidate)
-        self._last[feature] = self._candidate_last.pop(candidate)
+    def _captured(self, view: View, pose: Array, points: ImagePoints) -> Iterator[tuple[int, Patch]]:
+        patches = capture(view.image, points.uv, pose, self._settings.patch)
+        return zip(points.ids.tolist(), patches, strict=True)
 
-    def forget_features(self, ids: Ids) -> None:
-        """Drops the patches of deleted features."""
-        for i in ids.tolist():
-            self._features.pop(i, None)
-            self._last.pop(i, None)
-
-    def keep_candidates(self, ids: Ids) -> None:
-        """Drops every candidate that is not listed."""
-        alive = set(ids.tolist())
-        self._candidates = {i: p for i, p in self._candidates.items() if i in alive}
-        self._candidate_last = {i: p for i, p in self._candidate_last.items() if i in alive}
-
-    def leave_map(self) -> None:
-        """Drops all features and candidates: the camera is in another map."""
-        for kept in (self._features, self._candidates, self._last, self._candidate_last):
-            kept.clear()
-
-    @classmethod
-    def nothing(cls) -> Found:
-        """What a search finds in a map without features."""
-        none, ids = np.empty(0), np.empty(0, np.int64)
-        result = SearchResult(np.empty((0, 2)), none, none, np.empty(0, np.int32))
-        return Found(ids, result, none, none, ids, np.empty((0, 2)), ids)
-
-    def waiting(self, count: int) -> Ids:
-        """Ids (N,) of at most so many candidates, those first that have waited longest."""
-        return np.array(sorted(self._candidate_last)[: max(count, 0)], np.int64)
+    def adopt_map(self, ids: Ids, patches: Sequence[Patch]) -> None:
+        """Takes over the landmarks of a map, none of which was seen yet, with their patches."""
+        self._features = {**self._features, **dict(zip(ids.tolist(), patches, strict=True))}
 
     def patch(self, feature: int) -> Patch:
         """The patch of a feature."""
         return self._features[feature]
 
-    def adopt(self, ids: Ids, patches: list[Patch]) -> None:
-        """Takes over patches of features that were not seen in this frame."""
-        self._features.update(zip(ids.tolist(), patches, strict=True))
-
-    def found(self, ids: Ids, uv: Array) -> None:
-        """Features found in this frame in another way, in place of what the search took for them."""
-        self._last = dict(zip(ids.tolist(), uv, strict=True))
-
-    @property
-    def pixels(self) -> Array:
-        """(N, 2) float64: pixels of all features and candidates found in the last frame."""
-        return np.reshape([*self._last.values(), *self._candidate_last.values()], (-1, 2))
-
     def knows(self, ids: Ids) -> bool:
         """Whether there is a patch of each of these features."""
         return all(i in self._features for i in ids.tolist())
-
-    @property
-    def candidate_count(self) -> int:
-        """Number of candidates that are being followed."""
-        return len(self._candidate_last)

@@ -9,14 +9,16 @@ import numpy as np
 
 from collabslam._core import Camera, Filter, UpdateReport
 from collabslam.errors import InputError
-from collabslam.frontend.detect import Corners, Hidden
+from collabslam.frontend.detect import Hidden
 from collabslam.frontend.wearer_mask import covered
 from collabslam.frontend.worn_match import WornMatches, match_worn
 from collabslam.geometry import pose_inverse, se3_log
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.settings.table import Settings
+from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.tracks import Found
-from collabslam.types import Array, Ids, Image, WornView
+from collabslam.slam.view import View
+from collabslam.types import Array, Ids, WornView
 
 
 @dataclass(frozen=True)
@@ -68,17 +70,12 @@ class Overlap:
         """The argument ``worn_bias`` of :meth:`Filter.update`."""
         return None if self.worn is None else self.worn.bias
 
-    def births(self, report: UpdateReport) -> tuple[Ids, Ids]:
-        """Features born from pairs, and the candidates among them."""
+    def births(self, report: UpdateReport) -> tuple[ImagePoints, Ids]:
+        """Features born from pairs, and the candidates (C,) that are used up by that."""
         if self.worn is None:
-            return np.empty(0, np.int64), np.empty(0, np.int64)
-        born = report.pair_births >= 0
-        used = self.candidates[born]
-        return report.pair_births[born], used[used >= 0]
-
-    def uv_of(self, report: UpdateReport) -> Array:
-        """Pixels in Cs of the features born."""
-        return self.uv[report.pair_births >= 0] if self.worn is not None else self.uv
+            return ImagePoints(), np.empty(0, np.int64)
+        used = self.candidates[report.pair_births >= 0]
+        return ImagePoints.born(report.pair_births, self.uv), used[used >= 0]
 
     def counts(self, report: UpdateReport) -> dict[str, Any]:
         """Diagnostics of the worn camera."""
@@ -106,7 +103,7 @@ class Overlap:
         }
 
 
-ENOUGH = 5
+MIN_POINTS = 5
 """Points tried, and matched, from which on shares of them mean something."""
 
 
@@ -118,7 +115,7 @@ def _correction(worn: WornView, matches: WornMatches) -> tuple[Array, float]:
     return xi, float(np.sqrt(xi @ np.linalg.solve(worn.covariance, xi) / 6.0))
 
 
-class WornLook:
+class WornMatcher:
     """Decides whether Cf helps in a frame, and matches it to Cs."""
 
     def __init__(
@@ -128,13 +125,11 @@ class WornLook:
         worn_camera: Camera | None,
         settings: Settings,
         options: FrontendSettings,
-        corners: Corners,
     ) -> None:
         self._filter = core
         self._camera = camera
         self._worn_camera = worn_camera
         self._options = options
-        self._corners = corners
         mode = str(settings["filter.estimator.mode"])
         self._only_start = mode.startswith("mono")
         self._only_births = mode == "collab-init"
@@ -166,9 +161,9 @@ class WornLook:
             return None
         return lambda uv: covered(self._camera, uv, worn.t_cf, radius)
 
-    def match(self, image: Image, worn: WornView | None, found: Found, missing: int) -> Overlap:
+    def match(self, view: View, found: Found, missing: int) -> Overlap:
         """Pairs of this frame; known features first, then as many new points as the view is missing."""
-        started = self._filter.started
+        worn, started = view.worn, view.started
         if worn is None or self._worn_camera is None or (started and self._only_start):
             return Overlap()
         overlap = self._filter.predict_overlap(worn.t_cf, worn.covariance)
@@ -179,11 +174,11 @@ class WornLook:
         taken = np.concatenate([found.uv, found.candidate_uv])
         options = self._options
         tries = min(options.worn.new_points, options.worn.tries * missing)
-        fresh = self._corners.pick(taken, tries)
+        fresh = view.corners.pick(taken, tries)
         uv = np.concatenate([known_uv, found.candidate_uv, fresh])
         unknown = np.full(len(found.candidate_uv) + len(fresh), np.nan)
         matches = match_worn(
-            image,
+            view.image,
             self._camera,
             worn.image,
             self._worn_camera,
@@ -230,10 +225,10 @@ class WornLook:
         """
         of_map = int(np.sum(matches.index < known))
         new = len(matches.index) - of_map
-        if known < ENOUGH or new < ENOUGH:
+        if known < MIN_POINTS or new < MIN_POINTS:
             return False
-        least = self._options.worn.least_known * new / (tried - known)
-        return of_map < least * known
+        min_share = self._options.worn.least_known * new / (tried - known)
+        return of_map < min_share * known
 
     @staticmethod
     def _choose(ids: Ids, matches: WornMatches, missing: int) -> Ids:

@@ -16,13 +16,14 @@ import numpy as np
 from collabslam.errors import CollabslamError
 from collabslam.evaluation.consistency import pose_tangent_error, sigma_gate
 from collabslam.evaluation.scoring import OK_SIGMAS
-from collabslam.frontend.patch import Patch
-from collabslam.frontend.place_recognition import confirmed, in_one_list
+from collabslam.frontend.map_views import MapViews
+from collabslam.frontend.place_recognition import confirmed
 from collabslam.geometry import pose_inverse
 from collabslam.runs.report import number
 from collabslam.settings.frontend import FrontendSettings
-from collabslam.slam.engine import Slam, StepResult
-from collabslam.types import Array, Frame, Image, Indices, Recording, Status
+from collabslam.slam.engine import Slam
+from collabslam.slam.results import StepResult
+from collabslam.types import Array, Frame, Image, Recording, Status
 from collabslam_lab.benchmark.plan import Entry, Plan
 from collabslam_lab.benchmark.running import open_entry
 from collabslam_lab.benchmark.store import Item, Row
@@ -47,9 +48,7 @@ class _Place:
     slam_state: dict[str, object]
     last: StepResult
     index: int
-    points: Array
-    patches: list[Patch]
-    owner: Indices
+    views: MapViews
 
     def pose(self, i: int) -> Array:
         """T_WC of frame ``i``: the pose at the cut, moved as the truth moved."""
@@ -60,7 +59,7 @@ class _Place:
     def in_sight(self, i: int, image: Image) -> bool:
         """Whether the map would confirm where the camera truly is."""
         camera = self.recording.camera
-        fix = confirmed(image, camera, self.pose(i), self.points, self.patches, self.owner, self.options)
+        fix = confirmed(image, camera, self.pose(i), self.views, self.options)
         return fix is not None
 
 
@@ -104,8 +103,8 @@ def measure(entry: Entry, data: Path, out: Path, *, seed: int = 0) -> list[Row]:
         last = slam.step(frame.t, frame.image, frame.worn)
         if i + 1 in places and last.status is Status.OK and np.isfinite(recording.truth[i]).all():
             landmarks = slam.landmarks().points
-            views = in_one_list(slam.saved_map().views)
-            place = _Place(recording, options, slam.state(), last, i, landmarks, *views)
+            views = MapViews.of(landmarks, slam.saved_map().views)
+            place = _Place(recording, options, slam.state(), last, i, views)
             rows += [
                 {
                     "recording": entry.name,

@@ -1,0 +1,109 @@
+"""Map management (METHOD 7.8): enough features in view, candidates for later ones, none that keep failing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from collabslam._core import Filter, UpdateReport
+from collabslam.settings.table import Settings
+from collabslam.slam.depth_input import Depths
+from collabslam.slam.feature_states import accepted_bearings
+from collabslam.slam.map_change import ImagePoints, MapChange
+from collabslam.slam.target_start import TargetStart
+from collabslam.slam.tracks import Found
+from collabslam.slam.view import View
+from collabslam.slam.worn_frame import Overlap
+from collabslam.types import Array, Ids
+
+
+class MapManager:
+    """Lets the filter grow and prune its map; what came of it is returned, and kept nowhere else.
+
+    Parameters
+    ----------
+    core : Filter
+    settings : Settings
+    scale_free : bool
+        Whether the map begins with features of unknown depth.
+    target : TargetStart, optional
+        A known target to begin with.
+    """
+
+    def __init__(
+        self, core: Filter, settings: Settings, *, scale_free: bool, target: TargetStart | None
+    ) -> None:
+        self._filter, self._scale_free, self._target = core, scale_free, target
+        self.in_view = int(settings["filter.map.in_view"])
+        self._reserve = round(self.in_view * float(settings["filter.map.reserve"]))
+        self._vague_below = round(self.in_view * float(settings["filter.birth.vague_below"]))
+        self._undelayed = settings["filter.estimator.mode"] == "mono-undelayed"
+
+    def missing(self, found: Found) -> int:
+        """How many features the view lacks."""
+        return max(0, self.in_view - len(found.ids))
+
+    def grow(
+        self, view: View, found: Found, overlap: Overlap, depths: Depths, report: UpdateReport
+    ) -> MapChange:
+        """After an update that was accepted: births with depth first, then others as the view lacks them."""
+        instant, used = overlap.births(report)
+        measured = depths.births(report)
+        self._filter.drop_candidates(np.concatenate([found.lost, used]))
+        delayed = self._observe(found, used)
+        deleted = self._filter.manage_map()
+        matched = accepted_bearings(report).sum() + len(instant) + len(measured) + len(delayed)
+        promoted = self._promote_oldest(found, self._vague_below - int(matched))
+        waiting = np.isin(found.candidates, self._filter.candidates)
+        kept = ~np.isin(found.ids, deleted)
+        became = np.isin(found.candidates, [*delayed, *promoted])
+        taken = [found.uv[kept], instant.uv, measured.uv, found.candidate_uv[waiting | became]]
+        undelayed, candidates = self._begin_others(view, np.concatenate(taken))
+        if self._target is not None and not self._filter.started:
+            instant = self._target.start(view.image, self.in_view)
+        return MapChange(instant, measured, undelayed, delayed, promoted, candidates, deleted)
+
+    def begin(self, view: View, overlap: Overlap, report: UpdateReport) -> MapChange:
+        """After a restart: the features that the new map begins with, and candidates beside them."""
+        instant, _ = overlap.births(report)
+        undelayed, candidates = self._begin_others(view, instant.uv)
+        return MapChange(instant, undelayed=undelayed, candidates=candidates)
+
+    def hold(self, view: View, found: Found) -> MapChange:
+        """Leaves the map alone, as nobody knows where the camera is; candidates that were lost are dropped.
+
+        All of them are if the camera was lost before: it may not have been where they say it was.
+        """
+        self._filter.drop_candidates(self._filter.candidates if view.lost else found.lost)
+        return MapChange()
+
+    def _observe(self, found: Found, used: Ids) -> dict[int, int]:
+        """Candidates with enough parallax, and the features that they become."""
+        rest = ~np.isin(found.candidates, used)
+        _, features = self._filter.observe_candidates(found.candidates[rest], found.candidate_uv[rest])
+        return _by_candidate(found.candidates[rest], features)
+
+    def _promote_oldest(self, found: Found, count: int) -> dict[int, int]:
+        """Where the view runs out of features, candidates that waited longest wait no longer."""
+        waiting = np.intersect1d(found.candidates, self._filter.candidates)
+        ids = waiting[: max(count, 0)]
+        return _by_candidate(ids, self._filter.promote_candidates(ids))
+
+    def _begin_others(self, view: View, taken: Array) -> tuple[ImagePoints, ImagePoints]:
+        """Undelayed features, or else candidates, where the view lacks points besides those ``taken``."""
+        scale_free = not self._filter.started and self._scale_free
+        if not (self._filter.started or scale_free):
+            return ImagePoints(), ImagePoints()
+        wait = not (self._undelayed or scale_free)
+        lacking = self.in_view + (self._reserve if wait else 0) - len(taken)
+        if lacking < self.in_view // 8:
+            return ImagePoints(), ImagePoints()
+        uv = view.corners.pick(taken, lacking)
+        if wait:
+            return ImagePoints(), ImagePoints(self._filter.add_candidates(uv), uv)
+        return ImagePoints.born(self._filter.add_undelayed(uv), uv), ImagePoints()
+
+
+def _by_candidate(candidates: Ids, features: Ids) -> dict[int, int]:
+    """Feature by candidate; -1 is none."""
+    pairs = zip(candidates.tolist(), features.tolist(), strict=True)
+    return {candidate: feature for candidate, feature in pairs if feature >= 0}

@@ -1,0 +1,160 @@
+"""What the engine is made of, and how all of it is written to a file and read back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from collabslam._core import Camera, Filter
+from collabslam.errors import CollabslamError, DataError, InputError
+from collabslam.formats.container import read_container, write_container
+from collabslam.frontend.patch import Patch
+from collabslam.settings.frontend import FrontendSettings
+from collabslam.settings.modes import SLAM_STARTS
+from collabslam.settings.table import Settings
+from collabslam.slam.blank_image import BlankImageDetector
+from collabslam.slam.depth_input import DepthInput
+from collabslam.slam.map_management import MapManager
+from collabslam.slam.recovery import Recovery
+from collabslam.slam.relocalise import MapAside, Relocaliser
+from collabslam.slam.saved_map import SavedMap
+from collabslam.slam.state import persistent_parts
+from collabslam.slam.status import StatusMonitor
+from collabslam.slam.target_start import TargetStart
+from collabslam.slam.tracks import Tracks
+from collabslam.slam.worn_frame import WornMatcher
+from collabslam.types import Target
+
+KIND, VERSION = "engine state", 3
+"""Of the file that `EngineParts.save` writes; the version counts the changes of what is in it."""
+CLASSES = (MapAside, Patch, Target)
+"""Dataclasses that are in it."""
+
+Engine = TypeVar("Engine", bound="EngineParts")
+
+
+class EngineParts:
+    """The filter and the parts around it; what a frame leaves behind is in these, and nowhere else.
+
+    Attributes
+    ----------
+    filter : Filter
+    """
+
+    def _assemble(
+        self,
+        core: Filter,
+        camera: Camera,
+        worn_camera: Camera | None,
+        settings: Settings,
+        start: str,
+        target: Target | None,
+        metric: bool,
+    ) -> None:
+        """Puts the parts around a filter, new or restored."""
+        self.filter = core
+        self._camera, self._worn_camera, self._settings = camera, worn_camera, settings
+        self._start, self._target, self._metric = start, target, metric
+        self._options = FrontendSettings.from_flat(settings.section("frontend"))
+        self._blank = BlankImageDetector(self._options.sight)
+        self._tracks = Tracks(camera, self._options)
+        self._worn = WornMatcher(core, camera, worn_camera, settings, self._options)
+        self._depth = DepthInput()
+        self._relocaliser = Relocaliser(core, camera, self._tracks, self._options)
+        self._target_start: TargetStart | None = None
+        if start == "target" and target is not None:
+            self._target_start = TargetStart(core, camera, target, self._options)
+        scale_free = start == "scale-free"
+        self._map = MapManager(core, settings, scale_free=scale_free, target=self._target_start)
+        self._monitor = StatusMonitor(settings.section("filter"), lost=start == "map")
+        self._recovery = Recovery(
+            core, self._relocaliser, self._worn, self._map, self._monitor, metric=metric
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Writes all that the engine knows into one file, for `load`: map, covariance, patches, settings.
+
+        Raises
+        ------
+        DataError
+            If the file cannot be written.
+        """
+        write_container(Path(path), KIND, VERSION, self.state(), CLASSES)
+
+    @classmethod
+    def load(cls: type[Engine], path: str | Path) -> Engine:
+        """The engine that `save` wrote, which goes on bit for bit as that one would have.
+
+        Raises
+        ------
+        DataError
+            If the file cannot be read, is cut short, altered, or of another version.
+        """
+        return cls.from_state(read_container(Path(path), KIND, VERSION, CLASSES))
+
+    def state(self) -> dict[str, Any]:
+        """What `save` writes, to be written before the next frame."""
+        return {
+            "camera": self._camera.__getnewargs__(),
+            "worn_camera": None if self._worn_camera is None else self._worn_camera.__getnewargs__(),
+            "settings": dict(self._settings.values),
+            "start": self._start,
+            "metric": self._metric,
+            "target": self._target,
+            "filter": self.filter.snapshot(),
+            "parts": {name: part.state() for name, part in persistent_parts(self).items()},
+        }
+
+    @classmethod
+    def from_state(cls: type[Engine], state: Mapping[str, Any]) -> Engine:
+        """The engine of a `state`; raises DataError if it is none."""
+        try:
+            worn = state["worn_camera"]
+            if state["start"] not in SLAM_STARTS:
+                raise DataError(f"There is no start '{state['start']}'.")
+            engine = cls.__new__(cls)
+            engine._assemble(
+                Filter.restore(state["filter"]),
+                Camera(*state["camera"]),
+                None if worn is None else Camera(*worn),
+                Settings.from_flat(state["settings"]),
+                state["start"],
+                state["target"],
+                bool(state["metric"]),
+            )
+            parts = persistent_parts(engine)
+            if set(state["parts"]) != set(parts):
+                raise DataError("The file holds other parts of an engine; take an earlier one.")
+            for name, part in parts.items():
+                part.restore(state["parts"][name])
+            features = [i for i, kind, _, _ in engine.filter.blocks if kind == "Feature"]
+            if not engine._tracks.knows(np.array(features, np.int64)):
+                raise DataError("The file lacks a feature's patch; take an earlier one.")
+        except CollabslamError as error:
+            raise DataError(f"The state cannot be used. {error}") from error
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise DataError("The file holds no state of an engine; take an earlier one.") from error
+        return engine
+
+    def saved_map(self) -> SavedMap:
+        """The map with all its uncertainty, to be kept in a file and started in later.
+
+        Raises
+        ------
+        InputError
+            If there is no map yet.
+        """
+        known = self.filter.known_map()
+        if not len(known["ids"]):
+            raise InputError("There is no map to save yet; run on until the filter has started.")
+        return SavedMap(
+            self._camera,
+            self._metric,
+            known["landmarks"],
+            known["covariance"],
+            known["drift"],
+            self._relocaliser.views(known["ids"]),
+        )
