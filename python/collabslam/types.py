@@ -142,7 +142,8 @@ class Recording(Protocol):
     worn_camera : Camera or None
         Calibration of Cf.
     times : (N,) float64
-        Time stamps, seconds, strictly increasing.
+        Time stamps, seconds, strictly increasing if `open_recording` has opened it; a run leaves out those
+        that are not.
     truth : (N, 4, 4) float64 or None
         True ``T_WC`` of Cs in the data set's own world; NaN where it is missing.  Never used by the filter.
     target : Target or None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from collabslam.runs.stamps import usable_frames
+from collabslam.datasets.stamps import usable_frames
 
 
 @pytest.mark.parametrize(
@@ -47,3 +47,20 @@ def test_twice_set_back_and_a_repeated_stamp() -> None:
     chosen, used = usable_frames(times)
     assert len(chosen) == 59
     assert np.all(np.diff(used) > 0.0)
+
+
+@pytest.mark.parametrize("far", [1000.0, 25.0])
+def test_a_stamp_far_from_all_others_at_an_end_is_left_out(far: float) -> None:
+    times = 0.1 * np.arange(30)
+    last, first = times.copy(), times.copy()
+    last[-1] += far
+    first[0] -= far
+    assert usable_frames(last)[0].tolist() == list(range(29))
+    assert usable_frames(first)[0].tolist() == list(range(1, 30))
+    # a pause before three frames or more is a pause, and so is one of a slow camera
+    paused = times.copy()
+    paused[-3:] += far
+    assert len(usable_frames(paused)[0]) == 30
+    slow = 30.0 * np.arange(10)
+    slow[-1] += far
+    assert len(usable_frames(slow)[0]) == 10

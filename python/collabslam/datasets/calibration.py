@@ -49,7 +49,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         If the file is missing, not YAML, or not a mapping.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(f"The file {path} cannot be read as text; give an existing YAML file.") from error
     # All but OpenCV's header and tag is YAML; its own parser writes beyond its memory in broken files.

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from collabslam.datasets.calibration import load_camera
+from collabslam.datasets.ordered import DiskRecording, in_order
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.readers import (
     collab,
@@ -22,10 +23,7 @@ from collabslam.datasets.readers import (
 )
 from collabslam.datasets.recording import ImageRecording
 from collabslam.datasets.ros import reader as bag_recording
-from collabslam.datasets.stream import StreamRecording
 from collabslam.errors import DataError
-
-DiskRecording = ImageRecording | StreamRecording
 
 
 class Reader(NamedTuple):
@@ -101,6 +99,9 @@ def open_recording(
 ) -> DiskRecording:
     """Open a recording; its layout is recognised from the files.
 
+    Frames whose stamps repeat, go back or are far from all others are left out and counted as ``left_out``
+    (see `collabslam.datasets.stamps.usable_frames`).
+
     Parameters
     ----------
     source
@@ -125,5 +126,6 @@ def open_recording(
     recording = recognise(path, given).open(path, given)
     if given.poses is not None:
         recording = replace(recording, truth=folder.track_truth(given.poses, recording.times))
+    recording = in_order(recording)
     recording.image(0)  # Says at once if the calibration is for another resolution.
     return recording

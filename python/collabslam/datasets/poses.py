@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,8 @@ _MOST_SECONDS = 10**11
 _MOST_DIGITS = 19  # of a stamp in nanoseconds
 _CLAMP_SECONDS = 1e-3
 _ROTATION_TOLERANCE = 1e-2
+FARTHEST = 1e9
+"""Metres beyond which no position is believed."""
 
 
 def seconds(nanoseconds: int) -> float:
@@ -73,7 +75,7 @@ def data_lines(path: Path) -> list[tuple[int, list[str]]]:
         If the file cannot be read.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(f"The file {path} cannot be read as text; give an existing text file.") from error
     out = []
@@ -92,6 +94,12 @@ def number_fields(fields: Iterable[str], where: str) -> list[float]:
         raise DataError(f"{where} holds something that is not a number; correct the line.") from error
 
 
+def check_position(position: Sequence[float] | Array, where: str) -> None:
+    """Raises DataError if a position, metres, is beyond `FARTHEST`."""
+    if float(np.max(np.abs(position))) > FARTHEST:
+        raise DataError(f"{where} is more than {FARTHEST:g} m away from its origin; give metres.")
+
+
 def rigid(matrix: Array, where: str) -> Array:
     """A 4x4 pose with its rotation made orthonormal (files carry few digits); all NaN if not finite.
 
@@ -102,6 +110,9 @@ def rigid(matrix: Array, where: str) -> Array:
     """
     if not bool(np.all(np.isfinite(matrix))):
         return np.full((4, 4), np.nan)
+    check_position(matrix[:3, 3], where)
+    if float(np.max(np.abs(matrix[:3, :3]))) > 2.0:
+        raise DataError(f"{where} is not a rigid pose (its 3x3 is no rotation); check its numbers' order.")
     u, _, vt = np.linalg.svd(matrix[:3, :3])
     rotation = u @ vt
     if (
@@ -165,6 +176,7 @@ def read_track(path: Path, *, euroc: bool = False) -> tuple[Array, Array]:
         q = np.asarray(values[3:] if euroc else [values[6], *values[3:6]])
         if not np.all(np.isfinite(values)) or abs(float(np.linalg.norm(q)) - 1.0) > _ROTATION_TOLERANCE:
             raise DataError(f"{where} holds no unit quaternion; check the order of the columns.")
+        check_position(values[:3], where)
         stamps.append(seconds(nanoseconds(fields[0], where)) if euroc else parse_stamp(fields[0], where))
         poses.append(pose_from_quaternion(values[:3], q))
     if not stamps:

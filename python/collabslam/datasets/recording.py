@@ -53,10 +53,15 @@ class RecordedWorn:
 class ImageRecording:
     """A :class:`collabslam.types.Recording` whose images are files.
 
+    Attributes
+    ----------
+    left_out : int
+        Frames of the source that are not in it, as their stamps cannot be used; see `ordered.in_order`.
+
     Raises
     ------
     DataError
-        If there are no images, counts disagree, or stamps do not increase.
+        If there are no images, or counts disagree.
     """
 
     name: str
@@ -68,6 +73,7 @@ class ImageRecording:
     target: Target | None = None
     rig: Rig | None = None
     worn: RecordedWorn | None = None
+    left_out: int = 0
 
     def __post_init__(self) -> None:
         if len(self.times) != len(self.paths):
@@ -75,7 +81,7 @@ class ImageRecording:
                 f"The recording {self.source} has {len(self.paths)} images but {len(self.times)} time "
                 "stamps; match them."
             )
-        check_frames(self.source, self.times, self.truth, [p.name for p in self.paths])
+        check_frames(self.source, self.times, self.truth)
 
     @property
     def worn_camera(self) -> Camera | None:
@@ -99,26 +105,12 @@ class ImageRecording:
         return Frame(i, float(self.times[i]), self.image(i), worn)
 
 
-def check_frames(source: str, times: Array, truth: Array | None, names: Sequence[str] = ()) -> None:
-    """Check that there are frames, that their stamps increase, and that each has its pose.
-
-    Raises
-    ------
-    DataError
-        Naming the recording and the first frame that is wrong.
-    """
+def check_frames(source: str, times: Array, truth: Array | None) -> None:
+    """Check that there are frames, and that each has its pose; raises DataError naming the recording."""
     if len(times) == 0:
         raise DataError(f"The recording {source} holds no frames; give a folder with images.")
     if truth is not None and len(truth) != len(times):
         raise DataError(f"The recording {source} has {len(times)} images but {len(truth)} poses; match them.")
-    late = np.flatnonzero(~(np.diff(times) > 0.0))
-    if late.size:
-        k = int(late[0]) + 1
-        name = f" ({names[k]})" if names else ""
-        raise DataError(
-            f"The time stamp of frame {k}{name} in {source} is not later than that of the frame before; give "
-            "stamps that increase."
-        )
 
 
 def frame_index(recording: Recording, i: int) -> int:

@@ -23,11 +23,13 @@ class StreamRecording:
         Worn view of a frame, or None.
     worn_pose : str
         Whether its pose was ``measured``, or ``estimated`` from laser scans and AHRSs.
+    left_out : int
+        Frames of the source that are not in it, as their stamps cannot be used; see `ordered.in_order`.
 
     Raises
     ------
     DataError
-        If there are no frames, counts disagree, or stamps do not increase.
+        If there are no frames, or counts disagree.
     """
 
     name: str
@@ -40,6 +42,7 @@ class StreamRecording:
     worn_pose: str = "measured"
     truth: Array | None = None
     target: Target | None = None
+    left_out: int = 0
 
     def __post_init__(self) -> None:
         check_frames(self.source, self.times, self.truth)

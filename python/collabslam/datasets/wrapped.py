@@ -24,6 +24,7 @@ class WrappedRecording:
         self.times: Array = base.times
         self.truth: Array | None = base.truth
         self.target: Target | None = base.target
+        self.left_out: int = getattr(base, "left_out", 0)
 
     def __len__(self) -> int:
         return len(self._base)

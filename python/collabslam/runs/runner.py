@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from collabslam.datasets.source import Source
+from collabslam.datasets.stamps import usable_frames
 from collabslam.errors import CollabslamError, DataError, InputError, SettingsError, Terminated
 from collabslam.evaluation.record import Landmarks, RunRecord, Step, status_name
 from collabslam.evaluation.scoring import AlignedTruth, align_truth
@@ -20,7 +21,6 @@ from collabslam.runs.interrupts import Interrupts
 from collabslam.runs.plan import MODE_KEY, Interval, Output, Plan
 from collabslam.runs.progress import Progress
 from collabslam.runs.results import ResultWriter, jsonable
-from collabslam.runs.stamps import usable_frames
 from collabslam.runs.summary import INTERRUPTED, TERMINATED, Summary, summarise
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
@@ -82,7 +82,7 @@ def run(
     ``Output.checkpoint_every`` one that was killed does.  `resume` goes on from it.
 
     Frames whose time stamps repeat or go back are left out and counted as ``frames_out_of_order``; a clock
-    that was set back is set forward again (see `collabslam.runs.stamps.usable_frames`).
+    that was set back is set forward again (see `collabslam.datasets.stamps.usable_frames`).
 
     Parameters
     ----------
@@ -299,7 +299,8 @@ class _Run:
             self.plan, self.recording, self.record, truth=truth, landmarks=landmarks, ended_by=ended_by
         )
         aligned = align_truth(self.record, truth, metric=self.plan.metric)
-        summary["frames_out_of_order"] = len(self.recording) - len(usable)
+        before = getattr(self.recording, "left_out", 0)
+        summary["frames_out_of_order"] = before + len(self.recording) - len(usable)
         return RunResult(summary, self.record, aligned, landmarks, self.folder)
 
     def _write(self, result: RunResult, writer: ResultWriter | None, save_map: Path | None) -> None:

@@ -78,7 +78,7 @@ class Settings:
             If the file cannot be read, is no YAML, or has faults; all faults are named at once.
         """
         try:
-            tree = load_yaml(Path(path).read_text(encoding="utf-8"))
+            tree = load_yaml(Path(path).read_text(encoding="utf-8-sig"))
         except (OSError, UnicodeDecodeError) as error:
             raise SettingsError(f"The settings file {path} cannot be read: {error}.") from error
         except yaml.YAMLError as error:

@@ -16,6 +16,7 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.datasets import attach_worn, open_recording
+from collabslam.datasets.ordered import in_order
 from collabslam.datasets.readers import collab
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.demo.demo_run import HeldRecording
@@ -45,7 +46,7 @@ def open_entry(item: Item) -> Recording:
     entry = item.entry
     folder = item.data / entry.folder
     if entry.draws:
-        recording: Recording = collab.open(folder, folder / entry.draws[item.seed] / "data.csv")
+        recording: Recording = in_order(collab.open(folder, folder / entry.draws[item.seed] / "data.csv"))
     else:
         recording = _rendered(item.seed) if entry.rendered else open_recording(folder)
     if entry.calibration_sd is not None:

@@ -28,7 +28,9 @@ import yaml
 
 from collabslam.datasets.calibration import load_camera, read_yaml, sensor_mapping
 from collabslam.datasets.poses import (
+    FARTHEST,
     NANOSECONDS,
+    check_position,
     data_lines,
     interpolate_track,
     nanoseconds,
@@ -91,6 +93,9 @@ def _read_relative_poses(path: Path) -> tuple[list[int], list[tuple[Array, Array
             raise DataError(
                 f"{where} holds no unit quaternion (w x y z) or a number that is not finite; correct it."
             )
+        check_position(values[:3], where)
+        if float(np.max(np.abs(values[7:]))) > FARTHEST:
+            raise DataError(f"{where} has a covariance beyond all bounds; give m^2 and rad^2.")
         covariance = np.zeros((6, 6))
         covariance[_TRIANGLE] = values[7:]
         covariance = np.tril(covariance) + np.tril(covariance, -1).T
@@ -268,9 +273,15 @@ def write_recording(
     Raises
     ------
     DataError
-        If the folder exists (without ``overwrite``, or when it is not a recording), or cannot be written.
+        If the folder exists (without ``overwrite``, or when it is not a recording), is or holds what the
+        recording is read from, or cannot be written.
     """
     out = Path(out_dir)
+    source = Path(recording.source).resolve()
+    if source.exists() and source.is_relative_to(out.resolve()):
+        raise DataError(
+            f"The recording {source} would be destroyed by writing into {out}; give a folder apart from it."
+        )
     occupied = out.exists() and not (out.is_dir() and not any(out.iterdir()))
     if occupied and not overwrite:
         raise DataError(f"The folder {out} exists already; give another one or ask to overwrite it.")

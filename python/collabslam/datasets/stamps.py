@@ -11,6 +11,8 @@ from collabslam.types import Array, Indices
 
 SET_BACK = 3
 """So many frames running that lie behind show a clock that was set back; fewer came out of order."""
+FAR_SECONDS, FAR_STEPS = 20.0, 100.0
+"""A gap of so many seconds, and of so many usual intervals, is one that no motion is predicted over."""
 
 
 def usable_frames(times: ArrayLike) -> tuple[Indices, Array]:
@@ -18,8 +20,9 @@ def usable_frames(times: ArrayLike) -> tuple[Indices, Array]:
 
     As few frames as can be are left out: one for a repeated stamp, one for a frame out of order, and one for
     a single stamp far in the future, after which a rule that looks at one frame at a time would refuse all
-    others.  Where the clock was set back, later stamps are moved so that the frames there are one usual
-    interval apart.
+    others.  Fewer than `SET_BACK` frames at either end that a gap of more than `FAR_SECONDS` parts from all
+    others are left out, too: their stamps are wrong, or nothing can be known of them.  Where the clock was
+    set back, later stamps are moved so that the frames there are one usual interval apart.
 
     Parameters
     ----------
@@ -41,8 +44,17 @@ def usable_frames(times: ArrayLike) -> tuple[Indices, Array]:
         chosen = _longest_increasing(stamps)
         back = _set_back(stamps, chosen)
         if back is None or usual == 0.0:
+            chosen = _without_far_ends(chosen, stamps, usual)
             return chosen, stamps[chosen]
         stamps[back:] += stamps[back - 1] - stamps[back] + usual
+
+
+def _without_far_ends(chosen: Indices, stamps: Array, usual: float) -> Indices:
+    """The chosen frames but for a few at the ends that are far from all others."""
+    far = np.flatnonzero(np.diff(stamps[chosen]) > max(FAR_SECONDS, FAR_STEPS * usual)) + 1
+    first = max((int(k) for k in far if k < SET_BACK), default=0)
+    last = min((int(k) for k in far if k > len(chosen) - SET_BACK), default=len(chosen))
+    return chosen[first:last] if last - first >= SET_BACK else chosen
 
 
 def _set_back(stamps: Array, chosen: Indices) -> int | None:

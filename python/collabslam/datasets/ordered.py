@@ -1,0 +1,61 @@
+"""A recording whose stamps repeat, swap or jump, without the frames that cannot be used."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from collabslam.datasets.recording import ImageRecording, RecordedWorn
+from collabslam.datasets.stamps import usable_frames
+from collabslam.datasets.stream import StreamRecording
+from collabslam.errors import DataError
+from collabslam.types import Array, Indices
+
+DiskRecording = ImageRecording | StreamRecording
+
+
+def in_order(recording: DiskRecording) -> DiskRecording:
+    """The recording with stamps that increase: see `collabslam.datasets.stamps.usable_frames`.
+
+    Raises
+    ------
+    DataError
+        If no frame has a stamp that can be used.
+    """
+    kept, times = usable_frames(recording.times)
+    if len(kept) == len(recording) and (times == recording.times).all():
+        return recording
+    if not len(kept):
+        raise DataError(f"The recording {recording.source} has no usable time stamp; give finite ones.")
+    if isinstance(recording, StreamRecording):
+        return _stream(recording, kept, times)
+    return _images(recording, kept, times)
+
+
+def _stream(recording: StreamRecording, kept: Indices, times: Array) -> StreamRecording:
+    read, read_worn, indices = recording.read, recording.read_worn, kept.tolist()
+    return replace(
+        recording,
+        times=times,
+        truth=None if recording.truth is None else recording.truth[kept],
+        read=lambda i: read(indices[i]),
+        read_worn=lambda i: read_worn(indices[i]),
+        left_out=len(recording) - len(kept),
+    )
+
+
+def _images(recording: ImageRecording, kept: Indices, times: Array) -> ImageRecording:
+    new = {old: k for k, old in enumerate(kept.tolist())}
+    rig, worn = recording.rig, recording.worn
+    if rig is not None:
+        rig = replace(rig, paths={new[i]: path for i, path in rig.paths.items() if i in new})
+    if worn is not None:
+        worn = RecordedWorn(worn.camera, {new[i]: view for i, view in worn.views.items() if i in new})
+    return replace(
+        recording,
+        paths=tuple(recording.paths[i] for i in new),
+        times=times,
+        truth=None if recording.truth is None else recording.truth[kept],
+        rig=rig,
+        worn=worn,
+        left_out=len(recording) - len(kept),
+    )
