@@ -91,12 +91,12 @@ fn dense(features: usize, rows: usize) -> Case {
     Box::new(move || vec![timed(|| dense.update())])
 }
 
-/// A walk through a map of `features`, the plain filter and the one with `map.local` by turns: both times, and how many
+/// A walk through a map of `features`, the plain filter and the one with a working set by turns: both times, and how many
 /// features were measured.
 fn local(features: usize) -> Case {
     let mut corridor = Loop::new(features);
     let local = corridor.clone().start(&[LOCAL]);
-    let mut filters = [corridor.start(&[]), local];
+    let mut filters = [corridor.start(&[PLAIN]), local];
     let mut dt = 0.1;
     while !corridor.closed() {
         frame(&mut corridor, &mut filters, dt);
@@ -144,7 +144,8 @@ fn points(features: usize, seen: usize, at_once: usize) -> Case {
 /// Frames in which a sway's features converge.
 const CONVERGED: usize = 60;
 
-const LOCAL: (&str, Value) = ("map.local", Value::Bool(true));
+const PLAIN: (&str, Value) = ("map.local_from", Value::Int(1_000_000_000));
+const LOCAL: (&str, Value) = ("map.local_from", Value::Int(0));
 
 fn frame(corridor: &mut Loop, filters: &mut [Filter; 2], dt: f64) -> Vec<u64> {
     let t = corridor.walk(dt);

@@ -419,8 +419,7 @@ fn settings(bytes: &mut Bytes<'_>) -> Settings {
     let numbers = [
         ("map.in_view", Value::Int(4)),
         ("map.max_features", Value::Int(6)),
-        ("map.min_searches", Value::Int(4)),
-        ("map.local", Value::Bool(local)),
+        ("map.local_from", Value::Int(if local { 0 } else { 150 })),
         ("worn.start_births", Value::Int(2)),
         (
             "worn.bias_share",

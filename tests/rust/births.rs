@@ -273,10 +273,9 @@ fn a_promoted_candidate_is_the_undelayed_feature_of_its_first_view() {
         let first_pose = Value::Name(first_pose.into());
         let changes = [
             ("birth.first_pose", first_pose.clone()),
-            ("birth.vague_rho", Value::Float(0.3)),
-            ("birth.vague_rho_sd", Value::Float(0.4)),
-            ("birth.undelayed_rho", Value::Float(0.3)),
-            ("birth.undelayed_rho_sd", Value::Float(0.4)),
+            // The vague depth of a candidate that has waited.
+            ("birth.undelayed_rho", Value::Float(0.1)),
+            ("birth.undelayed_rho_sd", Value::Float(0.2)),
         ];
         let mut warm = warm(26, &changes);
         warm.update(false);

@@ -40,7 +40,10 @@ impl Pair {
         let filter = |local: bool| {
             let changes = [
                 many.clone(),
-                ("map.local", Value::Bool(local)),
+                (
+                    "map.local_from",
+                    Value::Int(if local { 0 } else { 1_000_000 }),
+                ),
                 ("estimator.consistency", name(consistency)),
                 ("map.linearity_index", Value::Float(linearity)),
             ];

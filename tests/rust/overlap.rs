@@ -22,11 +22,7 @@ struct Options {
 
 /// Views from half a metre to `far`, parallax as sharp as `sigma_px`.
 fn options(far: f64, sigma_px: f64) -> Options {
-    let settings = OverlapSettings {
-        near: 0.5,
-        far,
-        ..OverlapSettings::default()
-    };
+    let settings = OverlapSettings { near: 0.5, far };
     Options { settings, sigma_px }
 }
 

@@ -342,9 +342,9 @@ fn a_frame_with_too_few_matches_changes_nothing() {
 fn a_working_set_makes_no_difference() {
     let plain = [
         ("estimator.consistency", Value::Name("none".into())),
-        ("map.local", Value::Bool(false)),
+        ("map.local_from", Value::Int(1_000_000)),
     ];
-    let local = [plain[0].clone(), ("map.local", Value::Bool(true))];
+    let local = [plain[0].clone(), ("map.local_from", Value::Int(0))];
     let [a, b] = [&plain[..], &local[..]].map(|changes| {
         let mut lost = lost(9, changes);
         let report = lost.warm.filter.relocalise(&lost.near, &lost.matches);

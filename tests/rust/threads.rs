@@ -8,7 +8,10 @@ use std::collections::BTreeMap;
 /// A filter after some frames of its own scene.
 fn run(seed: u64, local: bool) -> Filter {
     let mut scene = Scene::new(seed, 40);
-    let mut filter = scene.filter(settings(&[("map.local", Value::Bool(local))]));
+    let mut filter = scene.filter(settings(&[(
+        "map.local_from",
+        Value::Int(if local { 0 } else { 1_000_000 }),
+    )]));
     let mut known = BTreeMap::new();
     for frame in 0..60 {
         let t = DT * f64::from(frame);

@@ -35,6 +35,11 @@ const MIN_SIDE: f64 = 2.0;
 /// Points taken along each side of the image, and along each edge of the common body.
 const SAMPLES: usize = 8;
 
+/// The least useful parallax, in standard deviations of the parallax.
+const PARALLAX_SIGMAS: f64 = 3.0;
+/// By how many standard deviations of T_CF a view is grown.
+const GROW_SIGMAS: f64 = 3.0;
+
 /// Overlap of the two views of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Overlap {
@@ -69,8 +74,7 @@ pub fn predict_overlap(
     let translation_cov: Matrix3<f64> = sigma_t.fixed_view::<3, 3>(0, 0).into_owned();
     // The baseline in F, where the covariance lives.
     let axis = rotation.transpose() * translation;
-    let alpha =
-        settings.parallax_sigmas * parallax_variance(cs, cf, &axis, &rotation_cov, sigma_px).sqrt();
+    let alpha = PARALLAX_SIGMAS * parallax_variance(cs, cf, &axis, &rotation_cov, sigma_px).sqrt();
     let d_max = if alpha > 0.0 {
         (baseline / (2.0 * (0.5 * alpha).tan())).min(settings.far)
     } else {
@@ -79,8 +83,8 @@ pub fn predict_overlap(
     if baseline <= 0.0 || alpha >= std::f64::consts::PI || d_max <= settings.near {
         return None;
     }
-    let angle = settings.grow_sigmas * largest_deviation(&rotation_cov);
-    let offset = settings.grow_sigmas * largest_deviation(&translation_cov);
+    let angle = GROW_SIGMAS * largest_deviation(&rotation_cov);
+    let offset = GROW_SIGMAS * largest_deviation(&translation_cov);
     let body_s = ViewBody::new(cs, settings.near, d_max)?;
     let body_f = ViewBody::new(cf, settings.near, d_max)?;
 

@@ -71,7 +71,7 @@
 //! rows into spare capacity, O(n). Any number of deletions is one compaction.
 //!
 //! # Features out of view
-//! With `map.local` (see its module in the source) the update works on what is in view and auxiliary rows for the rest.
+//! In a map of 150 features and more (see the module `local` in the source) the update works on what is in view and auxiliary rows for the rest.
 //! Exact: the test of a walk with births, deletions, clones and wrong matches asserts 1e-8 standard deviations between
 //! it and the plain filter. Which features outside may be in view is told from points of up to 32 frames ago, with a
 //! margin: after a gross jump one may be predicted some frames late. The gauge transport works with it, as it moves

@@ -1,7 +1,10 @@
 //! Every setting of the filter: its one default, unit, range and meaning.
 //!
 //! The `settings!` table below is the only owner of these facts; the Python layer, the settings file and the
-//! documentation are generated from [`schema`].
+//! documentation are generated from [`schema`]. Each entry says who may have a reason to change it ([`Audience`]): what
+//! no user has one for is a switch of the lab, which the settings file does not know, or a constant beside its formula.
+
+use Audience::{Lab, User};
 
 use crate::error::EkfError;
 use serde::{Deserialize, Serialize};
@@ -36,8 +39,19 @@ pub struct SettingInfo {
     pub unit: &'static str,
     /// Allowed names (enums).
     pub choices: &'static [&'static str],
-    /// Effect, in a sentence or two.
+    /// What it is, in a sentence or two.
     pub doc: String,
+    /// Who may have a reason to change it.
+    pub audience: Audience,
+}
+
+/// Who may have a reason to change a setting.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Audience {
+    /// Whoever runs the filter, in the case that this sentence tells.
+    User(&'static str),
+    /// The comparisons of the paper and the ablation alone: it switches a part of the method off, or to what others do.
+    Lab,
 }
 
 /// A type that a setting can have.
@@ -207,7 +221,7 @@ choice! {
 
 macro_rules! settings {
     ($( $(#[doc = $gdoc:literal])+ $group:ident: $gtype:ident {
-        $( $(#[doc = $doc:literal])+ $field:ident: $ty:ty = $default:expr, $unit:literal, $min:expr, $max:expr; )*
+        $( $(#[doc = $doc:literal])+ $field:ident: $ty:ty = $default:expr, $unit:literal, $min:expr, $max:expr, $audience:expr; )*
     } )*) => {
         $(
             $(#[doc = $gdoc])+
@@ -238,6 +252,7 @@ macro_rules! settings {
                 unit: $unit,
                 choices: <$ty as Setting>::CHOICES,
                 doc: [$($doc),+].map(str::trim).join(" "),
+                audience: $audience,
             }, )* )* ]
         }
 
@@ -266,7 +281,7 @@ macro_rules! settings {
                 Ok(settings)
             }
 
-            /// Sets one value by its dotted key.
+            /// Sets one value by its dotted key, a switch of the lab's as well.
             ///
             /// # Errors
             /// `InvalidSetting` for an unknown key, a wrong type or a value out of range.
@@ -287,145 +302,144 @@ settings! {
     /// Which estimator.
     estimator: EstimatorSettings {
         /// What the worn camera is used for and how features are born.
-        mode: Mode = Mode::CollabTight, "", None, None;
+        mode: Mode = Mode::CollabTight, "", None, None,
+            User("Take collab where T_CF's stated covariance is known to be right, mono to see what the worn camera adds.");
         /// What keeps the filter from gaining information that no measurement holds: gauge (the covariance moves with
         /// the directions that no camera can see, rotation and scale) or none (the plain EKF).
-        consistency: Consistency = Consistency::Gauge, "", None, None;
+        consistency: Consistency = Consistency::Gauge, "", None, None, Lab;
         /// Most linearisations of one update (iterated EKF); 1 is the plain EKF. It stops by itself where one is enough.
-        iterations: usize = 5, "", Some(1.0), Some(50.0);
-        /// By how many sigmas a measurement must be off its linear model for another linearisation.
-        nonlinearity: f64 = 0.1, "", Some(0.0), Some(100.0);
+        iterations: usize = 5, "", Some(1.0), Some(50.0), Lab;
     }
     /// The motion model: constant velocity with white acceleration (METHOD 3).
     process: ProcessSettings {
         /// Whether the velocity is constant in W, or along the camera's own axes, as on a robot with wheels.
-        velocity: MotionModel = MotionModel::World, "", None, None;
-        /// Density of the camera's acceleration. Larger follows jerkier motion and searches wider.
-        acceleration_density: f64 = 1.0, "m/s^1.5", Some(0.0), Some(1e3);
+        velocity: MotionModel = MotionModel::World, "", None, None,
+            User("Take body for a camera on wheels or rails, whose velocity turns with it in a bend.");
+        /// Density of the camera's acceleration.
+        acceleration_density: f64 = 1.0, "m/s^1.5", Some(0.0), Some(1e3),
+            User("Raise it for jerkier motion than a hand's, which then finds features again; lower it for a smooth, slow robot.");
         /// Density of its angular acceleration.
-        angular_acceleration_density: f64 = 2.0, "rad/s^1.5", Some(0.0), Some(1e3);
+        angular_acceleration_density: f64 = 2.0, "rad/s^1.5", Some(0.0), Some(1e3),
+            User("Raise it where the camera is turned abruptly; lower it on a mount that turns smoothly.");
         /// Standard deviation of each component of the velocity at the start.
-        start_velocity_sd: f64 = 10.0, "m/s", Some(0.0), Some(1e3);
+        start_velocity_sd: f64 = 10.0, "m/s", Some(0.0), Some(1e3),
+            User("Lower it where the camera is known to start slowly or at rest, so that it searches less at first.");
         /// Standard deviation of each component of the angular velocity at the start.
-        start_angular_velocity_sd: f64 = 1.0, "rad/s", Some(0.0), Some(1e2);
+        start_angular_velocity_sd: f64 = 1.0, "rad/s", Some(0.0), Some(1e2),
+            User("Raise it where the camera may be turning fast when the run begins.");
         /// Drift of the position that no measurement shows (calibration, patches, linearisation), by distance travelled,
         /// where residuals are as large as the noise claims (its variance goes with NIS per degree of freedom); it enters
         /// the reported covariance of the pose only.
-        position_drift: f64 = 0.06, "m/m^0.5", Some(0.0), Some(10.0);
+        position_drift: f64 = 0.06, "m/m^0.5", Some(0.0), Some(10.0), Lab;
         /// The same of the attitude, by time.
-        attitude_drift: f64 = 1.0, "deg/s^0.5", Some(0.0), Some(90.0);
+        attitude_drift: f64 = 1.0, "deg/s^0.5", Some(0.0), Some(90.0), Lab;
     }
     /// Noise of pixel measurements (METHOD 4).
     pixel: PixelSettings {
         /// Standard deviation of a feature's measured pixel in Cs, per axis.
-        sigma_cs: f64 = 1.0, "px", Some(0.01), Some(100.0);
+        sigma_cs: f64 = 1.0, "px", Some(0.01), Some(100.0),
+            User("Raise it for a blurred or poorly calibrated Cs, lower it for a sharp and well calibrated one, until NIS is near 1.");
         /// Standard deviation of a matched pixel in Cf, per axis.
-        sigma_cf: f64 = 1.0, "px", Some(0.01), Some(100.0);
+        sigma_cf: f64 = 1.0, "px", Some(0.01), Some(100.0),
+            User("Raise it for a blurred, poorly calibrated or high-resolution Cf, in which matches err by more pixels.");
     }
     /// How features are born (METHOD 5).
     birth: BirthSettings {
         /// How the pose of a candidate's first view is treated at a delayed birth.
-        first_pose: FirstPose = FirstPose::Clone, "", None, None;
+        first_pose: FirstPose = FirstPose::Clone, "", None, None, Lab;
         /// Least distance between first and present view for a delayed birth.
-        min_baseline: f64 = 0.02, "m", Some(0.0), Some(100.0);
+        min_baseline: f64 = 0.02, "m", Some(0.0), Some(100.0), Lab;
         /// Least parallax for a delayed birth.
-        min_parallax: f64 = 1.0, "deg", Some(0.1), Some(90.0);
-        /// Largest sd(rho)/rho of an instant birth from two views; a worse match waits.
-        max_rho_ratio: f64 = 0.3333333333333333, "", Some(0.01), Some(10.0);
+        min_parallax: f64 = 1.0, "deg", Some(0.1), Some(90.0),
+            User("Lower it where all that is seen is far beside the way travelled, so that features are born before they leave the view.");
+        /// Largest sd(rho)/rho of a birth from two views; a worse match waits.
+        max_rho_ratio: f64 = 0.3333333333333333, "", Some(0.01), Some(10.0), Lab;
         /// Inverse depth of an undelayed birth.
-        undelayed_rho: f64 = 0.5, "1/m", Some(1e-3), Some(1e3);
+        undelayed_rho: f64 = 0.5, "1/m", Some(1e-3), Some(1e3),
+            User("In mode mono-undelayed or a scale-free start, set it to one over the usual distance of what is seen.");
         /// Standard deviation of the inverse depth of an undelayed birth.
-        undelayed_rho_sd: f64 = 0.5, "1/m", Some(1e-3), Some(1e3);
+        undelayed_rho_sd: f64 = 0.5, "1/m", Some(1e-3), Some(1e3),
+            User("Change it along with undelayed_rho: as large as that, it reaches to infinity.");
         /// Where fewer features than this share of `map.in_view` are tracked, as in a turn, candidates that wait are born
         /// with a vague inverse depth, as seen from their first view; 0 for never.
-        vague_below: f64 = 0.0, "", Some(0.0), Some(1.0);
-        /// Inverse depth of such a birth: what has shown no parallax is far.
-        vague_rho: f64 = 0.1, "1/m", Some(1e-3), Some(1e3);
-        /// Standard deviation of the inverse depth of such a birth.
-        vague_rho_sd: f64 = 0.2, "1/m", Some(1e-3), Some(1e3);
-        /// Standard deviation, as a share of rho, with which the tight form starts a matched feature
-        /// before its pixel in Cf is measured.
-        tight_rho_ratio: f64 = 2.0, "", Some(0.5), Some(20.0);
+        vague_below: f64 = 0.0, "", Some(0.0), Some(1.0),
+            User("Raise it to 0.3 where the view runs out of features in turns.");
     }
     /// The worn camera Cf and the error of its pose (METHOD 6).
     worn: WornSettings {
         /// How the error of T_CF enters the matches of a frame.
-        errors: WornErrors = WornErrors::Shared, "", None, None;
-        /// Largest sd(range)/range with which a known feature is measured as a 3D point; a worse one gives its bearing.
-        max_range_ratio: f64 = 0.2, "", Some(0.01), Some(10.0);
+        errors: WornErrors = WornErrors::Shared, "", None, None, Lab;
         /// Share of T_CF's stated variance that is a slowly varying bias (Gauss-Markov, along the axes of Cs) rather than white
         /// noise, where the worn view itself does not say which part of its covariance lasts.
-        bias_share: f64 = 0.0, "", Some(0.0), Some(1.0);
+        bias_share: f64 = 0.0, "", Some(0.0), Some(1.0),
+            User("Raise it where the error of T_CF lasts from frame to frame and the recording does not say which part.");
         /// Time constant of that bias.
-        bias_time: f64 = 10.0, "s", Some(0.01), Some(1e6);
+        bias_time: f64 = 10.0, "s", Some(0.01), Some(1e6),
+            User("Set it to how long an error of T_CF lasts, as its source states.");
         /// Least number of births that starts the filter from a first overlap.
-        start_births: usize = 8, "", Some(1.0), Some(1000.0);
+        start_births: usize = 8, "", Some(1.0), Some(1000.0),
+            User("Lower it where the two cameras share too little texture for a run to start.");
     }
     /// Validation of a frame's matches (METHOD 8).
     validate: ValidateSettings {
-        /// Which test.
-        test: BatchTestKind = BatchTestKind::Hohct, "", None, None;
+        /// Which test of the whole batch.
+        test: BatchTestKind = BatchTestKind::Hohct, "", None, None, Lab;
         /// Confidence level of the chi-square tests.
-        level: f64 = 0.95, "", Some(0.5), Some(0.999999);
-        /// Level of the gate that each match passes before the batch is tested.
-        gate_level: f64 = 0.999, "", Some(0.5), Some(0.999999999);
+        level: f64 = 0.95, "", Some(0.5), Some(0.999999),
+            User("Raise it where right matches are left out though noise is stated well; lower it where many things move.");
         /// Level of the gate that each match passes given all the others, after the batch was tested; 1 for none.
-        conditional_level: f64 = 0.9999, "", Some(0.5), Some(1.0);
+        conditional_level: f64 = 0.9999, "", Some(0.5), Some(1.0), Lab;
         /// Level at which a feature is left out that the others contradicted in the sum of its last 8 to 16 frames, each
         /// of them within that gate; 1 for never.
-        lasting_level: f64 = 1.0, "", Some(0.5), Some(1.0);
-        /// Largest share of a frame's matches that HOHCT and the conditional gate may each leave out.
-        max_share: f64 = 0.5, "", Some(0.0), Some(1.0);
-        /// Radius of a low-innovation inlier of the one-point test, in standard deviations of its noise.
-        low_sigmas: f64 = 3.0, "", Some(0.1), Some(100.0);
+        lasting_level: f64 = 1.0, "", Some(0.5), Some(1.0),
+            User("Lower it to 0.999 where things in view move slowly.");
         /// Largest number of hypotheses that are looked at before leaving out greedily. One takes about 0.15 ms for 100
-        /// matches and a tenth of that for 40: give fewer where no frame may take seconds, not even one in thousands.
-        max_nodes: usize = 20_000, "", Some(1.0), Some(1e9);
+        /// matches and a tenth of that for 40.
+        max_nodes: usize = 20_000, "", Some(1.0), Some(1e9),
+            User("Lower it where no frame may take seconds, not even one in thousands.");
     }
     /// Upkeep of the map (METHOD 7, step 8).
     map: MapSettings {
         /// Features that the map should hold in view.
-        in_view: usize = 40, "", Some(4.0), Some(1000.0);
+        in_view: usize = 40, "", Some(4.0), Some(1000.0),
+            User("Lower it for a slower computer, raise it for accuracy; time goes with its square and more.");
         /// Candidates followed beside them, as a share of that number: not all will be born, and births take time.
-        reserve: f64 = 0.6, "", Some(0.0), Some(10.0);
+        reserve: f64 = 0.6, "", Some(0.0), Some(10.0), Lab;
         /// Largest number of features in the map.
-        max_features: usize = 120, "", Some(4.0), Some(10000.0);
-        /// A feature is deleted when the share of its searches that found it falls below this...
-        min_found_share: f64 = 0.4, "", Some(0.0), Some(1.0);
-        /// ...after at least so many searches.
-        min_searches: usize = 8, "", Some(1.0), Some(10000.0);
-        /// Touch features out of view only when they come back into view or the state is asked for: the same result, faster
-        /// for maps of several hundred features.
-        local: bool = false, "", None, None;
+        max_features: usize = 120, "", Some(4.0), Some(10000.0),
+            User("Raise it to remember more of a larger place, for memory and time that go with its square.");
+        /// Size of the map from which features out of view are touched only when they come back into view or the state is
+        /// asked for: the same result, faster for large maps.
+        local_from: usize = 150, "", Some(0.0), Some(1e9), Lab;
         /// Linearity index below which a feature in view shrinks from inverse depth (six numbers) to a point (three), 0 for
         /// never: how far its depth is from linear in the pixels. 0.1 is the index of Civera, Davison and Montiel (2008).
-        linearity_index: f64 = 0.0, "", Some(0.0), Some(10.0);
+        linearity_index: f64 = 0.0, "", Some(0.0), Some(10.0),
+            User("Set it to 0.1 for large maps, which then take less time and memory.");
         /// A candidate that has not been born after so many seconds is dropped.
-        candidate_age: f64 = 4.0, "s", Some(0.01), Some(1e4);
+        candidate_age: f64 = 4.0, "s", Some(0.01), Some(1e4),
+            User("Raise it for a camera that moves so slowly that parallax takes longer.");
     }
     /// When the camera counts as lost.
     lost: LostSettings {
         /// Accepted matches that make a frame OK, and that it takes to find a lost camera: each gives two numbers for the
         /// pose's six, so that 8 leave ten to check it with.
-        min_matches: usize = 8, "", Some(4.0), Some(1000.0);
-        /// A frame in which a smaller share of the features searched is accepted is not used: a few wrong matches pass any
-        /// test. In sight of the map a third and more are accepted, even in blurred frames; after a jump a twentieth.
-        min_share: f64 = 0.15, "", Some(0.0), Some(0.9);
-        /// The camera is lost after so many such frames in a row...
-        frames: usize = 3, "", Some(1.0), Some(1000.0);
-        /// ...or after so many seconds without a frame that is OK.
-        seconds: f64 = 1.0, "s", Some(0.0), Some(3600.0);
+        min_matches: usize = 8, "", Some(4.0), Some(1000.0),
+            User("Raise it where a wrong pose costs more than a lost one; lower it where little is in view.");
+        /// The camera is lost after so many frames in a row that are not OK.
+        frames: usize = 3, "", Some(1.0), Some(1000.0),
+            User("Raise it at a high frame rate, where three frames are a blink.");
+        /// It is lost after so many seconds without a frame that is OK.
+        seconds: f64 = 1.0, "s", Some(0.0), Some(3600.0),
+            User("Raise it at a low frame rate or where images pause; lower it where the camera moves fast.");
     }
     /// Prediction of the overlap of both views (METHOD 9).
     overlap: OverlapSettings {
         /// Distance at which a view begins.
-        near: f64 = 0.3, "m", Some(0.001), Some(100.0);
+        near: f64 = 0.3, "m", Some(0.001), Some(100.0),
+            User("Lower it where things nearer than this are to be mapped, as on a table.");
         /// Distance at which it ends at most.
-        far: f64 = 60.0, "m", Some(0.1), Some(1e5);
-        /// The useful parallax, in standard deviations of its error.
-        parallax_sigmas: f64 = 3.0, "", Some(0.1), Some(100.0);
-        /// By how many standard deviations of T_CF the view of Cf is grown.
-        grow_sigmas: f64 = 3.0, "", Some(0.0), Some(100.0);
+        far: f64 = 60.0, "m", Some(0.1), Some(1e5),
+            User("Raise it outdoors where Cf is worn far from Cs and things farther off help; lower it indoors to search less.");
     }
 }
 

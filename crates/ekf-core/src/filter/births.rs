@@ -14,6 +14,11 @@ use crate::settings::FirstPose;
 use crate::state::{BlockKind, LinearPart};
 use nalgebra::{SMatrix, SVector, Vector2};
 
+/// Inverse depth of a candidate that waits for parallax no longer, 1/m: what has shown none is far.
+const VAGUE_RHO: f64 = 0.1;
+/// Its standard deviation, 1/m.
+const VAGUE_RHO_SD: f64 = 0.2;
+
 impl Filter {
     /// Starts candidates at pixels of the present view; returns their ids.
     ///
@@ -93,8 +98,8 @@ impl Filter {
         Ok(outcomes)
     }
 
-    /// Ends the wait of candidates for parallax: each is born undelayed, as a feature of its first view with the weak prior
-    /// `birth.vague_rho` and `birth.vague_rho_sd` on its inverse depth (METHOD 5). None where that gives no feature; the
+    /// Ends the wait of candidates for parallax: each is born undelayed, as a feature of its first view with a weak
+    /// prior on its inverse depth (METHOD 5). None where that gives no feature; the
     /// candidate is gone in any case.
     ///
     /// # Errors
@@ -105,8 +110,6 @@ impl Filter {
             return Err(EkfError::UnknownFeature { id });
         }
         self.changes();
-        let birth = &self.settings.birth;
-        let (rho, sd) = (birth.vague_rho, birth.vague_rho_sd);
         let sigma = self.settings.pixel.sigma_cs;
         let mut born = Vec::with_capacity(ids.len());
         let mut view = None;
@@ -124,8 +127,14 @@ impl Filter {
             born.push(candidate.and_then(|candidate| {
                 let (first, covariance) = self.first_pose(&candidate)?;
                 let uv = &candidate.uv;
-                let mut new =
-                    NewFeature::with_prior_depth(&self.camera, &first, uv, sigma, rho, sd)?;
+                let mut new = NewFeature::with_prior_depth(
+                    &self.camera,
+                    &first,
+                    uv,
+                    sigma,
+                    VAGUE_RHO,
+                    VAGUE_RHO_SD,
+                )?;
                 new.seen_from_first_pose(covariance);
                 self.append_feature(&new).map(|block| block.id)
             }));

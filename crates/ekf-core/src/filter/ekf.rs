@@ -41,9 +41,9 @@ pub struct Filter {
     pub(super) scratch: Scratch,
     /// Room for the next list of features that the gauge follows.
     pub(super) in_view: Vec<u64>,
-    /// What is outside of the working state `state`, with `map.local`.
+    /// What is outside of the working state `state`, in a large map.
     pub(super) outside: Option<OutsideSet>,
-    /// Room for the next working set of `map.local`.
+    /// Room for the next working set.
     pub(super) buffers: Buffers,
     /// The whole state, if it was asked for since the last change.
     pub(super) shown: OnceLock<Box<State>>,
@@ -90,7 +90,7 @@ impl Filter {
         &self.settings
     }
 
-    /// The state: mean, covariance, layout. With `map.local` it is put together when asked for, in O(n^2).
+    /// The state: mean, covariance, layout. In a large map it is put together when asked for, in O(n^2).
     pub fn state(&self) -> &State {
         match &self.outside {
             Some(outside) => self

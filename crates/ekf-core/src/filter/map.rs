@@ -10,6 +10,11 @@ use crate::guard;
 use crate::observe::POSE_DIM;
 use crate::state::{Block, BlockKind, LinearPart};
 
+/// A feature is deleted when the share of its searches that found it falls below this.
+const MIN_FOUND_SHARE: f64 = 0.4;
+/// Searches after which that is asked.
+const MIN_SEARCHES: usize = 8;
+
 impl Filter {
     /// Puts a newborn feature into the state, if its numbers are ones that the state may hold.
     pub(super) fn append_feature(&mut self, new: &NewFeature) -> Option<Block> {
@@ -82,8 +87,8 @@ impl Filter {
         }
         for (block, feature) in features {
             let record = &self.records[&block.id];
-            let failing = record.searched >= map.min_searches
-                && (record.found as f64) < map.min_found_share * record.searched as f64;
+            let failing = record.searched >= MIN_SEARCHES
+                && (record.found as f64) < MIN_FOUND_SHARE * record.searched as f64;
             if failing || feature.point().is_none() {
                 gone.push(block.id);
             } else {

@@ -9,6 +9,9 @@ use crate::observe::block::MeasurementBlock;
 use crate::observe::{PointInCamera, Rows, WornView};
 use crate::state::Block;
 
+/// Largest sd(range)/range with which a known feature is measured as a 3D point; a worse one gives its bearing.
+const MAX_RANGE_RATIO: f64 = 0.2;
+
 impl Filter {
     pub(super) fn collect_blocks(
         &mut self,
@@ -119,7 +122,7 @@ impl Filter {
         let predicted = PointInCamera::metric(&pose, &feature).ok_or(Outcome::NotVisible)?;
         let view = view.at_point(&predicted.value);
         let (sigma, sigma_f) = (self.settings.pixel.sigma_cs, self.settings.pixel.sigma_cf);
-        if self.rho_variance(worn, &view).sqrt() > self.settings.worn.max_range_ratio * view.rho {
+        if self.rho_variance(worn, &view).sqrt() > MAX_RANGE_RATIO * view.rho {
             return Err(Outcome::TooUncertain);
         }
         let j = view.point_by_tangent();

@@ -10,6 +10,10 @@ use crate::math::pose::Pose;
 use crate::state::{Block, BlockKind};
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 
+/// Standard deviation, as a share of rho, with which the tight form starts a matched feature before its pixel in Cf is
+/// measured.
+const TIGHT_RHO_RATIO: f64 = 2.0;
+
 impl Filter {
     pub(super) fn start_tight_births(
         &mut self,
@@ -19,7 +23,6 @@ impl Filter {
         let Some(worn) = &z.worn else {
             return Vec::new();
         };
-        let ratio = self.settings.birth.tight_rho_ratio;
         let sigma = self.settings.pixel.sigma_cs;
         let pose = self.state.camera_pose();
         let mut newborn = Vec::new();
@@ -28,7 +31,7 @@ impl Filter {
                 continue;
             }
             let new = self.intersect(worn, &pair.uv, &pair.uv_f).and_then(|view| {
-                let sd = ratio * view.rho;
+                let sd = TIGHT_RHO_RATIO * view.rho;
                 NewFeature::with_prior_depth(&self.camera, &pose, &pair.uv, sigma, view.rho, sd)
             });
             report.pairs[i] = Outcome::NotVisible;

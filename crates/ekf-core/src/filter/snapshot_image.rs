@@ -173,11 +173,9 @@ impl Filter {
         let outside = outside
             .map(|outside| OutsideSet::from_image(outside, &state))
             .transpose()?;
-        if outside.is_some() != state.auxiliary_blocks().next().is_some()
-            || (outside.is_some() && !settings.map.local)
-        {
+        if outside.is_some() != state.auxiliary_blocks().next().is_some() {
             return Err(EkfError::bad_snapshot(
-                "its working set and its settings disagree",
+                "its working set and its state disagree",
             ));
         }
         let increasing = followed.windows(2).all(|w| w[0] < w[1]);

@@ -11,6 +11,9 @@ use crate::observe::POSE_DIM;
 use crate::settings::{Mode, WornErrors};
 use crate::state::BlockKind;
 
+/// By how many sigmas a measurement must be off its linear model for another linearisation.
+const NONLINEARITY: f64 = 0.1;
+
 impl Filter {
     /// Validates a frame's measurements, updates once, and starts the features that its matches allow.
     ///
@@ -165,8 +168,7 @@ impl Filter {
                     .map_while(|s| self.measurement_block(z, *s).ok()),
             );
             self.state.set_part(0, &prior);
-            let tolerance = self.settings.estimator.nonlinearity;
-            if !self.batch.relinearise(fresh, &step, tolerance) {
+            if !self.batch.relinearise(fresh, &step, NONLINEARITY) {
                 break;
             }
             report.iterations = iteration + 1;

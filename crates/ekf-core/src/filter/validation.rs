@@ -7,6 +7,9 @@ use crate::settings::BatchTestKind;
 use crate::validate;
 use crate::validate::{BatchTest, conditional_gate};
 
+/// Level of the gate that each match passes before the batch is tested: wide, as the tests of the batch are to decide.
+const GATE_LEVEL: f64 = 0.999;
+
 /// One test: lists the blocks of the batch that fail it, and names their outcome.
 pub(super) type Test = fn(&mut Filter, &mut UpdateReport, &mut Vec<usize>) -> Outcome;
 
@@ -45,13 +48,12 @@ impl Filter {
         if self.settings.validate.test == BatchTestKind::None {
             return Outcome::RejectedGate;
         }
-        let level = self.settings.validate.gate_level;
         validate::reject_each(
             self.batch.s(),
             self.batch.rows(),
             self.batch.g(),
             validate::Blocks::new(self.batch.offsets()),
-            level,
+            GATE_LEVEL,
             &mut self.test,
         );
         gone.extend_from_slice(self.test.rejected());
@@ -90,7 +92,7 @@ impl Filter {
             batch.g,
             batch.blocks,
             options.conditional_level,
-            options.max_share,
+            validate::MAX_SHARE,
             &mut self.test,
         );
         gone.extend_from_slice(self.test.rejected());

@@ -6,7 +6,7 @@ use crate::observe::point::CameraPose;
 use crate::observe::{FeatureState, PointInCamera};
 use nalgebra::{SMatrix, Vector2, Vector3};
 
-/// With `map.local`: how far out of the image a feature's point of some frames ago may lie, pixels, while the feature itself
+/// With a working set: how far out of the image a feature's point of some frames ago may lie, pixels, while the feature itself
 /// may be in view.
 pub(super) const MAYBE: f64 = 200.0;
 

@@ -1,4 +1,4 @@
-//! The working set of the local update (`map.local`): when it is chosen, and what joins it.
+//! The working set of the local update: when it is chosen, and what joins it.
 
 use super::ekf::Filter;
 use super::measurements::Measurements;
@@ -6,13 +6,20 @@ use crate::local::OutsideSet;
 use crate::state::{Block, State};
 
 impl Filter {
-    /// Chooses the working set of `map.local` anew once too many auxiliary rows have accumulated.
+    /// Chooses a working set where the map is large enough for it to pay, and anew once too many auxiliary rows have
+    /// accumulated.
     pub(super) fn choose_working_set(&mut self, searched: &[u64]) {
+        let features = self.map_size();
+        let large = features >= self.settings.map.local_from;
         let choose = match &self.outside {
             Some(outside) => outside.is_full(&self.state),
-            None => self.started && (4..self.map_size() / 3).contains(&searched.len()),
+            None => large && self.started && (4..features / 3).contains(&searched.len()),
         };
-        if !self.settings.map.local || !choose {
+        if !choose {
+            return;
+        }
+        if !large {
+            self.make_whole();
             return;
         }
         let mut working: Vec<u64> = self.predict_pixels().iter().map(|f| f.id).collect();
@@ -32,7 +39,7 @@ impl Filter {
         (self.state, self.outside) = (state, Some(outside));
     }
 
-    /// Gives up the working set of `map.local`: the filter holds the whole state again.
+    /// Gives up the working set: the filter holds the whole state again.
     pub(super) fn make_whole(&mut self) {
         self.changes();
         if let Some(outside) = self.outside.take() {

@@ -30,7 +30,7 @@ pub fn directions(x: &[f64], layout: &Layout, out: &mut Vec<f64>) {
                 position(x, block.offset, out);
                 attitude(x, block.offset + 3, out);
             }
-            // T_CF is metric and seen from C; auxiliary rows come with map.local only.
+            // T_CF is metric and seen from C; auxiliary rows come with a working set only.
             BlockKind::WornBias | BlockKind::WornError | BlockKind::Auxiliary(_) => {}
         }
     }

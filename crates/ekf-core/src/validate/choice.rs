@@ -3,7 +3,7 @@
 use super::batch::{Batch, Verdict};
 use super::distance::whiten;
 use super::gate::individual_gate;
-use super::hohct::{HohctSettings, hohct};
+use super::hohct::{HohctSettings, MAX_SHARE, hohct};
 use super::jcbb::{JcbbSettings, jcbb};
 use super::one_point::{OnePointSettings, one_point};
 use super::workspace::Workspace;
@@ -34,12 +34,12 @@ impl BatchTest {
             BatchTestKind::Hohct => Self::Hohct(HohctSettings {
                 level,
                 max_nodes,
-                max_share: options.max_share,
+                max_share: MAX_SHARE,
             }),
             BatchTestKind::Jcbb => Self::Jcbb(JcbbSettings { level, max_nodes }),
             BatchTestKind::OnePoint => Self::OnePoint(OnePointSettings {
-                low_sigmas: options.low_sigmas,
                 level,
+                ..OnePointSettings::default()
             }),
             BatchTestKind::Individual => Self::Individual(level),
             BatchTestKind::None => Self::None,

@@ -76,8 +76,12 @@ mod thresholds;
 use super::batch::{Blocks, Verdict, check};
 use super::distance::whiten;
 use super::workspace::Workspace;
+use crate::settings::ValidateSettings;
 use pigeonhole::Rows;
 use search::Search;
+
+/// Largest share of a frame's matches that HOHCT and the conditional gate may each leave out.
+pub(crate) const MAX_SHARE: f64 = 0.5;
 
 /// Settings of [`hohct`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -92,10 +96,13 @@ pub struct HohctSettings {
 
 impl Default for HohctSettings {
     fn default() -> Self {
+        let ValidateSettings {
+            level, max_nodes, ..
+        } = ValidateSettings::default();
         Self {
-            level: 0.95,
-            max_nodes: 20_000,
-            max_share: 0.5,
+            level,
+            max_nodes,
+            max_share: MAX_SHARE,
         }
     }
 }

@@ -9,6 +9,7 @@
 use super::batch::{Blocks, Verdict, check};
 use super::distance::individual_distance;
 use super::workspace::{JcbbScratch, Workspace};
+use crate::settings::ValidateSettings;
 
 /// Settings of [`jcbb`].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,10 +22,10 @@ pub struct JcbbSettings {
 
 impl Default for JcbbSettings {
     fn default() -> Self {
-        Self {
-            level: 0.95,
-            max_nodes: 20_000,
-        }
+        let ValidateSettings {
+            level, max_nodes, ..
+        } = ValidateSettings::default();
+        Self { level, max_nodes }
     }
 }
 

@@ -32,6 +32,7 @@ pub use choice::BatchTest;
 pub use conditional::conditional_gate;
 pub use gate::individual_gate;
 pub(crate) use gate::reject_each;
+pub(crate) use hohct::MAX_SHARE;
 pub use hohct::{HohctSettings, hohct};
 pub use jcbb::{JcbbSettings, jcbb};
 pub use one_point::{OnePointSettings, one_point};
