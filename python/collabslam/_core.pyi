@@ -198,6 +198,7 @@ class Filter:
         worn_camera: Camera | None = None,
         *,
         settings: Mapping[str, bool | int | float | str] | None = None,
+        switches: Mapping[str, bool | int | float | str] | None = None,
     ) -> Filter: ...
     @property
     def started(self) -> bool: ...

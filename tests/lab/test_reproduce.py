@@ -16,7 +16,7 @@ from collabslam_lab.paper_simulation import EXPERIMENTS, observability, reproduc
 from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.estimators import ESTIMATORS, GAUGE, PLAIN
 from collabslam_lab.paper_simulation.monte_carlo import Study
-from collabslam_lab.paper_simulation.settings import SimulationSettings
+from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 from collabslam_lab.paper_simulation.statistics import compare
 
 GAUGE_ONLY = next(e for e in ESTIMATORS if e.name == "gauge-only")

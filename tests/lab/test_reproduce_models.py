@@ -13,7 +13,7 @@ from collabslam_lab.paper_simulation import planar_rows, wall_models
 from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.estimators import ESTIMATORS, GAUGE, PLAIN
 from collabslam_lab.paper_simulation.rank import exact_rank, numeric_nullity
-from collabslam_lab.paper_simulation.settings import SIMULATION, SimulationSettings
+from collabslam_lab.paper_simulation.simulation_settings import SIMULATION, SimulationSettings
 from collabslam_lab.paper_simulation.wall import simulate
 from collabslam_lab.paper_simulation.wall_run import run_wall
 

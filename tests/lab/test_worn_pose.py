@@ -38,7 +38,7 @@ from collabslam.worn_pose.surroundings import Surroundings
 from collabslam.worn_pose.track import Candidates, LegTrack, carried
 from collabslam_lab.paper_simulation import worn_pose as experiment
 from collabslam_lab.paper_simulation.monte_carlo import Study
-from collabslam_lab.paper_simulation.settings import SimulationSettings
+from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 from collabslam_lab.worn_sensors import (
     Z_UP_FROM_Y_DOWN,
     AhrsModel,

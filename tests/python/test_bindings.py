@@ -216,7 +216,7 @@ def test_bad_start_from_points(name: str) -> None:
 
 
 def test_a_candidate_given_twice_does_not_panic_at_its_birth() -> None:
-    core = Filter(CS, settings={"birth.min_baseline": 0.01, "birth.min_parallax": 0.5})
+    core = Filter(CS, settings={"birth.min_parallax": 0.5}, switches={"birth.min_baseline": 0.01})
     start, step = CS.project(POINTS)[0], np.array([0.05, 0.0, 0.0])
     ids = _points(
         core, points=POINTS, noise=np.tile(1e-4 * np.eye(3), (COUNT, 1, 1)), shared=np.zeros((COUNT, 3, 6))
@@ -271,9 +271,9 @@ def test_a_worn_camera_that_is_missing() -> None:
     [
         ({"process.speed": 1.0}, "process.speed: there is no such setting"),
         ({"estimator.mode": "stereo"}, "estimator.mode: must be one of"),
-        ({"estimator.iterations": 0}, "estimator.iterations: 0 is outside"),
-        ({"estimator.iterations": "many"}, "estimator.iterations"),
-        ({"estimator.iterations": None}, "estimator.iterations"),
+        ({"worn.start_births": 0}, "worn.start_births: 0 is outside"),
+        ({"worn.start_births": "many"}, "worn.start_births"),
+        ({"worn.start_births": None}, "worn.start_births"),
         ({"pixel.sigma_cs": float("nan")}, "pixel.sigma_cs: NaN"),
     ],
 )

@@ -178,14 +178,15 @@ def test_spoilt_files_are_refused(saved: Path, tmp_path: Path) -> None:
 def test_files_that_hold_something_else_are_refused(saved: Path, tmp_path: Path) -> None:
     good = container.read_container(saved, KIND, VERSION, CLASSES)
     path = tmp_path / "bad.bin"
-    parts = good["parts"]
+    parts, values = good["parts"], good["settings"]["values"]
     spoilt: list[Any] = [
         None,
         [],
         {},
         {**good, "camera": ("pinhole", 0, 0, [1.0], [])},
-        {**good, "settings": {"filter.map.in_view": -3}},
-        {**good, "settings": {**good["settings"], "filter.no_such": 1}},
+        {**good, "settings": {"values": {"filter.map.in_view": 30}, "switches": {}}},
+        {**good, "settings": {**good["settings"], "switches": {"filter.no_such": 1}}},
+        {**good, "settings": {**good["settings"], "values": {**values, "filter.map.in_view": -3}}},
         {**good, "filter": good["filter"][:-1]},
         {**good, "filter": 3},
         {**good, "start": "nowhere"},
@@ -197,9 +198,10 @@ def test_files_that_hold_something_else_are_refused(saved: Path, tmp_path: Path)
         container.write_container(path, KIND, VERSION, content, CLASSES)
         with pytest.raises(DataError):
             Slam.load(path)
-    container.write_container(path, KIND, VERSION + 1, good, CLASSES)
-    with pytest.raises(DataError, match=f"has version {VERSION + 1}"):
-        Slam.load(path)
+    for version in (VERSION - 1, VERSION + 1):
+        container.write_container(path, KIND, version, good, CLASSES)
+        with pytest.raises(DataError, match=f"has version {version}, this program reads version {VERSION}"):
+            Slam.load(path)
 
 
 # --- the container ----------------------------------------------------------------------------

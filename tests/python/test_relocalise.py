@@ -278,8 +278,8 @@ class TestStatus:
         assert self.monitor().min_inliers(searched) == expected
 
     def test_its_settings_count(self) -> None:
-        m = self.monitor(frames=1, min_matches=20, min_share=0.5)
-        assert m.min_inliers(100) == 50
+        m = self.monitor(frames=1, min_matches=20)
+        assert m.min_inliers(100) == 20
         assert m.update(0.0, 19, accepted=True) is Status.COASTING
         assert m.update(0.1, 0, accepted=False) is Status.LOST
 

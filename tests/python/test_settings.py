@@ -9,26 +9,59 @@ import yaml
 
 from collabslam.errors import SettingsError
 from collabslam.settings import table as module
-from collabslam.settings.setting import Entry
+from collabslam.settings.setting import Setting
 from collabslam.settings.table import Settings, parse_assignments
+from collabslam_lab import switches as lab
+from collabslam_lab.switches import with_switches
 
-ENTRIES = [
-    Entry(
-        "filter.process.density", "float", 1e-5, 0.0, 10.0, "m/s^1.5", (), "Noise of the acceleration. " * 6
+SETTINGS = [
+    Setting(
+        "filter.process.density",
+        "float",
+        1e-5,
+        0.0,
+        10.0,
+        "m/s^1.5",
+        (),
+        "Noise of the acceleration. " * 6,
+        "Raise it.",
     ),
-    Entry("filter.process.order", "int", 3, 1, 9, "", (), "Order of the search."),
-    Entry(
-        "filter.validation.method", "enum", "off", None, None, "", ("hohct", "off"), "How a batch is checked."
+    Setting("filter.process.order", "int", 3, 1, 9, "", (), "Order of the search.", "Lower it."),
+    Setting(
+        "filter.validation.method",
+        "enum",
+        "off",
+        None,
+        None,
+        "",
+        ("hohct", "off"),
+        "How a batch is checked.",
+        "Take off.",
     ),
-    Entry("frontend.detect.min_distance", "float", 12.0, 1.0, None, "pixel", (), "Distance of corners."),
-    Entry("frontend.detect.refine", "bool", True, None, None, "", (), "Sub-pixel corners."),
+    Setting(
+        "frontend.detect.min_distance",
+        "float",
+        12.0,
+        1.0,
+        None,
+        "pixel",
+        (),
+        "Distance of corners.",
+        "Lower it.",
+    ),
+    Setting("frontend.detect.refine", "bool", True, None, None, "", (), "Sub-pixel corners.", "Take false."),
+    Setting("filter.process.plain", "bool", False, None, None, "", (), "The plain filter, for comparison."),
 ]
-KEYS = {e.key: e for e in ENTRIES}
+KEYS = {setting.key: setting for setting in SETTINGS}
 
 
 @pytest.fixture
 def _known(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "schema", lambda: KEYS)
+    monkeypatch.setattr(module, "_all", lambda: KEYS)
+    monkeypatch.setattr(module, "schema", module.schema.__wrapped__)
+    monkeypatch.setattr(module, "switches", module.switches.__wrapped__)
+    monkeypatch.setattr(lab, "schema", module.schema)
+    monkeypatch.setattr(lab, "switches", module.switches)
 
 
 @pytest.mark.usefixtures("_known")
@@ -85,6 +118,22 @@ class TestWithAKnownSchema:
         assert len(a.hash()) == 12
         assert a.hash() != a.replace({"filter.process.order": 4}).hash()
         assert a.replace({"frontend.detect.min_distance": 12}).hash() == a.hash()
+
+    def test_a_switch_of_the_lab_is_no_setting(self, tmp_path: Path) -> None:
+        plain = Settings.default()
+        with pytest.raises(SettingsError, match=r"no setting 'filter\.process\.plain'"):
+            plain.replace({"filter.process.plain": True})
+        switched = with_switches(plain, {"filter.process.plain": True, "filter.process.order": 4})
+        assert (switched["filter.process.order"], switched.switch("filter.process.plain")) == (4, True)
+        assert switched.section_switches("filter") == {"process.plain": True}
+        assert switched.hash() != plain.replace({"filter.process.order": 4}).hash()
+        assert Settings.from_state(switched.state()) == switched
+        (tmp_path / "a.yaml").write_text(switched.dump())
+        assert "filter.process.plain: true" in switched.dump()
+        assert Settings.load(tmp_path / "a.yaml") == plain.replace({"filter.process.order": 4})
+        assert with_switches(switched, {"filter.process.plain": False}).switches == {}
+        with pytest.raises(SettingsError, match="true or false"):
+            with_switches(plain, {"filter.process.plain": 1})
 
     def test_sections_are_flat(self) -> None:
         assert Settings.default().section("frontend") == {"detect.min_distance": 12.0, "detect.refine": True}

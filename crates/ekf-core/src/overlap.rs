@@ -10,13 +10,13 @@
 //!                       ^ camera
 //! ```
 //!
-//! `alpha_u`, the least useful parallax, is `parallax_sigmas` standard deviations of the parallax. A point's parallax is the
+//! `alpha_u`, the least useful parallax, is `PARALLAX_SIGMAS` standard deviations of the parallax. A point's parallax is the
 //! angle between its two rays, so its variance comes from the rotation of T_CF (about an axis at right angles to the baseline;
 //! the smaller variance, since `d_max` is an upper bound and each point is gated by itself later) and from one
 //! pixel error in each view; the length of `t` does not enter it.
 //!
 //! The region of interest of a view is the bounding box of its own body cut with the *other* view's body, the
-//! latter grown by `grow_sigmas` standard deviations of T_CF: its sides open by the angle and move out by the distance.
+//! latter grown by `GROW_SIGMAS` standard deviations of T_CF: its sides open by the angle and move out by the distance.
 //! Both regions are supersets. Two convex bodies are cut by clipping the faces of each with the half-spaces of the other
 //! (Sutherland and Hodgman).
 //!

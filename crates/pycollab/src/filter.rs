@@ -158,6 +158,8 @@ impl PyUpdateReport {
 ///     Cf; needed to take its pixels.
 /// settings : dict, optional
 ///     Dotted key to value, over the defaults of :func:`settings_schema`.
+/// switches : dict, optional
+///     The same of the lab's switches, which take parts of the method away to compare with.
 ///
 /// Raises
 /// ------
@@ -169,13 +171,14 @@ pub(crate) struct PyFilter(Filter);
 #[pymethods]
 impl PyFilter {
     #[new]
-    #[pyo3(signature = (camera, worn_camera = None, *, settings = None))]
+    #[pyo3(signature = (camera, worn_camera = None, *, settings = None, switches = None))]
     fn new(
         camera: &PyCamera,
         worn_camera: Option<PyRef<'_, PyCamera>>,
         settings: Option<&Bound<'_, PyDict>>,
+        switches: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
-        let settings = settings::from_dict(settings)?;
+        let settings = settings::from_dicts(settings, switches)?;
         let worn = worn_camera.map(|c| c.0.clone());
         Ok(Self(Filter::new(settings, camera.0.clone(), worn)))
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import textwrap
 from pathlib import Path
 
 from collabslam.cli import BAD_INPUT, OK, options
@@ -12,7 +13,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the actions and their options."""
     actions = parser.add_subparsers(metavar="ACTION", required=True)
     for name, action, text in (
-        ("show", _show, "list settings with value and range"),
+        ("show", _show, "list settings with value, range, and when to change them"),
         ("dump", _dump, "print a commented settings file"),
         ("check", _check, "check a settings file"),
         ("docs", _docs, "print every setting as a page of Markdown"),
@@ -40,13 +41,18 @@ def _show(arguments: argparse.Namespace) -> int:
     from collabslam.settings.table import schema
 
     settings = options.read_settings(arguments)
+    chosen = {key: setting for key, setting in schema().items() if arguments.text in key}
+    if not chosen:
+        print(f"No setting's name contains '{arguments.text}'.")
+        return BAD_INPUT
     rows = [
-        [key, str(settings[key]), f"{entry.allowed()} {entry.unit}".strip()]
-        for key, entry in schema().items()
-        if arguments.text in key
+        [key, str(settings[key]), f"{setting.allowed()} {setting.unit}".strip()]
+        for key, setting in chosen.items()
     ]
-    print(text_table(rows) if rows else f"No setting's name contains '{arguments.text}'.")
-    return OK if rows else BAD_INPUT
+    for line, setting in zip(text_table(rows).splitlines(), chosen.values(), strict=True):
+        print(line)
+        print(textwrap.fill(setting.when, 100, initial_indent="    ", subsequent_indent="    "))
+    return OK
 
 
 def _dump(arguments: argparse.Namespace) -> int:

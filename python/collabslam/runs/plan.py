@@ -118,7 +118,7 @@ class Plan:
         """In plain values, for a checkpoint."""
         return {
             **vars(self),
-            "settings": dict(self.settings.values),
+            "settings": self.settings.state(),
             "every": None if self.every is None else dict(vars(self.every)),
         }
 
@@ -128,16 +128,17 @@ class Plan:
         every = state["every"]
         return cls(
             **{k: state[k] for k in ("mode", "start", "metric", "notes")},
-            settings=Settings.from_flat(state["settings"]),
+            settings=Settings.from_state(state["settings"]),
             every=None if every is None else Interval(**every),
         )
 
 
+_VALUES = table(str, any_of(flag, whole(-(10**9), 10**9), number(), text()))
 PLAN_STATE = fields(
     mode=text(MODES),
     start=text(SLAM_STARTS),
     metric=flag,
-    settings=table(str, any_of(flag, whole(-(10**9), 10**9), number(), text())),
+    settings=fields(values=_VALUES, switches=_VALUES),
     notes=table(str, plain),
     every=optional(fields(frames=optional(whole(1)), seconds=optional(number(0.0)))),
 )

@@ -1,7 +1,8 @@
-"""Settings of the front end: names, defaults, ranges, units and effects, all in this one place.
+"""Settings of the front end: names, defaults, ranges, units and when to change them, all in this one place.
 
 A group is a frozen dataclass; each of its fields says all about itself.  :data:`FRONTEND` lists them by
-their keys (``search.min_score``) for settings files, help texts and documentation.
+their keys (``search.min_score``) for settings files, help texts and documentation.  A field without ``when``
+is a switch of the lab.
 """
 
 from __future__ import annotations
@@ -11,20 +12,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from collabslam.settings.setting import Entry, Value, find
+from collabslam.settings.setting import Setting, Value
 
 
-def _number(default: float, low: float, high: float, unit: str, doc: str, *, odd: bool = False) -> Any:
+def _number(
+    default: float, low: float, high: float, unit: str, doc: str, when: str = "", *, odd: bool = False
+) -> Any:
     kind = type(default).__name__
-    return field(default=default, metadata={"rest": (kind, default, low, high, unit, (), doc, odd)})
+    return field(default=default, metadata={"rest": (kind, default, low, high, unit, (), doc, when, odd)})
 
 
-def _flag(default: bool, doc: str) -> Any:
-    return field(default=default, metadata={"rest": ("bool", default, None, None, "", (), doc)})
+def _flag(default: bool, doc: str, when: str = "") -> Any:
+    return field(default=default, metadata={"rest": ("bool", default, None, None, "", (), doc, when)})
 
 
-def _name(default: str, choices: tuple[str, ...], doc: str) -> Any:
-    return field(default=default, metadata={"rest": ("enum", default, None, None, "", choices, doc)})
+def _name(default: str, choices: tuple[str, ...], doc: str, when: str = "") -> Any:
+    return field(default=default, metadata={"rest": ("enum", default, None, None, "", choices, doc, when)})
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,12 @@ class DetectSettings:
     """Corners in an image: spread over it, and sharp enough to be tracked."""
 
     quality: float = _number(
-        0.002, 0, 1, "", "Least corner response (smaller eigenvalue) as a share of the image's best."
+        0.002,
+        0,
+        1,
+        "",
+        "Least corner response (smaller eigenvalue) as a share of the image's best.",
+        "Lower it where corners in plain sight are not found, raise it where noise is taken for some.",
     )
     min_gradient: float = _number(
         2.0,
@@ -49,6 +57,7 @@ class DetectSettings:
         0.2,
         "image width",
         "Least distance between corners, and from existing points, as a share of the image's width.",
+        "Lower it where texture fills a small part of the picture only.",
     )
     cells: int = _number(
         8, 1, 64, "", "Cells along the image's longer side; the emptiest cell is served first."
@@ -66,6 +75,7 @@ class SightSettings:
         255,
         "grey levels",
         "Least standard deviation of an image averaged over squares of 8 pixels; others are black or white.",
+        "Lower it where dim or foggy pictures, in which features are still found, are taken for blank ones.",
     )
     frozen: bool = _flag(True, "Leave out an image that equals the one before to the bit.")
 
@@ -115,10 +125,18 @@ class SearchSettings:
         400,
         "pixel",
         "Cap of the search window's half side, which bounds the cost of a poor prediction.",
+        "Raise it for large images or a low frame rate, where features jump farther than this.",
     )
     guess_radius: float = _number(6.0, 1, 50, "pixel", "Half side of the window searched around a guess.")
     guess_gate: float = _number(1.5, 1, 10, "", "Factor on the ellipse inside which a guess is believed.")
-    min_score: float = _number(0.78, -1, 1, "", "Least correlation of the peak (1 is a perfect match).")
+    min_score: float = _number(
+        0.78,
+        -1,
+        1,
+        "",
+        "Least correlation of the peak (1 is a perfect match).",
+        "Lower it for noisy or compressed images in which features are lost.",
+    )
     ambiguity: float = _number(
         0.94, 0, 1, "", "A second peak above this share of the best score makes a match ambiguous."
     )
@@ -155,6 +173,7 @@ class WornSettings:
         "warped-sift",
         ("warped-sift", "sift", "orb", "surf"),
         "Descriptor: SIFT on windows warped as Cf sees them, OpenCV's SIFT, ORB, or SURF (extra surf).",
+        "Take orb where time is short and both cameras look the same way, surf to compare with the paper.",
     )
     support: float = _number(36.0, 12, 128, "pixel", "Side of the window that a descriptor covers.")
     ratio: float = _number(
@@ -185,6 +204,7 @@ class WornSettings:
         "",
         "Least correlation once the patch was stretched by an affine map to fit Cf, which also says where it "
         "is exactly; 0 fits nothing.",
+        "Set it to 0.8 where both cameras look at walls along the way, at a slant.",
     )
     refine_radius: float = _number(7.0, 1, 20, "pixel", "Radius in which the correlation refines a match.")
     max_residual: float = _number(
@@ -227,6 +247,7 @@ class WornSettings:
         "metre",
         "Radius of the body of whoever wears Cf: where Cs sees it, nothing is searched and nothing is born "
         "(0: nobody wears it).",
+        "Set it to 0.3 where the person who wears Cf walks in view of Cs.",
     )
 
 
@@ -297,6 +318,7 @@ class TargetSettings:
         100,
         "target size",
         "Corners inside the target's outline, grown by this factor, are taken to lie on its plane...",
+        "Lower it to 1 for a target that stands free, raise it for one on a large flat wall.",
     )
     plane_sd: float = _number(
         0.03, 0.001, 1, "", "...with this standard deviation of their range, as a share of it."
@@ -323,19 +345,12 @@ class FrontendSettings:
     target: TargetSettings = field(default_factory=TargetSettings)
 
     @classmethod
-    def from_flat(cls, values: Mapping[str, Any] | None = None) -> FrontendSettings:
-        """Settings from a flat mapping of dotted keys; keys that are not given keep their default.
-
-        Raises
-        ------
-        SettingsError
-            If a key is unknown, or a value has the wrong type or lies outside its range.
-        """
+    def from_flat(cls, values: Mapping[str, Value]) -> FrontendSettings:
+        """Settings from dotted keys and values, which `Settings` has checked; others keep their default."""
         groups: dict[str, dict[str, Value]] = {}
-        for key, value in (values or {}).items():
-            checked = find(_BY_KEY, key).checked(value)
+        for key, value in values.items():
             group, name = key.split(".", 1)
-            groups.setdefault(group, {})[name] = checked
+            groups.setdefault(group, {})[name] = value
         settings = cls()
         changed = {
             group: dataclasses.replace(getattr(settings, group), **fields) for group, fields in groups.items()
@@ -343,10 +358,9 @@ class FrontendSettings:
         return dataclasses.replace(settings, **changed)
 
 
-FRONTEND: list[Entry] = [
-    Entry(f"{group.name}.{item.name}", *item.metadata["rest"])
+FRONTEND: list[Setting] = [
+    Setting(f"{group.name}.{item.name}", *item.metadata["rest"])
     for group in dataclasses.fields(FrontendSettings)
     for item in dataclasses.fields(getattr(FrontendSettings(), group.name))
 ]
-"""Every setting, in the order of the groups and their fields."""
-_BY_KEY = {entry.key: entry for entry in FRONTEND}
+"""Every setting and switch, in the order of the groups and their fields."""

@@ -14,8 +14,8 @@ Value = bool | int | float | str
 
 
 @dataclass(frozen=True)
-class Entry:
-    """One setting.
+class Setting:
+    """One setting, or one switch of the lab.
 
     Attributes
     ----------
@@ -30,7 +30,9 @@ class Entry:
     choices : tuple of str
         Of an ``enum``.
     doc : str
-        Its effect.
+        What it is.
+    when : str
+        The case in which to change it, in a sentence; empty for a switch of the lab.
     odd : bool
         Whether an ``int`` must be odd.
     """
@@ -43,6 +45,7 @@ class Entry:
     unit: str
     choices: tuple[str, ...]
     doc: str
+    when: str = ""
     odd: bool = False
 
     def allowed(self) -> str:
@@ -85,8 +88,8 @@ class Entry:
         return math.isfinite(x) and (low is None or x >= low) and (high is None or x <= high)
 
 
-def find(known: Mapping[str, Entry], key: str) -> Entry:
-    """The entry of a key; SettingsError with the nearest name if there is none."""
+def find(known: Mapping[str, Setting], key: str) -> Setting:
+    """The setting of a key; SettingsError with the nearest name if there is none."""
     if key in known:
         return known[key]
     near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.5)

@@ -1,8 +1,11 @@
 """The settings file: one YAML with a section for each part, every value known by its dotted key.
 
 The parts own their settings: the filter lists its own through the extension, the front end in
-``frontend/settings.py``.  Here they are read, checked, written and hashed.  A full key is
+``settings/frontend.py``.  Here they are read, checked, written and hashed.  A full key is
 ``section.key``, as in ``filter.process.acceleration_density``.
+
+Each part also has switches: they take a step of the method away, or put another in its place, so that the lab
+can tell what the step is worth.  Files, command lines and documentation do not know them.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ import hashlib
 import json
 import textwrap
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,7 +23,8 @@ import yaml
 
 from collabslam.errors import SettingsError
 from collabslam.formats.yaml_text import load_yaml
-from collabslam.settings.setting import Entry, Value, find, shown
+from collabslam.settings.frontend import FRONTEND, FrontendSettings
+from collabslam.settings.setting import Setting, Value, find, shown
 
 Flat = dict[str, Value]
 
@@ -29,25 +33,36 @@ _WIDTH = 108
 
 
 @cache
-def schema() -> dict[str, Entry]:
+def schema() -> dict[str, Setting]:
     """Every setting by its full key, in the order of the file."""
-    from collabslam import _core
-    from collabslam.settings.frontend import FRONTEND
+    return {key: setting for key, setting in _all().items() if setting.when}
 
-    lists = {"filter": [_entry(item) for item in _core.settings_schema()], "frontend": FRONTEND}
+
+@cache
+def switches() -> dict[str, Setting]:
+    """Every switch of the lab by its full key."""
+    return {key: setting for key, setting in _all().items() if not setting.when}
+
+
+@cache
+def _all() -> dict[str, Setting]:
+    from collabslam import _core
+
+    lists = {"filter": [_of_filter(item) for item in _core.settings_schema()], "frontend": FRONTEND}
     return {
-        f"{section}.{entry.key}": replace(entry, key=f"{section}.{entry.key}")
+        f"{section}.{setting.key}": replace(setting, key=f"{section}.{setting.key}")
         for section in SECTIONS
-        for entry in lists[section]
+        for setting in lists[section]
     }
 
 
-def _entry(item: Mapping[str, Any]) -> Entry:
-    """An entry of the filter's own list."""
+def _of_filter(item: Mapping[str, Any]) -> Setting:
+    """A setting of the filter's own list."""
     choices = tuple(item["choices"] or ())
     kind = "enum" if choices else item["type"]
-    return Entry(
-        item["key"], kind, item["default"], item["min"], item["max"], item["unit"], choices, item["doc"]
+    limits = item["min"], item["max"]
+    return Setting(
+        item["key"], kind, item["default"], *limits, item["unit"], choices, item["doc"], item["when"] or ""
     )
 
 
@@ -59,9 +74,12 @@ class Settings:
     ----------
     values : dict
         Every setting by its full key.
+    switches : dict
+        The lab's switches that are not at their defaults, by their full keys.
     """
 
     values: Mapping[str, Value]
+    switches: Mapping[str, Value] = field(default_factory=dict)
 
     @classmethod
     def default(cls) -> Settings:
@@ -115,58 +133,101 @@ class Settings:
             Naming every unknown key, wrong type and value out of range.
         """
         known = schema()
-        values: Flat = {key: entry.default for key, entry in known.items()}
-        faults = [fault for key, value in changes.items() if (fault := _fault(key, value))]
-        if faults:
-            raise SettingsError(" ".join(faults))
-        return cls(values | {key: known[key].checked(value) for key, value in changes.items()})
+        return cls({key: setting.default for key, setting in known.items()} | checked(changes, known))
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, Mapping[str, Any]]) -> Settings:
+        """Settings of a `state`; SettingsError if they are not this program's."""
+        known = schema()
+        missing = next((key for key in known if key not in state["values"]), None)
+        if missing:
+            raise SettingsError(f"The setting '{missing}' is missing.")
+        return cls(checked(state["values"], known), checked(state["switches"], switches()))
+
+    def state(self) -> dict[str, Flat]:
+        """Settings and switches as a checkpoint keeps them, for `from_state`."""
+        return {"values": dict(self.values), "switches": dict(self.switches)}
 
     def replace(self, changes: Mapping[str, Any]) -> Settings:
         """The same settings with some values changed, by full dotted keys; raises as `from_flat` does."""
-        return Settings.from_flat({**self.values, **changes})
+        return Settings({**self.values, **checked(changes, schema())}, self.switches)
 
     def __getitem__(self, key: str) -> Value:
         """A value by its full key; SettingsError with the nearest name if there is none."""
         return self.values[find(schema(), key).key]
 
+    def switch(self, key: str) -> Value:
+        """Where a switch of the lab stands, by its full key."""
+        return self.switches.get(key, switches()[key].default)
+
     def section(self, name: str) -> Flat:
         """The values of one section, by keys without the section's name."""
-        prefix = name + "."
-        return {k.removeprefix(prefix): v for k, v in self.values.items() if k.startswith(prefix)}
+        return _section(self.values, name)
+
+    def section_switches(self, name: str) -> Flat:
+        """The switches of one section that are not at their defaults, by keys without the section's name."""
+        return _section(self.switches, name)
+
+    def frontend(self) -> FrontendSettings:
+        """The settings and switches of the front end, by its groups."""
+        return FrontendSettings.from_flat({**self.section("frontend"), **self.section_switches("frontend")})
 
     def hash(self) -> str:
-        """First 12 hex digits of the SHA-256 of the values as canonical JSON."""
-        text = json.dumps(dict(self.values), sort_keys=True, separators=(",", ":"))
+        """First 12 hex digits of the SHA-256 of values and switches as canonical JSON."""
+        text = json.dumps({**self.values, **self.switches}, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
     def dump(self, *, title: str = "all values") -> str:
-        """The settings as commented YAML, which `load` reads back."""
+        """The settings as commented YAML, which `load` reads back; switches of the lab are comments."""
         lines = [f"# collabslam settings: {title}", f"# hash {self.hash()}"]
+        lines += [
+            f"# switched for a comparison: {key}: {_yaml(value)}" for key, value in self.switches.items()
+        ]
         groups: tuple[str, ...] = ()
-        for key, entry in schema().items():
+        for key, setting in schema().items():
             *path, name = key.split(".")
             shared = _shared(groups, path)
             for depth in range(shared, len(path)):
                 lines += [""] if depth == shared else []
                 lines.append("  " * depth + path[depth] + ":")
             groups = tuple(path)
-            lines += _comment(entry, "  " * len(path))
+            lines += _comment(setting, "  " * len(path))
             lines.append("  " * len(path) + f"{name}: {_yaml(self.values[key])}")
         return "\n".join(lines) + "\n"
 
 
+def checked(changes: Mapping[str, Any], known: Mapping[str, Setting]) -> Flat:
+    """The values of changes to known settings, by their keys, as the settings' types.
+
+    Raises
+    ------
+    SettingsError
+        Naming every unknown key, wrong type and value out of range.
+    """
+    faults = [fault for key, value in changes.items() if (fault := _fault(key, value, known))]
+    if faults:
+        raise SettingsError(" ".join(faults))
+    return {key: known[key].checked(value) for key, value in changes.items()}
+
+
 def markdown() -> str:
     """Every setting as a page of Markdown: a table for each group, made from the settings' own lists."""
-    lines = ["# Settings", "", "Every setting with its default, unit, range and effect."]
+    lines = ["# Settings", "", "Every setting with its default, unit and range, and when to change it."]
     group = ""
-    for key, entry in schema().items():
+    for key, setting in schema().items():
         head, _, name = key.rpartition(".")
         if head != group:
             group = head
-            lines += ["", f"## `{head}`", "", "| setting | default | unit | allowed | effect |"]
-            lines += ["| --- | --- | --- | --- | --- |"]
-        allowed = entry.allowed().replace("|", "or")
-        lines.append(f"| `{name}` | {_yaml(entry.default)} | {entry.unit or '-'} | {allowed} | {entry.doc} |")
+            lines += [
+                "",
+                f"## `{head}`",
+                "",
+                "| setting | default | unit | allowed | what it is | when to change it |",
+            ]
+            lines += ["| --- | --- | --- | --- | --- | --- |"]
+        allowed = setting.allowed().replace("|", "or")
+        facts = [f"`{name}`", _yaml(setting.default), setting.unit or "-", allowed, setting.doc, setting.when]
+        lines.append(f"| {' | '.join(facts)} |")
     return "\n".join(lines) + "\n"
 
 
@@ -194,15 +255,6 @@ def parse_assignments(texts: list[str]) -> dict[str, Any]:
     return out
 
 
-def _fault(key: str, value: Any) -> str:
-    """What is wrong with a value, in a sentence; empty if nothing is."""
-    try:
-        find(schema(), key).checked(value)
-    except SettingsError as error:
-        return str(error)
-    return ""
-
-
 def flatten(tree: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Full dotted keys and values of a nested mapping; an empty group is left out."""
     for key, value in tree.items():
@@ -213,6 +265,20 @@ def flatten(tree: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, An
             yield name, value
 
 
+def _fault(key: str, value: Any, known: Mapping[str, Setting]) -> str:
+    """What is wrong with a value, in a sentence; empty if nothing is."""
+    try:
+        find(known, key).checked(value)
+    except SettingsError as error:
+        return str(error)
+    return ""
+
+
+def _section(values: Mapping[str, Value], name: str) -> Flat:
+    prefix = name + "."
+    return {k.removeprefix(prefix): v for k, v in values.items() if k.startswith(prefix)}
+
+
 def _shared(a: tuple[str, ...], b: list[str]) -> int:
     count = 0
     while count < min(len(a), len(b)) and a[count] == b[count]:
@@ -220,9 +286,9 @@ def _shared(a: tuple[str, ...], b: list[str]) -> int:
     return count
 
 
-def _comment(entry: Entry, indent: str) -> list[str]:
-    unit = f" {entry.unit}" if entry.unit else ""
-    text = f"{entry.doc} [{entry.allowed()}{unit}; default {_yaml(entry.default)}]"
+def _comment(setting: Setting, indent: str) -> list[str]:
+    unit = f" {setting.unit}" if setting.unit else ""
+    text = f"{setting.doc} {setting.when} [{setting.allowed()}{unit}; default {_yaml(setting.default)}]"
     return textwrap.wrap(text, _WIDTH, initial_indent=indent + "# ", subsequent_indent=indent + "# ")
 
 

@@ -83,7 +83,12 @@ class Slam(EngineParts):
             map = map.seen_by(camera)
             room = min(int(settings["filter.map.max_features"]) + len(map.landmarks), 10000)
             settings = settings.replace({"filter.map.max_features": room})
-        core = Filter(camera, worn_camera, settings=dict(settings.section("filter")))
+        core = Filter(
+            camera,
+            worn_camera,
+            settings=settings.section("filter"),
+            switches=settings.section_switches("filter"),
+        )
         metric = start != "scale-free" if map is None else map.metric
         self._assemble(core, camera, worn_camera, settings, start, target, metric)
         if map is not None:

@@ -34,7 +34,7 @@ class MapManager:
     ) -> None:
         self._filter, self._scale_free, self._target = core, scale_free, target
         self.in_view = int(settings["filter.map.in_view"])
-        self._reserve = round(self.in_view * float(settings["filter.map.reserve"]))
+        self._reserve = round(self.in_view * float(settings.switch("filter.map.reserve")))
         self._vague_below = round(self.in_view * float(settings["filter.birth.vague_below"]))
         self._undelayed = settings["filter.estimator.mode"] == "mono-undelayed"
 

@@ -12,7 +12,6 @@ from collabslam._core import Camera, Filter
 from collabslam.errors import CollabslamError, DataError, InputError
 from collabslam.formats.container import read_container, write_container
 from collabslam.frontend.patch import Patch
-from collabslam.settings.frontend import FrontendSettings
 from collabslam.settings.modes import SLAM_STARTS
 from collabslam.settings.table import Settings
 from collabslam.slam.blank_image import BlankImageDetector
@@ -28,7 +27,7 @@ from collabslam.slam.tracks import Tracks
 from collabslam.slam.worn_frame import WornMatcher
 from collabslam.types import Target
 
-KIND, VERSION = "engine state", 3
+KIND, VERSION = "engine state", 4
 """Of the file that `EngineParts.save` writes; the version counts the changes of what is in it."""
 CLASSES = (MapAside, Patch, Target)
 """Dataclasses that are in it."""
@@ -58,7 +57,7 @@ class EngineParts:
         self.filter = core
         self._camera, self._worn_camera, self._settings = camera, worn_camera, settings
         self._start, self._target, self._metric = start, target, metric
-        self._options = FrontendSettings.from_flat(settings.section("frontend"))
+        self._options = settings.frontend()
         self._blank = BlankImageDetector(self._options.sight)
         self._tracks = Tracks(camera, self._options)
         self._worn = WornMatcher(core, camera, worn_camera, settings, self._options)
@@ -100,7 +99,7 @@ class EngineParts:
         return {
             "camera": self._camera.__getnewargs__(),
             "worn_camera": None if self._worn_camera is None else self._worn_camera.__getnewargs__(),
-            "settings": dict(self._settings.values),
+            "settings": self._settings.state(),
             "start": self._start,
             "metric": self._metric,
             "target": self._target,
@@ -120,7 +119,7 @@ class EngineParts:
                 Filter.restore(state["filter"]),
                 Camera(*state["camera"]),
                 None if worn is None else Camera(*worn),
-                Settings.from_flat(state["settings"]),
+                Settings.from_state(state["settings"]),
                 state["start"],
                 state["target"],
                 bool(state["metric"]),

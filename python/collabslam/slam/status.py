@@ -9,6 +9,10 @@ from collabslam.settings.setting import Value
 from collabslam.slam.state import PersistentState
 from collabslam.types import Status
 
+_MIN_SHARE = 0.15
+"""Least share of the features searched that is accepted in a frame that is used: a few wrong matches pass any
+test.  In sight of the map a third and more are accepted, even in blurred frames; after a jump a twentieth.
+"""
 _FRESH = 0.1 - 1e-6  # seconds; a frame at 10 Hz is not
 
 
@@ -28,7 +32,6 @@ class StatusMonitor(PersistentState):
 
     def __init__(self, settings: Mapping[str, Value], *, lost: bool = False) -> None:
         self._min_matches = int(settings["lost.min_matches"])
-        self._min_share = float(settings["lost.min_share"])
         self._frames = int(settings["lost.frames"])
         self._seconds = float(settings["lost.seconds"])
         self._last_ok: float | None = None
@@ -45,7 +48,7 @@ class StatusMonitor(PersistentState):
         camera that is lost must be found by a full set.  Where hardly anything is expected, nothing is asked,
         unless the frame before failed: who looks where nothing is known may have jumped there.
         """
-        share = math.ceil(self._min_share * searched)
+        share = math.ceil(_MIN_SHARE * searched)
         if self.lost or (self._failed and searched < self._min_matches):
             return max(self._min_matches, share)
         if searched < self._min_matches:

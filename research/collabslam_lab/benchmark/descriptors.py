@@ -74,10 +74,10 @@ def measure(entry: Entry, data: Path, *, seed: int = 0, kinds: Iterable[str] | N
     noise = PoseNoise(*entry.noise) if entry.noise else RIG_NOISE if entry.worn == "rig" else SENSOR_NOISE
     errors = PoseErrors(noise, seed, per_block=False)
     settings = Settings.default()
-    core = Filter(scene.camera, scene.other.camera, settings=dict(settings.section("filter")))
+    core = Filter(scene.camera, scene.other.camera, settings=settings.section("filter"))
     rows: list[Row] = []
     for pair in pairs:
-        look = _Look(scene, pair, core, errors, FrontendSettings.from_flat(settings.section("frontend")))
+        look = _Look(scene, pair, core, errors, settings.frontend())
         facts = {"recording": entry.name, **pair.facts()}
         rows += [{**facts, **look.measure(kind)} for kind in kinds or DESCRIPTORS]
     return rows

@@ -23,6 +23,7 @@ from collabslam_lab.benchmark.accuracy import band_word
 from collabslam_lab.benchmark.running import open_entry
 from collabslam_lab.benchmark.store import Item
 from collabslam_lab.report import markdown_table
+from collabslam_lab.switches import with_switches
 
 POSITION, ATTITUDE = "filter.process.position_drift", "filter.process.attitude_drift"
 _THINNED = 10  # poses of a run in the likelihood: neighbours say the same
@@ -60,7 +61,7 @@ def measure(item: Item) -> Parts | None:
     covariances, errors, use = [], None, None
     for sizes in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)):
         changes = dict(zip((POSITION, ATTITUDE), sizes, strict=True))
-        settings = item.settings.replace(changes)
+        settings = with_switches(item.settings, changes)
         result = run(recording, mode=item.used_mode, start=item.entry.start, settings=settings)
         if result.truth is None:
             return None
@@ -112,7 +113,7 @@ def page(
 ) -> str:
     """What each recording asks for (``fits``), what the others ask for, and how honest these are."""
     default = Settings.default()
-    chosen = (float(default[POSITION]), float(default[ATTITUDE]))
+    chosen = (float(default.switch(POSITION)), float(default.switch(ATTITUDE)))
     band = nees_band(3)
     lines = []
     for name, parts in runs.items():

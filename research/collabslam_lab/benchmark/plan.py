@@ -14,7 +14,7 @@ import yaml
 from collabslam.errors import SettingsError
 from collabslam.formats.yaml_text import load_yaml
 from collabslam.settings.modes import MODES, STARTS
-from collabslam.settings.table import Settings, flatten
+from collabslam.settings.table import checked, flatten, schema, switches
 
 RENDERED = ("corridor",)
 """Scenes that need no folder."""
@@ -74,7 +74,7 @@ class Entry:
         Deliberate errors of Cs's calibration, standard deviations: focal length as a share, centre in pixels,
         first coefficient of the distortion. Drawn with the seed.
     settings : mapping
-        Changes of the default settings, by full dotted keys.
+        Changes of the default settings and switches, by full dotted keys.
     reference : Reference or None
     """
 
@@ -281,12 +281,11 @@ def _calibration(value: Any, where: str) -> tuple[float, ...] | None:
 
 
 def _settings(value: Any, where: str) -> dict[str, Any]:
-    """Flat changes, checked; nested groups may be written as mappings."""
+    """Flat changes of settings and switches, checked; nested groups may be written as mappings."""
     try:
-        checked = Settings.from_dict(value or {})
-    except SettingsError as error:
+        return checked(dict(flatten(value or {})), {**schema(), **switches()})
+    except (SettingsError, AttributeError) as error:
         raise SettingsError(f"{where}: {error}") from error
-    return {key: checked[key] for key, _ in flatten(value or {})}
 
 
 def _reference(value: Any, where: str) -> Reference | None:

@@ -17,6 +17,7 @@ from collabslam.runs.results import SUMMARY
 from collabslam.settings.table import Settings
 from collabslam.version import version
 from collabslam_lab.benchmark.plan import Entry
+from collabslam_lab.switches import with_switches
 
 Row = dict[str, Any]
 
@@ -58,9 +59,8 @@ class Item:
     @property
     def settings(self) -> Settings:
         """All settings of the run."""
-        return Settings.default().replace(
-            {**self.entry.settings, **dict(self.changes), MODE_KEY: self.used_mode}
-        )
+        changes = {**self.entry.settings, **dict(self.changes), MODE_KEY: self.used_mode}
+        return with_switches(Settings.default(), changes)
 
     @property
     def used_mode(self) -> str:

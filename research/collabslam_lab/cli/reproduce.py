@@ -12,7 +12,7 @@ from collabslam.cli import OK, options
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     from collabslam_lab import paper_simulation, paper_worlds
-    from collabslam_lab.paper_simulation.settings import SIMULATION
+    from collabslam_lab.paper_simulation.simulation_settings import SIMULATION
 
     simulated = [f"  {name:14} {text}" for name, text in paper_simulation.EXPERIMENTS.items()]
     rendered = [f"  {name:14} {text}" for name, text in paper_worlds.EXPERIMENTS.items()]

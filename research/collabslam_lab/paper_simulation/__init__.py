@@ -46,7 +46,7 @@ def reproduce(
     jobs : int
         Processes.
     changes : mapping, optional
-        Settings of the simulation over the defaults of ``reproduce.settings.SIMULATION``.
+        Settings of the simulation over the defaults of `simulation_settings.SIMULATION`.
     progress : bool
 
     Returns
@@ -64,7 +64,7 @@ def reproduce(
     from collabslam.errors import SettingsError
     from collabslam.extras import needs
     from collabslam_lab.paper_simulation.monte_carlo import Study
-    from collabslam_lab.paper_simulation.settings import SimulationSettings
+    from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 
     for name in names:
         if name not in EXPERIMENTS:

@@ -20,7 +20,7 @@ from collabslam.geometry import rotation_exp, se3_exp
 from collabslam.types import Array
 from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.core_run import CoreRun, SimulatedFrame, common_settings
-from collabslam_lab.paper_simulation.settings import SimulationSettings
+from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 
 WORN_POSITION = (-0.6, -0.3, 0.0)
 """Cf in C, metres."""

@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collabslam._core import Camera, Filter
+from collabslam.settings.table import Settings
 from collabslam.types import Array
 from collabslam_lab.paper_simulation.estimators import Estimator
-from collabslam_lab.paper_simulation.settings import SimulationSettings
+from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
+from collabslam_lab.switches import with_switches
 
 Bools = NDArray[np.bool_]
 FilterSettings = dict[str, bool | int | float | str]
@@ -62,8 +64,8 @@ class CoreRun:
     camera : Camera
         Of Cs and of Cf.
     settings : mapping
-        Of the filter, over its defaults. Nothing is rejected, and the reported covariance is the filter's
-        own.
+        Of the filter, switches among them, over its defaults. Nothing is rejected, and the reported
+        covariance is the filter's own.
     in_view : int
         Features and candidates in view that are asked for.
     """
@@ -74,7 +76,11 @@ class CoreRun:
             "process.position_drift": 0.0,
             "process.attitude_drift": 0.0,
         }
-        self.filter = Filter(camera, camera, settings={**fixed, **settings})
+        changes = {f"filter.{key}": value for key, value in {**fixed, **settings}.items()}
+        own = with_switches(Settings.default(), changes)
+        self.filter = Filter(
+            camera, camera, settings=own.section("filter"), switches=own.section_switches("filter")
+        )
         self.features: dict[int, int] = {}
         self._waiting: dict[int, int] = {}
         self._in_view = in_view

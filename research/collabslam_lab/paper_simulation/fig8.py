@@ -15,7 +15,7 @@ from collabslam_lab.figures.finding import Finding, Table
 from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.estimators import ESTIMATORS, GAUGE, PLAIN, Estimator
 from collabslam_lab.paper_simulation.monte_carlo import Study
-from collabslam_lab.paper_simulation.settings import SimulationSettings
+from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 from collabslam_lab.paper_simulation.statistics import (
     average_error,
     compare,

@@ -14,7 +14,7 @@ import numpy as np
 from collabslam.errors import SettingsError
 from collabslam.runs.progress import Progress
 from collabslam_lab.paper_simulation.case import Case
-from collabslam_lab.paper_simulation.settings import SimulationSettings
+from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 from collabslam_lab.processes import spawning
 
 MODELS = {

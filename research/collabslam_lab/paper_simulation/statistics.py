@@ -9,7 +9,7 @@ import numpy as np
 
 from collabslam.evaluation.consistency import nees_band
 from collabslam.types import Array
-from collabslam_lab.paper_simulation.settings import SimulationSettings
+from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 from collabslam_lab.paper_simulation.wall_run import Outcome
 
 PAPER_RUNS = 20

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collabslam.types import Array
-from collabslam_lab.paper_simulation.settings import SimulationSettings
+from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 
 _MARGIN_M = 12.0
 """Of wall before the start and behind the mean end."""

@@ -18,7 +18,7 @@ from collabslam.types import Array
 from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.core_run import CoreRun, FilterSettings, SimulatedFrame, common_settings
 from collabslam_lab.paper_simulation.estimators import Estimator
-from collabslam_lab.paper_simulation.settings import SimulationSettings
+from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 from collabslam_lab.paper_simulation.wall import WallRuns, simulate
 from collabslam_lab.paper_simulation.wall_run import Outcome
 

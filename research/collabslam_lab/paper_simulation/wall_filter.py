@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from collabslam.types import Array
 from collabslam_lab.paper_simulation import wall_models
 from collabslam_lab.paper_simulation.estimators import Estimator
-from collabslam_lab.paper_simulation.settings import SimulationSettings
+from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]

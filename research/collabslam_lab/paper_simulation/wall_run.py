@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from collabslam.evaluation.consistency import nees
 from collabslam.types import Array
 from collabslam_lab.paper_simulation.case import Case
-from collabslam_lab.paper_simulation.settings import SimulationSettings
+from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 from collabslam_lab.paper_simulation.wall import WallRuns, simulate
 from collabslam_lab.paper_simulation.wall_filter import EMPTY, FEATURE, WAITING, WallFilter
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 
 from collabslam_lab.figures.style import WINDOW
-from collabslam_lab.paper_simulation.settings import SimulationSettings
+from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 
 
 def shade_windows(axes: Axes, s: SimulationSettings, label: str | None = "pseudo-stereo at hand") -> None:

@@ -19,7 +19,7 @@ from collabslam.worn_pose import (
     estimates_at,
 )
 from collabslam_lab.paper_simulation.case import Case
-from collabslam_lab.paper_simulation.settings import SimulationSettings
+from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 from collabslam_lab.paper_simulation.worn_walks import Walk, random_walk
 from collabslam_lab.worn_sensors import sensor_times, simulate_ahrs, simulate_scans
 

@@ -23,6 +23,7 @@ from collabslam.version import version
 from collabslam_lab.paper_worlds.poses import sensed
 from collabslam_lab.paper_worlds.variants import Variant, varied
 from collabslam_lab.processes import spawning, use_one_thread
+from collabslam_lab.switches import with_switches
 from collabslam_lab.worlds import WorldRecording, world_recording
 
 Row = dict[str, Any]
@@ -155,7 +156,7 @@ def _scored(
 
 
 def _settings(changes: dict[str, Any]) -> Settings:
-    return Settings.default().replace({**CHANGES, **changes})
+    return with_switches(Settings.default(), {**CHANGES, **changes})
 
 
 def _numbers(result: RunResult, mode: str) -> Row:

@@ -11,20 +11,20 @@ from collections.abc import Mapping
 from typing import Any
 
 from collabslam.errors import SettingsError
-from collabslam.settings.setting import Entry, Value
+from collabslam.settings.setting import Setting, Value
 
 
-def _float(key: str, default: float, unit: str, low: float, high: float, doc: str) -> Entry:
-    return Entry(key, "float", default, low, high, unit, (), doc)
+def _float(key: str, default: float, unit: str, low: float, high: float, doc: str) -> Setting:
+    return Setting(key, "float", default, low, high, unit, (), doc)
 
 
-def _int(key: str, default: int, low: int, high: int, doc: str) -> Entry:
-    return Entry(key, "int", default, low, high, "", (), doc)
+def _int(key: str, default: int, low: int, high: int, doc: str) -> Setting:
+    return Setting(key, "int", default, low, high, "", (), doc)
 
 
 SIMULATION = {
-    entry.key: entry
-    for entry in (
+    setting.key: setting
+    for setting in (
         _float("rate", 10.0, "Hz", 1.0, 100.0, "frames of Cs"),
         _float("duration", 30.0, "s", 1.0, 300.0, "length of a run"),
         _float("path", 14.0, "m", 0.1, 1000.0, "mean way along the wall"),
@@ -82,7 +82,7 @@ class SimulationSettings:
     """
 
     def __init__(self, changes: Mapping[str, Any] | None = None) -> None:
-        values: dict[str, Value] = {key: entry.default for key, entry in SIMULATION.items()}
+        values: dict[str, Value] = {key: setting.default for key, setting in SIMULATION.items()}
         for key, value in (changes or {}).items():
             if key not in SIMULATION:
                 near = difflib.get_close_matches(key, SIMULATION, n=1)
