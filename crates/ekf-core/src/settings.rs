@@ -303,7 +303,7 @@ settings! {
     estimator: EstimatorSettings {
         /// What the worn camera is used for and how features are born.
         mode: Mode = Mode::CollabTight, "", None, None,
-            User("Take collab where T_CF's stated covariance is known to be right, mono to see what the worn camera adds.");
+            User("Take mono to see what the worn camera adds, collab for the paper's way to use it.");
         /// What keeps the filter from gaining information that no measurement holds: gauge (the covariance moves with
         /// the directions that no camera can see, rotation and scale) or none (the plain EKF).
         consistency: Consistency = Consistency::Gauge, "", None, None, Lab;
