@@ -273,7 +273,7 @@ fn a_promoted_candidate_is_the_undelayed_feature_of_its_first_view() {
         let first_pose = Value::Name(first_pose.into());
         let changes = [
             ("birth.first_pose", first_pose.clone()),
-            // The vague depth of a candidate that has waited.
+            ("lost.min_matches", Value::Int(1000)), // so that the map does not tell a depth
             ("birth.undelayed_rho", Value::Float(0.1)),
             ("birth.undelayed_rho_sd", Value::Float(0.2)),
         ];
@@ -311,6 +311,31 @@ fn a_promoted_candidate_is_the_undelayed_feature_of_its_first_view() {
             }
         }
     }
+}
+
+#[test]
+fn a_vague_depth_is_that_of_the_scene_in_any_unit() {
+    let mut warm = warm(26, &[]);
+    warm.update(false);
+    let candidates = warm.filter.add_candidates(&[Vector2::new(150.0, 120.0)]);
+    let camera = warm.filter.pose().1;
+    let ranges = warm.filter.landmarks();
+    let mut inverse: Vec<f64> = ranges
+        .iter()
+        .filter(|l| l.rho_ratio < warm.filter.settings().birth.max_rho_ratio)
+        .map(|l| 1.0 / (l.point - camera).norm())
+        .collect();
+    inverse.sort_unstable_by(f64::total_cmp);
+    let median = inverse[inverse.len() / 2];
+    let born = warm.filter.promote_candidates(&candidates.expect("started"));
+    let id = born.expect("a candidate")[0].expect("born");
+    let block = *warm.filter.state().layout().find(id).expect("in the state");
+    let rho = warm.filter.state().mean()[block.offset + 5];
+    let at = block.offset + 5;
+    let sd = warm.filter.state().covariance().get(at, at).sqrt();
+    assert!((rho - 0.5 * median).abs() < 1e-9 * median, "{rho} {median}");
+    assert!((sd - 0.5 * median).abs() < 1e-6 * median, "{sd} {median}");
+    assert!(rho > 0.05); // the points are 3 to 9 m off: not the 0.1 +- 0.2 of an open field
 }
 
 #[test]

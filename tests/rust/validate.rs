@@ -339,7 +339,7 @@ fn budget_falls_back_to_greedy_and_says_so() {
 }
 
 #[test]
-fn default_budget_holds_hard_searches() {
+fn a_large_budget_holds_hard_searches() {
     // At a low level right matches have to go as well, and many sets are about as good.
     let mut rng = Pcg64::seed_from_u64(21);
     let mut ws = Workspace::new();
@@ -347,7 +347,7 @@ fn default_budget_holds_hard_searches() {
         level: 0.55,
         ..HohctSettings::default()
     };
-    assert_eq!(all.max_nodes, ValidateSettings::default().max_nodes);
+    assert!(all.max_nodes > ValidateSettings::default().max_nodes);
     let mut hard = 0;
     for _ in 0..40 {
         let case = frame_case(&mut rng, 24, 4, false);

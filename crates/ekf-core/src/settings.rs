@@ -362,8 +362,8 @@ settings! {
             User("Change it along with undelayed_rho: as large as that, it reaches to infinity.");
         /// Where fewer features than this share of `map.in_view` are tracked, as in a turn, candidates that wait are born
         /// with a vague inverse depth, as seen from their first view; 0 for never.
-        vague_below: f64 = 0.0, "", Some(0.0), Some(1.0),
-            User("Raise it to 0.3 where the view runs out of features in turns.");
+        vague_below: f64 = 0.6, "", Some(0.0), Some(1.0),
+            User("Lower it where a view of few features tells a wrong scale after turns.");
     }
     /// The worn camera Cf and the error of its pose (METHOD 6).
     worn: WornSettings {
@@ -393,10 +393,10 @@ settings! {
         /// of them within that gate; 1 for never.
         lasting_level: f64 = 1.0, "", Some(0.5), Some(1.0),
             User("Lower it to 0.999 where things in view move slowly.");
-        /// Largest number of hypotheses that are looked at before leaving out greedily. One takes about 0.15 ms for 100
-        /// matches and a tenth of that for 40.
-        max_nodes: usize = 20_000, "", Some(1.0), Some(1e9),
-            User("Lower it where no frame may take seconds, not even one in thousands.");
+        /// Largest number of hypotheses that are looked at before leaving out greedily; the frame says so then. One takes
+        /// about 0.15 ms for 100 matches and a tenth of that for 40, and a frame may be tested up to three times.
+        max_nodes: usize = 100, "", Some(1.0), Some(1e9),
+            User("Raise it where a frame may take longer and half of what is seen moves.");
     }
     /// Upkeep of the map (METHOD 7, step 8).
     map: MapSettings {

@@ -261,7 +261,7 @@ class RelocaliseSettings:
     views: int = _number(
         3, 1, 20, "", "Views kept of a landmark beside its first, the latest ones: 2 kB of memory each."
     )
-    corners: int = _number(1000, 20, 5000, "", "Most corners of an image in which the camera is looked for.")
+    corners: int = _number(500, 20, 5000, "", "Most corners of an image in which the camera is looked for.")
     corner_distance: float = _number(
         0.006, 0.002, 0.1, "image width", "Least distance between them, as a share of the image's width."
     )
@@ -282,7 +282,7 @@ class RelocaliseSettings:
         "image width",
         "Radius, as a share of the image's width, around where a landmark is expected that is tried first.",
     )
-    iterations: int = _number(2000, 10, 100000, "", "Most samples of RANSAC.")
+    iterations: int = _number(300, 10, 100000, "", "Most samples of RANSAC.")
     min_descriptors: int = _number(5, 4, 1000, "", "Fewest descriptors that must agree on a pose.")
     corner_residual: float = _number(
         6.0, 0.5, 50, "pixel", "Largest distance of a corner from where the pose puts the landmark."

@@ -48,6 +48,7 @@ def search_counts(predicted: int, found: Found, report: UpdateReport) -> dict[st
         "nis_dof": report.dof,
         "hohct_order": report.order,
         "hohct_exact": int(report.exact),
+        "bounded": int(not report.exact),
         "iterations": report.iterations,
         "refused": int(report.refused is not None),
     }

@@ -25,8 +25,8 @@ from collabslam.slam.tracks import Tracks, chosen
 from collabslam.slam.view import View
 from collabslam.types import Array, Ids
 
-ROLLS = (0.5, -0.5)
-"""Rolls of the camera against its views, radians: each attempt tries none, then one of these in turn."""
+ROLLS = (0.0, 0.5, 0.0, -0.5)
+"""Rolls of the camera against its views, radians: each attempt tries one of these in turn, as two take too long."""
 MAX_RHO_RATIO = 0.3
 """Largest sd(rho) / rho of a landmark that helps to find the camera: the range of others is hardly known."""
 
@@ -155,7 +155,7 @@ class Relocaliser(PersistentState):
         """
         round_, turn = divmod(self._attempts, 1 + len(self._aside))
         self._attempts += 1
-        rolls = (0.0, ROLLS[round_ % len(ROLLS)])
+        rolls = (ROLLS[round_ % len(ROLLS)],)
         return self._in_aside(view, turn - 1, rolls) if turn else self._in_use(view, rolls)
 
     def look_back(self, view: View) -> Recovered | None:

@@ -36,7 +36,6 @@ CHANGES: dict[str, Any] = {
     "filter.process.velocity": "body",
     "frontend.worn.fitted_score": 0.8,
     "frontend.worn.body_radius": 0.3,
-    "filter.birth.vague_below": 0.6,
     "filter.validate.lasting_level": 0.999,
 }
 """All that differs from the default settings, in every mode: the robot is on wheels; walls along the way

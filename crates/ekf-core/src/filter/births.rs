@@ -98,9 +98,9 @@ impl Filter {
         Ok(outcomes)
     }
 
-    /// Ends the wait of candidates for parallax: each is born undelayed, as a feature of its first view with a weak
-    /// prior on its inverse depth (METHOD 5). None where that gives no feature; the
-    /// candidate is gone in any case.
+    /// Ends the wait of candidates for parallax: each is born undelayed, as a feature of its first view with a weak prior
+    /// on its inverse depth, from that of the scene (METHOD 5). None where that gives no feature; the candidate is gone in
+    /// any case.
     ///
     /// # Errors
     /// `UnknownFeature` for an id that is not a candidate, `InvalidInput` for one given twice; nothing changes then.
@@ -110,6 +110,10 @@ impl Filter {
             return Err(EkfError::UnknownFeature { id });
         }
         self.changes();
+        if ids.is_empty() {
+            return Ok(Vec::new());
+        }
+        let (rho, sd) = self.vague_depth();
         let sigma = self.settings.pixel.sigma_cs;
         let mut born = Vec::with_capacity(ids.len());
         let mut view = None;
@@ -127,20 +131,35 @@ impl Filter {
             born.push(candidate.and_then(|candidate| {
                 let (first, covariance) = self.first_pose(&candidate)?;
                 let uv = &candidate.uv;
-                let mut new = NewFeature::with_prior_depth(
-                    &self.camera,
-                    &first,
-                    uv,
-                    sigma,
-                    VAGUE_RHO,
-                    VAGUE_RHO_SD,
-                )?;
+                let mut new =
+                    NewFeature::with_prior_depth(&self.camera, &first, uv, sigma, rho, sd)?;
                 new.seen_from_first_pose(covariance);
                 self.append_feature(&new).map(|block| block.id)
             }));
         }
         self.state.camera_moved();
         Ok(born)
+    }
+
+    /// Inverse depth and its sd of a point of which nothing is known but the scene that it is in: half the median of the
+    /// landmarks of known depth, as seen from the camera, and as much. So anything from infinity to that median is within
+    /// one sd, in a room as on a road, and in any unit. [`VAGUE_RHO`] where the map does not tell.
+    fn vague_depth(&self) -> (f64, f64) {
+        let birth = &self.settings.birth;
+        let camera = self.state.camera_pose().r;
+        let known = self.landmarks().into_iter();
+        let known = known.filter(|landmark| landmark.rho_ratio < birth.max_rho_ratio);
+        let mut inverse: Vec<f64> = known.map(|l| 1.0 / (l.point - camera).norm()).collect();
+        if inverse.len() < self.settings.lost.min_matches {
+            return (VAGUE_RHO, VAGUE_RHO_SD);
+        }
+        inverse.sort_unstable_by(f64::total_cmp);
+        let half = 0.5 * inverse[inverse.len() / 2];
+        if half.is_finite() {
+            (half, half)
+        } else {
+            (VAGUE_RHO, VAGUE_RHO_SD)
+        }
     }
 
     fn try_delayed_birth(&mut self, id: u64, uv: &Vector2<f64>) -> CandidateOutcome {

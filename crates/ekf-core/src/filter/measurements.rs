@@ -122,7 +122,7 @@ pub struct UpdateReport {
     pub dof: usize,
     /// Number of matches the batch test left out.
     pub order: usize,
-    /// Whether the batch test finished its exact search.
+    /// Whether the batch test finished its exact search, each time that the frame asked for it.
     pub exact: bool,
     /// Number of linearisations of the update.
     pub iterations: usize,

@@ -70,7 +70,7 @@ impl Filter {
         }
         let verdict = test.run(&batch, &mut self.test);
         report.order = verdict.order;
-        report.exact = verdict.exact;
+        report.exact &= verdict.exact;
         gone.extend_from_slice(self.test.rejected());
         Outcome::RejectedBatch
     }

@@ -54,12 +54,14 @@ impl Pigeonhole {
     /// Whether every set with at most `most` blocks from outside of `G` keeps a larger distance than allowed.
     ///
     /// Of `most + intact` disjoint groups `F` hits at most `most`, so that `intact` of them are kept, and with them `Y`.
+    /// Each choice of groups takes one of `budget`; without any left the answer is that they may not.
     pub(super) fn refutes(
         &mut self,
         rows: Rows,
         greedy: &[usize],
         most: usize,
         intact: usize,
+        budget: &mut usize,
     ) -> bool {
         self.offsets.clear();
         self.offsets.push(0);
@@ -76,6 +78,10 @@ impl Pigeonhole {
         self.joint.clear();
         let mut changed = 0;
         loop {
+            if *budget == 0 {
+                return false;
+            }
+            *budget -= 1;
             self.joint.truncate(self.marks[changed]);
             for k in changed..intact {
                 self.marks[k] = self.joint.len();

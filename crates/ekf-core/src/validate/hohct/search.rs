@@ -153,9 +153,16 @@ impl<'a> Search<'a> {
             // A margin for rounding.
             self.pigeonhole.allowed.push(allowed + 1e-9 * allowed.abs());
         }
-        self.nodes += 1 + self.z.len().pow(3) / WORK_PER_NODE / 8;
-        self.pigeonhole
-            .refutes(self.batch, &self.greedy.blocks, high, intact)
+        self.nodes += self.z.len().pow(3) / WORK_PER_NODE / 8;
+        let before = self.max_nodes.saturating_sub(self.nodes);
+        let mut budget = before;
+        let blocks = &self.greedy.blocks;
+        let refuted = self
+            .pigeonhole
+            .refutes(self.batch, blocks, high, intact, &mut budget);
+        self.nodes += before - budget;
+        self.struck |= budget == 0 && !refuted;
+        refuted
     }
 
     /// All sets that follow from the level's `X` by adding exactly `left` of its candidates and bringing back blocks of
