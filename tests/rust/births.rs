@@ -327,7 +327,9 @@ fn a_vague_depth_is_that_of_the_scene_in_any_unit() {
         .collect();
     inverse.sort_unstable_by(f64::total_cmp);
     let median = inverse[inverse.len() / 2];
-    let born = warm.filter.promote_candidates(&candidates.expect("started"));
+    let born = warm
+        .filter
+        .promote_candidates(&candidates.expect("started"));
     let id = born.expect("a candidate")[0].expect("born");
     let block = *warm.filter.state().layout().find(id).expect("in the state");
     let rho = warm.filter.state().mean()[block.offset + 5];

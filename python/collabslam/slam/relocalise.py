@@ -26,7 +26,7 @@ from collabslam.slam.view import View
 from collabslam.types import Array, Ids
 
 ROLLS = (0.0, 0.5, 0.0, -0.5)
-"""Rolls of the camera against its views, radians: each attempt tries one of these in turn, as two take too long."""
+"""Rolls of the camera against its views, radians: each attempt tries one of these, in turn."""
 MAX_RHO_RATIO = 0.3
 """Largest sd(rho) / rho of a landmark that helps to find the camera: the range of others is hardly known."""
 

@@ -40,7 +40,7 @@ CHANGES: dict[str, Any] = {
 }
 """All that differs from the default settings, in every mode: the robot is on wheels; walls along the way
 look to Cf other than their depth tells, and one brick looks like the next; a person wears Cf, 0.44 m wide;
-in a turn nothing but the far end of a corridor may come into view; a depth may be wrong and believed."""
+a depth may be wrong and believed."""
 
 
 @dataclass(frozen=True)
