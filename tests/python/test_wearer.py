@@ -85,12 +85,12 @@ def test_nothing_is_searched_on_the_wearer(clip: Clip, steps: Any) -> None:
 
 
 def _starved(clip: Clip, below: float) -> list[StepResult]:
-    """`mono` that asks for more features than its start gives, and for so much parallax that none is born."""
+    """More features asked for than a start gives, no Cf after it, and so much parallax that none is born."""
     settings = Settings.default().replace(
         {"filter.birth.vague_below": below, "filter.birth.min_parallax": 60.0, "filter.map.in_view": 80}
     )
-    slam = Slam(clip.recording.camera, clip.recording.worn_camera, settings=settings, mode="mono")
-    return [slam.step(f.t, f.image, f.worn) for f in clip.frames]
+    slam = Slam(clip.recording.camera, clip.recording.worn_camera, settings=settings, mode="collab")
+    return [slam.step(f.t, f.image, None if slam.filter.started else f.worn) for f in clip.frames]
 
 
 def test_candidates_are_born_vague_where_the_view_runs_out_of_features(clip: Clip) -> None:

@@ -361,7 +361,7 @@ settings! {
         undelayed_rho_sd: f64 = 0.5, "1/m", Some(1e-3), Some(1e3),
             User("Change it along with undelayed_rho: as large as that, it reaches to infinity.");
         /// Where fewer features than this share of `map.in_view` are tracked, as in a turn, candidates that wait are born
-        /// with a vague inverse depth, as seen from their first view; 0 for never.
+        /// with a vague inverse depth, as seen from their first view; 0 for never, and so in mono, which has no other scale.
         vague_below: f64 = 0.6, "", Some(0.0), Some(1.0),
             User("Lower it where a view of few features tells a wrong scale after turns.");
     }

@@ -35,8 +35,11 @@ class MapManager:
         self._filter, self._scale_free, self._target = core, scale_free, target
         self.in_view = int(settings["filter.map.in_view"])
         self._reserve = round(self.in_view * float(settings.switch("filter.map.reserve")))
-        self._vague_below = round(self.in_view * float(settings["filter.birth.vague_below"]))
-        self._undelayed = settings["filter.estimator.mode"] == "mono-undelayed"
+        mode = str(settings["filter.estimator.mode"])
+        self._undelayed = mode == "mono-undelayed"
+        # Vague depths say little of scale, and without Cf nothing else would.
+        share = 0.0 if mode.startswith("mono") else float(settings["filter.birth.vague_below"])
+        self._vague_below = round(self.in_view * share)
 
     def missing(self, found: Found) -> int:
         """How many features the view lacks."""

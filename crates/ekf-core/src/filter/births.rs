@@ -14,7 +14,7 @@ use crate::settings::FirstPose;
 use crate::state::{BlockKind, LinearPart};
 use nalgebra::{SMatrix, SVector, Vector2};
 
-/// Inverse depth of a candidate that waits for parallax no longer, 1/m: what has shown none is far.
+/// Inverse depth of a candidate that waits for parallax no longer where the map tells none, 1/m: what has shown none is far.
 const VAGUE_RHO: f64 = 0.1;
 /// Its standard deviation, 1/m.
 const VAGUE_RHO_SD: f64 = 0.2;
