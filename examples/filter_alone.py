@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from collabslam import Camera, Filter
+from collabslam import Camera, DepthMeasurement, Filter
 
 FRAMES, SPEED, PIXEL = 40, 0.02, 0.7
 
@@ -23,16 +23,17 @@ def main() -> None:
     depth = points[:, 2] * (1.0 + 0.03 * generator.standard_normal(len(points)))
     nobody = np.empty(0, np.int64)
     new = np.full(len(points), -1)
-    born = slam.update(nobody, nobody, np.empty((0, 2)), depths=(new, uv, depth, 0.03 * depth)).depth_births
+    depths = DepthMeasurement(new, uv, depth, 0.03 * depth)
+    born = slam.update(nobody, nobody, np.empty((0, 2)), depths=depths).depths.born
     point_of = dict(zip(born.tolist(), range(len(points)), strict=True))
 
     for k in range(1, FRAMES):
         slam.predict(0.1 * k)
         expected = slam.predict_pixels()
-        seen = points[[point_of[i] for i in expected["ids"].tolist()]] - [SPEED * k, 0.0, 0.0]
+        seen = points[[point_of[i] for i in expected.ids.tolist()]] - [SPEED * k, 0.0, 0.0]
         uv, ok = camera.project(seen)
-        ids = expected["ids"][ok]
-        slam.update(expected["ids"], ids, uv[ok] + PIXEL * generator.standard_normal((len(ids), 2)))
+        ids = expected.ids[ok]
+        slam.update(expected.ids, ids, uv[ok] + PIXEL * generator.standard_normal((len(ids), 2)))
         slam.manage_map()
 
     p, blocks = slam.covariance, slam.blocks
@@ -40,10 +41,10 @@ def main() -> None:
     print(f"x = {x:.3f} m after {SPEED * (FRAMES - 1):.3f} m, standard deviation {sigma:.3f} m")
     size = f"{len(p)}x{len(p)}"
     print(f"P is {size}: camera 13, then {len(blocks)} blocks; soundness {slam.soundness():.1e}")
-    (first, _, a, n), (second, _, b, _) = blocks[:2]
-    cross = p[a : a + n, b : b + n]
-    scale = np.sqrt(np.outer(p.diagonal()[a : a + n], p.diagonal()[b : b + n]))
-    print(f"landmarks {first} and {second}: largest correlation {np.abs(cross / scale).max():.2f}")
+    first, second = (slice(block.offset, block.offset + block.size) for block in blocks[:2])
+    scale = np.sqrt(np.outer(p.diagonal()[first], p.diagonal()[second]))
+    names = f"{blocks[0].id} and {blocks[1].id}"
+    print(f"landmarks {names}: largest correlation {np.abs(p[first, second] / scale).max():.2f}")
 
 
 if __name__ == "__main__":

@@ -10,10 +10,17 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from collabslam.errors import CollabslamError, DataError, FilterError, InputError, SettingsError
+from collabslam.errors import (
+    BusyError,
+    CollabslamError,
+    DataError,
+    FilterError,
+    InputError,
+    SettingsError,
+)
 
 if TYPE_CHECKING:
-    from collabslam._core import Camera, Filter
+    from collabslam._core import Camera, DepthMeasurement, Filter, WornMeasurement
     from collabslam.datasets import Source, WornSpec, attach_worn, open_recording
     from collabslam.runs.plan import Output
     from collabslam.runs.runner import RunResult, resume, run
@@ -26,9 +33,11 @@ if TYPE_CHECKING:
     __version__: str
 
 __all__ = [
+    "BusyError",
     "Camera",
     "CollabslamError",
     "DataError",
+    "DepthMeasurement",
     "Filter",
     "FilterError",
     "Frame",
@@ -43,6 +52,7 @@ __all__ = [
     "Status",
     "StepResult",
     "Target",
+    "WornMeasurement",
     "WornSpec",
     "WornView",
     "__version__",
@@ -54,6 +64,7 @@ __all__ = [
 
 _HOMES = {
     "Camera": "_core",
+    "DepthMeasurement": "_core",
     "Filter": "_core",
     "Frame": "types",
     "Output": "runs.plan",
@@ -65,6 +76,7 @@ _HOMES = {
     "Status": "types",
     "StepResult": "slam.results",
     "Target": "types",
+    "WornMeasurement": "_core",
     "WornSpec": "datasets",
     "WornView": "types",
     "__version__": "_core",

@@ -1,13 +1,40 @@
 from collections.abc import Mapping, Sequence
-from typing import Any, final
+from typing import Any, Protocol, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
+    "AffineMaps",
+    "Alignment",
+    "Block",
     "Camera",
+    "CandidateReport",
+    "ConditionalPrediction",
+    "Consensus",
+    "DepthMeasurement",
+    "EpipolarResiduals",
+    "ExpectedPixels",
     "Filter",
+    "KnownMap",
+    "Landmarks",
+    "MapRelocalisation",
+    "MatchNoise",
+    "Outcomes",
+    "OverlapPrediction",
+    "PairMatches",
+    "PairOptions",
+    "PairPoints",
+    "PeakTest",
+    "Prediction",
+    "SampledTemplates",
+    "SearchResult",
+    "SearchWindow",
     "UpdateReport",
+    "WarpLimits",
+    "WarpedPatches",
+    "Windows",
+    "WornMeasurement",
     "__version__",
     "affine_at",
     "affine_maps",
@@ -29,111 +56,42 @@ __version__: str
 
 _Array = NDArray[np.float64]
 _Ids = NDArray[np.int64]
-_Worn = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike, ArrayLike]
-_Depths = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]
+_Mask = NDArray[np.bool_]
+_Image = NDArray[np.uint8]
+_Region = tuple[float, float, float, float]
 
-def search_templates(
-    image: NDArray[np.uint8],
-    templates: NDArray[np.uint8],
-    uv: ArrayLike,
-    s: ArrayLike,
-    guess: ArrayLike,
-    *,
-    gate: float,
-    min_radius: float,
-    large_radius: float,
-    max_radius: float,
-    guess_radius: float,
-    guess_gate: float,
-    min_score: float,
-    ambiguity: float,
-    peak_distance: float,
-    min_deviation: float,
-    whole: bool = True,
-) -> tuple[_Array, _Array, _Array, _Ids]: ...
-def align_templates(
-    image: NDArray[np.uint8], templates: NDArray[np.uint8], uv: ArrayLike
-) -> tuple[_Array, _Array]: ...
-def affine_maps(
-    camera_ref: Camera,
-    uv_ref: ArrayLike,
-    camera_now: Camera,
-    t_now_ref: ArrayLike,
-    inverse_range: ArrayLike,
-) -> tuple[_Array, _Array, NDArray[np.bool_]]: ...
-def affine_at(
-    camera_ref: Camera,
-    uv_ref: ArrayLike,
-    camera_now: Camera,
-    t_now_ref: ArrayLike,
-    inverse_range: ArrayLike,
-    min_area: float,
-    max_area: float,
-    max_stretch: float,
-) -> _Array: ...
-def warp_patches(
-    camera_ref: Camera,
-    camera_now: Camera,
-    patches: Sequence[Any],
-    t_wc: ArrayLike,
-    points: ArrayLike,
-    size: int,
-    min_area: float,
-    max_area: float,
-    max_stretch: float,
-) -> tuple[NDArray[np.uint8], NDArray[np.bool_], _Array]: ...
-def capture_windows(
-    image: NDArray[np.uint8], uv: ArrayLike, half: int
-) -> tuple[list[NDArray[np.uint8]], _Array]: ...
-def corner_peaks(
-    response: NDArray[np.float32], reach: int, border: int, quality: float, least: float
-) -> _Array: ...
-def spread_corners(
-    peaks: ArrayLike,
-    existing: ArrayLike,
-    count: int,
-    shape: tuple[int, int],
-    cells: int,
-    distance: float,
-) -> _Ids: ...
-def match_pairs(
-    rays_s: ArrayLike,
-    rays_f: ArrayLike,
-    ranges: ArrayLike,
-    known: Sequence[bool],
-    described_s: NDArray[np.float32],
-    depths: ArrayLike,
-    described_f: NDArray[np.float32],
-    t_cf: ArrayLike,
-    covariance: ArrayLike,
-    sigma: tuple[float, float],
-    gate: float,
-    ratio: float,
-    max_distance: float,
-) -> tuple[_Ids, _Ids, int, int, int]: ...
-def sample_templates(
-    image: NDArray[np.uint8], centres: ArrayLike, affine: ArrayLike, size: int
-) -> tuple[NDArray[np.uint8], _Array]: ...
-def describe_windows(
-    image: NDArray[np.uint8], centres: ArrayLike, axes: ArrayLike, step: float
-) -> NDArray[np.float32]: ...
-def epipolar_residuals(
-    rays_s: ArrayLike, rays_f: ArrayLike, t_cf: ArrayLike, focal: tuple[float, float]
-) -> tuple[_Array, _Array]: ...
-def find_consensus(
-    rays_s: ArrayLike,
-    rays_f: ArrayLike,
-    t_cf: ArrayLike,
-    covariance: ArrayLike,
-    focal: tuple[float, float],
-    sigma: float,
-    limit: float,
-    start: ArrayLike | None = None,
-) -> tuple[_Array, _Array, NDArray[np.bool_]]: ...
-def settings_schema() -> list[dict[str, Any]]: ...
+class _Patch(Protocol):
+    @property
+    def pixels(self) -> _Image: ...
+    @property
+    def uv_ref(self) -> _Array: ...
+    @property
+    def t_wc(self) -> _Array: ...
+    @property
+    def inside(self) -> _Array: ...
 
 @final
 class Camera:
+    """A calibrated camera.
+
+    Parameters
+    ----------
+    model : {"pinhole", "radtan", "fisheye", "wideangle"}
+        Distortion model (METHOD 4): none; OpenCV's radial-tangential; equidistant; Davison's one
+        parameter.
+    width, height : int
+        Image size, px.
+    intrinsics : sequence of 4 floats
+        ``fx, fy, cx, cy``, px.
+    distortion : sequence of floats
+        ``[]``, ``[k1, k2, p1, p2(, k3)]``, ``[k1, k2, k3, k4]`` or ``[K]``.
+
+    Raises
+    ------
+    InputError
+        For an unknown model, a wrong number of parameters or impossible values.
+    """
+
     def __new__(
         cls,
         model: str,
@@ -143,36 +101,785 @@ class Camera:
         distortion: Sequence[float] = ...,
     ) -> Camera: ...
     @property
-    def model(self) -> str: ...
+    def model(self) -> str:
+        """Name of the distortion model."""
     @property
-    def width(self) -> int: ...
+    def width(self) -> int:
+        """Image width, px."""
     @property
-    def height(self) -> int: ...
+    def height(self) -> int:
+        """Image height, px."""
     @property
-    def intrinsics(self) -> tuple[float, float, float, float]: ...
+    def intrinsics(self) -> tuple[float, float, float, float]:
+        """``(fx, fy, cx, cy)``, px."""
     @property
-    def distortion(self) -> tuple[float, ...]: ...
+    def distortion(self) -> tuple[float, ...]:
+        """Parameters of the distortion model."""
     @property
-    def matrix(self) -> _Array: ...
-    def project(self, points: ArrayLike) -> tuple[_Array, NDArray[np.bool_]]: ...
-    def unproject(self, uv: ArrayLike) -> _Array: ...
+    def matrix(self) -> _Array:
+        """The (3, 3) matrix K, px."""
+    def project(self, points: ArrayLike) -> tuple[_Array, _Mask]:
+        """Pixels of points.
+
+        Parameters
+        ----------
+        points : (N, 3) float64
+            Points in the camera frame, metres.
+
+        Returns
+        -------
+        uv : (N, 2) float64
+            Pixels; NaN where the point has none.
+        ok : (N,) bool
+            In front of the camera, within the model's range, and inside the image.
+
+        Raises
+        ------
+        InputError
+            For a wrong shape.
+        """
+    def unproject(self, uv: ArrayLike) -> _Array:
+        """Unit rays of pixels.
+
+        Parameters
+        ----------
+        uv : (N, 2) float64
+            Pixels.
+
+        Returns
+        -------
+        (N, 3) float64
+            Unit rays in the camera frame; NaN where the model has none.
+
+        Raises
+        ------
+        InputError
+            For a wrong shape.
+        """
     def __getnewargs__(self) -> tuple[str, int, int, list[float], list[float]]: ...
     def __eq__(self, other: object, /) -> bool: ...
     def __ne__(self, other: object, /) -> bool: ...
     __hash__: None  # type: ignore[assignment]
 
 @final
+class Filter:
+    """The Extended Kalman Filter without images: predict, look up what should be seen, update.
+
+    One filter serves one thread at a time; two threads may run two filters.
+
+    Parameters
+    ----------
+    camera : Camera
+        Cs.
+    worn_camera : Camera, optional
+        Cf; needed to take its pixels.
+    settings : dict, optional
+        Dotted key to value, over the defaults of :func:`settings_schema`.
+    switches : dict, optional
+        The same of the lab's switches, which take parts of the method away to compare with.
+
+    Raises
+    ------
+    SettingsError
+        For an unknown key or an impossible value.
+    BusyError
+        From every method and attribute, while another thread changes the filter; it stays as it was.
+    """
+
+    def __new__(
+        cls,
+        camera: Camera,
+        worn_camera: Camera | None = None,
+        *,
+        settings: Mapping[str, bool | int | float | str] | None = None,
+        switches: Mapping[str, bool | int | float | str] | None = None,
+    ) -> Filter: ...
+    @property
+    def started(self) -> bool:
+        """Whether the filter has a map to localise in."""
+    @property
+    def time(self) -> float | None:
+        """Time of the last prediction, seconds, or None."""
+    @property
+    def map_size(self) -> int:
+        """Number of features in the map."""
+    @property
+    def candidate_count(self) -> int:
+        """Number of candidates that wait for parallax."""
+    @property
+    def candidates(self) -> _Ids:
+        """Ids of the candidates that are alive, (N,) int64."""
+    @property
+    def pose(self) -> _Array:
+        """T_WC, (4, 4) float64, metres: maps points of Cs into W."""
+    @property
+    def pose_covariance(self) -> _Array:
+        """(6, 6) float64, covariance of the pose over (translation m, rotation rad), right tangent of T_WC
+        (METHOD 1).
+        """
+    @property
+    def velocity(self) -> _Array:
+        """Velocity in W, (3,) float64, m/s."""
+    @property
+    def angular_velocity(self) -> _Array:
+        """Angular velocity in C, (3,) float64, rad/s."""
+    @property
+    def mean(self) -> _Array:
+        """The whole state vector, (n,) float64: camera (13), then the blocks of :attr:`blocks`."""
+    @property
+    def covariance(self) -> _Array:
+        """The whole covariance P, (n, n) float64, cross-covariances included."""
+    @property
+    def blocks(self) -> list[Block]:
+        """Layout of the state after the camera: a list of `Block`, in the state's order."""
+    def soundness(self) -> float:
+        """Least eigenvalue of the diagonal-scaled P: P is sound above -1e-10 (METHOD 3). O(n^3)."""
+    def check(self) -> None:
+        """Checks that the filter is sound (METHOD 3): mean and P finite, variances positive, quaternions of
+        unit length, and `soundness` above -1e-10. O(n^3).
+
+        Raises
+        ------
+        FilterError
+            Saying what is wrong.
+        """
+    def snapshot(self) -> bytes:
+        """The filter as bytes, for :meth:`restore`: cameras, settings, mean, P, candidates and counters, with
+        version and checksum. The filter restored goes on bit for bit as this one does.
+        """
+    @staticmethod
+    def restore(data: bytes) -> Filter:
+        """staticmethod(function) -> method
+
+        Convert a function to be a static method.
+
+        A static method does not receive an implicit first argument.
+        To declare a static method, use this idiom:
+
+             class C:
+                 @staticmethod
+                 def f(arg1, arg2, argN):
+                     ...
+
+        It can be called either on the class (e.g. C.f()) or on an instance
+        (e.g. C().f()). Both the class and the instance are ignored, and
+        neither is passed implicitly as the first argument to the method.
+
+        Static methods in Python are similar to those found in Java or C++.
+        For a more advanced concept, see the classmethod builtin.
+        """
+    def predict(self, t: float) -> None:
+        """Predicts to time ``t`` (seconds). Before the start only the time is noted.
+
+        Raises
+        ------
+        InputError
+            If ``t`` does not follow the last time (a step of zero is none), or is more than an hour after
+            it.
+        """
+    def predict_pixels(self) -> Prediction:
+        """Every feature that should be visible in Cs.
+
+        Returns
+        -------
+        Prediction
+        """
+    def predict_conditional(self, found: ArrayLike, uv: ArrayLike, ids: ArrayLike) -> ConditionalPrediction:
+        """Where features are expected once others of the same frame have been found (METHOD 7).
+
+        Those found tell the camera's motion since the last frame, which is most of what a prediction does
+        not know. Some that contradict the most do no harm. The filter stays as it is.
+
+        Parameters
+        ----------
+        found, uv : (N,) int64, (N, 2) float64
+            Features found in Cs and their pixels.
+        ids : (M,) int64
+            Others.
+
+        Returns
+        -------
+        ConditionalPrediction
+            One row for each of ``ids``.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, unknown ids, an id given twice.
+        """
+    def predict_overlap(self, t_cf: ArrayLike, covariance: ArrayLike) -> OverlapPrediction | None:
+        """Predicts whether Cs and Cf overlap (METHOD 9).
+
+        Parameters
+        ----------
+        t_cf : (4, 4) float64
+            Measured pose of Cf relative to Cs: maps points of F into C, metres.
+        covariance : (6, 6) float64
+            Of it over (translation m, rotation rad), tangent on the right.
+
+        Returns
+        -------
+        OverlapPrediction or None
+            None where they do not.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, a pose or a covariance that is none, or a filter without a worn camera.
+        """
+    def check_worn(self, t_cf: ArrayLike, covariance: ArrayLike, bias: ArrayLike | None = None) -> None:
+        """Checks that a view of Cf with this pose can be measured.
+
+        Parameters
+        ----------
+        t_cf, covariance
+            As for :meth:`predict_overlap`.
+        bias : (6, 6) float64, optional
+            The part of the covariance that lasts from frame to frame.
+
+        Raises
+        ------
+        InputError
+            Saying why it cannot.
+        """
+    def update(
+        self,
+        searched: ArrayLike,
+        ids: ArrayLike,
+        uv: ArrayLike,
+        *,
+        worn: WornMeasurement | None = None,
+        depths: DepthMeasurement | None = None,
+        min_inliers: int = 0,
+    ) -> UpdateReport:
+        """Validates a frame's matches, updates once, and starts features that have depth (METHOD 5-8).
+
+        Measurements that would break the filter (S not positive definite, a result that is not finite, a
+        negative variance) are refused: the report says so and the filter stays as it was.
+
+        Parameters
+        ----------
+        searched : (S,) int64
+            Features that were looked for.
+        ids, uv : (N,) int64, (N, 2) float64
+            Features found in Cs and their pixels.
+        worn : WornMeasurement, optional
+            The worn camera's measured pose and matched pixels.
+        depths : DepthMeasurement, optional
+            Depths from any other sensor.
+        min_inliers : int
+            Fewest accepted bearings with which the frame is used; with fewer nothing of it is.
+
+        Returns
+        -------
+        UpdateReport
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, unknown ids, an impossible pose or covariance; the filter stays as it
+            was.
+        """
+    def relocalise(self, pose: ArrayLike, ids: ArrayLike, uv: ArrayLike) -> UpdateReport:
+        """Puts a lost camera where matches with the map say, and forgets what was believed about it.
+
+        The pose gives the point of linearisation only; the covariance is that of the matches and the map.
+        Velocities start anew. The pose is taken if ``lost.min_matches`` of the matches pass the batch test.
+
+        Parameters
+        ----------
+        pose : (4, 4) float64
+            T_WC that explains the matches, as PnP gives it, metres.
+        ids, uv : (N,) int64, (N, 2) float64
+            Features and their pixels in Cs.
+
+        Returns
+        -------
+        UpdateReport
+            ``accepted`` says whether the pose was taken; otherwise the filter is as it was.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, unknown ids, an impossible pose, or before the start; the filter stays as
+            it was.
+        """
+    def restart(self, worn: WornMeasurement) -> UpdateReport:
+        """Starts a new map from a view of Cf, where the camera is predicted to be; the map of before is gone.
+
+        What is left of the pose's certainty becomes that of the new map's place in W: it is part of
+        `pose_covariance` and of the landmarks' covariance. Take `known_map` before, to come back to the map
+        with `relocalise_in`.
+
+        Parameters
+        ----------
+        worn : WornMeasurement
+            All its ids -1.
+
+        Returns
+        -------
+        UpdateReport
+            ``accepted`` says whether the map was started (``worn.start_births``); otherwise the filter is
+            as it was.
+
+        Raises
+        ------
+        InputError
+            For NaN, an id that is not -1, an impossible pose or covariance, or before the start; the filter
+            stays as it was.
+        """
+    def relocalise_in(
+        self,
+        landmarks: ArrayLike,
+        covariance: ArrayLike,
+        drift: ArrayLike,
+        pose: ArrayLike,
+        index: ArrayLike,
+        uv: ArrayLike,
+    ) -> MapRelocalisation:
+        """Puts a lost camera into another map, where its matches with that say, and forgets the present one.
+
+        Parameters
+        ----------
+        landmarks : (M, 6) float64
+            ``x y z theta phi rho`` of each in W (METHOD 2): metres, radians, 1/m.
+        covariance : (6 M, 6 M) float64
+            Their joint covariance.
+        drift : (6, 6) float64
+            Covariance of W's drift, (translation m, rotation rad).
+        pose : (4, 4) float64
+            T_WC that explains the matches, as PnP gives it, metres.
+        index, uv : (N,) int64, (N, 2) float64
+            Landmarks by their place in the map, and their pixels in Cs.
+
+        Returns
+        -------
+        MapRelocalisation
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, a covariance that is none, an impossible pose, or before the start; the
+            filter stays as it was.
+        """
+    def add_candidates(self, uv: ArrayLike) -> _Ids:
+        """Starts candidates for delayed births at pixels of the present view.
+
+        Parameters
+        ----------
+        uv : (N, 2) float64
+            Pixels in Cs.
+
+        Returns
+        -------
+        (N,) int64
+            Their ids.
+
+        Raises
+        ------
+        InputError
+            For a wrong shape, NaN, or before the start.
+        """
+    def observe_candidates(self, ids: ArrayLike, uv: ArrayLike) -> CandidateReport:
+        """Observes candidates (METHOD 5, delayed).
+
+        Parameters
+        ----------
+        ids, uv : (N,) int64, (N, 2) float64
+            Candidates found in Cs and their pixels.
+
+        Returns
+        -------
+        CandidateReport
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, unknown ids, an id given twice; the filter stays as it was.
+        """
+    def promote_candidates(self, ids: ArrayLike) -> _Ids:
+        """Candidates that shall wait for parallax no longer are born with a vague depth, as features of their
+        first view.
+
+        Parameters
+        ----------
+        ids : (N,) int64
+
+        Returns
+        -------
+        (N,) int64
+            Feature ids, -1 where that gives no feature.
+
+        Raises
+        ------
+        InputError
+            For unknown ids, or an id given twice.
+        """
+    def drop_candidates(self, ids: ArrayLike) -> None:
+        """Forgets candidates that were lost.
+
+        Parameters
+        ----------
+        ids : (N,) int64
+            Those that are no candidates any more do not count.
+        """
+    def add_undelayed(self, uv: ArrayLike) -> _Ids:
+        """Starts features with a vague depth at pixels of the present view. Before the start this is the
+        scale-free start.
+
+        Parameters
+        ----------
+        uv : (N, 2) float64
+            Pixels in Cs.
+
+        Returns
+        -------
+        (N,) int64
+            Feature ids, -1 where the pixel has no ray.
+
+        Raises
+        ------
+        InputError
+            For a wrong shape or NaN.
+        """
+    def start_from_points(
+        self, points: ArrayLike, noise: ArrayLike, shared: ArrayLike, covariance: ArrayLike
+    ) -> _Ids:
+        """Starts from points of known position in C (METHOD 10).
+
+        Parameters
+        ----------
+        points : (N, 3) float64
+            Metres in C.
+        noise : (N, 3, 3) float64
+            Covariance of each point by itself, m^2.
+        shared : (N, 3, 6) float64
+            Derivative of each point by the 6-number error of the target's pose.
+        covariance : (6, 6) float64
+            Covariance of that error.
+
+        Returns
+        -------
+        (N,) int64
+            Feature ids.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, a covariance that is none, a point at the camera, or a filter that has
+            started.
+        """
+    def landmarks(self) -> Landmarks:
+        """The map, without features that have no point yet (rho <= 0).
+
+        Returns
+        -------
+        Landmarks
+        """
+    def manage_map(self) -> _Ids:
+        """Deletes failing features, candidates that are too old, and clones nobody needs.
+
+        Returns
+        -------
+        (N,) int64
+            The deleted features.
+        """
+    def remove_features(self, ids: ArrayLike) -> None:
+        """Removes features.
+
+        Parameters
+        ----------
+        ids : (N,) int64
+
+        Raises
+        ------
+        InputError
+            For unknown ids; the filter stays as it was.
+        """
+    def known_map(self) -> KnownMap:
+        """The map to start another filter in.
+
+        Returns
+        -------
+        KnownMap
+        """
+    def start_from_map(self, landmarks: ArrayLike, covariance: ArrayLike, drift: ArrayLike) -> _Ids:
+        """Starts in a map, not knowing where the camera is; :meth:`relocalise` is to follow.
+
+        Parameters
+        ----------
+        landmarks : (N, 6) float64
+            ``x y z theta phi rho`` of each in W (METHOD 2): metres, radians, 1/m.
+        covariance : (6 N, 6 N) float64
+            Their joint covariance.
+        drift : (6, 6) float64
+            Covariance of W's drift, (translation m, rotation rad).
+
+        Returns
+        -------
+        (N,) int64
+            Feature ids, in the map's order.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, a covariance that is none, or a filter that has started; it stays as it
+            was.
+        """
+
+@final
+class Block:
+    """One block of the state after the camera's.
+
+    Attributes
+    ----------
+    id : int
+        Feature id.
+    kind : str
+        ``Feature``, ``Point`` and the like.
+    offset, size : int
+        Its first row in the mean and in P, and its number of rows.
+    """
+
+    @property
+    def id(self) -> int: ...
+    @property
+    def kind(self) -> str: ...
+    @property
+    def offset(self) -> int: ...
+    @property
+    def size(self) -> int: ...
+    def __eq__(self, other: object, /) -> bool: ...
+    def __ne__(self, other: object, /) -> bool: ...
+    __hash__: None  # type: ignore[assignment]
+
+@final
+class Prediction:
+    """Features that should be visible in Cs.
+
+    Attributes
+    ----------
+    ids : (N,) int64
+    uv : (N, 2) float64
+        Pixels where they are expected.
+    s : (N, 2, 2) float64
+        Innovation covariance of those, measurement noise included, px^2.
+    points : (N, 3) float64
+        In W, metres.
+    rho, rho_sd : (N,) float64
+        Inverse distance from Cs now and its standard deviation, 1/m.
+    """
+
+    @property
+    def ids(self) -> _Ids: ...
+    @property
+    def uv(self) -> _Array: ...
+    @property
+    def s(self) -> _Array: ...
+    @property
+    def points(self) -> _Array: ...
+    @property
+    def rho(self) -> _Array: ...
+    @property
+    def rho_sd(self) -> _Array: ...
+    def subset(self, which: _Mask | _Ids) -> Prediction:
+        """Some of the features.
+
+        Parameters
+        ----------
+        which : (N,) bool or (M,) int64
+            A mask, or rows.
+
+        Returns
+        -------
+        Prediction
+
+        Raises
+        ------
+        InputError
+            If it is neither.
+        """
+    def __len__(self) -> int: ...
+
+@final
+class ConditionalPrediction:
+    """Where features are expected once others of the frame have been found.
+
+    Attributes
+    ----------
+    uv : (M, 2) float64
+        Pixels in Cs; NaN where nothing is expected of a feature.
+    s : (M, 2, 2) float64
+        Their covariances, measurement noise included, px^2.
+    """
+
+    @property
+    def uv(self) -> _Array: ...
+    @property
+    def s(self) -> _Array: ...
+
+@final
+class OverlapPrediction:
+    """Where the views of Cs and Cf overlap (METHOD 9).
+
+    Attributes
+    ----------
+    roi_s, roi_f : (u0, v0, u1, v1) floats
+        Region of interest in Cs and in Cf, pixels.
+    d_max : float
+        Largest depth at which a match is of use, metres.
+    baseline : float
+        Distance of the cameras, metres.
+    """
+
+    @property
+    def roi_s(self) -> _Region: ...
+    @property
+    def roi_f(self) -> _Region: ...
+    @property
+    def d_max(self) -> float: ...
+    @property
+    def baseline(self) -> float: ...
+
+@final
+class WornMeasurement:
+    """The worn camera's part of a frame: its measured pose, and points that both cameras see.
+
+    Parameters
+    ----------
+    t_cf : (4, 4) float64
+        Measured pose of Cf relative to Cs at the frame's time: maps points of F into C, metres.
+    covariance : (6, 6) float64
+        Of it over (translation m, rotation rad), tangent on the right.
+    ids : (M,) int64
+        Feature of each pair, -1 for a new point.
+    uv, uv_f : (M, 2) float64
+        Its pixels in Cs and in Cf.
+    bias : (6, 6) float64, optional
+        The part of the covariance that lasts from frame to frame; ``worn.bias_share`` of it if left
+        out.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, and ids that are none. `Filter.update` checks the values.
+    """
+
+    def __new__(
+        cls,
+        t_cf: ArrayLike,
+        covariance: ArrayLike,
+        ids: ArrayLike,
+        uv: ArrayLike,
+        uv_f: ArrayLike,
+        *,
+        bias: ArrayLike | None = None,
+    ) -> WornMeasurement: ...
+    def __len__(self) -> int: ...
+
+@final
+class DepthMeasurement:
+    """Depths of points in Cs, from any other sensor.
+
+    Parameters
+    ----------
+    ids : (K,) int64
+        Feature of each depth, -1 for a new point.
+    uv : (K, 2) float64
+        Its pixel in Cs.
+    depth, sigma : (K,) float64
+        Depth along the optical axis of Cs and its standard deviation, metres.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, and ids that are none. `Filter.update` checks the values.
+    """
+
+    def __new__(
+        cls, ids: ArrayLike, uv: ArrayLike, depth: ArrayLike, sigma: ArrayLike
+    ) -> DepthMeasurement: ...
+    def __len__(self) -> int: ...
+
+@final
+class Outcomes:
+    """What became of one kind of measurement in a frame.
+
+    ``names`` says it of each: ``pixel`` (accepted as two pixel rows), ``depth`` (as three metric rows),
+    ``replaced`` (its feature was measured by a better form of the same match), ``born``,
+    ``too-uncertain`` (a pixel predicted no better than somewhere in the image; a pair not worth more
+    than its bearing), ``not-visible``, ``rejected-gate`` (its own chi-square), ``rejected-batch`` (the
+    batch test), ``rejected-conditional`` (contradicted by the others), ``unused`` (in this mode),
+    ``refused`` (with the whole frame).
+    """
+
+    @property
+    def accepted(self) -> _Mask:
+        """(N,) bool: the measurement of a known feature was used, as rows of its own or of a better form of
+        the same match.
+        """
+    @property
+    def born(self) -> _Ids:
+        """(N,) int64: id of the feature born from each, -1 for none."""
+    @property
+    def names(self) -> list[str]:
+        """(N,) list of str: see the class."""
+    @property
+    def pixel_rows(self) -> int:
+        """How many were accepted as two pixel rows."""
+    @property
+    def depth_rows(self) -> int:
+        """How many were accepted as three metric rows."""
+    @property
+    def too_uncertain(self) -> int:
+        """How many were too uncertain to say anything."""
+    @property
+    def rejected_gate(self) -> int:
+        """How many failed their own chi-square gate."""
+    @property
+    def rejected_batch(self) -> int:
+        """How many the batch test left out."""
+    @property
+    def rejected_conditional(self) -> int:
+        """How many contradicted the other accepted ones."""
+    def __len__(self) -> int: ...
+
+@final
 class UpdateReport:
+    """What one update did.
+
+    Attributes
+    ----------
+    bearings, pairs, depths : Outcomes
+        What became of the pixels in Cs, of the worn camera's pairs, and of the depths, in the order
+        they were given.
+    accepted : bool
+        Whether the frame was used: False if fewer bearings than asked for passed the tests.
+    refused : str or None
+        Why the whole frame was refused: its update would have broken the filter, which is as it was
+        before.
+    iterations : int
+        Linearisations of the update.
+    nis : float
+        Normalised innovation squared of the accepted batch.
+    dof : int
+        Its degrees of freedom.
+    order : int
+        Matches that the batch test left out.
+    exact : bool
+        Whether the batch test finished its exact search.
+    worn_error : (6,) float64
+        Estimated error of T_CF after the update, (translation m, rotation rad), right tangent.
+    """
+
     @property
-    def bearings(self) -> list[str]: ...
+    def bearings(self) -> Outcomes: ...
     @property
-    def pairs(self) -> list[str]: ...
+    def pairs(self) -> Outcomes: ...
     @property
-    def depths(self) -> list[str]: ...
+    def depths(self) -> Outcomes: ...
     @property
-    def pair_births(self) -> _Ids: ...
-    @property
-    def depth_births(self) -> _Ids: ...
+    def accepted(self) -> bool: ...
     @property
     def refused(self) -> str | None: ...
     @property
@@ -186,86 +893,873 @@ class UpdateReport:
     @property
     def exact(self) -> bool: ...
     @property
-    def believed(self) -> bool: ...
-    @property
     def worn_error(self) -> _Array: ...
 
 @final
-class Filter:
-    def __new__(
-        cls,
-        camera: Camera,
-        worn_camera: Camera | None = None,
-        *,
-        settings: Mapping[str, bool | int | float | str] | None = None,
-        switches: Mapping[str, bool | int | float | str] | None = None,
-    ) -> Filter: ...
+class MapRelocalisation:
+    """Whether a camera was put into another map.
+
+    Attributes
+    ----------
+    report : UpdateReport
+        ``accepted`` says whether the pose was taken; otherwise the filter is as it was.
+    ids : (M,) int64
+        The new feature ids of the map's landmarks, in its order; none where the pose was not taken.
+    """
+
     @property
-    def started(self) -> bool: ...
+    def report(self) -> UpdateReport: ...
     @property
-    def time(self) -> float | None: ...
+    def ids(self) -> _Ids: ...
+
+@final
+class CandidateReport:
+    """What became of candidates that were observed.
+
+    Attributes
+    ----------
+    born : (N,) int64
+        Feature id of those that became features, -1 elsewhere.
+    dropped : (N,) bool
+        Those that were given up; the others wait on.
+    """
+
     @property
-    def map_size(self) -> int: ...
+    def born(self) -> _Ids: ...
     @property
-    def candidate_count(self) -> int: ...
+    def dropped(self) -> _Mask: ...
+
+@final
+class Landmarks:
+    """The map with the uncertainty of each landmark.
+
+    Attributes
+    ----------
+    ids : (N,) int64
+    points : (N, 3) float64
+        In W, metres.
+    covariance : (N, 3, 3) float64
+        Of each point, m^2.
+    rho_ratio : (N,) float64
+        Relative standard deviation of its inverse range, sd(rho) / rho.
+    """
+
     @property
-    def candidates(self) -> _Ids: ...
+    def ids(self) -> _Ids: ...
     @property
-    def pose(self) -> _Array: ...
-    @property
-    def pose_covariance(self) -> _Array: ...
-    @property
-    def velocity(self) -> _Array: ...
-    @property
-    def angular_velocity(self) -> _Array: ...
-    @property
-    def mean(self) -> _Array: ...
+    def points(self) -> _Array: ...
     @property
     def covariance(self) -> _Array: ...
     @property
-    def blocks(self) -> list[tuple[int, str, int, int]]: ...
-    def soundness(self) -> float: ...
-    def check(self) -> None: ...
-    def snapshot(self) -> bytes: ...
-    @staticmethod
-    def restore(data: bytes) -> Filter: ...
-    def predict(self, t: float) -> None: ...
-    def predict_pixels(self) -> dict[str, Any]: ...
-    def predict_given(self, found: ArrayLike, uv: ArrayLike, ids: ArrayLike) -> tuple[_Array, _Array]: ...
-    def update(
-        self,
-        searched: ArrayLike,
-        ids: ArrayLike,
-        uv: ArrayLike,
+    def rho_ratio(self) -> _Array: ...
+
+@final
+class KnownMap:
+    """A map for another filter to start in; see :meth:`Filter.start_from_map`.
+
+    Attributes
+    ----------
+    ids : (N,) int64
+        Features of the filter that made it.
+    landmarks : (N, 6) float64
+        ``x y z theta phi rho`` of each in W (METHOD 2): metres, radians, 1/m.
+    covariance : (6 N, 6 N) float64
+        Their joint covariance.
+    drift : (6, 6) float64
+        Covariance of W's drift, (translation m, rotation rad).
+    """
+
+    @property
+    def ids(self) -> _Ids: ...
+    @property
+    def landmarks(self) -> _Array: ...
+    @property
+    def covariance(self) -> _Array: ...
+    @property
+    def drift(self) -> _Array: ...
+
+@final
+class ExpectedPixels:
+    """Where templates are expected in an image.
+
+    Parameters
+    ----------
+    uv : (N, 2) float64
+        Predicted pixels; NaN where there is none.
+    s : (N, 2, 2) float64
+        Covariance of each, pixel noise included, px^2.
+    guess : (N, 2) float64, optional
+        Where something else says that the point is; NaN where it does not say.
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+
+    def __new__(cls, uv: ArrayLike, s: ArrayLike, guess: ArrayLike | None = None) -> ExpectedPixels: ...
+    def __len__(self) -> int: ...
+
+@final
+class SearchWindow:
+    """How far around a predicted pixel a template is searched: the settings ``search.*`` of these names.
+
+    Parameters
+    ----------
+    gate : float
+        Radius of the ellipse in standard deviations.
+    min_radius : float
+        Least radius of the ellipse, pixels.
+    large_radius : float
+        Radius above which it is not searched whole if a guess lies in it, pixels.
+    max_radius : float
+        Cap of the window's half side, pixels.
+    guess_radius : float
+        Half side of the window around a guess, pixels.
+    guess_gate : float
+        How generously a guess lies in the ellipse: a factor on ``gate``.
+    """
+
+    def __new__(
+        cls,
         *,
-        worn: _Worn | None = None,
-        worn_bias: ArrayLike | None = None,
-        depths: _Depths | None = None,
-        least: int = 0,
-    ) -> UpdateReport: ...
-    def relocalise(self, pose: ArrayLike, ids: ArrayLike, uv: ArrayLike) -> UpdateReport: ...
-    def restart(self, worn: _Worn, worn_bias: ArrayLike | None = None) -> UpdateReport: ...
-    def relocalise_in(
-        self,
-        landmarks: ArrayLike,
-        covariance: ArrayLike,
-        drift: ArrayLike,
-        pose: ArrayLike,
-        index: ArrayLike,
-        uv: ArrayLike,
-    ) -> tuple[UpdateReport, _Ids]: ...
-    def known_map(self) -> dict[str, Any]: ...
-    def start_from_map(self, landmarks: ArrayLike, covariance: ArrayLike, drift: ArrayLike) -> _Ids: ...
-    def add_candidates(self, uv: ArrayLike) -> _Ids: ...
-    def observe_candidates(self, ids: ArrayLike, uv: ArrayLike) -> tuple[list[str], _Ids]: ...
-    def promote_candidates(self, ids: ArrayLike) -> _Ids: ...
-    def drop_candidates(self, ids: ArrayLike) -> None: ...
-    def add_undelayed(self, uv: ArrayLike) -> _Ids: ...
-    def start_from_points(
-        self, points: ArrayLike, noise: ArrayLike, shared: ArrayLike, covariance: ArrayLike
-    ) -> _Ids: ...
-    def manage_map(self) -> _Ids: ...
-    def remove_features(self, ids: ArrayLike) -> None: ...
-    def landmarks(self) -> dict[str, Any]: ...
-    def check_worn(self, t_cf: ArrayLike, covariance: ArrayLike, bias: ArrayLike | None = None) -> None: ...
-    def predict_overlap(self, t_cf: ArrayLike, covariance: ArrayLike) -> dict[str, Any] | None: ...
+        gate: float,
+        min_radius: float,
+        large_radius: float,
+        max_radius: float,
+        guess_radius: float,
+        guess_gate: float,
+    ) -> SearchWindow: ...
+    @property
+    def gate(self) -> float: ...
+    @property
+    def min_radius(self) -> float: ...
+    @property
+    def large_radius(self) -> float: ...
+    @property
+    def max_radius(self) -> float: ...
+    @property
+    def guess_radius(self) -> float: ...
+    @property
+    def guess_gate(self) -> float: ...
+
+@final
+class PeakTest:
+    """Which peak of the correlation is a match.
+
+    Parameters
+    ----------
+    min_score : float
+        Least correlation.
+    ambiguity : float
+        Largest share of the best peak that another may reach.
+    peak_distance : float
+        Peaks nearer than this to the best one belong to it, pixels.
+    min_deviation : float
+        Least standard deviation of a template's grey values.
+    """
+
+    def __new__(
+        cls, *, min_score: float, ambiguity: float, peak_distance: float, min_deviation: float
+    ) -> PeakTest: ...
+    @property
+    def min_score(self) -> float: ...
+    @property
+    def ambiguity(self) -> float: ...
+    @property
+    def peak_distance(self) -> float: ...
+    @property
+    def min_deviation(self) -> float: ...
+
+@final
+class SearchResult:
+    """What a search found.
+
+    Parameters
+    ----------
+    uv : (N, 2) float64
+        Sub-pixel position of the best peak; NaN where there is none.
+    score : (N,) float64
+        Its correlation; -1 where there is none.
+    second : (N,) float64
+        Correlation of the next best peak that does not belong to it; -1 where there is none.
+    code : (N,) int64
+        0 found, 1 score too low, 2 ambiguous, 3 outside of the image, 4 not searched as not ``whole``.
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+
+    def __new__(cls, uv: ArrayLike, score: ArrayLike, second: ArrayLike, code: ArrayLike) -> SearchResult: ...
+    @property
+    def uv(self) -> _Array: ...
+    @property
+    def score(self) -> _Array: ...
+    @property
+    def second(self) -> _Array: ...
+    @property
+    def code(self) -> _Ids: ...
+    def subset(self, which: _Mask | _Ids | slice) -> SearchResult:
+        """Some of the rows.
+
+        Parameters
+        ----------
+        which : (N,) bool, (M,) int64 or slice
+            A mask, or rows.
+
+        Returns
+        -------
+        SearchResult
+
+        Raises
+        ------
+        InputError
+            If it is none of these, or there is no such row.
+        """
+    def __len__(self) -> int: ...
+
+def search_templates(
+    image: _Image,
+    templates: _Image,
+    expected: ExpectedPixels,
+    window: SearchWindow,
+    peaks: PeakTest,
+    *,
+    whole: bool = True,
+) -> SearchResult:
+    """Looks for each template inside the ellipse of its predicted pixel, by zero-normalised
+    cross-correlation.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+    templates : (N, h, h) uint8
+        Side h odd.
+    expected : ExpectedPixels
+        One row for each template.
+    window : SearchWindow
+    peaks : PeakTest
+    whole : bool
+        Whether ellipses above ``large_radius`` are searched where no guess lies in them.
+
+    Returns
+    -------
+    SearchResult
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+
+@final
+class Alignment:
+    """Where templates fit an image.
+
+    Attributes
+    ----------
+    uv : (N, 2) float64
+        Where their middles are exactly; NaN where the template fits nowhere near.
+    score : (N,) float64
+        Correlation of template and image under the map; -1 where there is none.
+    """
+
+    @property
+    def uv(self) -> _Array: ...
+    @property
+    def score(self) -> _Array: ...
+
+def align_templates(image: _Image, templates: _Image, uv: ArrayLike) -> Alignment:
+    """Fits each template to the image around a position by an affine map, gain and offset.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+    templates : (N, h, h) uint8
+        Side h odd.
+    uv : (N, 2) float64
+        Where their middles are, to some pixels.
+
+    Returns
+    -------
+    Alignment
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+
+@final
+class WarpLimits:
+    """Which warps of a patch are allowed: the settings ``patch.*`` of these names.
+
+    Parameters
+    ----------
+    min_area, max_area : float
+        Least and largest change of area.
+    max_stretch : float
+        Largest ratio of the two scales.
+    """
+
+    def __new__(cls, *, min_area: float, max_area: float, max_stretch: float) -> WarpLimits: ...
+    @property
+    def min_area(self) -> float: ...
+    @property
+    def max_area(self) -> float: ...
+    @property
+    def max_stretch(self) -> float: ...
+
+@final
+class AffineMaps:
+    """Predicted pixels in another view, and the maps of pixel offsets into it.
+
+    Attributes
+    ----------
+    uv : (N, 2) float64
+        Predicted pixel; NaN where the landmark is not in front of the camera.
+    affine : (N, 2, 2) float64
+        ``offset_now = affine @ offset_ref``; the identity where there is none.
+    ok : (N,) bool
+        Whether there is one that keeps its orientation.
+    """
+
+    @property
+    def uv(self) -> _Array: ...
+    @property
+    def affine(self) -> _Array: ...
+    @property
+    def ok(self) -> _Mask: ...
+
+def affine_maps(
+    camera_ref: Camera,
+    uv_ref: ArrayLike,
+    camera_now: Camera,
+    t_now_ref: ArrayLike,
+    inverse_range: ArrayLike,
+) -> AffineMaps:
+    """Predicted pixel of patches in another view, and the affine map of pixel offsets into it.
+
+    Parameters
+    ----------
+    camera_ref, camera_now : Camera
+    uv_ref : (N, 2) float64
+        Points in the reference image.
+    t_now_ref : (N, 4, 4) float64
+        Each maps points of its reference camera into the camera now, metres.
+    inverse_range : (N,) float64
+        Inverse distance of each landmark from its reference camera, 1/m; NaN or 0: infinitely far.
+
+    Returns
+    -------
+    AffineMaps
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+
+def affine_at(
+    camera_ref: Camera,
+    uv_ref: ArrayLike,
+    camera_now: Camera,
+    t_now_ref: ArrayLike,
+    inverse_range: ArrayLike,
+    limits: WarpLimits,
+) -> _Array:
+    """Affine maps of pixel offsets from one camera's image into another's, at given depths.
+
+    Parameters
+    ----------
+    camera_ref, camera_now : Camera
+    uv_ref : (N, 2) float64
+        Points in the reference image.
+    t_now_ref : (4, 4) float64
+        Maps points of the reference camera into the camera now, metres.
+    inverse_range : (N,) float64
+        Inverse distance of each point from its reference camera, 1/m; NaN or 0: infinitely far.
+    limits : WarpLimits
+
+    Returns
+    -------
+    (N, 2, 2) float64
+        ``offset_now = affine @ offset_ref``; where that is not allowed at the depth, the map of the
+        rotation alone; where this is not either, the identity.
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+
+@final
+class Windows:
+    """Windows cut out of an image.
+
+    Attributes
+    ----------
+    windows : list of N (2 half + 1, 2 half + 1) uint8
+    inside : (N, 4) float64
+        First and last column and row of each that hold image (u0, v0, u1, v1); the rest repeats its
+        edge.
+    """
+
+    @property
+    def windows(self) -> list[_Image]: ...
+    @property
+    def inside(self) -> _Array: ...
+
+def capture_windows(image: _Image, uv: ArrayLike, half: int) -> Windows:
+    """Cuts windows around points rounded to whole pixels out of an image.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+        Beyond its edge the edge repeats.
+    uv : (N, 2) float64
+        Pixels.
+    half : int
+        Pixels of a window on each side of its middle.
+
+    Returns
+    -------
+    Windows
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape, or a point is not finite.
+    """
+
+@final
+class SampledTemplates:
+    """Templates sampled from an image.
+
+    Attributes
+    ----------
+    templates : (N, size, size) uint8
+        Bilinear samples; where the map shrinks, each pixel is the mean of 2 x 2 of them.
+    reach : (N, 2) float64
+        Largest distance in u and v between a sample and its centre, image pixels.
+    """
+
+    @property
+    def templates(self) -> _Image: ...
+    @property
+    def reach(self) -> _Array: ...
+
+def sample_templates(image: _Image, centres: ArrayLike, affine: ArrayLike, size: int) -> SampledTemplates:
+    """Templates sampled around points of an image under affine maps.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+        Beyond its edge the edge repeats.
+    centres : (N, 2) float64
+        Centre of each template in the image (u, v).
+    affine : (N, 2, 2) float64
+        Map from image offsets to template offsets.
+    size : int
+        Side of a template, pixels (odd).
+
+    Returns
+    -------
+    SampledTemplates
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape, or a map has no inverse.
+    """
+
+@final
+class WarpedPatches:
+    """Templates of patches seen from another pose.
+
+    Attributes
+    ----------
+    templates : (N, size, size) uint8
+        Zeros where there is none.
+    ok : (N,) bool
+        False where the change of area or the stretch is out of bounds, or the warp leaves the stored
+        window.
+    affine : (N, 2, 2) float64
+        Maps pixel offsets at capture to pixel offsets now; the identity where there is none.
+    """
+
+    @property
+    def templates(self) -> _Image: ...
+    @property
+    def ok(self) -> _Mask: ...
+    @property
+    def affine(self) -> _Array: ...
+
+def warp_patches(
+    camera_ref: Camera,
+    camera_now: Camera,
+    patches: Sequence[_Patch],
+    t_wc: ArrayLike,
+    points: ArrayLike,
+    size: int,
+    limits: WarpLimits,
+) -> WarpedPatches:
+    """Templates as patches are expected to look from another pose.
+
+    Parameters
+    ----------
+    camera_ref, camera_now : Camera
+        The camera that captured the patches, and the one that looks now.
+    patches : sequence of N Patch
+        See `collabslam.frontend.patch.Patch`.
+    t_wc : (4, 4) float64
+        Pose of the camera now: maps its points into W, metres.
+    points : (N, 3) float64
+        Landmarks in W, metres; a row of NaN: only the rotation between the poses counts.
+    size : int
+        Side of a template, pixels (odd).
+    limits : WarpLimits
+
+    Returns
+    -------
+    WarpedPatches
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+
+def corner_peaks(
+    response: NDArray[np.float32], reach: int, border: int, quality: float, least: float
+) -> _Array:
+    """Local maxima of a corner response, the strongest first.
+
+    Parameters
+    ----------
+    response : (H, W) float32
+        Not below zero.
+    reach : int
+        A peak is the largest response within so many pixels (square neighbourhood).
+    border : int
+        Pixels along the edge without peaks.
+    quality, least : float
+        Least response as a share of the best, and as a number.
+
+    Returns
+    -------
+    (M, 2) float64
+        Sub-pixel places (u, v), by a parabola through each peak.
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+
+def spread_corners(
+    peaks: ArrayLike,
+    existing: ArrayLike,
+    count: int,
+    shape: tuple[int, int],
+    cells: int,
+    distance: float,
+) -> _Ids:
+    """At most ``count`` peaks, those first whose part of the image needs them most.
+
+    Parameters
+    ----------
+    peaks : (M, 2) float64
+        Pixels, the most wanted first.
+    existing : (N, 2) float64
+        Points that there are already; those that are not finite do not count.
+    count : int
+    shape : (int, int)
+        Rows and columns of the image.
+    cells : int
+        Of the grid, along the image's longer side.
+    distance : float
+        Least distance between a peak and an existing point, pixels.
+
+    Returns
+    -------
+    (K,) int64
+        Rows of ``peaks``.
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+
+def describe_windows(image: _Image, centres: ArrayLike, axes: ArrayLike, step: float) -> NDArray[np.float32]:
+    """SIFT's histogram of gradients over windows warped by affine maps.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+    centres : (N, 2) float64
+        Pixels (u, v).
+    axes : (N, 2, 2) float64
+        Maps offsets in the described view to pixel offsets in the image.
+    step : float
+        Distance of the window's 8 x 8 samples in the described view.
+
+    Returns
+    -------
+    (N, 128) float32
+        Square roots of the L1-normalised histogram (RootSIFT): unit vectors.
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+
+@final
+class PairPoints:
+    """Points of Cs for which partners in Cf are wanted.
+
+    Parameters
+    ----------
+    rays : (N, 3) float64
+        Unit rays in C.
+    ranges : (N, 2) float64
+        Least and largest inverse range of each, 1/m.
+    known : (N,) bool
+        Points that have one descriptor, the first, whatever the depth of a pair.
+    descriptors : (D, N, K) float32
+        Made at each of the depths; unit vectors, K is a multiple of 32.
+    depths : (D,) float64
+        Inverse ranges, increasing, 1/m.
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+
+    def __new__(
+        cls,
+        rays: ArrayLike,
+        ranges: ArrayLike,
+        known: ArrayLike,
+        descriptors: NDArray[np.float32],
+        depths: ArrayLike,
+    ) -> PairPoints: ...
+    def __len__(self) -> int: ...
+
+@final
+class PairOptions:
+    """When points are partners.
+
+    Parameters
+    ----------
+    sigma : (float, float)
+        Standard deviations of a pixel of Cs and of Cf, radians.
+    gate : float
+        Radius of the gates in standard deviations.
+    ratio : float
+        Largest ratio of the best to the second best distance of descriptors.
+    max_distance : float
+        Largest distance of descriptors.
+    """
+
+    def __new__(
+        cls, *, sigma: tuple[float, float], gate: float, ratio: float, max_distance: float
+    ) -> PairOptions: ...
+    @property
+    def sigma(self) -> tuple[float, float]: ...
+    @property
+    def gate(self) -> float: ...
+    @property
+    def ratio(self) -> float: ...
+    @property
+    def max_distance(self) -> float: ...
+
+@final
+class PairMatches:
+    """Partners, and why other points of Cs have none.
+
+    Attributes
+    ----------
+    index_s, index_f : (K,) int64
+        Rows of the points matched.
+    alone : int
+        Points without any pair that is allowed.
+    indistinct : int
+        Points whose best partner is unlike, or hardly better than the next.
+    one_sided : int
+        Points whose best partner has a better one.
+    """
+
+    @property
+    def index_s(self) -> _Ids: ...
+    @property
+    def index_f(self) -> _Ids: ...
+    @property
+    def alone(self) -> int: ...
+    @property
+    def indistinct(self) -> int: ...
+    @property
+    def one_sided(self) -> int: ...
+
+def match_pairs(
+    points: PairPoints,
+    rays_f: ArrayLike,
+    descriptors_f: NDArray[np.float32],
+    t_cf: ArrayLike,
+    covariance: ArrayLike,
+    options: PairOptions,
+) -> PairMatches:
+    """Matches points of Cs with points of Cf by their descriptors, among the pairs that the measured pose
+    allows.
+
+    Parameters
+    ----------
+    points : PairPoints
+        Of Cs.
+    rays_f : (M, 3) float64
+        Unit rays of the points of Cf, in F.
+    descriptors_f : (M, K) float32
+    t_cf : (4, 4) float64
+        Measured pose of Cf relative to Cs: maps points of F into C, metres.
+    covariance : (6, 6) float64
+        Of it, over (translation m, rotation rad), tangent on the right.
+    options : PairOptions
+
+    Returns
+    -------
+    PairMatches
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape, or the covariance is not positive definite.
+    """
+
+@final
+class EpipolarResiduals:
+    """Sampson residuals of pairs of rays.
+
+    Attributes
+    ----------
+    residual : (M,) float64
+        In units of the pixel noise: its standard deviation is that of one pixel coordinate.
+    jacobian : (M, 6) float64
+        By (translation, rotation) on the right of T_CF, pixels per metre and per radian.
+    """
+
+    @property
+    def residual(self) -> _Array: ...
+    @property
+    def jacobian(self) -> _Array: ...
+
+def epipolar_residuals(
+    rays_s: ArrayLike, rays_f: ArrayLike, t_cf: ArrayLike, focal: tuple[float, float]
+) -> EpipolarResiduals:
+    """Sampson residual of each pair of rays, and its derivative by an error of the pose.
+
+    Parameters
+    ----------
+    rays_s, rays_f : (M, 3) float64
+        Unit rays in C and F.
+    t_cf : (4, 4) float64
+        Maps points of F into C, metres.
+    focal : (float, float)
+        Focal lengths of Cs and Cf, pixels per radian.
+
+    Returns
+    -------
+    EpipolarResiduals
+
+    Raises
+    ------
+    InputError
+        If an argument has another shape.
+    """
+
+@final
+class MatchNoise:
+    """How accurate matches are.
+
+    Parameters
+    ----------
+    focal : (float, float)
+        Focal lengths of Cs and Cf, pixels per radian.
+    sigma : float
+        Standard deviation of a right match's residual, pixels.
+    limit : float
+        Largest residual of a match that agrees, pixels.
+    """
+
+    def __new__(cls, focal: tuple[float, float], sigma: float, limit: float) -> MatchNoise: ...
+    @property
+    def focal(self) -> tuple[float, float]: ...
+    @property
+    def sigma(self) -> float: ...
+    @property
+    def limit(self) -> float: ...
+
+@final
+class Consensus:
+    """Pose that matches agree on.
+
+    Attributes
+    ----------
+    t_cf : (4, 4) float64
+        Maps points of F into C, metres.
+    covariance : (6, 6) float64
+        Of it, over (translation m, rotation rad), tangent on the right.
+    agree : (M,) bool
+        Matches whose residual is within the limit under the pose.
+    """
+
+    @property
+    def t_cf(self) -> _Array: ...
+    @property
+    def covariance(self) -> _Array: ...
+    @property
+    def agree(self) -> _Mask: ...
+
+def find_consensus(
+    rays_s: ArrayLike,
+    rays_f: ArrayLike,
+    t_cf: ArrayLike,
+    covariance: ArrayLike,
+    noise: MatchNoise,
+    start: Consensus | None = None,
+) -> Consensus:
+    """Correction of a measured pose that most pairs agree on, under the prior of its covariance.
+
+    Sampled first (three pairs and the prior give a correction, linear in the residuals), then refined
+    by Gauss-Newton steps with Tukey weights.
+
+    Parameters
+    ----------
+    rays_s, rays_f : (M, 3) float64
+        Matched unit rays in C and F; fewer than three leave the pose as it is.
+    t_cf : (4, 4) float64
+        Measured pose: maps points of F into C, metres.
+    covariance : (6, 6) float64
+        Over (translation m, rotation rad), tangent on the right.
+    noise : MatchNoise
+    start : Consensus, optional
+        An earlier one of nearly the same matches; it takes the place of the sampling.
+
+    Returns
+    -------
+    Consensus
+
+    Raises
+    ------
+    InputError
+        If an argument has another shape, or the covariance is not positive definite.
+    """
+
+def settings_schema() -> list[dict[str, Any]]:
+    """Every filter setting as a list of dictionaries with the keys `key`, `type`, `default`, `min`, `max`,
+    `unit`, `choices`, `doc` and `when`: the case in which to change it, None for a switch of the lab.
+    """

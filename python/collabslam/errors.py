@@ -33,5 +33,9 @@ class FilterError(CollabslamError):
     """The filter met a numerical state from which it cannot go on."""
 
 
+class BusyError(CollabslamError):
+    """A filter or an engine is used from a second thread while the first one is still at work in it."""
+
+
 class Terminated(KeyboardInterrupt):
     """The command line was asked to end by SIGTERM; it does what it does for Ctrl-C."""

@@ -147,7 +147,7 @@ def test_any_calls_leave_the_filter_sound(calls: list[tuple[str, object]]) -> No
             elif name in ("add_candidates", "add_undelayed"):
                 getattr(core, name)(np.reshape(argument, (-1, 2)))  # type: ignore[call-overload]
             elif name == "update":
-                ids = core.predict_pixels()["ids"][: len(argument)]  # type: ignore[arg-type]
+                ids = core.predict_pixels().ids[: len(argument)]  # type: ignore[arg-type]
                 core.update(ids, ids, np.reshape(argument, (-1, 2))[: len(ids)])  # type: ignore[call-overload]
             elif name == "remove":
                 core.remove_features(argument)  # type: ignore[arg-type]

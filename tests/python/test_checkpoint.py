@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import Clip
 
-from collabslam._core import Camera, Filter
+from collabslam._core import Camera, Filter, WornMeasurement
 from collabslam.cli import main as cli
 from collabslam.datasets import write_recording
 from collabslam.datasets.wrapped import WrappedRecording
@@ -293,11 +293,11 @@ def test_a_measurement_that_would_break_the_filter_is_refused(clip: Clip) -> Non
     core.predict(frame.t)
     before, seen = core.snapshot(), core.predict_pixels()
     none = np.empty(0, np.int64)
-    worn = (frame.worn.t_cf, frame.worn.covariance * 1e60, seen["ids"], seen["uv"], seen["uv"])
+    worn = WornMeasurement(frame.worn.t_cf, frame.worn.covariance * 1e60, seen.ids, seen.uv, seen.uv)
     with pytest.raises(InputError, match="covariance of T_CF"):
-        core.update(none, seen["ids"], seen["uv"], worn=worn)
+        core.update(none, seen.ids, seen.uv, worn=worn)
     assert core.snapshot() == before
-    assert core.update(seen["ids"], seen["ids"], seen["uv"]).refused is None
+    assert core.update(seen.ids, seen.ids, seen.uv).refused is None
     core.check()
 
 
@@ -308,13 +308,22 @@ def test_a_frame_that_is_refused_is_reported_and_the_run_goes_on(clip: Clip) -> 
         slam.step(frame.t, frame.image, frame.worn)
     core = slam.filter
 
+    class Refused:
+        """What became of so many measurements."""
+
+        def __init__(self, count: int) -> None:
+            self.accepted, self.born = np.zeros(count, np.bool_), np.full(count, -1)
+
+        def __getattr__(self, name: str) -> int:
+            return 0
+
     class Refusal:
         """What the filter answers to an update that would have broken it."""
 
         def __init__(self, bearings: int, pairs: int) -> None:
             self._of_nothing = core.update([], [], np.empty((0, 2)))
             self.refused = "S is not positive definite"
-            self.bearings, self.pairs = ["refused"] * bearings, ["refused"] * pairs
+            self.bearings, self.pairs = Refused(bearings), Refused(pairs)
 
         def __getattr__(self, name: str) -> Any:
             return getattr(self._of_nothing, name)
@@ -326,7 +335,7 @@ def test_a_frame_that_is_refused_is_reported_and_the_run_goes_on(clip: Clip) -> 
             return getattr(core, name)
 
         def update(self, searched: Any, ids: Any, uv: Any, worn: Any = None, **_: Any) -> Any:
-            return Refusal(len(ids), 0 if worn is None else len(worn[2]))
+            return Refusal(len(ids), 0 if worn is None else len(worn))
 
     slam.filter = Breaking()  # type: ignore[assignment]
     frame = clip.frames[3]

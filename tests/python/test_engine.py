@@ -199,7 +199,7 @@ class TestBadInput:
         ("changes", "words"),
         [
             ({"t_cf": np.eye(3)}, "t_cf"),
-            ({"t_cf": np.full((4, 4), np.nan)}, "T_CF"),
+            ({"t_cf": np.full((4, 4), np.nan)}, "t_cf has a value"),
             ({"t_cf": np.diag([2.0, 1.0, 1.0, 1.0])}, "rotation"),
             ({"covariance": np.eye(5)}, "covariance"),
             ({"covariance": np.full((6, 6), np.nan)}, "covariance"),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import make_view
 
-from collabslam._core import Camera, sample_templates
+from collabslam._core import Camera, Filter, sample_templates
 from collabslam.errors import InputError, SettingsError
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.flow import FlowImage, flow_guess, global_motion
@@ -21,14 +21,7 @@ from collabslam.slam.tracks import Tracks
 
 SETTINGS = FrontendSettings()
 NONE = np.empty((0, 2))
-NO_FEATURES = {
-    "ids": np.empty(0, np.int64),
-    "uv": NONE,
-    "s": np.empty((0, 2, 2)),
-    "points": np.empty((0, 3)),
-    "rho": np.empty(0),
-    "rho_sd": np.empty(0),
-}
+NO_FEATURES = Filter(Camera("pinhole", 540, 360, (500.0, 500.0, 270.0, 180.0))).predict_pixels()
 
 
 def texture(height: int = 360, width: int = 540, seed: int = 0) -> np.ndarray:
@@ -137,7 +130,8 @@ def test_search_is_precise(noise):
     now = np.clip(now + np.random.Generator(np.random.PCG64(1)).normal(0, noise, now.shape), 0, 255).astype(
         np.uint8
     )
-    templates, ok, affine = warp_templates(camera, patches, np.eye(4), np.full((60, 3), np.nan))
+    warped = warp_templates(camera, patches, np.eye(4), np.full((60, 3), np.nan))
+    templates, ok, affine = warped.templates, warped.ok, warped.affine
     assert np.all(ok)
     assert np.allclose(affine, np.eye(2), atol=1e-9)
     result = active_search(now, templates, uv, covariances(60, 1.5), None, SETTINGS)
@@ -188,7 +182,8 @@ def test_templates_agree_with_opencv():
     image = texture(seed=13)
     uv = np.array([[100.3, 80.7], [250.0, 200.0], [2.0, 355.0]])
     affine = np.stack([rotation(0.4, 1.5), np.eye(2), np.array([[1.2, 0.3], [-0.1, 0.9]])])
-    templates, reach = sample_templates(image, uv, affine, 15)
+    sampled = sample_templates(image, uv, affine, 15)
+    templates, reach = sampled.templates, sampled.reach
     line = np.arange(15) - 7.0
     grid = np.stack([np.tile(line, 15), np.repeat(line, 15)])
     for k in range(3):
@@ -281,14 +276,15 @@ def test_warp_follows_rotation_and_scale():
     linear = rotation(-0.3, depth / (depth - 0.5))
     centre = np.array([319.5, 239.5])
     now = moved(image, linear, centre - linear @ centre)
-    templates, ok, affine = warp_templates(camera, capture(image, uv, np.eye(4)), t_wc, points)
+    warped = warp_templates(camera, capture(image, uv, np.eye(4)), t_wc, points)
+    templates, ok, affine = warped.templates, warped.ok, warped.affine
     assert np.all(ok)
     assert np.allclose(affine[0], linear, atol=0.01)
     place = (uv - centre) @ linear.T + centre
     result = active_search(now, templates, place + 1.0, covariances(3, 1.0), None, SETTINGS)
     assert np.all(result.code == FOUND)
     assert np.abs(result.uv - place).max() < 0.15
-    unwarped, _, _ = warp_templates(camera, capture(image, uv, np.eye(4)), np.eye(4), points)
+    unwarped = warp_templates(camera, capture(image, uv, np.eye(4)), np.eye(4), points).templates
     assert np.any(active_search(now, unwarped, place, covariances(3, 1.0), None, SETTINGS).code != FOUND)
 
 
@@ -297,7 +293,8 @@ def test_warp_averages_when_it_shrinks():
     camera = Camera("pinhole", 101, 101, (100.0, 100.0, 50.0, 50.0), [])
     patch = capture(checker, np.array([[50.0, 50.0]]), np.eye(4))
     back = se3_exp([0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
-    templates, ok, _ = warp_templates(camera, patch, back, np.array([[0.0, 0.0, 1.0]]))
+    warped = warp_templates(camera, patch, back, np.array([[0.0, 0.0, 1.0]]))
+    templates, ok = warped.templates, warped.ok
     assert ok[0]
     assert templates[0].std() < 40.0  # a sampled checkerboard keeps 100
 
@@ -308,15 +305,16 @@ def test_warp_is_refused():
     uv = np.array([[270.0, 180.0], [9.0, 180.0]])
     patches = capture(image, uv, np.eye(4))
     points = 3.0 * np.c_[(uv - [270, 180]) / 500.0, np.ones(2)]
-    _, same, _ = warp_templates(camera, patches, np.eye(4), points)
+    same = warp_templates(camera, patches, np.eye(4), points).ok
     assert list(same) == [True, True]
-    _, near, _ = warp_templates(camera, patches, se3_exp([0, 0, 2.7, 0, 0, 0]), points)
+    near = warp_templates(camera, patches, se3_exp([0, 0, 2.7, 0, 0, 0]), points).ok
     assert not near[0]  # a hundred times the area
-    _, behind, _ = warp_templates(camera, patches, se3_exp([0, 0, 4.0, 0, 0, 0]), points)
+    behind = warp_templates(camera, patches, se3_exp([0, 0, 4.0, 0, 0, 0]), points).ok
     assert not behind[0]
-    _, turned, _ = warp_templates(camera, patches, se3_exp([0, 0, 0, 0, 0, 0.8]), points)
+    turned = warp_templates(camera, patches, se3_exp([0, 0, 0, 0, 0, 0.8]), points).ok
     assert list(turned) == [True, False]  # the second one needs pixels that the image did not have
-    empty, ok, affine = warp_templates(camera, [], np.eye(4), np.empty((0, 3)))
+    nothing = warp_templates(camera, [], np.eye(4), np.empty((0, 3)))
+    empty, ok, affine = nothing.templates, nothing.ok, nothing.affine
     assert [x.shape for x in (empty, ok, affine)] == [(0, 15, 15), (0,), (0, 2, 2)]
 
 
@@ -329,7 +327,8 @@ def test_affine_map_agrees_with_projection(model):
     uv = np.array([[150.0, 120.0], [320.0, 240.0], [500.0, 350.0]])
     motion = se3_exp([0.3, -0.1, 0.2, 0.1, -0.2, 0.3])
     rho = np.array([0.5, 0.0, np.nan])
-    predicted, affine, ok = affine_maps(camera, uv, camera, motion, rho)
+    maps = affine_maps(camera, uv, camera, motion, rho)
+    predicted, affine, ok = maps.uv, maps.affine, maps.ok
     assert np.all(ok)
     rays = camera.unproject(uv)
     far = np.where(np.isfinite(rho) & (rho > 0), rho, 1e-9)

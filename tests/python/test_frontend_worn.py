@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
-from collabslam._core import Camera, epipolar_residuals
+from collabslam._core import Camera, MatchNoise, epipolar_residuals, find_consensus
 from collabslam.errors import DataError, InputError
 from collabslam.frontend.describe import DESCRIPTORS, describe
 from collabslam.frontend.detect import detect_corners
-from collabslam.frontend.epipolar import find_consensus, inverse_ranges
+from collabslam.frontend.epipolar import inverse_ranges
 from collabslam.frontend.target import checkerboard_points, find_target, marker_points, pose_from_points
 from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
@@ -207,11 +207,12 @@ def _pairs(count: int, wrong: int, seed: int, noise: float = 0.5):
 
 def test_epipolar_residual_has_pixel_noise_and_right_derivatives():
     a, b, ranges = _pairs(400, 0, 1)
-    residual, jacobian = epipolar_residuals(a, b, T_CF, (500.0, 500.0))
+    found = epipolar_residuals(a, b, T_CF, (500.0, 500.0))
+    residual, jacobian = found.residual, found.jacobian
     assert 0.25 < residual.std() < 0.55  # only F carries noise of 0.5 px: 0.5 / sqrt(2) on average
     step = 1e-6
     for k, axis in enumerate(np.eye(6)):
-        moved, _ = epipolar_residuals(a, b, T_CF @ se3_exp(step * axis), (500.0, 500.0))
+        moved = epipolar_residuals(a, b, T_CF @ se3_exp(step * axis), (500.0, 500.0)).residual
         numeric = (moved - residual) / step
         assert np.abs(numeric - jacobian[:, k]).max() < 0.05 * np.abs(jacobian).max()
     exact = _pairs(400, 0, 1, noise=0.0)[1]
@@ -222,14 +223,14 @@ def test_epipolar_residual_has_pixel_noise_and_right_derivatives():
 def test_consensus_survives_wrong_matches():
     a, b, _ = _pairs(80, 40, 2)
     t_cf = measured(3)
-    consensus = find_consensus(a, b, t_cf, COVARIANCE, (500.0, 500.0), 0.5, 2.0)
+    consensus = find_consensus(a, b, t_cf, COVARIANCE, MatchNoise((500.0, 500.0), 0.5, 2.0))
     assert consensus.agree[40:].mean() > 0.95
     assert consensus.agree[:40].mean() < 0.25
     error = se3_log(pose_inverse(T_CF) @ consensus.t_cf)
     before = se3_log(pose_inverse(T_CF) @ t_cf)
     assert np.linalg.norm(error[3:]) < 0.5 * np.linalg.norm(before[3:])
     assert error @ np.linalg.solve(consensus.covariance, error) < 30.0
-    few = find_consensus(a[:2], b[:2], t_cf, COVARIANCE, (500.0, 500.0), 0.5, 2.0)
+    few = find_consensus(a[:2], b[:2], t_cf, COVARIANCE, MatchNoise((500.0, 500.0), 0.5, 2.0))
     assert np.array_equal(few.t_cf, t_cf)
 
 
@@ -241,7 +242,7 @@ def test_consensus_does_not_shrink_the_baseline():
     wide = COVARIANCE.copy()
     wide[:3, :3] *= 4.0
     consensus = find_consensus(
-        a, b, short @ se3_exp([0, 0, 0, 0.01, -0.01, 0.01]), wide, (500.0, 500.0), 0.5, 2.0
+        a, b, short @ se3_exp([0, 0, 0, 0.01, -0.01, 0.01]), wide, MatchNoise((500.0, 500.0), 0.5, 2.0)
     )
     assert np.linalg.norm(consensus.t_cf[:3, 3]) > 0.5 * np.linalg.norm(short[:3, 3])
     assert consensus.agree[30:].mean() > 0.95

@@ -69,7 +69,7 @@ def test_it_holds_all_of_the_map(slam: Slam, file: Path) -> None:
     for name in ("landmarks", "covariance", "drift"):
         np.testing.assert_array_equal(getattr(saved, name), getattr(loaded, name))
     assert len(loaded.landmarks) == slam.filter.map_size
-    blocks = {i: (at, n) for i, kind, at, n in slam.filter.blocks if kind == "Feature"}
+    blocks = {b.id: (b.offset, b.size) for b in slam.filter.blocks if b.kind == "Feature"}
     rows = np.concatenate([np.arange(at, at + n) for at, n in blocks.values()])
     np.testing.assert_array_equal(loaded.covariance, slam.filter.covariance[np.ix_(rows, rows)])
     for some, others in zip(saved.views, loaded.views, strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,16 +25,16 @@ def _wallpaper() -> Image:
     return np.tile(tile, (8, 8))
 
 
-def _expected(spread: Array) -> dict[str, Any]:
+def _expected(spread: Array) -> Any:
     count = len(TRUE)
-    return {
-        "ids": np.arange(count),
-        "uv": TRUE + 3.0,
-        "s": spread[:, None, None] ** 2 * np.eye(2),
-        "points": np.full((count, 3), np.nan),
-        "rho": np.ones(count),
-        "rho_sd": np.ones(count),
-    }
+    return SimpleNamespace(
+        ids=np.arange(count),
+        uv=TRUE + 3.0,
+        s=spread[:, None, None] ** 2 * np.eye(2),
+        points=np.full((count, 3), np.nan),
+        rho=np.ones(count),
+        rho_sd=np.ones(count),
+    )
 
 
 @pytest.mark.parametrize(("told", "code"), [(True, FOUND), (False, AMBIGUOUS)])
@@ -49,10 +50,12 @@ def test_a_lost_feature_is_looked_for_where_the_others_expect_it(told: bool, cod
     expected = _expected(np.array([2.0, 2.0, 2.0, 20.0]))
     asked = []
 
-    def given(ids: Ids, uv: Array, wanted: Ids) -> tuple[Array, Array]:
+    def given(ids: Ids, uv: Array, wanted: Ids) -> Any:
         asked.append((ids.tolist(), wanted.tolist()))
         np.testing.assert_allclose(uv, TRUE[ids], atol=0.1)
-        return (TRUE[wanted] + 0.4, np.eye(2)[None]) if told else (TRUE[wanted], 400.0 * np.eye(2)[None])
+        if told:
+            return SimpleNamespace(uv=TRUE[wanted] + 0.4, s=np.eye(2)[None])
+        return SimpleNamespace(uv=TRUE[wanted], s=400.0 * np.eye(2)[None])
 
     found = tracks.search(view, np.eye(4), expected, given)
     assert asked == [([0, 1, 2], [3])]

@@ -1,10 +1,11 @@
 //! Camera models.
 
-use crate::convert::{Argument, pixels, rows, to_matrix, vectors};
+use crate::arrays_in::{Argument, pixels, rows};
+use crate::arrays_out::{Column, Table, column, to_matrix, vectors};
 use crate::errors::to_python;
+use crate::gate;
 use ekf_core::Camera;
 use nalgebra::{Vector2, Vector3};
-use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
 /// A calibrated camera.
@@ -12,7 +13,8 @@ use pyo3::prelude::*;
 /// Parameters
 /// ----------
 /// model : {"pinhole", "radtan", "fisheye", "wideangle"}
-///     Distortion model (METHOD 4): none; OpenCV's radial-tangential; equidistant; Davison's one parameter.
+///     Distortion model (METHOD 4): none; OpenCV's radial-tangential; equidistant; Davison's one
+///     parameter.
 /// width, height : int
 ///     Image size, px.
 /// intrinsics : sequence of 4 floats
@@ -74,9 +76,9 @@ impl PyCamera {
         pyo3::types::PyTuple::new(py, self.0.distortion_parameters())
     }
 
-    /// The 3x3 matrix K.
+    /// The (3, 3) matrix K, px.
     #[getter]
-    fn matrix<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+    fn matrix(&self, py: Python<'_>) -> Table {
         to_matrix(py, &self.0.matrix())
     }
 
@@ -93,14 +95,15 @@ impl PyCamera {
     ///     Pixels; NaN where the point has none.
     /// ok : (N,) bool
     ///     In front of the camera, within the model's range, and inside the image.
-    fn project<'py>(
-        &self,
-        py: Python<'py>,
-        points: Argument<'py>,
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<bool>>)> {
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For a wrong shape.
+    fn project(&self, py: Python<'_>, points: Argument<'_>) -> PyResult<(Table, Column<bool>)> {
         let points = rows::<3>("points", &points)?;
         let nan = Vector2::repeat(f64::NAN);
-        let (uv, ok): (Vec<Vector2<f64>>, Vec<bool>) = py.detach(|| {
+        let (uv, ok): (Vec<Vector2<f64>>, Vec<bool>) = gate::compute(py, || {
             let pixels = points.iter().map(|p| self.0.project(p));
             let pixels = pixels.map(|uv| {
                 let inside = uv.is_some_and(|uv| self.0.in_image(&uv, 0.0));
@@ -108,11 +111,7 @@ impl PyCamera {
             });
             pixels.unzip()
         });
-        let number = uv.len();
-        Ok((
-            vectors(py, uv.into_iter(), number),
-            PyArray1::from_vec(py, ok),
-        ))
+        Ok((vectors(py, uv.into_iter()), column(py, ok)))
     }
 
     /// Unit rays of pixels.
@@ -126,18 +125,19 @@ impl PyCamera {
     /// -------
     /// (N, 3) float64
     ///     Unit rays in the camera frame; NaN where the model has none.
-    fn unproject<'py>(
-        &self,
-        py: Python<'py>,
-        uv: Argument<'py>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For a wrong shape.
+    fn unproject(&self, py: Python<'_>, uv: Argument<'_>) -> PyResult<Table> {
         let uv = pixels("uv", &uv)?;
         let nan = Vector3::repeat(f64::NAN);
-        let rays: Vec<Vector3<f64>> = py.detach(|| {
+        let rays: Vec<Vector3<f64>> = gate::compute(py, || {
             let rays = uv.iter().map(|uv| self.0.unproject(uv).unwrap_or(nan));
             rays.collect()
         });
-        Ok(vectors(py, rays.into_iter(), uv.len()))
+        Ok(vectors(py, rays.into_iter()))
     }
 
     fn __repr__(&self) -> String {

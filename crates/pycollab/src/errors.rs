@@ -14,6 +14,18 @@ fn class<'py>(py: Python<'py>, name: &'static str) -> PyResult<Bound<'py, PyType
     Ok(module.bind(py).getattr(name)?.cast_into::<PyType>()?)
 }
 
+/// The class `name` of `collabslam.errors` with a message.
+pub(crate) fn named(name: &'static str, message: String) -> PyErr {
+    Python::attach(|py| match class(py, name) {
+        Ok(class) => PyErr::from_type(class, message),
+        Err(import) => {
+            let fallback = PyRuntimeError::new_err(message);
+            fallback.set_cause(py, Some(import));
+            fallback
+        }
+    })
+}
+
 /// The Python exception of a core error.
 pub(crate) fn to_python(error: EkfError) -> PyErr {
     let name = match &error {
@@ -27,14 +39,13 @@ pub(crate) fn to_python(error: EkfError) -> PyErr {
         | EkfError::LongGap { .. }
         | EkfError::UnknownFeature { .. } => "InputError",
     };
-    Python::attach(|py| match class(py, name) {
-        Ok(class) => PyErr::from_type(class, error.to_string()),
-        Err(import) => {
-            let fallback = PyRuntimeError::new_err(error.to_string());
-            fallback.set_cause(py, Some(import));
-            fallback
-        }
-    })
+    named(name, error.to_string())
+}
+
+/// An `InputError` about an argument's value.
+pub(crate) fn invalid(what: &'static str, why: impl Into<String>) -> PyErr {
+    let why = why.into();
+    to_python(EkfError::InvalidInput { what, why })
 }
 
 /// An `InputError` about an argument's shape.

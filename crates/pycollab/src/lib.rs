@@ -1,34 +1,57 @@
 //! `collabslam._core`: the Python face of `ekf_core` and `frontend`. No mathematics and no defaults live here.
 
+mod arrays_in;
+mod arrays_out;
 mod camera;
-mod convert;
 mod errors;
 mod filter;
 mod frontend;
+mod gate;
 mod settings;
 
 use pyo3::prelude::*;
 
-/// The compiled filter core of collabslam.
+/// The compiled core of collabslam: the filter, the cameras, and the inner loops of the front end.
 #[pymodule]
-fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
-    m.add("__version__", env!("CARGO_PKG_VERSION"))?;
-    m.add_class::<camera::PyCamera>()?;
-    m.add_class::<filter::PyFilter>()?;
-    m.add_class::<filter::PyUpdateReport>()?;
-    m.add_function(wrap_pyfunction!(settings::settings_schema, m)?)?;
-    m.add_function(wrap_pyfunction!(frontend::search_templates, m)?)?;
-    m.add_function(wrap_pyfunction!(frontend::align_templates, m)?)?;
-    m.add_function(wrap_pyfunction!(frontend::affine_maps, m)?)?;
-    m.add_function(wrap_pyfunction!(frontend::affine_at, m)?)?;
-    m.add_function(wrap_pyfunction!(frontend::warp_patches, m)?)?;
-    m.add_function(wrap_pyfunction!(frontend::capture_windows, m)?)?;
-    m.add_function(wrap_pyfunction!(frontend::corner_peaks, m)?)?;
-    m.add_function(wrap_pyfunction!(frontend::spread_corners, m)?)?;
-    m.add_function(wrap_pyfunction!(frontend::match_pairs, m)?)?;
-    m.add_function(wrap_pyfunction!(frontend::sample_templates, m)?)?;
-    m.add_function(wrap_pyfunction!(frontend::describe_windows, m)?)?;
-    m.add_function(wrap_pyfunction!(frontend::epipolar_residuals, m)?)?;
-    m.add_function(wrap_pyfunction!(frontend::find_consensus, m)?)?;
-    Ok(())
+mod _core {
+    use pyo3::prelude::*;
+
+    #[pymodule_init]
+    fn init(m: &Bound<'_, PyModule>) -> PyResult<()> {
+        m.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+
+    #[pymodule_export]
+    use crate::camera::PyCamera;
+    #[pymodule_export]
+    use crate::filter::measurements::{PyDepthMeasurement, PyWornMeasurement};
+    #[pymodule_export]
+    use crate::filter::{
+        Block, CandidateReport, PyConditionalPrediction, PyFilter, PyKnownMap, PyLandmarks,
+        PyMapRelocalisation, PyOutcomes, PyOverlap, PyPrediction, PyUpdateReport,
+    };
+    #[pymodule_export]
+    use crate::frontend::align::{Alignment, align_templates};
+    #[pymodule_export]
+    use crate::frontend::consensus::{
+        Consensus, EpipolarResiduals, MatchNoise, epipolar_residuals, find_consensus,
+    };
+    #[pymodule_export]
+    use crate::frontend::corners::{corner_peaks, spread_corners};
+    #[pymodule_export]
+    use crate::frontend::describe::describe_windows;
+    #[pymodule_export]
+    use crate::frontend::pairs::{PairMatches, PairOptions, PairPoints, match_pairs};
+    #[pymodule_export]
+    use crate::frontend::patch::{
+        SampledTemplates, WarpedPatches, Windows, capture_windows, sample_templates, warp_patches,
+    };
+    #[pymodule_export]
+    use crate::frontend::search::{
+        ExpectedPixels, PeakTest, SearchResult, SearchWindow, search_templates,
+    };
+    #[pymodule_export]
+    use crate::frontend::warp::{AffineMaps, WarpLimits, affine_at, affine_maps};
+    #[pymodule_export]
+    use crate::settings::settings_schema;
 }

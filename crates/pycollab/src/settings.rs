@@ -6,8 +6,8 @@ use ekf_core::settings::{self, Audience, Settings, Value};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString};
 
-/// Every filter setting as a list of dictionaries with the keys `key`, `type`, `default`, `min`, `max`, `unit`,
-/// `choices`, `doc` and `when`: the case in which to change it, None for a switch of the lab.
+/// Every filter setting as a list of dictionaries with the keys `key`, `type`, `default`, `min`, `max`,
+/// `unit`, `choices`, `doc` and `when`: the case in which to change it, None for a switch of the lab.
 #[pyfunction]
 pub(crate) fn settings_schema(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
     let list = PyList::empty(py);

@@ -7,11 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from collabslam._core import Camera
+from collabslam._core import Camera, MatchNoise, find_consensus
 from collabslam.checks.matching import LEAST_MATCHES, Matches, epipolar_residuals, match_images
 from collabslam.checks.trials import CLEAR_GAIN, OFFSET_TOLERANCE, least, spread
 from collabslam.datasets.poses import interpolate_track
-from collabslam.frontend.epipolar import find_consensus
 from collabslam.geometry import pose_inverse, se3_log
 from collabslam.types import Array, Recording, WornView
 
@@ -138,9 +137,7 @@ def _worn_error(
         rays[1][usable],
         view.t_cf,
         WIDE * view.covariance,
-        (focal[0], focal[1]),
-        1.0,
-        3.0,
+        MatchNoise((focal[0], focal[1]), 1.0, 3.0),
     )
     xi = se3_log(pose_inverse(view.t_cf) @ seen.t_cf)
     allowed = view.covariance + seen.covariance

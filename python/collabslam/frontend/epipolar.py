@@ -6,32 +6,11 @@ error is over (translation, rotation), tangent on the right.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from collabslam import _core
-from collabslam.types import Array, Mask
+from collabslam.types import Array
 
 _LEVI_CIVITA = -np.cross(np.eye(3)[:, None], np.eye(3)[None])  # skew(v)[i, j] = _LEVI_CIVITA[i, j] @ v
-
-
-@dataclass(frozen=True)
-class Consensus:
-    """Pose that matches agree on.
-
-    Attributes
-    ----------
-    t_cf : (4, 4) float64
-    covariance : (6, 6) float64
-        Of the pose, over (translation, rotation).
-    agree : (M,) bool
-        Matches whose residual is within the limit under the pose.
-    """
-
-    t_cf: Array
-    covariance: Array
-    agree: Mask
 
 
 def inverse_ranges(rays_s: Array, rays_f: Array, t_cf: Array) -> Array:
@@ -50,46 +29,6 @@ def inverse_ranges(rays_s: Array, rays_f: Array, t_cf: Array) -> Array:
     normal = turned @ skews(t_cf[:3, 3:])[0].T
     along = np.einsum("ni,ni->n", _cross(rays_s, turned), normal)
     return np.asarray(along / np.maximum((normal**2).sum(axis=1), 1e-12))
-
-
-def find_consensus(
-    rays_s: Array,
-    rays_f: Array,
-    t_cf: Array,
-    covariance: Array,
-    focal: tuple[float, float],
-    sigma: float,
-    limit: float,
-    start: Consensus | None = None,
-) -> Consensus:
-    """Correction of a measured pose that most pairs agree on, under the prior of its covariance.
-
-    Sampled first (three pairs and the prior give a correction, linear in the residuals), then refined by
-    Gauss-Newton steps with Tukey weights.
-
-    Parameters
-    ----------
-    rays_s, rays_f : (M, 3) float64
-        Matched unit rays in C and F; fewer than three leave the pose as it is.
-    t_cf : (4, 4) float64
-        Measured pose.
-    covariance : (6, 6) float64
-    focal : (float, float)
-        Focal lengths of Cs and Cf, pixels.
-    sigma : float
-        Standard deviation of a right match's residual, pixels.
-    limit : float
-        Largest residual of a match that agrees, pixels.
-    start : Consensus, optional
-        An earlier one of nearly the same matches; it takes the place of the sampling.
-
-    Returns
-    -------
-    Consensus
-    """
-    first = None if start is None else start.t_cf
-    found = _core.find_consensus(rays_s, rays_f, t_cf, covariance, focal, sigma, limit, first)
-    return Consensus(*found)
 
 
 def skews(vectors: Array) -> Array:

@@ -76,9 +76,9 @@ def in_other_camera(patches: Sequence[Patch], camera: Camera, other: Camera) -> 
     side = patches[0].pixels.shape[0]
     middle = (side - 1) / 2.0
     uv_ref = np.stack([patch.uv_ref for patch in patches])
-    uv, affine, ok = affine_maps(camera, uv_ref, other, np.eye(4), np.zeros(len(patches)))
+    maps = affine_maps(camera, uv_ref, other, np.eye(4), np.zeros(len(patches)))
     taken: list[Patch | None] = []
-    for patch, there, map_, reached in zip(patches, uv, affine, ok, strict=True):
+    for patch, there, map_, reached in zip(patches, maps.uv, maps.affine, maps.ok, strict=True):
         if not reached:
             taken.append(None)
             continue

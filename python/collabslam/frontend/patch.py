@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from collabslam import _core
-from collabslam._core import Camera
+from collabslam._core import AffineMaps, Camera, WarpedPatches, WarpLimits
 from collabslam.settings.frontend import PatchSettings
-from collabslam.types import Array, Image, Mask
+from collabslam.types import Array, Image
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ def capture(image: Image, uv: Array, t_wc: Array, settings: PatchSettings | None
     pose = np.array(t_wc, dtype=np.float64)
     pose.flags.writeable = False
     points = np.array(uv, dtype=np.float64).reshape(-1, 2)
-    windows, inside = _core.capture_windows(image, points, settings.size // 2 + settings.margin)
-    return [Patch(w, point, pose, rest) for w, point, rest in zip(windows, points, inside, strict=True)]
+    cut = _core.capture_windows(image, points, settings.size // 2 + settings.margin)
+    return [Patch(w, uv, pose, rest) for w, uv, rest in zip(cut.windows, points, cut.inside, strict=True)]
 
 
 def affine_maps(
@@ -72,7 +72,7 @@ def affine_maps(
     camera_now: Camera,
     t_now_ref: Array,
     inverse_range: Array,
-) -> tuple[Array, Array, Mask]:
+) -> AffineMaps:
     """Predicted pixel in another view, and the affine map of pixel offsets into it.
 
     Parameters
@@ -88,12 +88,7 @@ def affine_maps(
 
     Returns
     -------
-    uv : (N, 2) float64
-        Predicted pixel; NaN where the landmark is not in front of the camera.
-    affine : (N, 2, 2) float64
-        ``offset_now = affine @ offset_ref``.
-    ok : (N,) bool
-        Whether both are finite and the map keeps its orientation (determinant above 0).
+    AffineMaps
     """
     count = len(uv_ref)
     motion = np.broadcast_to(np.asarray(t_now_ref, dtype=np.float64), (count, 4, 4))
@@ -113,7 +108,7 @@ def warp_templates(
     points_w: Array,
     settings: PatchSettings | None = None,
     camera_now: Camera | None = None,
-) -> tuple[Image, Mask, Array]:
+) -> WarpedPatches:
     """Templates as the patches are expected to look from another pose.
 
     Parameters
@@ -132,11 +127,7 @@ def warp_templates(
 
     Returns
     -------
-    templates : (N, size, size) uint8
-    ok : (N,) bool
-        False where the change of area or the stretch is out of bounds, or the warp leaves the stored window.
-    affine : (N, 2, 2) float64
-        Maps pixel offsets at capture to pixel offsets now; the identity where ``ok`` is False.
+    WarpedPatches
     """
     settings = settings or PatchSettings()
     return _core.warp_patches(
@@ -146,7 +137,12 @@ def warp_templates(
         t_wc_now,
         points_w,
         settings.size,
-        settings.min_area,
-        settings.max_area,
-        settings.max_stretch,
+        limits(settings),
+    )
+
+
+def limits(settings: PatchSettings) -> WarpLimits:
+    """Which warps the settings allow."""
+    return WarpLimits(
+        min_area=settings.min_area, max_area=settings.max_area, max_stretch=settings.max_stretch
     )

@@ -257,10 +257,8 @@ def _search_from(
     inside = ok & (seen[:, 2] > 0.0) & np.all((uv >= 0.0) & (uv < [camera.width, camera.height]), axis=1)
     nearest = views.nearest(pose)
     index = np.flatnonzero(inside)
-    templates, usable, _ = warp_templates(
-        camera, [nearest[i] for i in index], pose, points[index], settings.patch
-    )
-    index, templates = index[usable], templates[usable]
+    warped = warp_templates(camera, [nearest[i] for i in index], pose, points[index], settings.patch)
+    index, templates = index[warped.ok], warped.templates[warped.ok]
     spread = (settings.relocalise.radius / settings.search.gate) ** 2 * np.eye(2)
     result = active_search(
         image, templates, uv[index], np.broadcast_to(spread, (len(index), 2, 2)), None, settings

@@ -7,15 +7,15 @@ against low and ambiguous peaks, then the peak's sub-pixel position.
 from __future__ import annotations
 
 import enum
-from typing import NamedTuple
 
 import numpy as np
 
-from collabslam import _core
+from collabslam._core import ExpectedPixels, PeakTest, SearchResult, SearchWindow, search_templates
 from collabslam.settings.frontend import FrontendSettings, SearchSettings
-from collabslam.types import Array, Image, Indices, Mask
+from collabslam.types import Array, Image, Mask
 
 FOUND, LOW_SCORE, AMBIGUOUS, OUTSIDE, WIDE = 0, 1, 2, 3, 4
+"""Codes of `SearchResult`; WIDE is not searched."""
 
 
 class SearchCode(enum.IntEnum):
@@ -26,27 +26,6 @@ class SearchCode(enum.IntEnum):
     AMBIGUOUS = AMBIGUOUS
     OUTSIDE = OUTSIDE
     WIDE = WIDE
-
-
-class SearchResult(NamedTuple):
-    """Outcome of an active search.
-
-    Attributes
-    ----------
-    uv : (N, 2) float64
-        Sub-pixel position of the best peak; NaN where there is none.
-    score : (N,) float64
-        Its correlation; -1 where there is none.
-    second : (N,) float64
-        Correlation of the next best peak that does not belong to it; -1 where there is none.
-    code : (N,) int64
-        FOUND, LOW_SCORE, AMBIGUOUS, OUTSIDE or WIDE (not searched).
-    """
-
-    uv: Array
-    score: Array
-    second: Array
-    code: Indices
 
 
 def wide_ellipses(s: Array, settings: SearchSettings) -> Mask:
@@ -90,26 +69,20 @@ def active_search(
     -------
     SearchResult
     """
-    count = len(templates)
-    nowhere = np.full((count, 2), np.nan)
     options = settings.search
-    return SearchResult(
-        *_core.search_templates(
-            image,
-            templates,
-            uv_pred,
-            s,
-            nowhere if guess is None else guess,
-            gate=options.gate,
-            min_radius=options.min_radius,
-            large_radius=options.large_radius,
-            max_radius=options.max_radius,
-            guess_radius=options.guess_radius,
-            guess_gate=options.guess_gate,
-            min_score=options.min_score,
-            ambiguity=options.ambiguity,
-            peak_distance=options.peak_distance,
-            min_deviation=settings.patch.min_deviation,
-            whole=whole,
-        )
+    window = SearchWindow(
+        gate=options.gate,
+        min_radius=options.min_radius,
+        large_radius=options.large_radius,
+        max_radius=options.max_radius,
+        guess_radius=options.guess_radius,
+        guess_gate=options.guess_gate,
     )
+    peaks = PeakTest(
+        min_score=options.min_score,
+        ambiguity=options.ambiguity,
+        peak_distance=options.peak_distance,
+        min_deviation=settings.patch.min_deviation,
+    )
+    expected = ExpectedPixels(uv_pred, s, guess)
+    return search_templates(image, templates, expected, window, peaks, whole=whole)

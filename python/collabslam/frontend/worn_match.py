@@ -23,12 +23,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from collabslam._core import Camera, affine_at, align_templates, match_pairs, sample_templates
+from collabslam._core import (
+    Camera,
+    Consensus,
+    MatchNoise,
+    PairOptions,
+    PairPoints,
+    affine_at,
+    align_templates,
+    find_consensus,
+    match_pairs,
+    sample_templates,
+)
 from collabslam.errors import InputError
 from collabslam.frontend.describe import DESCRIPTORS, Descriptors, describe
 from collabslam.frontend.detect import detect_corners, halves
-from collabslam.frontend.epipolar import Consensus, find_consensus, inverse_ranges, skews
-from collabslam.frontend.patch import inverse_maps
+from collabslam.frontend.epipolar import inverse_ranges, skews
+from collabslam.frontend.patch import inverse_maps, limits
 from collabslam.frontend.search import FOUND, active_search
 from collabslam.geometry import pose_inverse
 from collabslam.settings.frontend import FrontendSettings
@@ -230,17 +241,8 @@ class _Matcher:
 
     def _warps(self, points: Indices, t_cf: Array, rho: Array) -> Array:
         """(N, 2, 2) maps of Cs offsets to Cf offsets; those without a usable depth show the rotation only."""
-        patch = self.settings.patch
-        return affine_at(
-            self.camera_s,
-            self.uv_s[points],
-            self.camera_f,
-            pose_inverse(t_cf),
-            rho,
-            patch.min_area,
-            patch.max_area,
-            patch.max_stretch,
-        )
+        motion, allowed = pose_inverse(t_cf), limits(self.settings.patch)
+        return affine_at(self.camera_s, self.uv_s[points], self.camera_f, motion, rho, allowed)
 
     def _describe(self, points: Indices, uv_f: Array) -> _Described:
         """Descriptors of the points of Cs, as they look in Cf at some depths, and of the corners of Cf."""
@@ -284,28 +286,28 @@ class _Matcher:
         reach = options.gate * self.rho_sd[points]
         low = np.where(known, self.rho[points] - reach, 0.0)
         high = np.where(known, self.rho[points] + reach, 1.0 / options.min_range)
-        i, j, epipolar, ratio, mutual = match_pairs(
+        wanted = PairPoints(
             self.rays_s[points],
-            rays_f,
             np.stack([low, high], axis=1),
-            known.tolist(),
+            known,
             described.of_s,
             described.depths,
-            described.of_f,
-            t_cf,
-            covariance,
-            (options.sigma / self.focal[0], options.sigma / self.focal[1]),
-            options.gate,
-            options.ratio,
-            options.max_distance,
         )
-        return i, j, {"epipolar": epipolar, "ratio": ratio, "mutual": mutual}
+        good = PairOptions(
+            sigma=(options.sigma / self.focal[0], options.sigma / self.focal[1]),
+            gate=options.gate,
+            ratio=options.ratio,
+            max_distance=options.max_distance,
+        )
+        found = match_pairs(wanted, rays_f, described.of_f, t_cf, covariance, good)
+        why = {"epipolar": found.alone, "ratio": found.indistinct, "mutual": found.one_sided}
+        return found.index_s, found.index_f, why
 
     def _consensus(
         self, rays_s: Array, rays_f: Array, sigma: float, start: Consensus | None = None
     ) -> Consensus:
-        limit = max(self.options.max_residual, self.options.gate * sigma)
-        return find_consensus(rays_s, rays_f, self.t_cf, self.covariance, self.focal, sigma, limit, start)
+        noise = MatchNoise(self.focal, sigma, max(self.options.max_residual, self.options.gate * sigma))
+        return find_consensus(rays_s, rays_f, self.t_cf, self.covariance, noise, start)
 
     def _add_known(
         self, points: Indices, index: Indices, place: Array, consensus: Consensus, roi: Region
@@ -347,7 +349,8 @@ class _Matcher:
         return uv[0], spread, ok
 
     def _templates(self, index: Indices, affine: Array) -> Image:
-        return sample_templates(self.image_s, self.uv_s[index], affine, self.settings.patch.size)[0]
+        side = self.settings.patch.size
+        return sample_templates(self.image_s, self.uv_s[index], affine, side).templates
 
     def _locate(self, index: Indices, place: Array, t_cf: Array) -> tuple[Indices, Array, Array]:
         """Sub-pixel positions in Cf by correlating the patch of Cs, warped at each match's own depth."""
@@ -373,9 +376,9 @@ class _Matcher:
         index, place, score = index[found], result.uv[found], result.score[found]
         if self.options.fitted_score == 0.0:
             return index, place, score
-        place, score = align_templates(self.image_f, templates[found], place)
-        fits = score >= self.options.fitted_score
-        return index[fits], place[fits], score[fits]
+        fitted = align_templates(self.image_f, templates[found], place)
+        fits = fitted.score >= self.options.fitted_score
+        return index[fits], fitted.uv[fits], fitted.score[fits]
 
 
 def _focal(camera: Camera) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collabslam._core import UpdateReport
+from collabslam._core import DepthMeasurement, UpdateReport
 from collabslam.errors import InputError
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import PersistentState
@@ -21,8 +21,6 @@ NEAR = 4.0
 CORNERS = 10
 """Corners looked at for each point that is missing: few of them are near a depth."""
 
-Observation = tuple[Ids, Array, Array, Array]
-
 
 @dataclass(frozen=True)
 class Depths:
@@ -34,13 +32,13 @@ class Depths:
     sigma: Array = field(default_factory=lambda: np.empty(0))
 
     @property
-    def observation(self) -> Observation | None:
-        """Argument of ``Filter.update``."""
-        return (self.ids, self.uv, self.depth, self.sigma) if len(self.ids) else None
+    def observation(self) -> DepthMeasurement | None:
+        """The argument ``depths`` of :meth:`Filter.update`."""
+        return DepthMeasurement(self.ids, self.uv, self.depth, self.sigma) if len(self.ids) else None
 
     def births(self, report: UpdateReport) -> ImagePoints:
         """Features born from new points."""
-        return ImagePoints.born(report.depth_births, self.uv) if len(self.ids) else ImagePoints()
+        return ImagePoints.born(report.depths.born, self.uv) if len(self.ids) else ImagePoints()
 
 
 class DepthInput(PersistentState):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collabslam._core import Camera, Filter, UpdateReport
+from collabslam._core import Camera, Filter, Prediction, UpdateReport
 from collabslam.errors import InputError
 from collabslam.frontend.detect import Corners
 from collabslam.settings.table import Settings
@@ -20,7 +20,6 @@ from collabslam.slam.depth_input import Depths
 from collabslam.slam.diagnostics import StageTimes, search_counts
 from collabslam.slam.feature_states import (
     FrameFeatures,
-    accepted_bearings,
     frame_features,
     unsearched_features,
 )
@@ -30,7 +29,7 @@ from collabslam.slam.relocalise import searchable
 from collabslam.slam.results import Landmarks, StepResult
 from collabslam.slam.saved_map import SavedMap
 from collabslam.slam.starts import check_start
-from collabslam.slam.tracks import Found, chosen
+from collabslam.slam.tracks import Found
 from collabslam.slam.view import View
 from collabslam.slam.worn_frame import Overlap
 from collabslam.types import Image, Status, Target, WornView
@@ -147,7 +146,7 @@ class Slam(EngineParts):
         view = self._view(t, image, worn)
         expected = self._expected(view)
         times.done("predict")
-        found = self._tracks.search(view, self.filter.pose, expected, self.filter.predict_given)
+        found = self._tracks.search(view, self.filter.pose, expected, self.filter.predict_conditional)
         times.done("search")
         missing = 0 if view.lost else self._map.missing(found)
         overlap = Overlap() if view.lost else self._worn.match(view, found, missing)
@@ -159,7 +158,7 @@ class Slam(EngineParts):
         times.done("relocalise")
         if recovered is not None:
             change = recovered.begun or MapChange()
-        elif report.believed and not view.lost:
+        elif report.accepted and not view.lost:
             change = self._map.grow(view, found, overlap, depths, report)
         else:
             change = self._map.hold(view, found)
@@ -168,11 +167,11 @@ class Slam(EngineParts):
         seen = _matched(found, report) if recovered is None else recovered.seen
         relocalised = recovered is not None and recovered.begun is None
         inliers = _inliers(view, seen, change)
-        status = self._judge(t, inliers, accepted=report.believed or recovered is not None)
+        status = self._judge(t, inliers, accepted=report.accepted or recovered is not None)
         if status is Status.OK and not relocalised:
             self._relocaliser.remember(view, self.filter.pose, seen)
         counts = {
-            **search_counts(len(expected["ids"]), found, report),
+            **search_counts(len(expected), found, report),
             **overlap.counts(report),
             **(recovered.counts if recovered else {}),
             **change.counts(),
@@ -188,7 +187,7 @@ class Slam(EngineParts):
     def landmarks(self) -> Landmarks:
         """The map with its uncertainty."""
         found = self.filter.landmarks()
-        return Landmarks(found["ids"], found["points"], found["covariance"])
+        return Landmarks(found.ids, found.points, found.covariance)
 
     def _view(self, t: float, image: Image, worn: WornView | None) -> View:
         """The frame as the parts see it: what is hidden, where corners are, how the camera stood before."""
@@ -196,11 +195,11 @@ class Slam(EngineParts):
         corners = Corners(image, self._options.detect, self._options.patch.size, hidden=hidden)
         return View(t, image, worn, hidden, corners, self.filter.started, self._monitor.lost)
 
-    def _expected(self, view: View) -> dict[str, Any]:
+    def _expected(self, view: View) -> Prediction:
         """Features to search, with their predicted pixels (METHOD 7.2)."""
         expected = self.filter.predict_pixels()
         if view.hidden is not None:
-            expected = chosen(expected, ~view.hidden(expected["uv"]))
+            expected = expected.subset(~view.hidden(expected.uv))
         return searchable(expected, self._options.search) if view.lost else expected
 
     def _update(self, found: Found, overlap: Overlap, depths: Depths) -> UpdateReport:
@@ -210,9 +209,8 @@ class Slam(EngineParts):
             found.ids,
             found.uv,
             worn=overlap.observation,
-            worn_bias=overlap.bias,
             depths=depths.observation,
-            least=self._monitor.min_inliers(len(found.searched)),
+            min_inliers=self._monitor.min_inliers(len(found.searched)),
         )
 
     def _judge(self, t: float, inliers: int, *, accepted: bool) -> Status:
@@ -260,7 +258,7 @@ class Slam(EngineParts):
 
 def _matched(found: Found, report: UpdateReport) -> ImagePoints:
     """Features that were found and that the update accepted."""
-    accepted = accepted_bearings(report)
+    accepted = report.bearings.accepted
     return ImagePoints(found.ids[accepted], found.uv[accepted])
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from collabslam._core import UpdateReport
+from collabslam._core import Prediction, UpdateReport
 from collabslam.frontend.search import AMBIGUOUS, FOUND, LOW_SCORE
 from collabslam.slam.tracks import Found
-from collabslam.types import Array, Ids, Mask
+from collabslam.types import Array, Ids
 
 STATES = ("accepted", "rejected", "unlike", "ambiguous", "outside", "not searched")
 """Used by the filter; found but refused; patch not found; found twice; outside the image; not looked for."""
@@ -40,37 +39,32 @@ class FrameFeatures:
     states: list[str]
 
 
-def accepted_bearings(report: UpdateReport) -> Mask:
-    """(N,) bool: which features found in Cs the update accepted, by their pixel or by their depth."""
-    return np.array([outcome in ("pixel", "replaced") for outcome in report.bearings], np.bool_)
-
-
-def frame_features(expected: dict[str, Any], found: Found, report: UpdateReport) -> FrameFeatures:
+def frame_features(expected: Prediction, found: Found, report: UpdateReport) -> FrameFeatures:
     """Puts prediction, search and update of a frame together."""
-    ids = expected["ids"]
+    ids = expected.ids
     names = {FOUND: "rejected", LOW_SCORE: "unlike", AMBIGUOUS: "ambiguous"}
     codes = found.result.code.tolist()
     states = {i: names.get(c, "outside") for i, c in zip(found.searched.tolist(), codes, strict=True)}
-    states.update(dict.fromkeys(found.ids[accepted_bearings(report)].tolist(), "accepted"))
+    states.update(dict.fromkeys(found.ids[report.bearings.accepted].tolist(), "accepted"))
     row = {i: k for k, i in enumerate(ids.tolist())}
     place = np.full((len(ids), 2), np.nan)
     place[[row[i] for i in found.ids.tolist()]] = found.uv
     return FrameFeatures(
         ids,
-        expected["uv"],
-        expected["s"],
+        expected.uv,
+        expected.s,
         place,
         [states.get(i, "not searched") for i in ids.tolist()],
     )
 
 
-def unsearched_features(expected: dict[str, Any]) -> FrameFeatures:
+def unsearched_features(expected: Prediction) -> FrameFeatures:
     """The features of a frame in which none was searched."""
-    count = len(expected["ids"])
+    count = len(expected.ids)
     return FrameFeatures(
-        expected["ids"],
-        expected["uv"],
-        expected["s"],
+        expected.ids,
+        expected.uv,
+        expected.s,
         np.full((count, 2), np.nan),
         ["not searched"] * count,
     )

@@ -7,7 +7,6 @@ import numpy as np
 from collabslam._core import Filter, UpdateReport
 from collabslam.settings.table import Settings
 from collabslam.slam.depth_input import Depths
-from collabslam.slam.feature_states import accepted_bearings
 from collabslam.slam.map_change import ImagePoints, MapChange
 from collabslam.slam.target_start import TargetStart
 from collabslam.slam.tracks import Found
@@ -54,7 +53,7 @@ class MapManager:
         self._filter.drop_candidates(np.concatenate([found.lost, used]))
         delayed = self._observe(found, used)
         deleted = self._filter.manage_map()
-        matched = accepted_bearings(report).sum() + len(instant) + len(measured) + len(delayed)
+        matched = report.bearings.accepted.sum() + len(instant) + len(measured) + len(delayed)
         promoted = self._promote_oldest(found, self._vague_below - int(matched))
         waiting = np.isin(found.candidates, self._filter.candidates)
         kept = ~np.isin(found.ids, deleted)
@@ -82,8 +81,8 @@ class MapManager:
     def _observe(self, found: Found, used: Ids) -> dict[int, int]:
         """Candidates with enough parallax, and the features that they become."""
         rest = ~np.isin(found.candidates, used)
-        _, features = self._filter.observe_candidates(found.candidates[rest], found.candidate_uv[rest])
-        return _by_candidate(found.candidates[rest], features)
+        ids, uv = found.candidates[rest], found.candidate_uv[rest]
+        return _by_candidate(ids, self._filter.observe_candidates(ids, uv).born)
 
     def _promote_oldest(self, found: Found, count: int) -> dict[int, int]:
         """Where the view runs out of features, candidates that waited longest wait no longer."""

@@ -129,7 +129,7 @@ class EngineParts:
                 raise DataError("The file holds other parts of an engine; take an earlier one.")
             for name, part in parts.items():
                 part.restore(state["parts"][name])
-            features = [i for i, kind, _, _ in engine.filter.blocks if kind == "Feature"]
+            features = [block.id for block in engine.filter.blocks if block.kind == "Feature"]
             if not engine._tracks.knows(np.array(features, np.int64)):
                 raise DataError("The file lacks a feature's patch; take an earlier one.")
         except CollabslamError as error:
@@ -147,13 +147,13 @@ class EngineParts:
             If there is no map yet.
         """
         known = self.filter.known_map()
-        if not len(known["ids"]):
+        if not len(known.ids):
             raise InputError("There is no map to save yet; run on until the filter has started.")
         return SavedMap(
             self._camera,
             self._metric,
-            known["landmarks"],
-            known["covariance"],
-            known["drift"],
-            self._relocaliser.views(known["ids"]),
+            known.landmarks,
+            known.covariance,
+            known.drift,
+            self._relocaliser.views(known.ids),
         )

@@ -47,7 +47,7 @@ class Recovery:
         """
         if not view.started:
             return None
-        if report.believed:
+        if report.accepted:
             return self._relocaliser.look_back(view)
         found = self._relocaliser.attempt(view)
         return self._restart(view) if found is None and view.lost else found
@@ -63,8 +63,8 @@ class Recovery:
         if overlap.observation is None:
             return None
         old = self._relocaliser.map_in_use()
-        report = self._filter.restart(overlap.observation, overlap.bias)
-        if not report.believed:
+        report = self._filter.restart(overlap.observation)
+        if not report.accepted:
             return None
         self._relocaliser.put_aside(old)
         begun = self._map.begin(view, overlap, report)

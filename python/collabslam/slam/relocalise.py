@@ -8,20 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from collabslam._core import Camera, Filter, UpdateReport
+from collabslam._core import Camera, Filter, Prediction, UpdateReport
 from collabslam.frontend.describe import Descriptors
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.patch import Patch, capture
 from collabslam.frontend.place_recognition import Fix, describe_views, locate
 from collabslam.settings.frontend import FrontendSettings, SearchSettings
-from collabslam.slam.feature_states import accepted_bearings
 from collabslam.slam.map_change import ImagePoints, Recovered
 from collabslam.slam.state import PersistentState
-from collabslam.slam.tracks import Tracks, chosen
+from collabslam.slam.tracks import Tracks
 from collabslam.slam.view import View
 from collabslam.types import Array, Ids
 
@@ -58,14 +56,14 @@ class MapAside:
     views: list[list[Patch]]
 
 
-def searchable(expected: dict[str, Any], options: SearchSettings) -> dict[str, Any]:
+def searchable(expected: Prediction, options: SearchSettings) -> Prediction:
     """What of `Filter.predict_pixels` can be searched whole: ellipses that fit into the largest window.
 
     Where a lost camera might be is soon wider than any window; what is found in a part of it proves little.
     """
-    variance = np.diagonal(expected["s"], axis1=1, axis2=2).max(axis=1, initial=0.0)
+    variance = np.diagonal(expected.s, axis1=1, axis2=2).max(axis=1, initial=0.0)
     fits = options.gate**2 * variance <= options.max_radius**2
-    return chosen(expected, fits)
+    return expected.subset(fits)
 
 
 class Relocaliser(PersistentState):
@@ -128,14 +126,14 @@ class Relocaliser(PersistentState):
     def map_in_use(self) -> MapAside:
         """The map that the camera is in, to be put aside."""
         known, landmarks = self._core.known_map(), self._core.landmarks()
-        good = landmarks["rho_ratio"] < MAX_RHO_RATIO
+        good = landmarks.rho_ratio < MAX_RHO_RATIO
         return MapAside(
-            known["landmarks"],
-            known["covariance"],
-            known["drift"],
-            np.flatnonzero(np.isin(known["ids"], landmarks["ids"][good])),
-            landmarks["points"][good],
-            self.views(known["ids"]),
+            known.landmarks,
+            known.covariance,
+            known.drift,
+            np.flatnonzero(np.isin(known.ids, landmarks.ids[good])),
+            landmarks.points[good],
+            self.views(known.ids),
         )
 
     def put_aside(self, old: MapAside) -> None:
@@ -173,13 +171,13 @@ class Relocaliser(PersistentState):
 
     def _in_use(self, view: View, rolls: tuple[float, ...]) -> Recovered | None:
         landmarks = self._core.landmarks()
-        use = np.flatnonzero(landmarks["rho_ratio"] < MAX_RHO_RATIO)
-        ids: Ids = landmarks["ids"][use]
-        fix = self._locate(view, landmarks["points"][use], self.views(ids), rolls)
+        use = np.flatnonzero(landmarks.rho_ratio < MAX_RHO_RATIO)
+        ids = landmarks.ids[use]
+        fix = self._locate(view, landmarks.points[use], self.views(ids), rolls)
         if fix is None:
             return None
         report = self._core.relocalise(fix.pose, ids[fix.landmarks], fix.uv)
-        if not report.believed:
+        if not report.accepted:
             return None
         return self._recovered(ids[fix.landmarks], fix, report)
 
@@ -189,10 +187,9 @@ class Relocaliser(PersistentState):
         if fix is None:
             return None
         places = old.use[fix.landmarks]
-        report, ids = self._core.relocalise_in(
-            old.landmarks, old.covariance, old.drift, fix.pose, places, fix.uv
-        )
-        if not report.believed:
+        there = self._core.relocalise_in(old.landmarks, old.covariance, old.drift, fix.pose, places, fix.uv)
+        ids, report = there.ids, there.report
+        if not report.accepted:
             return None
         self._aside = [other for other in self._aside if other is not old]
         self._views = dict(zip(ids.tolist(), [views[1:] for views in old.views], strict=True))
@@ -213,7 +210,7 @@ class Relocaliser(PersistentState):
     ) -> Recovered:
         """What the filter accepted of a fix; candidates were seen from where the camera is not."""
         self._core.drop_candidates(self._core.candidates)
-        accepted = accepted_bearings(report)
+        accepted = report.bearings.accepted
         return Recovered(ImagePoints(ids[accepted], fix.uv[accepted]), other_map)
 
     def _describe(self, patches: list[Patch]) -> Descriptors:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from collabslam._core import Camera, Filter
+from collabslam._core import Camera, DepthMeasurement, Filter
 from collabslam.errors import DataError
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.patch import Patch, capture, warp_templates
@@ -65,19 +65,16 @@ class TargetStart(PersistentState):
         elsewhere = corners[~on_plane]
         depth = np.full(len(elsewhere), known[:, 2].mean())
         none = np.empty(0, np.int64)
-        report = self._core.update(
-            none,
-            none,
-            np.empty((0, 2)),
-            depths=(np.full(len(elsewhere), -1), elsewhere, depth, options.target.elsewhere_sd * depth),
-        )
-        born = report.depth_births >= 0
+        new = np.full(len(elsewhere), -1)
+        depths = DepthMeasurement(new, elsewhere, depth, options.target.elsewhere_sd * depth)
+        features = self._core.update(none, none, np.empty((0, 2)), depths=depths).depths.born
+        born = features >= 0
         self._points_w, self._patches = known, capture(image, fix.uv, np.eye(4), options.patch)
         uv = np.concatenate([fix.uv, corners[on_plane], elsewhere[born]])
         if options.target.withhold:
             self._core.remove_features(ids[: len(known)])
             ids, uv = ids[len(known) :], uv[len(known) :]
-        return ImagePoints(np.concatenate([ids, report.depth_births[born]]), uv)
+        return ImagePoints(np.concatenate([ids, features[born]]), uv)
 
     def _on_target_plane(self, uv: Array, t_tc: Array) -> tuple[Mask, Array]:
         """Which corners look at the plane near the target, and where they meet it, in C."""
@@ -110,10 +107,8 @@ class TargetStart(PersistentState):
             return float("nan")
         seen = (self._points_w - pose[:3, 3]) @ pose[:3, :3]
         uv, ok = self._camera.project(np.ascontiguousarray(seen))
-        templates, usable, _ = warp_templates(
-            self._camera, self._patches, pose, self._points_w, self._options.patch
-        )
+        warped = warp_templates(self._camera, self._patches, pose, self._points_w, self._options.patch)
         spread = np.broadcast_to((self._options.target.radius / 3.0) ** 2 * np.eye(2), (len(uv), 2, 2))
-        found = active_search(image, templates, uv, spread, None, self._options)
-        hit = ok & usable & (found.code == FOUND)
+        found = active_search(image, warped.templates, uv, spread, None, self._options)
+        hit = ok & warped.ok & (found.code == FOUND)
         return float(np.linalg.norm(found.uv - uv, axis=1)[hit].max()) if hit.any() else float("nan")

@@ -8,25 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from collabslam._core import Camera
+from collabslam._core import Camera, ConditionalPrediction, Prediction, SearchResult
 from collabslam.frontend.flow import FlowImage, flow_guess, motion_of
 from collabslam.frontend.patch import Patch, capture, warp_templates
-from collabslam.frontend.search import FOUND, WIDE, SearchResult, active_search, wide_ellipses
+from collabslam.frontend.search import FOUND, WIDE, active_search, wide_ellipses
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints, MapChange, Recovered
 from collabslam.slam.state import PersistentState
 from collabslam.slam.view import View
 from collabslam.types import Array, Ids, Image, Mask
 
-ConditionalPrediction = Callable[[Ids, Array, Ids], tuple[Array, Array]]
-"""Expected pixels and their covariances of features, given others (ids and pixels) that were found."""
+ExpectGiven = Callable[[Ids, Array, Ids], ConditionalPrediction]
+"""Where features are expected, given others (ids and pixels) that were found."""
 
 _MAX_GIVEN = 16  # found features, at most, from which the camera's motion is taken
-
-
-def chosen(expected: dict[str, Any], which: Mask) -> dict[str, Any]:
-    """Some of the rows of `Filter.predict_pixels`."""
-    return {name: values[which] for name, values in expected.items()}
 
 
 @dataclass(frozen=True)
@@ -108,45 +103,41 @@ class Tracks(PersistentState):
             last = FlowImage.again(last[0], last[1], self._settings.flow)
         super().restore({**state, "_previous": last})
 
-    def search(
-        self, view: View, pose: Array, expected: dict[str, Any], expect_given: ConditionalPrediction
-    ) -> Found:
+    def search(self, view: View, pose: Array, expected: Prediction, expect_given: ExpectGiven) -> Found:
         """Active search of the expected features; candidates are followed into this frame (METHOD 7.3).
 
         A feature whose ellipse is wide, and of which the flow says nothing, is looked for last: where
-        ``expect_given`` (`Filter.predict_given`) expects it once others have been found.  Candidates at
-        pixels that are hidden are lost.
+        ``expect_given`` (`Filter.predict_conditional`) expects it once others have been found.  Candidates
+        at pixels that are hidden are lost.
         """
-        image, ids = view.image, expected["ids"]
+        image, ids = view.image, expected.ids
         n = len(ids)
         waiting = np.array(sorted(self._candidate_last), dtype=np.int64)
         now = FlowImage(image, self._settings.flow)
         guess = self._flow(now, ids, waiting, expected)
         patches = [self._features[i] for i in ids.tolist()] + [self._candidates[i] for i in waiting.tolist()]
-        points = np.concatenate([expected["points"], np.full((len(waiting), 3), np.nan)])
-        templates, usable, _ = warp_templates(self._camera, patches, pose, points, self._settings.patch)
+        points = np.concatenate([expected.points, np.full((len(waiting), 3), np.nan)])
+        warped = warp_templates(self._camera, patches, pose, points, self._settings.patch)
         spread = (self._settings.flow.max_error / self._settings.search.gate) ** 2 * np.eye(2)
         result = active_search(
             image,
-            templates,
-            np.concatenate([expected["uv"], guess[n:]]),
-            np.concatenate([expected["s"], np.broadcast_to(spread, (len(waiting), 2, 2))]),
+            warped.templates,
+            np.concatenate([expected.uv, guess[n:]]),
+            np.concatenate([expected.s, np.broadcast_to(spread, (len(waiting), 2, 2))]),
             guess,
             self._settings,
             whole=False,
         )
-        self._search_wide(image, templates, ids, result, expect_given)
-        seen = usable[:n]
-        alive = (result.code[n:] == FOUND) & usable[n:]
+        self._search_wide(image, warped.templates, ids, result, expect_given)
+        seen = np.flatnonzero(warped.ok[:n])
+        alive = (result.code[n:] == FOUND) & warped.ok[n:]
         if view.hidden is not None:
             alive[alive] = ~view.hidden(result.uv[n:][alive])
         found = Found(
             searched=ids[seen],
-            result=SearchResult(
-                result.uv[:n][seen], result.score[:n][seen], result.second[:n][seen], result.code[:n][seen]
-            ),
-            rho=expected["rho"][seen],
-            rho_sd=expected["rho_sd"][seen],
+            result=result.subset(seen),
+            rho=expected.rho[seen],
+            rho_sd=expected.rho_sd[seen],
             candidates=waiting[alive],
             candidate_uv=result.uv[n:][alive],
             lost=waiting[~alive],
@@ -162,7 +153,7 @@ class Tracks(PersistentState):
         templates: Image,
         ids: Ids,
         result: SearchResult,
-        expect_given: ConditionalPrediction,
+        expect_given: ExpectGiven,
     ) -> None:
         """Looks for the features that were left for later; their rows of ``result`` are filled in."""
         codes = result.code[: len(ids)]
@@ -171,12 +162,12 @@ class Tracks(PersistentState):
             return
         found = np.flatnonzero(codes == FOUND)
         some = found[:: max(1, -(-len(found) // _MAX_GIVEN))]
-        uv, s = expect_given(ids[some], result.uv[some], ids[late])
-        again = active_search(image, templates[late], uv, s, None, self._settings)
-        for whole, part in zip(result, again, strict=True):
-            whole[late] = part
+        there = expect_given(ids[some], result.uv[some], ids[late])
+        again = active_search(image, templates[late], there.uv, there.s, None, self._settings)
+        result.uv[late], result.code[late] = again.uv, again.code
+        result.score[late], result.second[late] = again.score, again.second
 
-    def _flow(self, now: FlowImage, ids: Ids, waiting: Ids, expected: dict[str, Any]) -> Array:
+    def _flow(self, now: FlowImage, ids: Ids, waiting: Ids, expected: Prediction) -> Array:
         """Where optical flow says that features, and then candidates, are now; NaN where it does not say.
 
         Features are asked for only where the search would use the answer: in a wide ellipse.
@@ -188,8 +179,8 @@ class Tracks(PersistentState):
         known = np.array([k for k, uv in enumerate(last) if uv is not None], dtype=np.int64)
         before = np.reshape([uv for uv in last if uv is not None], (-1, 2))
         tracked = int(np.searchsorted(known, len(ids)))
-        motion = motion_of(before[:tracked], expected["uv"][known[:tracked]])
-        wide = wide_ellipses(expected["s"], self._settings.search)
+        motion = motion_of(before[:tracked], expected.uv[known[:tracked]])
+        wide = wide_ellipses(expected.s, self._settings.search)
         asked = np.concatenate([wide, np.ones(len(waiting), dtype=np.bool_)])[known]
         uv, ok = flow_guess(self._previous, now, before[asked], self._settings.flow, motion)
         guess[known[asked]] = np.where(ok[:, None], uv, np.nan)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from collabslam._core import Camera, Filter, UpdateReport
+from collabslam._core import Camera, Filter, UpdateReport, WornMeasurement
 from collabslam.errors import InputError
 from collabslam.frontend.detect import Hidden
 from collabslam.frontend.wearer_mask import covered
@@ -59,23 +59,19 @@ class Overlap:
     baseline: float = float("nan")
 
     @property
-    def observation(self) -> tuple[Array, Array, Ids, Array, Array] | None:
+    def observation(self) -> WornMeasurement | None:
         """The argument ``worn`` of :meth:`Filter.update`."""
         if self.worn is None:
             return None
-        return self.worn.t_cf, self.worn.covariance, self.ids, self.uv, self.uv_f
-
-    @property
-    def bias(self) -> Array | None:
-        """The argument ``worn_bias`` of :meth:`Filter.update`."""
-        return None if self.worn is None else self.worn.bias
+        worn = self.worn
+        return WornMeasurement(worn.t_cf, worn.covariance, self.ids, self.uv, self.uv_f, bias=worn.bias)
 
     def births(self, report: UpdateReport) -> tuple[ImagePoints, Ids]:
         """Features born from pairs, and the candidates (C,) that are used up by that."""
         if self.worn is None:
             return ImagePoints(), np.empty(0, np.int64)
-        used = self.candidates[report.pair_births >= 0]
-        return ImagePoints.born(report.pair_births, self.uv), used[used >= 0]
+        used = self.candidates[report.pairs.born >= 0]
+        return ImagePoints.born(report.pairs.born, self.uv), used[used >= 0]
 
     def counts(self, report: UpdateReport) -> dict[str, Any]:
         """Diagnostics of the worn camera."""
@@ -94,12 +90,12 @@ class Overlap:
             "cf_rejected_ratio": rejected.get("ratio", 0) + rejected.get("mutual", 0),
             "cf_rejected_epipolar": rejected.get("epipolar", 0) + rejected.get("consensus", 0),
             "cf_rejected_low_score": rejected.get("score", 0),
-            "cf_rejected_chi2": pairs.count("rejected-gate"),
-            "cf_rejected_hohct": pairs.count("rejected-batch"),
-            "cf_rejected_conditional": pairs.count("rejected-conditional"),
-            "cf_too_uncertain": pairs.count("too-uncertain"),
-            "depth_rows": pairs.count("depth"),
-            "cf_pixel_rows": pairs.count("pixel"),
+            "cf_rejected_chi2": pairs.rejected_gate,
+            "cf_rejected_hohct": pairs.rejected_batch,
+            "cf_rejected_conditional": pairs.rejected_conditional,
+            "cf_too_uncertain": pairs.too_uncertain,
+            "depth_rows": pairs.depth_rows,
+            "cf_pixel_rows": pairs.pixel_rows,
         }
 
 
@@ -184,8 +180,8 @@ class WornMatcher:
             self._worn_camera,
             worn.t_cf,
             worn.covariance,
-            overlap["roi_s"],
-            overlap["roi_f"],
+            overlap.roi_s,
+            overlap.roi_f,
             uv,
             np.concatenate([found.rho[known], unknown]),
             np.concatenate([found.rho_sd[known], unknown]),
@@ -199,7 +195,7 @@ class WornMatcher:
                 correction=correction,
                 sigmas=sigmas,
                 refused=True,
-                baseline=float(overlap["baseline"]),
+                baseline=overlap.baseline,
             )
         ids = np.concatenate([found.searched[known], np.full(len(unknown), -1)])
         candidates = np.concatenate([np.full(len(known), -1), found.candidates, np.full(len(fresh), -1)])
@@ -215,7 +211,7 @@ class WornMatcher:
             points=len(uv),
             correction=correction,
             sigmas=sigmas,
-            baseline=float(overlap["baseline"]),
+            baseline=overlap.baseline,
         )
 
     def _contradicts(self, known: int, tried: int, matches: WornMatches) -> bool:

@@ -199,10 +199,10 @@ class RerunLog:
             self._clear(*_OVERLAP)
             return
         for name, picture, camera, t, colour, roi in (
-            ("cs", "world/cs/image", self._camera, step.pose, CS, overlap["roi_s"]),
-            ("cf", "cf/image", self._worn_camera, pose, CF, overlap["roi_f"]),
+            ("cs", "world/cs/image", self._camera, step.pose, CS, overlap.roi_s),
+            ("cf", "cf/image", self._worn_camera, pose, CF, overlap.roi_f),
         ):
-            edges = _pyramid(camera, t, float(overlap["d_max"]))
+            edges = _pyramid(camera, t, overlap.d_max)
             self._put(f"world/overlap/{name}", rr.LineStrips3D(edges, colors=[colour]))
             u0, v0, u1, v1 = roi
             box = rr.Boxes2D(mins=[[u0, v0]], sizes=[[u1 - u0, v1 - v0]], colors=[colour])

@@ -141,13 +141,13 @@ class _Look:
         began = time.process_time()
         found = match_worn(
             self._image, self._scene.camera, self._other, self._scene.other.camera,
-            self._t_cf, self._covariance, self._overlap["roi_s"], self._overlap["roi_f"],
+            self._t_cf, self._covariance, self._overlap.roi_s, self._overlap.roi_f,
             self._uv, None, None, options,
         )  # fmt: skip
         took = 1e3 * (time.process_time() - began)
         rays_f = self._scene.other.camera.unproject(found.uv_f).reshape(-1, 3)
         focal = (_focal(self._scene.camera), _focal(self._scene.other.camera))
-        residual, _ = epipolar_residuals(self._rays[found.index], rays_f, self._pair.t_cf, focal)
+        residual = epipolar_residuals(self._rays[found.index], rays_f, self._pair.t_cf, focal).residual
         near = np.abs(residual) <= EPIPOLAR_PX * np.sqrt(2.0)  # of one coordinate: two views err
         judged = np.isfinite(self._rho[found.index]) & np.isfinite(self._expected[found.index]).all(axis=1)
         off = np.linalg.norm(found.uv_f - self._expected[found.index], axis=1)

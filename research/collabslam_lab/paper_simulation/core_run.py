@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from collabslam._core import Camera, Filter
+from collabslam._core import Camera, DepthMeasurement, Filter, WornMeasurement
 from collabslam.settings.table import Settings
 from collabslam.types import Array
 from collabslam_lab.paper_simulation.estimators import Estimator
@@ -105,8 +105,8 @@ class CoreRun:
         report = self.filter.update(
             ids, ids, self._pixels(frame, [self.features[i] for i in seen]), worn=worn, depths=depths
         )
-        self._adopt(report.pair_births, pairs)
-        self._adopt(report.depth_births, measured)
+        self._adopt(report.pairs.born, pairs)
+        self._adopt(report.depths.born, measured)
         self.look_after(frame)
 
     def look_after(self, frame: SimulatedFrame) -> None:
@@ -120,7 +120,7 @@ class CoreRun:
             del self._waiting[i]
         if self._waiting:
             numbers, ids = list(self._waiting.values()), np.array(list(self._waiting), np.int64)
-            _, born = f.observe_candidates(ids, self._pixels(frame, numbers))
+            born = f.observe_candidates(ids, self._pixels(frame, numbers)).born
             self._adopt(born, numbers)
         for i in f.manage_map():
             del self.features[int(i)]
@@ -141,7 +141,7 @@ class CoreRun:
 
     def _worn(
         self, frame: SimulatedFrame, seen: list[int], fresh: list[int]
-    ) -> tuple[tuple[Array, Array, NDArray[np.int64], Array, Array] | None, list[int]]:
+    ) -> tuple[WornMeasurement | None, list[int]]:
         if frame.worn is None:
             return None, []
         t_cf, covariance, uv_f, visible_f = frame.worn
@@ -149,18 +149,19 @@ class CoreRun:
         both = known + [(-1, p) for p in [*self._waiting_in(frame), *fresh] if visible_f[p]]
         points = [p for _, p in both]
         ids = np.array([i for i, _ in both], np.int64)
-        return (t_cf, covariance, ids, self._pixels(frame, points), uv_f[points].reshape(-1, 2)), points
+        uv = self._pixels(frame, points)
+        return WornMeasurement(t_cf, covariance, ids, uv, uv_f[points].reshape(-1, 2)), points
 
     def _depths(
         self, frame: SimulatedFrame, seen: list[int], fresh: list[int]
-    ) -> tuple[tuple[NDArray[np.int64], Array, Array, Array] | None, list[int]]:
+    ) -> tuple[DepthMeasurement | None, list[int]]:
         if frame.depths is None:
             return None, []
         depth, sigma = frame.depths
         both = [(i, self.features[i]) for i in seen] + [(-1, p) for p in [*self._waiting_in(frame), *fresh]]
         points = [p for _, p in both]
         ids = np.array([i for i, _ in both], np.int64)
-        return (ids, self._pixels(frame, points), depth[points], sigma[points]), points
+        return DepthMeasurement(ids, self._pixels(frame, points), depth[points], sigma[points]), points
 
     def _waiting_in(self, frame: SimulatedFrame) -> list[int]:
         return [p for p in self._waiting.values() if frame.visible[p]]

@@ -67,9 +67,9 @@ def _run(s: SimulationSettings, case: Case, data: WallRuns, b: int, sigma_r: flo
             core.step(frame)
         poses[k], tangent[k] = core.filter.pose, core.filter.pose_covariance
         landmarks = core.filter.landmarks()
-        which = [core.features[int(i)] for i in landmarks["ids"]]
-        points[which] = landmarks["points"][:, [0, 2]]
-        use = (landmarks["rho_ratio"] < s.converged) & frame.visible[which]
+        which = [core.features[int(i)] for i in landmarks.ids]
+        points[which] = landmarks.points[:, [0, 2]]
+        use = (landmarks.rho_ratio < s.converged) & frame.visible[which]
         if use.any():
             away = points[which] - poses[k, [0, 2], 3]
             ratio = data.true_ranges[b, k, which] / np.hypot(away[:, 0], away[:, 1])

@@ -1,19 +1,20 @@
-//! All checks of type and shape, and copies between numpy and the core's types.
+//! Arrays that Python gives: every check of type and shape, and the one place that knows numpy's memory layouts.
+//!
+//! Numbers are converted from any type that loses no meaning. Images, templates and descriptors are large, so they
+//! must have their type already; they are borrowed where they lie in row order and copied where they do not
+//! (column-major arrays, slices with a step, mirrored views, unaligned buffers).
 
-use crate::errors::{bad_shape, to_python};
+use crate::errors::{bad_shape, invalid, to_python};
+use ::frontend::Image;
 use ekf_core::EkfError;
 use ekf_core::math::pose::Pose;
-use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, Vector2, Vector3};
-use numpy::ndarray::{Array2, Array3, Dimension, Ix1, Ix2, Ix3};
-use numpy::{Element, PyArray1, PyArray2, PyArray3, PyReadonlyArray};
+use nalgebra::{DMatrix, Matrix6, SMatrix, Vector2};
+use numpy::ndarray::{Dimension, Ix1, Ix2, Ix3};
+use numpy::{Element, PyReadonlyArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 /// An argument before its type and shape are checked.
 pub(crate) type Argument<'py> = Bound<'py, PyAny>;
-
-pub(crate) fn invalid(what: &'static str, why: String) -> PyErr {
-    to_python(EkfError::InvalidInput { what, why })
-}
 
 /// A number type of the core, and numpy's kinds that turn into it without loss of meaning.
 trait Number: Element {
@@ -34,13 +35,21 @@ impl Number for i64 {
     const NEEDED: &'static str = "whole numbers";
 }
 
+impl Number for bool {
+    const NAME: &'static str = "bool";
+    const KINDS: &'static str = "b";
+    const NEEDED: &'static str = "True and False";
+}
+
 /// Anything that numpy takes for an array of numbers, converted if it has another type.
 fn array<'py, T: Number, D: Dimension>(
     what: &'static str,
     expected: &str,
     value: &Argument<'py>,
 ) -> PyResult<PyReadonlyArray<'py, T, D>> {
-    if let Ok(array) = value.extract() {
+    if let Ok(array) = value.extract::<PyReadonlyArray<'py, T, D>>()
+        && array.is_aligned()
+    {
         return Ok(array);
     }
     let needed = || invalid(what, format!("an array of {} is needed", T::NEEDED));
@@ -62,9 +71,122 @@ fn array<'py, T: Number, D: Dimension>(
     array.extract().map_err(|_| needed())
 }
 
+/// An array of one type whose entries are at hand row by row, whatever their order in memory.
+pub(crate) struct InRows<'py, T: Element, D: Dimension> {
+    array: PyReadonlyArray<'py, T, D>,
+    copied: Vec<T>,
+}
+
+impl<'py, T: Element + Copy, D: Dimension> InRows<'py, T, D> {
+    /// Takes arrays of this very type alone; `expected` says which.
+    pub(crate) fn new(what: &'static str, expected: &str, value: &Argument<'py>) -> PyResult<Self> {
+        let mut array: PyReadonlyArray<'py, T, D> = value
+            .extract()
+            .map_err(|_| invalid(what, format!("{expected} is needed{}", found(value))))?;
+        if !array.is_aligned() {
+            array = value.call_method0("copy")?.extract()?;
+        }
+        let view = array.as_array();
+        let copied = match view.is_standard_layout() {
+            true => Vec::new(),
+            false => view.iter().copied().collect(),
+        };
+        Ok(Self { array, copied })
+    }
+
+    /// Its shape.
+    pub(crate) fn shape(&self) -> &[usize] {
+        self.array.shape()
+    }
+
+    /// Its entries, row by row.
+    pub(crate) fn entries(&self) -> &[T] {
+        self.array.as_array().to_slice().unwrap_or(&self.copied)
+    }
+}
+
+/// ", not ..." with type and shape, as far as a value has them.
+fn found(value: &Argument<'_>) -> String {
+    let (shape, dtype) = (value.getattr("shape"), value.getattr("dtype"));
+    match (shape, dtype) {
+        (Ok(shape), Ok(dtype)) => format!(", not {shape} {dtype}"),
+        _ => String::new(),
+    }
+}
+
+/// A grey image.
+pub(crate) type Grey<'py> = InRows<'py, u8, Ix2>;
+
+/// `(H, W)` uint8.
+pub(crate) fn grey<'py>(what: &'static str, value: &Argument<'py>) -> PyResult<Grey<'py>> {
+    InRows::new(what, "a (H, W) array of uint8", value)
+}
+
+impl Grey<'_> {
+    /// As the front end takes it.
+    pub(crate) fn image(&self) -> PyResult<Image<'_>> {
+        let shape = self.shape();
+        Image::new(self.entries(), shape[1], shape[0])
+            .ok_or_else(|| bad_shape("image", "(H, W), not empty", shape))
+    }
+}
+
+/// Square templates of one odd side.
+pub(crate) struct Templates<'py> {
+    pixels: InRows<'py, u8, Ix3>,
+    /// How many.
+    pub(crate) count: usize,
+    /// Their side, pixels.
+    pub(crate) side: usize,
+}
+
+impl Templates<'_> {
+    /// One after the other.
+    pub(crate) fn pixels(&self) -> &[u8] {
+        self.pixels.entries()
+    }
+}
+
+/// `(N, h, h)` uint8, h odd.
+pub(crate) fn templates<'py>(value: &Argument<'py>) -> PyResult<Templates<'py>> {
+    let pixels: InRows<'_, u8, Ix3> =
+        InRows::new("templates", "an (N, h, h) array of uint8", value)?;
+    let (count, side) = (pixels.shape()[0], pixels.shape()[1]);
+    if pixels.shape()[2] != side {
+        return Err(bad_shape("templates", "(N, h, h)", pixels.shape()));
+    }
+    odd_side("templates", side)?;
+    Ok(Templates {
+        pixels,
+        count,
+        side,
+    })
+}
+
+/// Checks the side of a template.
+pub(crate) fn odd_side(what: &'static str, side: usize) -> PyResult<()> {
+    if side % 2 == 1 && side >= 3 {
+        return Ok(());
+    }
+    let why = format!("a template's side must be odd and at least 3, it is {side}");
+    Err(invalid(what, why))
+}
+
 /// `(N,)` numbers.
 pub(crate) fn numbers(what: &'static str, value: &Argument<'_>) -> PyResult<Vec<f64>> {
     let array = array::<f64, Ix1>(what, "(N,)", value)?;
+    Ok(array.as_array().to_vec())
+}
+
+/// `(N,)` whole numbers.
+pub(crate) fn whole_numbers(what: &'static str, value: &Argument<'_>) -> PyResult<Vec<i64>> {
+    let array = array::<i64, Ix1>(what, "(N,)", value)?;
+    Ok(array.as_array().to_vec())
+}
+
+/// `(N,)` truths.
+pub(crate) fn mask(what: &'static str, value: &Argument<'_>) -> PyResult<Vec<bool>> {
+    let array = array::<bool, Ix1>(what, "(N,)", value)?;
     Ok(array.as_array().to_vec())
 }
 
@@ -149,7 +271,7 @@ pub(crate) fn stack<const R: usize, const C: usize>(
 pub(crate) fn pose(what: &'static str, value: &Argument<'_>) -> PyResult<Pose> {
     let m = matrix::<4, 4>(what, value)?;
     if !m.iter().all(|x| x.is_finite()) {
-        return Err(to_python(EkfError::NonFinite { what: "T_CF" }));
+        return Err(to_python(EkfError::NonFinite { what }));
     }
     let bottom = [m[(3, 0)], m[(3, 1)], m[(3, 2)], m[(3, 3)]];
     if bottom != [0.0, 0.0, 0.0, 1.0] {
@@ -162,15 +284,20 @@ pub(crate) fn pose(what: &'static str, value: &Argument<'_>) -> PyResult<Pose> {
     })
 }
 
+/// 6x6 covariance.
+pub(crate) fn covariance6(what: &'static str, value: &Argument<'_>) -> PyResult<Matrix6<f64>> {
+    matrix::<6, 6>(what, value)
+}
+
 /// `(N,)` ids, -1 for none.
 pub(crate) fn optional_ids(what: &'static str, value: &Argument<'_>) -> PyResult<Vec<Option<u64>>> {
     let array = array::<i64, Ix1>(what, "(N,)", value)?;
     let id = |&id: &i64| match id {
         -1 => Ok(None),
-        id if id < 0 => Err(invalid(
-            what,
-            format!("{id} is no id; give -1 for a new point"),
-        )),
+        id if id < 0 => {
+            let why = format!("{id} is no id; give -1 for a new point");
+            Err(invalid(what, why))
+        }
         id => Ok(Some(id.unsigned_abs())),
     };
     array.as_array().iter().map(id).collect()
@@ -183,72 +310,4 @@ pub(crate) fn ids(what: &'static str, value: &Argument<'_>) -> PyResult<Vec<u64>
         u64::try_from(id).map_err(|_| invalid(what, format!("{id} is no id; ids are not negative")))
     };
     array.as_array().iter().map(id).collect()
-}
-
-/// Ids for Python, -1 for none.
-pub(crate) fn to_ids(
-    py: Python<'_>,
-    ids: impl Iterator<Item = Option<u64>>,
-) -> Bound<'_, PyArray1<i64>> {
-    let ids = ids.map(|id| id.map_or(-1, |id| id as i64));
-    PyArray1::from_vec(py, ids.collect())
-}
-
-/// A fixed-size matrix as a 2-D array.
-pub(crate) fn to_matrix<'py, const R: usize, const C: usize>(
-    py: Python<'py>,
-    m: &SMatrix<f64, R, C>,
-) -> Bound<'py, PyArray2<f64>> {
-    let flat = by_row(std::iter::once(*m), 1);
-    PyArray2::from_owned_array(py, Array2::from_shape_vec([R, C], flat).expect("R * C"))
-}
-
-/// `(N, R, C)` from fixed-size matrices.
-pub(crate) fn stacked<const R: usize, const C: usize>(
-    py: Python<'_>,
-    matrices: impl Iterator<Item = SMatrix<f64, R, C>>,
-    n: usize,
-) -> Bound<'_, PyArray3<f64>> {
-    let flat = by_row(matrices, n);
-    let array = Array3::from_shape_vec([n, R, C], flat).expect("n * R * C entries");
-    PyArray3::from_owned_array(py, array)
-}
-
-/// The entries of matrices, row by row as numpy has them.
-fn by_row<const R: usize, const C: usize>(
-    matrices: impl Iterator<Item = SMatrix<f64, R, C>>,
-    n: usize,
-) -> Vec<f64> {
-    let mut flat = Vec::with_capacity(n * R * C);
-    for m in matrices {
-        flat.extend_from_slice(m.transpose().as_slice());
-    }
-    flat
-}
-
-/// `(N, K)` from fixed-size vectors.
-pub(crate) fn vectors<const K: usize>(
-    py: Python<'_>,
-    rows: impl Iterator<Item = SMatrix<f64, K, 1>>,
-    n: usize,
-) -> Bound<'_, PyArray2<f64>> {
-    let array = Array2::from_shape_vec([n, K], by_row(rows, n)).expect("n * K entries");
-    PyArray2::from_owned_array(py, array)
-}
-
-/// `T` as 4x4.
-pub(crate) fn to_pose<'py>(
-    py: Python<'py>,
-    rotation: &Matrix3<f64>,
-    translation: &Vector3<f64>,
-) -> Bound<'py, PyArray2<f64>> {
-    let mut m = SMatrix::<f64, 4, 4>::identity();
-    m.fixed_view_mut::<3, 3>(0, 0).copy_from(rotation);
-    m.fixed_view_mut::<3, 1>(0, 3).copy_from(translation);
-    to_matrix(py, &m)
-}
-
-/// 6x6 covariance.
-pub(crate) fn covariance6(what: &'static str, value: &Argument<'_>) -> PyResult<Matrix6<f64>> {
-    matrix::<6, 6>(what, value)
 }

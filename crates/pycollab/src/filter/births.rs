@@ -1,0 +1,182 @@
+//! New features: known points at the start, candidates that wait for parallax, and features of vague depth.
+
+use super::PyFilter;
+use crate::arrays_in::{Argument, covariance6, ids, pixels, rows, same_length, stack};
+use crate::arrays_out::{Column, column, to_ids};
+use ekf_core::CandidateOutcome;
+use pyo3::prelude::*;
+
+/// What became of candidates that were observed.
+///
+/// Attributes
+/// ----------
+/// born : (N,) int64
+///     Feature id of those that became features, -1 elsewhere.
+/// dropped : (N,) bool
+///     Those that were given up; the others wait on.
+#[pyclass(module = "collabslam._core", frozen, get_all)]
+pub(crate) struct CandidateReport {
+    born: Column<i64>,
+    dropped: Column<bool>,
+}
+
+#[pymethods]
+impl PyFilter {
+    /// Starts candidates for delayed births at pixels of the present view.
+    ///
+    /// Parameters
+    /// ----------
+    /// uv : (N, 2) float64
+    ///     Pixels in Cs.
+    ///
+    /// Returns
+    /// -------
+    /// (N,) int64
+    ///     Their ids.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For a wrong shape, NaN, or before the start.
+    fn add_candidates(&self, py: Python<'_>, uv: Argument<'_>) -> PyResult<Column<i64>> {
+        let uv = pixels("uv", &uv)?;
+        let ids = self.write(py, |f| f.add_candidates(&uv))?;
+        Ok(to_ids(py, ids.into_iter().map(Some)))
+    }
+
+    /// Observes candidates (METHOD 5, delayed).
+    ///
+    /// Parameters
+    /// ----------
+    /// ids, uv : (N,) int64, (N, 2) float64
+    ///     Candidates found in Cs and their pixels.
+    ///
+    /// Returns
+    /// -------
+    /// CandidateReport
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For wrong shapes, NaN, unknown ids, an id given twice; the filter stays as it was.
+    fn observe_candidates(
+        &self,
+        py: Python<'_>,
+        ids: Argument<'_>,
+        uv: Argument<'_>,
+    ) -> PyResult<CandidateReport> {
+        let (ids, uv) = (self::ids("ids", &ids)?, pixels("uv", &uv)?);
+        same_length("uv", ids.len(), uv.len())?;
+        let seen: Vec<_> = ids.into_iter().zip(uv).collect();
+        let outcomes = self.write(py, |f| f.observe_candidates(&seen))?;
+        let born = |o: &CandidateOutcome| match o {
+            CandidateOutcome::Born(id) => Some(*id),
+            CandidateOutcome::Waiting | CandidateOutcome::Dropped => None,
+        };
+        let dropped = |o: &CandidateOutcome| matches!(o, CandidateOutcome::Dropped);
+        Ok(CandidateReport {
+            born: to_ids(py, outcomes.iter().map(born)),
+            dropped: column(py, outcomes.iter().map(dropped)),
+        })
+    }
+
+    /// Candidates that shall wait for parallax no longer are born with a vague depth, as features of their
+    /// first view.
+    ///
+    /// Parameters
+    /// ----------
+    /// ids : (N,) int64
+    ///
+    /// Returns
+    /// -------
+    /// (N,) int64
+    ///     Feature ids, -1 where that gives no feature.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For unknown ids, or an id given twice.
+    fn promote_candidates(&self, py: Python<'_>, ids: Argument<'_>) -> PyResult<Column<i64>> {
+        let ids = self::ids("ids", &ids)?;
+        let born = self.write(py, |f| f.promote_candidates(&ids))?;
+        Ok(to_ids(py, born))
+    }
+
+    /// Forgets candidates that were lost.
+    ///
+    /// Parameters
+    /// ----------
+    /// ids : (N,) int64
+    ///     Those that are no candidates any more do not count.
+    fn drop_candidates(&self, py: Python<'_>, ids: Argument<'_>) -> PyResult<()> {
+        let ids = self::ids("ids", &ids)?;
+        self.write(py, |f| {
+            f.drop_candidates(&ids);
+            Ok(())
+        })
+    }
+
+    /// Starts features with a vague depth at pixels of the present view. Before the start this is the
+    /// scale-free start.
+    ///
+    /// Parameters
+    /// ----------
+    /// uv : (N, 2) float64
+    ///     Pixels in Cs.
+    ///
+    /// Returns
+    /// -------
+    /// (N,) int64
+    ///     Feature ids, -1 where the pixel has no ray.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For a wrong shape or NaN.
+    fn add_undelayed(&self, py: Python<'_>, uv: Argument<'_>) -> PyResult<Column<i64>> {
+        let uv = pixels("uv", &uv)?;
+        let ids = self.write(py, |f| f.add_undelayed(&uv))?;
+        Ok(to_ids(py, ids))
+    }
+
+    /// Starts from points of known position in C (METHOD 10).
+    ///
+    /// Parameters
+    /// ----------
+    /// points : (N, 3) float64
+    ///     Metres in C.
+    /// noise : (N, 3, 3) float64
+    ///     Covariance of each point by itself, m^2.
+    /// shared : (N, 3, 6) float64
+    ///     Derivative of each point by the 6-number error of the target's pose.
+    /// covariance : (6, 6) float64
+    ///     Covariance of that error.
+    ///
+    /// Returns
+    /// -------
+    /// (N,) int64
+    ///     Feature ids.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For wrong shapes, NaN, a covariance that is none, a point at the camera, or a filter that has
+    ///     started.
+    fn start_from_points(
+        &self,
+        py: Python<'_>,
+        points: Argument<'_>,
+        noise: Argument<'_>,
+        shared: Argument<'_>,
+        covariance: Argument<'_>,
+    ) -> PyResult<Column<i64>> {
+        let points = rows::<3>("points", &points)?;
+        let noise = stack::<3, 3>("noise", &noise)?;
+        let shared = stack::<3, 6>("shared", &shared)?;
+        let covariance = covariance6("covariance", &covariance)?;
+        let ids = self.write(py, |f| {
+            f.start_from_points(&points, &noise, &shared, &covariance)
+        })?;
+        Ok(to_ids(py, ids.into_iter().map(Some)))
+    }
+}

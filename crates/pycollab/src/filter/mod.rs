@@ -1,0 +1,275 @@
+//! The filter: its state, and the lock that keeps two threads apart. What it does is in the files beside this one.
+
+mod births;
+mod map;
+pub(crate) mod measurements;
+mod prediction;
+mod report;
+mod update;
+
+pub(crate) use births::CandidateReport;
+pub(crate) use map::{PyKnownMap, PyLandmarks};
+pub(crate) use prediction::{PyConditionalPrediction, PyOverlap, PyPrediction};
+pub(crate) use report::{PyMapRelocalisation, PyOutcomes, PyUpdateReport};
+
+use crate::arrays_out::{Column, Table, column, symmetric, to_ids, to_matrix, to_pose};
+use crate::camera::PyCamera;
+use crate::errors::{invalid, named};
+use crate::{gate, settings};
+use ekf_core::math::pose::Pose;
+use ekf_core::{EkfError, Filter};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+use std::sync::{RwLock, TryLockError};
+
+/// The Extended Kalman Filter without images: predict, look up what should be seen, update.
+///
+/// One filter serves one thread at a time; two threads may run two filters.
+///
+/// Parameters
+/// ----------
+/// camera : Camera
+///     Cs.
+/// worn_camera : Camera, optional
+///     Cf; needed to take its pixels.
+/// settings : dict, optional
+///     Dotted key to value, over the defaults of :func:`settings_schema`.
+/// switches : dict, optional
+///     The same of the lab's switches, which take parts of the method away to compare with.
+///
+/// Raises
+/// ------
+/// SettingsError
+///     For an unknown key or an impossible value.
+/// BusyError
+///     From every method and attribute, while another thread changes the filter; it stays as it was.
+#[pyclass(name = "Filter", module = "collabslam._core", frozen)]
+pub(crate) struct PyFilter(RwLock<Filter>);
+
+/// One block of the state after the camera's.
+///
+/// Attributes
+/// ----------
+/// id : int
+///     Feature id.
+/// kind : str
+///     ``Feature``, ``Point`` and the like.
+/// offset, size : int
+///     Its first row in the mean and in P, and its number of rows.
+#[pyclass(module = "collabslam._core", frozen, get_all, eq)]
+#[derive(PartialEq)]
+pub(crate) struct Block {
+    id: u64,
+    kind: &'static str,
+    offset: usize,
+    size: usize,
+}
+
+fn unavailable<T>(error: TryLockError<T>) -> PyErr {
+    match error {
+        TryLockError::WouldBlock => named(
+            "BusyError",
+            "the filter is at work in another thread; give each thread its own, or let them take turns \
+             (threading.Lock)"
+                .into(),
+        ),
+        TryLockError::Poisoned(_) => named(
+            "FilterError",
+            "an internal fault left the filter half changed; go on from a snapshot, and please report it"
+                .into(),
+        ),
+    }
+}
+
+impl PyFilter {
+    /// Asks the filter something.
+    fn read<T: Send>(
+        &self,
+        py: Python<'_>,
+        ask: impl FnOnce(&Filter) -> Result<T, EkfError> + Send,
+    ) -> PyResult<T> {
+        let filter = self.0.try_read().map_err(unavailable)?;
+        let filter = &*filter;
+        gate::enter(py, || ask(filter))
+    }
+
+    /// Changes the filter.
+    fn write<T: Send>(
+        &self,
+        py: Python<'_>,
+        change: impl FnOnce(&mut Filter) -> Result<T, EkfError> + Send,
+    ) -> PyResult<T> {
+        let mut filter = self.0.try_write().map_err(unavailable)?;
+        let filter = &mut *filter;
+        gate::enter(py, || change(filter))
+    }
+
+    fn none_of_it<T>() -> PyResult<T> {
+        Err(invalid(
+            "Filter",
+            "it cannot be copied or pickled; use Filter.restore(filter.snapshot())",
+        ))
+    }
+}
+
+#[pymethods]
+impl PyFilter {
+    #[new]
+    #[pyo3(signature = (camera, worn_camera = None, *, settings = None, switches = None))]
+    fn new(
+        camera: &PyCamera,
+        worn_camera: Option<PyRef<'_, PyCamera>>,
+        settings: Option<&Bound<'_, PyDict>>,
+        switches: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Self> {
+        let settings = settings::from_dicts(settings, switches)?;
+        let worn = worn_camera.map(|c| c.0.clone());
+        let filter = Filter::new(settings, camera.0.clone(), worn);
+        Ok(Self(RwLock::new(filter)))
+    }
+
+    /// Whether the filter has a map to localise in.
+    #[getter]
+    fn started(&self, py: Python<'_>) -> PyResult<bool> {
+        self.read(py, |f| Ok(f.started()))
+    }
+
+    /// Time of the last prediction, seconds, or None.
+    #[getter]
+    fn time(&self, py: Python<'_>) -> PyResult<Option<f64>> {
+        self.read(py, |f| Ok(f.time()))
+    }
+
+    /// Number of features in the map.
+    #[getter]
+    fn map_size(&self, py: Python<'_>) -> PyResult<usize> {
+        self.read(py, |f| Ok(f.map_size()))
+    }
+
+    /// Number of candidates that wait for parallax.
+    #[getter]
+    fn candidate_count(&self, py: Python<'_>) -> PyResult<usize> {
+        self.read(py, |f| Ok(f.candidate_count()))
+    }
+
+    /// Ids of the candidates that are alive, (N,) int64.
+    #[getter]
+    fn candidates(&self, py: Python<'_>) -> PyResult<Column<i64>> {
+        let ids: Vec<u64> = self.read(py, |f| Ok(f.candidate_ids().collect()))?;
+        Ok(to_ids(py, ids.into_iter().map(Some)))
+    }
+
+    /// T_WC, (4, 4) float64, metres: maps points of Cs into W.
+    #[getter]
+    fn pose(&self, py: Python<'_>) -> PyResult<Table> {
+        let (rotation, translation) = self.read(py, |f| Ok(f.pose()))?;
+        let pose = Pose {
+            rotation,
+            translation,
+        };
+        Ok(to_pose(py, &pose))
+    }
+
+    /// (6, 6) float64, covariance of the pose over (translation m, rotation rad), right tangent of T_WC
+    /// (METHOD 1).
+    #[getter]
+    fn pose_covariance(&self, py: Python<'_>) -> PyResult<Table> {
+        let covariance = self.read(py, |f| Ok(f.pose_covariance()))?;
+        Ok(to_matrix(py, &covariance))
+    }
+
+    /// Velocity in W, (3,) float64, m/s.
+    #[getter]
+    fn velocity(&self, py: Python<'_>) -> PyResult<Column<f64>> {
+        let v = self.read(py, |f| Ok(f.velocity()))?;
+        Ok(column(py, v.iter().copied()))
+    }
+
+    /// Angular velocity in C, (3,) float64, rad/s.
+    #[getter]
+    fn angular_velocity(&self, py: Python<'_>) -> PyResult<Column<f64>> {
+        let w = self.read(py, |f| Ok(f.angular_velocity()))?;
+        Ok(column(py, w.iter().copied()))
+    }
+
+    /// The whole state vector, (n,) float64: camera (13), then the blocks of :attr:`blocks`.
+    #[getter]
+    fn mean(&self, py: Python<'_>) -> PyResult<Column<f64>> {
+        let mean = self.read(py, |f| Ok(f.state().mean().to_vec()))?;
+        Ok(column(py, mean))
+    }
+
+    /// The whole covariance P, (n, n) float64, cross-covariances included.
+    #[getter]
+    fn covariance(&self, py: Python<'_>) -> PyResult<Table> {
+        let p = self.read(py, |f| Ok(f.state().covariance().to_dense()))?;
+        let n = p.nrows();
+        Ok(symmetric(py, p.data.into(), n))
+    }
+
+    /// Layout of the state after the camera: a list of `Block`, in the state's order.
+    #[getter]
+    fn blocks(&self, py: Python<'_>) -> PyResult<Vec<Block>> {
+        self.read(py, |f| {
+            let blocks = f.state().layout().blocks().iter();
+            let blocks = blocks.map(|b| Block {
+                id: b.id,
+                kind: b.kind.name(),
+                offset: b.offset,
+                size: b.kind.dim(),
+            });
+            Ok(blocks.collect())
+        })
+    }
+
+    /// Least eigenvalue of the diagonal-scaled P: P is sound above -1e-10 (METHOD 3). O(n^3).
+    fn soundness(&self, py: Python<'_>) -> PyResult<f64> {
+        self.read(py, |f| Ok(f.state().covariance().least_scaled_eigenvalue()))
+    }
+
+    /// Checks that the filter is sound (METHOD 3): mean and P finite, variances positive, quaternions of
+    /// unit length, and `soundness` above -1e-10. O(n^3).
+    ///
+    /// Raises
+    /// ------
+    /// FilterError
+    ///     Saying what is wrong.
+    fn check(&self, py: Python<'_>) -> PyResult<()> {
+        self.read(py, Filter::check)
+    }
+
+    /// The filter as bytes, for :meth:`restore`: cameras, settings, mean, P, candidates and counters, with
+    /// version and checksum. The filter restored goes on bit for bit as this one does.
+    fn snapshot<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = self.read(py, |f| Ok(f.snapshot()))?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    /// A new filter from the bytes of :meth:`snapshot`.
+    ///
+    /// Parameters
+    /// ----------
+    /// data : bytes
+    ///
+    /// Raises
+    /// ------
+    /// DataError
+    ///     If the bytes are cut short, altered or of another version.
+    #[staticmethod]
+    fn restore(py: Python<'_>, data: &[u8]) -> PyResult<Self> {
+        let filter = gate::enter(py, || Filter::restore(data))?;
+        Ok(Self(RwLock::new(filter)))
+    }
+
+    fn __copy__(&self) -> PyResult<Self> {
+        Self::none_of_it()
+    }
+
+    fn __deepcopy__(&self, _memo: &Bound<'_, PyAny>) -> PyResult<Self> {
+        Self::none_of_it()
+    }
+
+    fn __reduce__(&self) -> PyResult<Self> {
+        Self::none_of_it()
+    }
+}

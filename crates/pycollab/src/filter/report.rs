@@ -1,0 +1,187 @@
+//! What an update reports.
+
+use crate::arrays_out::{Column, column, to_ids};
+use ekf_core::{Outcome, UpdateReport};
+use pyo3::prelude::*;
+
+/// What became of one kind of measurement in a frame.
+///
+/// ``names`` says it of each: ``pixel`` (accepted as two pixel rows), ``depth`` (as three metric rows),
+/// ``replaced`` (its feature was measured by a better form of the same match), ``born``,
+/// ``too-uncertain`` (a pixel predicted no better than somewhere in the image; a pair not worth more
+/// than its bearing), ``not-visible``, ``rejected-gate`` (its own chi-square), ``rejected-batch`` (the
+/// batch test), ``rejected-conditional`` (contradicted by the others), ``unused`` (in this mode),
+/// ``refused`` (with the whole frame).
+#[pyclass(name = "Outcomes", module = "collabslam._core", frozen)]
+pub(crate) struct PyOutcomes(Vec<Outcome>);
+
+impl PyOutcomes {
+    fn count(&self, outcome: Outcome) -> usize {
+        self.0.iter().filter(|&&o| o == outcome).count()
+    }
+}
+
+#[pymethods]
+impl PyOutcomes {
+    /// (N,) bool: the measurement of a known feature was used, as rows of its own or of a better form of
+    /// the same match.
+    #[getter]
+    fn accepted(&self, py: Python<'_>) -> Column<bool> {
+        column(py, self.0.iter().map(Outcome::is_accepted))
+    }
+
+    /// (N,) int64: id of the feature born from each, -1 for none.
+    #[getter]
+    fn born(&self, py: Python<'_>) -> Column<i64> {
+        let id = |o: &Outcome| match o {
+            Outcome::Born(id) => Some(*id),
+            _ => None,
+        };
+        to_ids(py, self.0.iter().map(id))
+    }
+
+    /// (N,) list of str: see the class.
+    #[getter]
+    fn names(&self) -> Vec<&'static str> {
+        self.0.iter().map(name).collect()
+    }
+
+    /// How many were accepted as two pixel rows.
+    #[getter]
+    fn pixel_rows(&self) -> usize {
+        self.count(Outcome::Pixel)
+    }
+
+    /// How many were accepted as three metric rows.
+    #[getter]
+    fn depth_rows(&self) -> usize {
+        self.count(Outcome::Depth)
+    }
+
+    /// How many were too uncertain to say anything.
+    #[getter]
+    fn too_uncertain(&self) -> usize {
+        self.count(Outcome::TooUncertain)
+    }
+
+    /// How many failed their own chi-square gate.
+    #[getter]
+    fn rejected_gate(&self) -> usize {
+        self.count(Outcome::RejectedGate)
+    }
+
+    /// How many the batch test left out.
+    #[getter]
+    fn rejected_batch(&self) -> usize {
+        self.count(Outcome::RejectedBatch)
+    }
+
+    /// How many contradicted the other accepted ones.
+    #[getter]
+    fn rejected_conditional(&self) -> usize {
+        self.count(Outcome::RejectedConditional)
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.len()
+    }
+}
+
+fn name(outcome: &Outcome) -> &'static str {
+    match outcome {
+        Outcome::Pixel => "pixel",
+        Outcome::Depth => "depth",
+        Outcome::Replaced => "replaced",
+        Outcome::TooUncertain => "too-uncertain",
+        Outcome::NotVisible => "not-visible",
+        Outcome::RejectedGate => "rejected-gate",
+        Outcome::RejectedBatch => "rejected-batch",
+        Outcome::RejectedConditional => "rejected-conditional",
+        Outcome::Born(_) => "born",
+        Outcome::Unused => "unused",
+        Outcome::Refused => "refused",
+    }
+}
+
+/// What one update did.
+///
+/// Attributes
+/// ----------
+/// bearings, pairs, depths : Outcomes
+///     What became of the pixels in Cs, of the worn camera's pairs, and of the depths, in the order
+///     they were given.
+/// accepted : bool
+///     Whether the frame was used: False if fewer bearings than asked for passed the tests.
+/// refused : str or None
+///     Why the whole frame was refused: its update would have broken the filter, which is as it was
+///     before.
+/// iterations : int
+///     Linearisations of the update.
+/// nis : float
+///     Normalised innovation squared of the accepted batch.
+/// dof : int
+///     Its degrees of freedom.
+/// order : int
+///     Matches that the batch test left out.
+/// exact : bool
+///     Whether the batch test finished its exact search.
+/// worn_error : (6,) float64
+///     Estimated error of T_CF after the update, (translation m, rotation rad), right tangent.
+#[pyclass(name = "UpdateReport", module = "collabslam._core", frozen, get_all)]
+pub(crate) struct PyUpdateReport {
+    bearings: Py<PyOutcomes>,
+    pairs: Py<PyOutcomes>,
+    depths: Py<PyOutcomes>,
+    accepted: bool,
+    refused: Option<String>,
+    iterations: usize,
+    nis: f64,
+    dof: usize,
+    order: usize,
+    exact: bool,
+    worn_error: Column<f64>,
+}
+
+impl PyUpdateReport {
+    pub(super) fn new(py: Python<'_>, report: UpdateReport) -> PyResult<Self> {
+        Ok(Self {
+            bearings: Py::new(py, PyOutcomes(report.bearings))?,
+            pairs: Py::new(py, PyOutcomes(report.pairs))?,
+            depths: Py::new(py, PyOutcomes(report.depths))?,
+            accepted: report.accepted,
+            refused: report.refused.as_ref().map(ToString::to_string),
+            iterations: report.iterations,
+            nis: report.nis,
+            dof: report.dof,
+            order: report.order,
+            exact: report.exact,
+            worn_error: column(py, report.worn_error.iter().copied()),
+        })
+    }
+}
+
+/// Whether a camera was put into another map.
+///
+/// Attributes
+/// ----------
+/// report : UpdateReport
+///     ``accepted`` says whether the pose was taken; otherwise the filter is as it was.
+/// ids : (M,) int64
+///     The new feature ids of the map's landmarks, in its order; none where the pose was not taken.
+#[pyclass(
+    name = "MapRelocalisation",
+    module = "collabslam._core",
+    frozen,
+    get_all
+)]
+pub(crate) struct PyMapRelocalisation {
+    report: Py<PyUpdateReport>,
+    ids: Column<i64>,
+}
+
+impl PyMapRelocalisation {
+    pub(super) fn new(py: Python<'_>, report: UpdateReport, ids: Column<i64>) -> PyResult<Self> {
+        let report = Py::new(py, PyUpdateReport::new(py, report)?)?;
+        Ok(Self { report, ids })
+    }
+}

@@ -1,0 +1,180 @@
+//! A frame's measurements go into the filter.
+
+use super::PyFilter;
+use super::measurements::{PyDepthMeasurement, PyWornMeasurement, bearings};
+use super::report::PyMapRelocalisation;
+use super::report::PyUpdateReport;
+use crate::arrays_in::{Argument, ids, matrix, pixels, pose, rows, same_length, square};
+use crate::arrays_out::to_ids;
+use ekf_core::Measurements;
+use ekf_core::{EkfError, KnownMap, UpdateReport};
+use pyo3::prelude::*;
+
+#[pymethods]
+impl PyFilter {
+    /// Validates a frame's matches, updates once, and starts features that have depth (METHOD 5-8).
+    ///
+    /// Measurements that would break the filter (S not positive definite, a result that is not finite, a
+    /// negative variance) are refused: the report says so and the filter stays as it was.
+    ///
+    /// Parameters
+    /// ----------
+    /// searched : (S,) int64
+    ///     Features that were looked for.
+    /// ids, uv : (N,) int64, (N, 2) float64
+    ///     Features found in Cs and their pixels.
+    /// worn : WornMeasurement, optional
+    ///     The worn camera's measured pose and matched pixels.
+    /// depths : DepthMeasurement, optional
+    ///     Depths from any other sensor.
+    /// min_inliers : int
+    ///     Fewest accepted bearings with which the frame is used; with fewer nothing of it is.
+    ///
+    /// Returns
+    /// -------
+    /// UpdateReport
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For wrong shapes, NaN, unknown ids, an impossible pose or covariance; the filter stays as it
+    ///     was.
+    #[expect(clippy::too_many_arguments, reason = "six names in Python")]
+    #[pyo3(signature = (searched, ids, uv, *, worn = None, depths = None, min_inliers = 0))]
+    fn update(
+        &self,
+        py: Python<'_>,
+        searched: Argument<'_>,
+        ids: Argument<'_>,
+        uv: Argument<'_>,
+        worn: Option<&PyWornMeasurement>,
+        depths: Option<&PyDepthMeasurement>,
+        min_inliers: usize,
+    ) -> PyResult<PyUpdateReport> {
+        let measurements = Measurements {
+            searched: self::ids("searched", &searched)?,
+            bearings: bearings(&ids, &uv)?,
+            worn: worn.map(|worn| worn.0.clone()),
+            depths: depths.map_or_else(Vec::new, |depths| depths.0.clone()),
+            min_inliers,
+        };
+        let report = self.write(py, |f| match f.update(&measurements) {
+            Err(error @ (EkfError::NotPositiveDefinite { .. } | EkfError::Unsound { .. })) => {
+                Ok(UpdateReport::refused(&measurements, error))
+            }
+            done => done,
+        })?;
+        PyUpdateReport::new(py, report)
+    }
+
+    /// Puts a lost camera where matches with the map say, and forgets what was believed about it.
+    ///
+    /// The pose gives the point of linearisation only; the covariance is that of the matches and the map.
+    /// Velocities start anew. The pose is taken if ``lost.min_matches`` of the matches pass the batch test.
+    ///
+    /// Parameters
+    /// ----------
+    /// pose : (4, 4) float64
+    ///     T_WC that explains the matches, as PnP gives it, metres.
+    /// ids, uv : (N,) int64, (N, 2) float64
+    ///     Features and their pixels in Cs.
+    ///
+    /// Returns
+    /// -------
+    /// UpdateReport
+    ///     ``accepted`` says whether the pose was taken; otherwise the filter is as it was.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For wrong shapes, NaN, unknown ids, an impossible pose, or before the start; the filter stays as
+    ///     it was.
+    fn relocalise(
+        &self,
+        py: Python<'_>,
+        pose: Argument<'_>,
+        ids: Argument<'_>,
+        uv: Argument<'_>,
+    ) -> PyResult<PyUpdateReport> {
+        let pose = self::pose("pose", &pose)?;
+        let matches = bearings(&ids, &uv)?;
+        let report = self.write(py, |f| f.relocalise(&pose, &matches))?;
+        PyUpdateReport::new(py, report)
+    }
+
+    /// Starts a new map from a view of Cf, where the camera is predicted to be; the map of before is gone.
+    ///
+    /// What is left of the pose's certainty becomes that of the new map's place in W: it is part of
+    /// `pose_covariance` and of the landmarks' covariance. Take `known_map` before, to come back to the map
+    /// with `relocalise_in`.
+    ///
+    /// Parameters
+    /// ----------
+    /// worn : WornMeasurement
+    ///     All its ids -1.
+    ///
+    /// Returns
+    /// -------
+    /// UpdateReport
+    ///     ``accepted`` says whether the map was started (``worn.start_births``); otherwise the filter is
+    ///     as it was.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For NaN, an id that is not -1, an impossible pose or covariance, or before the start; the filter
+    ///     stays as it was.
+    fn restart(&self, py: Python<'_>, worn: &PyWornMeasurement) -> PyResult<PyUpdateReport> {
+        let report = self.write(py, |f| f.restart(&worn.0))?;
+        PyUpdateReport::new(py, report)
+    }
+
+    /// Puts a lost camera into another map, where its matches with that say, and forgets the present one.
+    ///
+    /// Parameters
+    /// ----------
+    /// landmarks : (M, 6) float64
+    ///     ``x y z theta phi rho`` of each in W (METHOD 2): metres, radians, 1/m.
+    /// covariance : (6 M, 6 M) float64
+    ///     Their joint covariance.
+    /// drift : (6, 6) float64
+    ///     Covariance of W's drift, (translation m, rotation rad).
+    /// pose : (4, 4) float64
+    ///     T_WC that explains the matches, as PnP gives it, metres.
+    /// index, uv : (N,) int64, (N, 2) float64
+    ///     Landmarks by their place in the map, and their pixels in Cs.
+    ///
+    /// Returns
+    /// -------
+    /// MapRelocalisation
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For wrong shapes, NaN, a covariance that is none, an impossible pose, or before the start; the
+    ///     filter stays as it was.
+    #[expect(clippy::too_many_arguments, reason = "six names in Python")]
+    fn relocalise_in(
+        &self,
+        py: Python<'_>,
+        landmarks: Argument<'_>,
+        covariance: Argument<'_>,
+        drift: Argument<'_>,
+        pose: Argument<'_>,
+        index: Argument<'_>,
+        uv: Argument<'_>,
+    ) -> PyResult<PyMapRelocalisation> {
+        let map = KnownMap {
+            landmarks: rows::<6>("landmarks", &landmarks)?,
+            covariance: square("covariance", &covariance)?,
+            drift: matrix::<6, 6>("drift", &drift)?,
+        };
+        let pose = self::pose("pose", &pose)?;
+        let (index, uv) = (self::ids("index", &index)?, pixels("uv", &uv)?);
+        same_length("uv", index.len(), uv.len())?;
+        let places = index.into_iter().map(|place| place as usize);
+        let matches: Vec<_> = places.zip(uv).collect();
+        let (report, ids) = self.write(py, |f| f.relocalise_in(&map, &pose, &matches))?;
+        PyMapRelocalisation::new(py, report, to_ids(py, ids.into_iter().map(Some)))
+    }
+}
