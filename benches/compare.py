@@ -101,7 +101,7 @@ HARDEST = (100, 10)
 def measure(rounds: Rounds, number: int) -> tuple[Samples, dict[str, Any]]:
     """Samples in milliseconds by name, and counts."""
     samples: Samples = {}
-    counts: dict[str, Any] = {"hohct_struck": 0, "iterations": [], "nodes": {}}
+    counts: dict[str, Any] = {"hohct_struck": 0, "nodes": {}}
 
     def add(name: str, *values: float) -> None:
         samples.setdefault(name, []).extend(values)
@@ -111,8 +111,7 @@ def measure(rounds: Rounds, number: int) -> tuple[Samples, dict[str, Any]]:
         for n, k in [*SIZES, (100, 100)]:
             runs = 8 if (n, k) == (100, 40) else 2
             update = rounds.run(f"update {n} {k}", runs)
-            add(f"update n={n} m={2 * k}", *(ns / 1e6 for ns, _ in update))
-            counts["iterations"] += [iterations for _, iterations in update]
+            add(f"update n={n} m={2 * k}", *(ns / 1e6 for (ns,) in update))
             for _ in range(runs):
                 parts = yardsticks[n, 2 * k].run()
                 for name, ms in zip(("dsyrk", "dtrsm", "dpotrf"), parts, strict=True):
@@ -120,7 +119,7 @@ def measure(rounds: Rounds, number: int) -> tuple[Samples, dict[str, Any]]:
                 add(f"yardsticks n={n} m={2 * k}", sum(parts))
             if (n, k) == (100, 40):
                 single = rounds.run(f"update-single {n} {k}", runs)
-                add("update n=100 m=80, an anchor each", *(ns / 1e6 for ns, _ in single))
+                add("update n=100 m=80, an anchor each", *(ns / 1e6 for (ns,) in single))
                 add("step n=100 m=80", *(run[0] / 1e6 for run in rounds.run("step 100 40 3", runs)))
         for n, wrong in TESTS:
             runs_ = rounds.run(f"hohct {n} {wrong}", 4)
@@ -241,7 +240,6 @@ def main() -> None:
         "hohct_struck": counts["hohct_struck"],
         "hohct_most_nodes": counts["nodes"],
         **worst,
-        "update_iterations_median": statistics.median(counts["iterations"]),
         "warm_step_allocations": allocations(args.allocations),
         **through_python,
     }

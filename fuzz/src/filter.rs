@@ -435,8 +435,8 @@ fn settings(bytes: &mut Bytes<'_>) -> Settings {
         ),
         ("pixel.sigma_cs", Value::Float([1.0, 0.1][bytes.below(2)])),
         (
-            "estimator.iterations",
-            Value::Int([1, 2, 5][bytes.below(3)]),
+            "calibration.focal_sd",
+            Value::Float([0.0, 0.003, 0.1][bytes.below(3)]),
         ),
         (
             "process.start_velocity_sd",

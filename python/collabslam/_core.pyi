@@ -858,8 +858,6 @@ class UpdateReport:
     refused : str or None
         Why the whole frame was refused: its update would have broken the filter, which is as it was
         before.
-    iterations : int
-        Linearisations of the update.
     nis : float
         Normalised innovation squared of the accepted batch.
     dof : int
@@ -882,8 +880,6 @@ class UpdateReport:
     def accepted(self) -> bool: ...
     @property
     def refused(self) -> str | None: ...
-    @property
-    def iterations(self) -> int: ...
     @property
     def nis(self) -> float: ...
     @property

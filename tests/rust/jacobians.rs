@@ -279,7 +279,7 @@ fn worn_pixel_rows() {
         check_by_feature("Cf pixel by feature", &feature, &two(&at.by_feature), |y| {
             predicted(rows(&pose, y, &error))
         });
-        let by_error = at.by_worn.expect("depends on T_CF");
+        let by_error = at.by_shared.expect("depends on T_CF");
         check("Cf pixel by T_CF", &error, &two(&by_error), |e| {
             predicted(rows(&pose, &feature, e))
         });
@@ -378,7 +378,8 @@ fn delayed_birth_depends_on_both_poses() {
             };
             let view =
                 TwoView::new(&camera, &uv, &camera, &uv_first, &relative).expect("they meet");
-            let mut new = NewFeature::from_two_views(now, &view, 1.0, 1.0);
+            let warp = camera.warp_jacobian(&uv);
+            let mut new = NewFeature::from_two_views(now, &view, &warp, (1.0, 1.0));
             new.depend_on_first_pose(now, first, &view, FirstPoseCovariance::InState(13));
             new
         };
@@ -454,4 +455,59 @@ fn process_noise_does_not_depend_on_the_frame_rate() {
     let eigenvalues = DMatrix::from_column_slice(13, 13, whole.as_slice()).symmetric_eigenvalues();
     assert!(eigenvalues.min() > -1e-12);
     assert_eq!(DVector::from_column_slice(&[0.0; 1])[0], whole[(3, 3)]);
+}
+
+/// The camera whose calibration is off by those six numbers. Without distortion of its own: the warp's radial terms are in
+/// the pixels, those of the model in the rays.
+fn warped(by: &Vector6<f64>) -> Camera {
+    let (fx, fy) = (600.0 * (1.0 + by[0]), 605.0 * (1.0 + by[0]) * (1.0 + by[1]));
+    let intrinsics = [fx, fy, 362.0 + by[2], 238.0 + by[3]];
+    let radial = [by[4], by[5], 0.0, 0.0];
+    Camera::new("radtan", 720, 480, intrinsics, &radial).expect("valid calibration")
+}
+
+#[test]
+fn pixels_and_births_by_the_calibration() {
+    let mut rng = rng(14);
+    let (zero, camera) = (Vector6::zeros(), warped(&Vector6::zeros()));
+    for _ in 0..30 {
+        let (pose, feature) = random_view(&mut rng, Form::InverseDepth);
+        let offset = random_worn(&mut rng);
+        let (uv, uv_first) = random_pair(&mut rng, &camera, &offset);
+        let seen = PointInCamera::metric(&pose, &feature)
+            .expect("in front")
+            .value;
+        let at = camera.project(&seen).expect("in front");
+        let rows = Rows::bearing(&camera, &pose, &feature, &at, 1.0).expect("visible");
+        let by = rows.by_shared.expect("depends on the calibration");
+        check(
+            "bearing by calibration",
+            &zero,
+            &by.fixed_rows::<2>(0).into_owned(),
+            |by| warped(by).project(&seen).expect("in front"),
+        );
+        let vague = |by: &Vector6<f64>| {
+            NewFeature::with_prior_depth(&warped(by), &pose, &uv, 1.0, 0.5, 0.1).expect("a ray")
+        };
+        check(
+            "birth by calibration",
+            &zero,
+            &vague(&zero).by_calibration,
+            |by| vague(by).mean,
+        );
+        let born = |by: &Vector6<f64>| {
+            let camera = warped(by);
+            let view = TwoView::new(&camera, &uv, &camera, &uv_first, &offset).expect("they meet");
+            let [warp, first] = [&uv, &uv_first].map(|uv| camera.warp_jacobian(uv));
+            let mut new = NewFeature::from_two_views(&pose, &view, &warp, (1.0, 1.0));
+            new.share_calibration(&view, &first);
+            new
+        };
+        check(
+            "birth of two views",
+            &zero,
+            &born(&zero).by_calibration,
+            |by| born(by).mean,
+        );
+    }
 }

@@ -60,7 +60,6 @@ impl Pair {
     fn new(shrinks: bool) -> Self {
         let settings = settings(&[
             ("estimator.consistency", name("none")),
-            ("estimator.iterations", Value::Int(1)),
             ("estimator.mode", name("mono")),
             ("validate.test", name("none")),
             ("map.max_features", Value::Int(6)),

@@ -34,8 +34,10 @@ pub(crate) struct Dense {
     pub(crate) x: DVector<f64>,
     pub(crate) p: DMatrix<f64>,
     worn: Option<usize>,
-    /// Where the worn camera's bias is, which is considered and not estimated.
-    bias: Option<usize>,
+    /// Where the error of the calibration is.
+    calibration: Option<usize>,
+    /// Where the blocks are that are considered and not estimated: the calibration's error, the worn camera's bias.
+    considered: Vec<usize>,
 }
 
 impl Dense {
@@ -43,17 +45,20 @@ impl Dense {
         let x = DVector::from_column_slice(filter.state().mean());
         let p = filter.state().covariance().to_dense();
         let n = x.len();
+        let find = |kind| filter.state().layout().of_kind(kind).next();
+        let calibration = find(BlockKind::Calibration).map(|b| b.offset);
         let Some(worn) = worn else {
             return Self {
                 x,
                 p,
                 worn: None,
-                bias: None,
+                calibration,
+                considered: calibration.into_iter().collect(),
             };
         };
         // The frame's error is the bias, if there is one, plus white noise.
         let mut grow = DMatrix::<f64>::identity(n + 6, n);
-        let bias = filter.state().layout().of_kind(BlockKind::WornBias).next();
+        let bias = find(BlockKind::WornBias);
         if let Some(bias) = bias {
             for i in 0..6 {
                 for k in 0..3 {
@@ -73,7 +78,11 @@ impl Dense {
             x: grow * x,
             p,
             worn: Some(n),
-            bias: bias.map(|b| b.offset),
+            calibration,
+            considered: calibration
+                .into_iter()
+                .chain(bias.map(|b| b.offset))
+                .collect(),
         }
     }
 
@@ -83,14 +92,14 @@ impl Dense {
     }
 
     /// The textbook update.
-    pub(crate) fn update(&mut self, units: &[(Rows, usize)]) {
+    pub(crate) fn update(&mut self, units: &[(Rows, usize, Option<usize>)]) {
         let n = self.x.len();
-        let m: usize = units.iter().map(|(rows, _)| rows.count).sum();
+        let m: usize = units.iter().map(|(rows, _, _)| rows.count).sum();
         let mut h = DMatrix::<f64>::zeros(m, n);
         let mut r = DMatrix::<f64>::zeros(m, m);
         let mut g = DVector::<f64>::zeros(m);
         let mut at = 0;
-        for (rows, feature) in units {
+        for (rows, feature, shared) in units {
             for i in 0..rows.count {
                 g[at + i] = rows.innovation[i];
                 for c in 0..7 {
@@ -98,8 +107,8 @@ impl Dense {
                 }
                 for c in 0..6 {
                     h[(at + i, feature + c)] = rows.by_feature[(i, c)];
-                    if let (Some(by), Some(worn)) = (&rows.by_worn, self.worn) {
-                        h[(at + i, worn + c)] = by[(i, c)];
+                    if let (Some(by), Some(shared)) = (&rows.by_shared, shared) {
+                        h[(at + i, shared + c)] = by[(i, c)];
                     }
                 }
                 for c in 0..rows.count {
@@ -115,14 +124,15 @@ impl Dense {
                 .cholesky()
                 .expect("S is positive definite")
                 .inverse();
-        let kept = self
-            .bias
-            .map(|b| self.p.fixed_view::<6, 6>(b, b).into_owned());
+        let kept = self.p.clone();
         self.x += &gain * g;
         self.p -= &gain * s * gain.transpose();
-        if let (Some(b), Some(kept)) = (self.bias, kept) {
-            self.x.fixed_rows_mut::<6>(b).fill(0.0);
-            self.p.fixed_view_mut::<6, 6>(b, b).copy_from(&kept);
+        for &a in &self.considered {
+            self.x.fixed_rows_mut::<6>(a).fill(0.0);
+            for &b in &self.considered {
+                let before = kept.fixed_view::<6, 6>(a, b);
+                self.p.fixed_view_mut::<6, 6>(a, b).copy_from(&before);
+            }
         }
     }
 
@@ -201,7 +211,7 @@ pub(crate) fn units(
     dense: &Dense,
     z: &Measurements,
     report: &UpdateReport,
-) -> Vec<(Rows, usize)> {
+) -> Vec<(Rows, usize, Option<usize>)> {
     let state = before.state();
     let pose = state.camera_pose();
     let pixel = &before.settings().pixel;
@@ -215,7 +225,7 @@ pub(crate) fn units(
         if *outcome == Outcome::Pixel {
             let (y, offset) = feature(bearing.id);
             let rows = Rows::bearing(camera, &pose, &y, &bearing.uv, pixel.sigma_cs);
-            units.push((rows.expect("visible"), offset));
+            units.push((rows.expect("visible"), offset, dense.calibration));
         }
     }
     for (depth, outcome) in z.depths.iter().zip(&report.depths) {
@@ -223,7 +233,7 @@ pub(crate) fn units(
         let (y, offset) = feature(depth.id.expect("known"));
         let (point, noise) = point_at_depth(&warm.scene, depth, pixel.sigma_cs);
         let rows = Rows::depth(&pose, &y, &point, &noise, None);
-        units.push((rows.expect("rho > 0"), offset));
+        units.push((rows.expect("rho > 0"), offset, None));
     }
     let Some(worn) = &z.worn else { return units };
     let error = dense.error();
@@ -255,7 +265,7 @@ pub(crate) fn units(
             }
             _ => continue,
         };
-        units.push((rows.expect("visible"), offset));
+        units.push((rows.expect("visible"), offset, dense.worn));
     }
     units
 }
@@ -263,7 +273,6 @@ pub(crate) fn units(
 fn against_dense(seed: u64, changes: &[(&str, Value)], worn: bool, depths: bool) -> UpdateReport {
     let mut all = vec![
         ("validate.test", name("none")),
-        ("estimator.iterations", Value::Int(1)),
         ("estimator.consistency", name("none")),
     ];
     all.extend_from_slice(changes);
@@ -288,7 +297,7 @@ fn against_dense(seed: u64, changes: &[(&str, Value)], worn: bool, depths: bool)
     let units = units(&warm, &before, &dense, &z, &report);
     assert_eq!(
         report.dof,
-        units.iter().map(|(rows, _)| rows.count).sum::<usize>()
+        units.iter().map(|(rows, _, _)| rows.count).sum::<usize>()
     );
     dense.update(&units);
     dense.normalise(&quaternions(&before));
@@ -349,6 +358,57 @@ fn a_bias_of_the_worn_camera_agrees_with_a_dense_filter() {
         assert!(report.dof > 20);
         assert!(report.worn_error.norm() > 0.0);
     }
+}
+
+/// A calibration that is known to a typical half a percent.
+pub(crate) const CALIBRATION: [(&str, Value); 4] = [
+    ("calibration.focal_sd", Value::Float(0.005)),
+    ("calibration.aspect_sd", Value::Float(0.001)),
+    ("calibration.centre_sd", Value::Float(2.0)),
+    ("calibration.radial_sd", Value::Float(0.01)),
+];
+
+#[test]
+fn an_error_of_the_calibration_agrees_with_a_dense_filter() {
+    for (mode, bias) in [("mono", 0.0), ("collab-tight", 0.0), ("collab-tight", 0.6)] {
+        let mut changes = CALIBRATION.to_vec();
+        changes.push(("estimator.mode", name(mode)));
+        changes.push(("worn.bias_share", Value::Float(bias)));
+        let report = against_dense(5, &changes, mode != "mono", false);
+        assert!(report.dof > 20);
+    }
+}
+
+#[test]
+fn an_error_of_the_calibration_is_considered_and_not_estimated() {
+    let after = |changes: &[(&str, Value)]| {
+        let mut warm = with_clone(5, changes);
+        let z = measure(&mut warm, false);
+        warm.filter.update(&z).expect("valid measurements");
+        warm.filter.check().expect("sound");
+        warm.filter
+    };
+    let (exact, filter) = (after(&[]), after(&CALIBRATION));
+    let state = filter.state();
+    let block = state.layout().of_kind(BlockKind::Calibration).next();
+    let at = block.expect("it is considered").offset;
+    let sds = [0.005, 0.001, 2.0, 2.0, 0.01, 0.01];
+    for (i, sd) in sds.iter().enumerate() {
+        assert_eq!(state.mean()[at + i], 0.0);
+        assert!((state.covariance().get(at + i, at + i) / (sd * sd) - 1.0).abs() < 1e-12);
+    }
+    // What it does is the same in all features: it does not average out.
+    let volume = |filter: &Filter| filter.pose_covariance().fixed_view::<3, 3>(3, 3).trace();
+    assert!(volume(&filter) > 1.5 * volume(&exact));
+    // Search follows: a new pixel is as uncertain as its update will say.
+    let wide = |filter: &Filter| {
+        filter
+            .predict_pixels()
+            .iter()
+            .map(|f| f.s.trace())
+            .sum::<f64>()
+    };
+    assert!(wide(&filter) > wide(&exact));
 }
 
 #[test]

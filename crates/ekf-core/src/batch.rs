@@ -13,21 +13,14 @@ use crate::state::State;
 use crate::validate::{Batch, Blocks};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor;
-use faer::linalg::triangular_solve::{
-    solve_lower_triangular_in_place, solve_upper_triangular_in_place,
-};
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{MatMut, MatRef, Par, Spec};
-use nalgebra::{Matrix3, SVector};
-
-/// Standard deviations by which a measurement may be off the linear model of another point: farther off, that point is no
-/// better one.
-const DIVERGED: f64 = 1e4;
+use nalgebra::Matrix3;
 
 /// Buffers of the batch; they only grow, so a warm step allocates nothing.
 #[derive(Default)]
 pub struct Workspace {
     blocks: Vec<MeasurementBlock>,
-    fresh: Vec<MeasurementBlock>,
     offsets: Vec<usize>,
     kept_rows: Vec<usize>,
     /// `P H^T`, and `V` in the end.
@@ -44,7 +37,6 @@ pub struct Workspace {
     g: Vec<f64>,
     noise: Vec<Matrix3<f64>>,
     y: Vec<f64>,
-    weights: Vec<f64>,
     scratch: Option<MemBuffer>,
     scratch_dim: usize,
 }
@@ -176,8 +168,8 @@ impl Workspace {
                 if let Some(own) = own {
                     pht.add::<3>(&mut sums, own, k, by_own);
                 }
-                if let (Some(by_worn), Some(w)) = (&rows.by_worn, block.worn) {
-                    pht.add::<6>(&mut sums, slots[w], k, by_worn.as_slice());
+                if let (Some(by_shared), Some(w)) = (&rows.by_shared, block.shared) {
+                    pht.add::<6>(&mut sums, slots[w], k, by_shared.as_slice());
                 }
                 for (r, sum) in sums.iter().enumerate().take(rows.count) {
                     self.s[k + (from + r) * m] = *sum;
@@ -273,63 +265,6 @@ impl Workspace {
         }
     }
 
-    /// What the update would add to the pose: the gain times the innovation, `P H^T L^-T y`, before V is formed.
-    pub(crate) fn pose_step(&mut self) -> SVector<f64, POSE_DIM> {
-        let m = self.rows();
-        let mut step = SVector::zeros();
-        if m == 0 {
-            return step;
-        }
-        resize(&mut self.weights, m);
-        self.weights.copy_from_slice(&self.y);
-        solve_upper_triangular_in_place(
-            MatRef::from_column_major_slice(&self.l, m, m).transpose(),
-            MatMut::from_column_major_slice_mut(&mut self.weights, m, 1),
-            Par::Seq,
-        );
-        for (row, &w) in self.weights.iter().enumerate() {
-            for (i, value) in step.iter_mut().enumerate() {
-                *value += w * self.pht.get(i, row);
-            }
-        }
-        step
-    }
-
-    /// An empty list for [`Self::relinearise`], with room.
-    pub(crate) fn take_fresh(&mut self) -> Vec<MeasurementBlock> {
-        let mut fresh = std::mem::take(&mut self.fresh);
-        fresh.clear();
-        fresh
-    }
-
-    /// Takes blocks linearised where the pose is off the prior by `step` in place of those at the last point, if they
-    /// say something new: if a measurement is off its linear model by more than `tolerance` sigmas. Their innovation
-    /// is brought back to the prior mean: `g = z - h(moved) + H step`. Returns false, and changes nothing, where the
-    /// linear model holds, a feature no longer predicts anything (`fresh` is short then), or the iteration diverges.
-    pub(crate) fn relinearise(
-        &mut self,
-        mut fresh: Vec<MeasurementBlock>,
-        step: &SVector<f64, POSE_DIM>,
-        tolerance: f64,
-    ) -> bool {
-        let mut worst: f64 = 0.0;
-        for (block, old) in fresh.iter_mut().zip(&self.blocks) {
-            let rows = &mut block.rows;
-            let linear = old.rows.innovation - old.rows.by_pose * step;
-            for r in 0..rows.count {
-                let sigma = rows.noise[(r, r)].sqrt();
-                worst = worst.max((rows.innovation[r] - linear[r]).abs() / sigma);
-            }
-            rows.innovation += rows.by_pose * step;
-        }
-        let news = fresh.len() == self.blocks.len() && (tolerance..DIVERGED).contains(&worst);
-        if news {
-            std::mem::swap(&mut self.blocks, &mut fresh);
-        }
-        self.fresh = fresh;
-        news
-    }
-
     /// Works out the update, `V = P H^T L^-T` and `V y`, and whether it may be made. To be called once, after
     /// [`Self::factor`] and before [`Self::apply`]. A gauge carries P along in the same pass: it needs `P B` after the
     /// update, `P B - V C` with `C = L^-1 H P B`.
@@ -366,7 +301,7 @@ impl Workspace {
             return;
         }
         state.camera_moved();
-        let bias = state.worn_bias();
+        let considered = state.considered();
         let (n, moved) = (state.p.stored().n, &self.moved);
         for (x, &slot) in state.x.iter_mut().zip(state.p.stored().slots) {
             *x += moved[slot];
@@ -374,9 +309,7 @@ impl Workspace {
         let change = gauge.map(|gauge| gauge.change(state, Some(&moved[n..])));
         state.p.downdate(&self.pht, change);
         state.p.round_up(&self.squares);
-        if let Some(bias) = bias {
-            state.keep_worn_bias(&bias);
-        }
+        state.keep_considered(&considered);
     }
 
     /// Appends `C` to `y`.

@@ -7,6 +7,7 @@
 use Audience::{Lab, User};
 
 use crate::error::EkfError;
+use nalgebra::{Matrix6, Vector6};
 use serde::{Deserialize, Serialize};
 
 /// A setting's value on its way in or out.
@@ -307,8 +308,6 @@ settings! {
         /// What keeps the filter from gaining information that no measurement holds: gauge (the covariance moves with
         /// the directions that no camera can see, rotation and scale) or none (the plain EKF).
         consistency: Consistency = Consistency::Gauge, "", None, None, Lab;
-        /// Most linearisations of one update (iterated EKF); 1 is the plain EKF. It stops by itself where one is enough.
-        iterations: usize = 5, "", Some(1.0), Some(50.0), Lab;
     }
     /// The motion model: constant velocity with white acceleration (METHOD 3).
     process: ProcessSettings {
@@ -333,6 +332,22 @@ settings! {
         position_drift: f64 = 0.06, "m/m^0.5", Some(0.0), Some(10.0), Lab;
         /// The same of the attitude, by time.
         attitude_drift: f64 = 1.0, "deg/s^0.5", Some(0.0), Some(90.0), Lab;
+    }
+    /// How well Cs is calibrated. A calibration's error is the same in every frame, so that no number of features averages it
+    /// out: the filter considers it and does not estimate it (METHOD 4). All zero: the calibration is exact.
+    calibration: CalibrationSettings {
+        /// Standard deviation of the focal length, relative.
+        focal_sd: f64 = 0.0, "", Some(0.0), Some(0.5),
+            User("State what your calibration says of itself: 0.003 is a good one, 0.01 one out of a data sheet.");
+        /// Standard deviation of the ratio of both focal lengths.
+        aspect_sd: f64 = 0.0, "", Some(0.0), Some(0.5),
+            User("As the focal length's; pixels are square to 0.001.");
+        /// Standard deviation of each coordinate of the principal point.
+        centre_sd: f64 = 0.0, "px", Some(0.0), Some(1e3),
+            User("As the focal length's; some pixels, unless it was calibrated well.");
+        /// Standard deviation of the radial distortion: of its coefficients of the third and the fifth power.
+        radial_sd: f64 = 0.0, "", Some(0.0), Some(1.0),
+            User("As the focal length's; 0.01 is a good lens that was calibrated well.");
     }
     /// Noise of pixel measurements (METHOD 4).
     pixel: PixelSettings {
@@ -440,6 +455,21 @@ settings! {
         /// Distance at which it ends at most.
         far: f64 = 60.0, "m", Some(0.1), Some(1e5),
             User("Raise it outdoors where Cf is worn far from Cs and things farther off help; lower it indoors to search less.");
+    }
+}
+
+impl CalibrationSettings {
+    /// Covariance of the calibration's error, in the order of the camera's `warp_jacobian`;
+    /// `None` where it is exact.
+    pub fn covariance(&self) -> Option<Matrix6<f64>> {
+        let (focal, aspect, centre, radial) = (
+            self.focal_sd,
+            self.aspect_sd,
+            self.centre_sd,
+            self.radial_sd,
+        );
+        let sds = Vector6::new(focal, aspect, centre, centre, radial, radial);
+        (sds.max() > 0.0).then(|| Matrix6::from_diagonal(&sds.component_mul(&sds)))
     }
 }
 

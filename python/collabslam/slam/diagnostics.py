@@ -49,6 +49,5 @@ def search_counts(predicted: int, found: Found, report: UpdateReport) -> dict[st
         "hohct_order": report.order,
         "hohct_exact": int(report.exact),
         "bounded": int(not report.exact),
-        "iterations": report.iterations,
         "refused": int(report.refused is not None),
     }

@@ -16,6 +16,8 @@ pub struct NewFeature {
     pub by_pose: SMatrix<f64, 6, 7>,
     /// Derivative by another block of the state: its offset, and up to seven columns.
     pub by_other: Option<(usize, SMatrix<f64, 6, 7>, usize)>,
+    /// Derivative by the error of Cs's calibration.
+    pub by_calibration: SMatrix<f64, 6, 6>,
     /// Covariance of everything that is not in the state (pixels, and T_CF where it is independent).
     pub noise: SMatrix<f64, 6, 6>,
 }
@@ -38,17 +40,18 @@ impl NewFeature {
             mean,
             by_pose,
             by_other: None,
+            by_calibration: SMatrix::zeros(),
             noise: SMatrix::zeros(),
         }
     }
 
-    /// Two views (METHOD 5). `rho` is measured; its dependence on the state beyond the direction (delayed case: the
+    /// Two views (METHOD 5), the present pixel's `warp` being that of [`Camera::warp_jacobian`]. `rho` is measured; its dependence on the state beyond the direction (delayed case: the
     /// present pose and the first one; instant case: the error of T_CF) is added by the caller.
     pub fn from_two_views(
         pose: &CameraPose,
         view: &TwoView,
-        sigma_px: f64,
-        other_sigma_px: f64,
+        warp: &SMatrix<f64, 2, 6>,
+        (sigma_px, other_sigma_px): (f64, f64),
     ) -> Self {
         let mut by_ray = SMatrix::zeros();
         let mut new = Self::along(pose, &view.ray, &mut by_ray);
@@ -60,6 +63,7 @@ impl NewFeature {
         by_pixel
             .fixed_view_mut::<1, 2>(5, 0)
             .copy_from(&view.rho_by_pixel);
+        new.by_calibration = -by_pixel * warp;
         new.noise = by_pixel * by_pixel.transpose() * (sigma_px * sigma_px);
         new.noise[(5, 5)] +=
             view.rho_by_other_pixel.norm_squared() * other_sigma_px * other_sigma_px;
@@ -80,6 +84,9 @@ impl NewFeature {
         let mut new = Self::along(pose, &ray, &mut by_ray);
         new.mean[5] = rho;
         let by_pixel = by_ray * ray_by_pixel;
+        new.by_calibration
+            .fixed_view_mut::<2, 6>(3, 0)
+            .copy_from(&(-by_pixel * camera.warp_jacobian(uv)));
         new.noise
             .fixed_view_mut::<2, 2>(3, 3)
             .copy_from(&(by_pixel * by_pixel.transpose() * (sigma_px * sigma_px)));
@@ -118,6 +125,12 @@ impl NewFeature {
         let mut by = SMatrix::<f64, 6, 7>::zeros();
         by.fixed_view_mut::<1, 6>(5, 0).copy_from(rho_by_error);
         self.by_other = Some((offset, by, 6));
+    }
+
+    /// Lets rho depend on the calibration's error through the other view's pixel as well, where that is one of Cs.
+    pub fn share_calibration(&mut self, view: &TwoView, other_warp: &SMatrix<f64, 2, 6>) {
+        let mut rho = self.by_calibration.fixed_view_mut::<1, 6>(5, 0);
+        rho -= view.rho_by_other_pixel * other_warp;
     }
 
     /// Lets a feature of one view depend on the pose of a candidate's first view instead of the camera's present one.

@@ -18,6 +18,7 @@
 
 mod fisheye;
 mod radtan;
+mod warp;
 mod wideangle;
 
 use nalgebra::{Matrix2x3, Matrix3, Matrix3x2, Vector2, Vector3};

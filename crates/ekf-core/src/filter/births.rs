@@ -196,7 +196,9 @@ impl Filter {
         if view.rho_variance_from_pixels(sigma, sigma).sqrt() > birth.max_rho_ratio * view.rho {
             return CandidateOutcome::Waiting;
         }
-        let mut new = NewFeature::from_two_views(&now, &view, sigma, sigma);
+        let [warp, first_warp] = [uv, &candidate.uv].map(|uv| self.camera.warp_jacobian(uv));
+        let mut new = NewFeature::from_two_views(&now, &view, &warp, (sigma, sigma));
+        new.share_calibration(&view, &first_warp);
         new.depend_on_first_pose(&now, &first, &view, covariance);
         match self.append_feature(&new) {
             Some(block) => CandidateOutcome::Born(block.id),

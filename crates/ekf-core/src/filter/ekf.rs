@@ -13,9 +13,9 @@ use crate::local::{Buffers, OutsideSet};
 use crate::math::quat;
 use crate::placed::Placed;
 use crate::settings::{Consistency, Settings};
-use crate::state::{CAMERA_DIM, Mark, State};
+use crate::state::{BlockKind, CAMERA_DIM, Mark, State};
 use crate::{guard, validate};
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector3, Vector6};
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
@@ -60,8 +60,12 @@ impl Filter {
         // More is taken when it is needed.
         let features = settings.map.max_features.min(AT_FIRST);
         let capacity = CAMERA_DIM + 6 * features + 64;
+        let mut state = State::at_origin(capacity);
+        if let Some(covariance) = settings.calibration.covariance() {
+            state.append::<6>(BlockKind::Calibration, &Vector6::zeros(), &[], &covariance);
+        }
         Self {
-            state: State::at_origin(capacity),
+            state,
             settings,
             camera,
             worn_camera,

@@ -33,6 +33,13 @@ impl Filter {
                 matrix: &by.as_slice()[..6 * width],
             });
         }
+        if let Some(offset) = self.state.calibration() {
+            parts.push(LinearPart {
+                offset,
+                width: 6,
+                matrix: new.by_calibration.as_slice(),
+            });
+        }
         let block = self.state.append_feature(&new.mean, &parts, &new.noise);
         if !guard::newborn_is_located(&self.state, &block) {
             self.state.remove(|b| b.id == block.id);
@@ -118,7 +125,10 @@ impl Filter {
         self.state.remove(|b| match b.kind {
             BlockKind::Feature(_) => gone.contains(&b.id),
             BlockKind::Clone => !needed.contains(&b.id),
-            BlockKind::WornBias | BlockKind::WornError | BlockKind::Auxiliary(_) => false,
+            BlockKind::WornBias
+            | BlockKind::Calibration
+            | BlockKind::WornError
+            | BlockKind::Auxiliary(_) => false,
         });
         for id in &gone {
             self.records.remove(id);

@@ -105,7 +105,7 @@ impl Filter {
             &bearing.uv,
             self.settings.pixel.sigma_cs,
         );
-        MeasurementBlock::new(rows, &landmark, None)
+        MeasurementBlock::new(rows, &landmark, self.state.calibration())
     }
 
     fn worn_point(
@@ -184,14 +184,14 @@ impl MeasurementBlock {
     pub(super) fn new(
         rows: Option<Rows>,
         landmark: &Block,
-        worn: Option<usize>,
+        shared: Option<usize>,
     ) -> Result<Self, Outcome> {
         let rows = rows.ok_or(Outcome::NotVisible)?;
         Ok(Self {
             rows,
             id: landmark.id,
             feature: landmark.offset,
-            worn,
+            shared,
         })
     }
 }

@@ -124,8 +124,6 @@ pub struct UpdateReport {
     pub order: usize,
     /// Whether the batch test finished its exact search, each time that the frame asked for it.
     pub exact: bool,
-    /// Number of linearisations of the update.
-    pub iterations: usize,
     /// Estimated error of T_CF after the update, tangent (m, rad).
     pub worn_error: Vector6<f64>,
     /// Why the frame was refused, if it was: the filter is as it was before.
@@ -159,7 +157,6 @@ impl UpdateReport {
             pairs,
             depths,
             exact: true,
-            iterations: 1,
             accepted: true,
             ..Self::default()
         };

@@ -82,7 +82,8 @@ impl Filter {
                 report.pairs[i] = Outcome::TooUncertain;
                 continue;
             }
-            let mut new = NewFeature::from_two_views(&pose, &view, sigma, sigma_f);
+            let warp = self.camera.warp_jacobian(&pair.uv);
+            let mut new = NewFeature::from_two_views(&pose, &view, &warp, (sigma, sigma_f));
             let by_error = view.rho_by_tangent();
             match self.worn_error_offset() {
                 Some(offset) => new.share_worn_error(offset, &by_error),

@@ -30,6 +30,9 @@ type Covariances<'a> = (
     &'a SMatrix<f64, 6, 6>,
 );
 
+/// Covariance of the calibration's error with the camera's pose and with a feature, and its own.
+type WarpCovariances = (SMatrix<f64, 6, 7>, SMatrix<f64, 6, 6>, SMatrix<f64, 6, 6>);
+
 impl Filter {
     /// Pixel, S and point of every feature that should be visible in Cs (METHOD 4: in front, in the image, rho > 0).
     pub fn predict_pixels(&self) -> Vec<PredictedFeature> {
@@ -47,7 +50,9 @@ impl Filter {
             let feature = self.state.feature(block);
             if let Some(view) = appearance(&self.camera, &pose, &feature, 0.0) {
                 let (p_cross, p_own) = self.state.feature_covariance(block);
-                seen.push(self.expect(block.id, &feature, &view, (&p_pose, &p_cross, &p_own)));
+                let warp = self.warp_covariances(|at| self.state.covariance_with(at, block));
+                let known = (&p_pose, &p_cross, &p_own);
+                seen.push(self.expect(block.id, &feature, &view, known, warp));
             }
         }
         if let Some(outside) = self
@@ -60,11 +65,24 @@ impl Filter {
             for (block, feature) in may_be {
                 if let Some(view) = appearance(&self.camera, &pose, &feature, 0.0) {
                     let (p_cross, p_own) = outside.covariance(&self.state, &block);
-                    seen.push(self.expect(block.id, &feature, &view, (&p_pose, &p_cross, &p_own)));
+                    let with = |at| outside.covariance_with(&self.state, at, &block);
+                    let warp = self.warp_covariances(with);
+                    let known = (&p_pose, &p_cross, &p_own);
+                    seen.push(self.expect(block.id, &feature, &view, known, warp));
                 }
             }
             seen.sort_unstable_by_key(|f| f.id);
         }
+    }
+
+    /// What the calibration's error has to do with camera and feature, if it is considered; `with` says it of the feature.
+    fn warp_covariances(
+        &self,
+        with: impl Fn(usize) -> SMatrix<f64, 6, 6>,
+    ) -> Option<WarpCovariances> {
+        let at = self.state.calibration()?;
+        let p = &self.state.p;
+        Some((p.block(at, 0), with(at), p.block(at, at)))
     }
 
     /// Pixel and uncertainty of a feature that is in view, from its covariance with the pose and its own.
@@ -74,6 +92,7 @@ impl Filter {
         feature: &FeatureState,
         view: &Appearance,
         (p_pose, p_cross, p_own): Covariances<'_>,
+        warp: Option<WarpCovariances>,
     ) -> PredictedFeature {
         let Appearance {
             point,
@@ -87,10 +106,18 @@ impl Filter {
         let along = point.value / range;
         let range_var = (along.transpose() * point_cov * along)[(0, 0)].max(0.0);
         let sigma2 = self.settings.pixel.sigma_cs.powi(2);
+        let mut s = by_point * point_cov * by_point.transpose() + Matrix2::identity() * sigma2;
+        if let Some((with_pose, with_feature, own)) = warp {
+            let by_warp = self.camera.warp_jacobian(uv);
+            let by_state =
+                with_pose * point.by_pose.transpose() + with_feature * point.by_feature.transpose();
+            let both = by_warp * by_state * by_point.transpose();
+            s += by_warp * own * by_warp.transpose() + both + both.transpose();
+        }
         PredictedFeature {
             id,
             uv: *uv,
-            s: by_point * point_cov * by_point.transpose() + Matrix2::identity() * sigma2,
+            s,
             point: feature.point().unwrap_or_default(),
             rho: 1.0 / range,
             rho_sd: range_var.sqrt() / (range * range),

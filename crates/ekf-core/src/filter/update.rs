@@ -3,16 +3,12 @@
 
 use super::ekf::Filter;
 use super::measurements::{Measurements, Outcome, UpdateReport, refill};
-use super::sources::{Scratch, Source, WornForm};
+use super::sources::{Scratch, WornForm};
 use super::validation::Test;
 use crate::batch::Workspace;
 use crate::error::EkfError;
-use crate::observe::POSE_DIM;
 use crate::settings::{Mode, WornErrors};
 use crate::state::BlockKind;
-
-/// By how many sigmas a measurement must be off its linear model for another linearisation.
-const NONLINEARITY: f64 = 0.1;
 
 impl Filter {
     /// Validates a frame's measurements, updates once, and starts the features that its matches allow.
@@ -136,7 +132,6 @@ impl Filter {
         }
         report.nis = self.batch.nis();
         report.dof = self.batch.rows();
-        self.iterate(z, &scratch.sources, report)?;
         let carries = self.carries() && report.dof > 0;
         self.batch
             .solve(&self.state, carries.then_some(&mut self.gauge))?;
@@ -149,33 +144,6 @@ impl Filter {
             self.gauge.mark_carried(&mut self.state);
         }
         Ok(true)
-    }
-
-    fn iterate(
-        &mut self,
-        z: &Measurements,
-        sources: &[Source],
-        report: &mut UpdateReport,
-    ) -> Result<(), EkfError> {
-        let prior = self.state.part::<POSE_DIM>(0);
-        for iteration in 1..self.settings.estimator.iterations {
-            let step = self.batch.pose_step();
-            let mut fresh = self.batch.take_fresh();
-            self.state.set_part(0, &(prior + step));
-            fresh.extend(
-                sources
-                    .iter()
-                    .map_while(|s| self.measurement_block(z, *s).ok()),
-            );
-            self.state.set_part(0, &prior);
-            if !self.batch.relinearise(fresh, &step, NONLINEARITY) {
-                break;
-            }
-            report.iterations = iteration + 1;
-            self.batch.build(&self.state);
-            self.batch.factor()?;
-        }
-        Ok(())
     }
 
     pub(super) fn finish(&mut self, z: &Measurements, report: &mut UpdateReport) {

@@ -142,9 +142,9 @@ impl Gauge {
         for c in 0..rows.form.dim() {
             sum += rows.by_feature[(r, c)] * along[slots[block.feature + c]];
         }
-        if let (Some(by_worn), Some(at)) = (&rows.by_worn, block.worn) {
+        if let (Some(by_shared), Some(at)) = (&rows.by_shared, block.shared) {
             for c in 0..6 {
-                sum += by_worn[(r, c)] * along[slots[at + c]];
+                sum += by_shared[(r, c)] * along[slots[at + c]];
             }
         }
         sum
@@ -198,7 +198,10 @@ impl Gauge {
         let blocks = blocks.filter(|b| match b.kind {
             BlockKind::Feature(_) => followed.binary_search(&b.id).is_ok(),
             BlockKind::Clone => true,
-            BlockKind::WornBias | BlockKind::WornError | BlockKind::Auxiliary(_) => false,
+            BlockKind::WornBias
+            | BlockKind::Calibration
+            | BlockKind::WornError
+            | BlockKind::Auxiliary(_) => false,
         });
         for i in (0..CAMERA_DIM).chain(blocks.flat_map(Block::range)) {
             let slot = state.p.stored().slots[i];

@@ -33,6 +33,7 @@ const SLACK: f64 = 1e-15;
 pub(crate) fn newborn_is_sane(new: &NewFeature) -> bool {
     let by_other = new.by_other.iter().flat_map(|(_, by, _)| by.iter());
     let jacobians = new.by_pose.iter().chain(by_other);
+    let jacobians = jacobians.chain(new.by_calibration.iter());
     within(new.mean.iter().copied(), LARGEST)
         && new.mean[5].abs() <= LARGEST_RHO
         && within(jacobians.copied(), LARGEST)

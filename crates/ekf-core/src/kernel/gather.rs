@@ -7,7 +7,7 @@ use pulp::Simd;
 
 /// Rows of a block's derivatives.
 const MAX_ROWS: usize = 3;
-/// Columns that a row can touch: the pose, a feature, the error of T_CF.
+/// Columns that a row can touch: the pose, a feature, the error that matches share.
 const TOUCHED: usize = POSE_DIM + 12;
 
 /// `out = P H^T`, `out` being of that shape.
@@ -31,9 +31,9 @@ impl Kernel for Fill<'_> {
         for (index, panel) in out.data.chunks_exact_mut(out.stride).enumerate() {
             let row = index * HEIGHT;
             let (pose, others) = touched.split_at_mut(POSE_DIM * HEIGHT);
-            let (feature, worn) = others.split_at_mut(6 * HEIGHT);
+            let (feature, shared) = others.split_at_mut(6 * HEIGHT);
             gather::<POSE_DIM>(p, row, 0, pose);
-            let mut worn_at = None;
+            let mut shared_at = None;
             let mut column = 0;
             for block in blocks {
                 let (first, own) = feature.split_at_mut(3 * HEIGHT);
@@ -42,14 +42,14 @@ impl Kernel for Fill<'_> {
                 if let Some(own_at) = own_at {
                     gather::<3>(p, row, own_at, own);
                 }
-                if block.worn.is_some() && block.worn != worn_at {
-                    gather::<6>(p, row, p.slots[block.worn.unwrap_or(0)], worn);
-                    worn_at = block.worn;
+                if block.shared.is_some() && block.shared != shared_at {
+                    gather::<6>(p, row, p.slots[block.shared.unwrap_or(0)], shared);
+                    shared_at = block.shared;
                 }
                 let columns = Touched {
                     pose: S::as_simd_f64s(pose).0.as_chunks::<C>().0,
                     feature: S::as_simd_f64s(feature).0.as_chunks::<C>().0,
-                    worn: S::as_simd_f64s(worn).0.as_chunks::<C>().0,
+                    shared: S::as_simd_f64s(shared).0.as_chunks::<C>().0,
                 };
                 let (to, _) = S::as_mut_simd_f64s(&mut panel[column * HEIGHT..]);
                 let (to, _) = to.as_chunks_mut::<C>();
@@ -68,7 +68,7 @@ impl Kernel for Fill<'_> {
 struct Touched<'a, T, const C: usize> {
     pose: &'a [[T; C]],
     feature: &'a [[T; C]],
-    worn: &'a [[T; C]],
+    shared: &'a [[T; C]],
 }
 
 /// `R` rows of a block, from `first` on: as many columns of `P H^T`.
@@ -90,8 +90,8 @@ fn combine<S: Simd, const C: usize, const R: usize>(
         first,
     );
     add::<S, C, R>(simd, &mut sums, columns.feature, rows.by_numbers(), first);
-    if let (Some(by_worn), Some(_)) = (&rows.by_worn, block.worn) {
-        add::<S, C, R>(simd, &mut sums, columns.worn, by_worn.as_slice(), first);
+    if let (Some(by_shared), Some(_)) = (&rows.by_shared, block.shared) {
+        add::<S, C, R>(simd, &mut sums, columns.shared, by_shared.as_slice(), first);
     }
     out[..R].copy_from_slice(&sums);
 }

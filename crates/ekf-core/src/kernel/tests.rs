@@ -231,13 +231,13 @@ fn fill_is_p_times_h() {
                     by_pose: SMatrix::from_fn(|i, j| wave(i + feature, j)),
                     by_feature: SMatrix::from_fn(|i, j| wave(i + feature, j + 20)),
                     form,
-                    by_worn: worn.map(|_| SMatrix::from_fn(|i, j| wave(i + feature, j + 60))),
+                    by_shared: worn.map(|_| SMatrix::from_fn(|i, j| wave(i + feature, j + 60))),
                     noise: Matrix3::identity(),
                     count,
                 },
                 id: 0,
                 feature,
-                worn,
+                shared: worn,
             };
         let blocks = [
             block(2, 13, Form::InverseDepth, None),
@@ -271,8 +271,8 @@ fn fill_is_p_times_h() {
                     h[block.feature + c] = block.rows.by_feature[(r, c)];
                 }
                 for c in 0..6 {
-                    if let (Some(by_worn), Some(at)) = (&block.rows.by_worn, block.worn) {
-                        h[at + c] = by_worn[(r, c)];
+                    if let (Some(by_shared), Some(at)) = (&block.rows.by_shared, block.shared) {
+                        h[at + c] = by_shared[(r, c)];
                     }
                 }
                 let expected = &p * h;

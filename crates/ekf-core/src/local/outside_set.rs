@@ -201,6 +201,32 @@ impl OutsideSet {
         (cross, (own + own.transpose()) * 0.5)
     }
 
+    /// Present covariance of six numbers of the working state, from `at` on, with a feature outside; zeros where a point has
+    /// no numbers.
+    pub(crate) fn covariance_with(
+        &self,
+        working: &State,
+        at: usize,
+        block: &Block,
+    ) -> SMatrix<f64, 6, 6> {
+        let auxiliary = Auxiliary::of(working).rows;
+        let mate = self.mate(&self.mates(working), block);
+        SMatrix::from_fn(|i, c| {
+            if c >= block.kind.dim() {
+                return 0.0;
+            }
+            let row = working.p.slot(at + i);
+            if let Some(mate) = mate.filter(|_| c < 3) {
+                return working.p.stored_entry(row, working.p.slot(mate + c));
+            }
+            let column = self.column(self.then.p.slot(block.offset + c), auxiliary.len());
+            let along = auxiliary.iter().zip(column);
+            along
+                .map(|(&d, r)| working.p.stored_entry(row, d) * r)
+                .sum()
+        })
+    }
+
     /// Where P holds the gauge's direction for a feature outside.
     pub(super) fn reference(
         &self,

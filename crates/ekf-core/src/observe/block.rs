@@ -12,8 +12,8 @@ pub struct MeasurementBlock {
     pub id: u64,
     /// Offset of its feature in the state.
     pub feature: usize,
-    /// Offset of the frame's error of T_CF, if the rows depend on it.
-    pub worn: Option<usize>,
+    /// Offset of what [`Rows::by_shared`] is by, if that is in the state.
+    pub shared: Option<usize>,
 }
 
 impl MeasurementBlock {

@@ -24,8 +24,9 @@ pub struct Rows {
     pub by_feature: SMatrix<f64, 3, 6>,
     /// What the feature is.
     pub form: Form,
-    /// ... the error of this frame's T_CF, where it matters.
-    pub by_worn: Option<SMatrix<f64, 3, 6>>,
+    /// ... six numbers that matches share: the error of Cs's calibration for a pixel in Cs, of the frame's T_CF for what
+    /// came through the worn camera.
+    pub by_shared: Option<SMatrix<f64, 3, 6>>,
 }
 
 /// Rows of a pixel.
@@ -68,7 +69,7 @@ impl Rows {
             by_pose: SMatrix::zeros(),
             by_feature: SMatrix::zeros(),
             form,
-            by_worn: None,
+            by_shared: None,
         };
         rows.innovation
             .fixed_rows_mut::<2>(0)
@@ -93,7 +94,13 @@ impl Rows {
         let h = visible_direction(pose, feature)?;
         let (predicted, j) = camera.project_jac(&h.value)?;
         let form = feature.form();
-        Some(Self::pixel(form, predicted, measured, sigma_px, &j, &h))
+        let mut rows = Self::pixel(form, predicted, measured, sigma_px, &j, &h);
+        let mut by_calibration = SMatrix::<f64, 3, 6>::zeros();
+        by_calibration
+            .fixed_rows_mut::<2>(0)
+            .copy_from(&camera.warp_jacobian(&predicted));
+        rows.by_shared = Some(by_calibration);
+        Some(rows)
     }
 
     /// A 3D point in C (Eq. 5, no projection), metres. `by_error` is the derivative of the measured point with
@@ -115,7 +122,7 @@ impl Rows {
             by_pose: h.by_pose,
             by_feature: h.by_feature,
             form: feature.form(),
-            by_worn: worn.map(|(_, j)| -j),
+            by_shared: worn.map(|(_, j)| -j),
         })
     }
 
@@ -146,9 +153,9 @@ impl Rows {
             .fixed_view_mut::<3, 3>(0, 3)
             .copy_from(&(quat::skew(&value) * quat::right_jacobian(&turn)));
         let mut rows = Self::pixel(feature.form(), predicted, measured, sigma_px, &j, &in_f);
-        let mut by_worn = SMatrix::<f64, 3, 6>::zeros();
-        by_worn.fixed_rows_mut::<2>(0).copy_from(&(j * by_error));
-        rows.by_worn = Some(by_worn);
+        let mut by_shared = SMatrix::<f64, 3, 6>::zeros();
+        by_shared.fixed_rows_mut::<2>(0).copy_from(&(j * by_error));
+        rows.by_shared = Some(by_shared);
         Some(rows)
     }
 }

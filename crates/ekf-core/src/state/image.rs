@@ -160,6 +160,7 @@ fn in_order(kind: BlockKind, slots: &[usize]) -> bool {
         BlockKind::Feature(Form::Point)
         | BlockKind::Clone
         | BlockKind::WornBias
+        | BlockKind::Calibration
         | BlockKind::WornError => side_by_side(slots),
     }
 }

@@ -15,6 +15,8 @@ pub enum BlockKind {
     Clone,
     /// The slowly varying error of the worn camera's pose, tangent of T_CF, 6 numbers.
     WornBias,
+    /// The error of Cs's calibration, 6 numbers of a warp of its image.
+    Calibration,
     /// The error of one frame's T_CF, tangent, 6 numbers; lives for that frame only.
     WornError,
     /// Auxiliary rows of the local update; only a working state has them, never the state that is shown.
@@ -28,7 +30,7 @@ impl BlockKind {
             Self::Clone => POSE_DIM,
             Self::Auxiliary(rows) => rows,
             Self::Feature(form) => form.dim(),
-            Self::WornBias | Self::WornError => 6,
+            Self::WornBias | Self::Calibration | Self::WornError => 6,
         }
     }
 
@@ -43,6 +45,7 @@ impl BlockKind {
             Self::Feature(_) => "Feature",
             Self::Clone => "Clone",
             Self::WornBias => "WornBias",
+            Self::Calibration => "Calibration",
             Self::WornError => "WornError",
             Self::Auxiliary(_) => "Auxiliary",
         }

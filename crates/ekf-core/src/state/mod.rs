@@ -36,14 +36,15 @@ pub struct State {
     newborn: Option<u64>,
 }
 
-/// The slowly varying part of T_CF's error, of mean zero: considered, not estimated (Schmidt's filter). Images show
-/// hardly any of it along the baseline, where it is the scale's error; what an update would find there is an error of
+/// Six numbers of mean zero that are considered, not estimated (Schmidt's filter): the slowly varying part of T_CF's error,
+/// and the error of Cs's calibration. Images show hardly any of the first along the baseline, where it is the scale's
+/// error, and of the second what the scene and the motion happen to allow; what an update would find there is an error of
 /// linearisation.
 #[derive(Clone, Debug)]
-pub(crate) struct WornBias {
+pub(crate) struct Considered {
     /// Of its block.
     pub(crate) offset: usize,
-    /// Its covariance, along C's axes.
+    /// Its covariance; of the bias, along C's axes.
     pub(crate) covariance: SMatrix<f64, 6, 6>,
 }
 
@@ -156,6 +157,18 @@ impl State {
                 (cross, own)
             }
         }
+    }
+
+    /// Covariance of six numbers from `at` on with a feature; zeros where a point has no numbers.
+    pub(crate) fn covariance_with(&self, at: usize, block: &Block) -> SMatrix<f64, 6, 6> {
+        let dim = block.kind.dim();
+        SMatrix::from_fn(|i, c| {
+            if c < dim {
+                self.p.get(at + i, block.offset + c)
+            } else {
+                0.0
+            }
+        })
     }
 
     /// 6x6 covariance of the camera's pose, (translation, rotation), right tangent (METHOD 1).
@@ -335,19 +348,42 @@ impl State {
     }
 
     /// The worn camera's bias, if there is one.
-    pub(crate) fn worn_bias(&self) -> Option<WornBias> {
-        let block = self.layout.of_kind(BlockKind::WornBias).next()?;
-        Some(WornBias {
+    pub(crate) fn worn_bias(&self) -> Option<Considered> {
+        self.considered_of(BlockKind::WornBias)
+    }
+
+    /// Offset of the error of Cs's calibration, if it is considered.
+    pub(crate) fn calibration(&self) -> Option<usize> {
+        let block = self.layout.of_kind(BlockKind::Calibration).next();
+        block.map(|b| b.offset)
+    }
+
+    /// What is considered, before an update.
+    pub(crate) fn considered(&self) -> [Option<Considered>; 2] {
+        [BlockKind::Calibration, BlockKind::WornBias].map(|kind| self.considered_of(kind))
+    }
+
+    fn considered_of(&self, kind: BlockKind) -> Option<Considered> {
+        let block = self.layout.of_kind(kind).next()?;
+        Some(Considered {
             offset: block.offset,
             covariance: self.p.block::<6, 6>(block.offset, block.offset),
         })
     }
 
-    /// Puts the bias back to what it was before an update: all else has been corrected with it in mind, and
+    /// Puts what is considered back to what it was before an update: all else has been corrected with it in mind, and
     /// stays correlated with it.
-    pub(crate) fn keep_worn_bias(&mut self, bias: &WornBias) {
-        self.set_part(bias.offset, &Vector6::zeros());
-        self.p.set_block(bias.offset, bias.offset, &bias.covariance);
+    pub(crate) fn keep_considered(&mut self, considered: &[Option<Considered>; 2]) {
+        for block in considered.iter().flatten() {
+            self.set_part(block.offset, &Vector6::zeros());
+            self.p
+                .set_block(block.offset, block.offset, &block.covariance);
+        }
+        if let [Some(a), Some(b)] = considered {
+            // They have nothing to do with each other, whatever an update finds.
+            self.p
+                .set_block(a.offset, b.offset, &SMatrix::<f64, 6, 6>::zeros());
+        }
     }
 
     /// Error of T_CF as the state has it: the frame's own, else zero.

@@ -115,8 +115,6 @@ fn name(outcome: &Outcome) -> &'static str {
 /// refused : str or None
 ///     Why the whole frame was refused: its update would have broken the filter, which is as it was
 ///     before.
-/// iterations : int
-///     Linearisations of the update.
 /// nis : float
 ///     Normalised innovation squared of the accepted batch.
 /// dof : int
@@ -134,7 +132,6 @@ pub(crate) struct PyUpdateReport {
     depths: Py<PyOutcomes>,
     accepted: bool,
     refused: Option<String>,
-    iterations: usize,
     nis: f64,
     dof: usize,
     order: usize,
@@ -150,7 +147,6 @@ impl PyUpdateReport {
             depths: Py::new(py, PyOutcomes(report.depths))?,
             accepted: report.accepted,
             refused: report.refused.as_ref().map(ToString::to_string),
-            iterations: report.iterations,
             nis: report.nis,
             dof: report.dof,
             order: report.order,
