@@ -55,7 +55,8 @@ impl Filter {
         let pose = self.state.camera_pose();
         self.placed = Placed::by_pose(&pose, &self.pose_covariance());
         self.drift = Default::default();
-        self.state.remove(|b| b.kind != BlockKind::WornBias);
+        self.state
+            .remove(|b| !matches!(b.kind, BlockKind::WornBias | BlockKind::Calibration));
         self.state.reset_camera(&pose);
         self.gauge = Gauge::default();
         self.records.clear();
