@@ -11,17 +11,17 @@ use rand::Rng;
 use std::collections::BTreeMap;
 
 /// Both filters on the same measurements: a camera turns round and round on a small circle, among points on all sides.
-struct Pair {
-    plain: Filter,
-    local: Filter,
+pub(crate) struct Pair {
+    pub(crate) plain: Filter,
+    pub(crate) local: Filter,
     points: Vec<Vector3<f64>>,
-    known: BTreeMap<u64, usize>,
-    rng: rand_pcg::Pcg64,
-    t: f64,
+    pub(crate) known: BTreeMap<u64, usize>,
+    pub(crate) rng: rand_pcg::Pcg64,
+    pub(crate) t: f64,
 }
 
 impl Pair {
-    fn new(seed: u64, points: usize, consistency: &str, linearity: f64) -> Self {
+    pub(crate) fn new(seed: u64, points: usize, consistency: &str, linearity: f64) -> Self {
         let mut rng = rng(seed);
         let points = (0..points).map(|_| {
             let (angle, distance) = (
@@ -68,7 +68,7 @@ impl Pair {
     }
 
     /// One frame; every seventh match is far off.
-    fn step(&mut self, frame: usize) {
+    pub(crate) fn step(&mut self, frame: usize) {
         self.t = frame as f64 * 0.1;
         let from_world = self.pose().inverse();
         let mut z = Measurements::default();

@@ -4,6 +4,7 @@ use super::candidate::Candidate;
 use super::innovation_window::PendingWindows;
 use super::record::FeatureRecord;
 use super::sources::Scratch;
+use super::undo::Undo;
 use crate::batch::Workspace;
 use crate::camera::Camera;
 use crate::drift::{FrameDrift, Misfit};
@@ -45,6 +46,8 @@ pub struct Filter {
     pub(super) outside: Option<OutsideSet>,
     /// Room for the next working set.
     pub(super) buffers: Buffers,
+    /// The last checkpoint.
+    pub(super) undo: Undo,
     /// The whole state, if it was asked for since the last change.
     pub(super) shown: OnceLock<Box<State>>,
 }
@@ -85,6 +88,7 @@ impl Filter {
             in_view: Vec::new(),
             outside: None,
             buffers: Buffers::default(),
+            undo: Undo::default(),
             shown: OnceLock::new(),
         }
     }

@@ -9,6 +9,7 @@
 
 mod births;
 mod candidate;
+mod checkpoint;
 mod checks;
 mod conditional_prediction;
 mod ekf;
@@ -24,9 +25,11 @@ mod prediction;
 mod record;
 mod relocalisation;
 mod restart;
+mod scale;
 pub mod snapshot;
 mod snapshot_image;
 mod sources;
+mod undo;
 mod update;
 mod validation;
 mod visibility;

@@ -56,7 +56,7 @@ impl Filter {
         // A covariance that cannot be factored says that these matches are no good, as a failed test does.
         let taken = trial.put_at(pose, &z, &mut report).unwrap_or(false);
         if taken {
-            *self = trial;
+            self.become_other(trial);
         } else {
             report.reject_all(&z);
         }

@@ -42,7 +42,7 @@ impl Filter {
         let mut report = UpdateReport::default();
         let done = trial.update_into(&z, &mut report);
         if done.is_ok() && trial.started {
-            *self = trial;
+            self.become_other(trial);
         } else {
             report.reject_all(&z);
         }
@@ -102,7 +102,7 @@ impl Filter {
         if !report.accepted {
             return Ok((report, Vec::new()));
         }
-        *self = trial;
+        self.become_other(trial);
         Ok((report, ids))
     }
 }

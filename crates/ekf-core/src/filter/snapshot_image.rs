@@ -8,6 +8,7 @@ use super::prediction::LAST_TIME;
 use super::record::FeatureRecord;
 use super::snapshot::{open, seal};
 use super::sources::Scratch;
+use super::undo::Undo;
 use crate::batch::Workspace;
 use crate::camera::Camera;
 use crate::drift::{FrameDrift, Misfit};
@@ -126,6 +127,7 @@ impl Filter {
             in_view: _,
             scratch: _,
             buffers: _,
+            undo: _,
             shown: _,
         } = self;
         FilterImage {
@@ -223,6 +225,7 @@ impl Filter {
             scratch: Scratch::default(),
             outside,
             buffers: Buffers::default(),
+            undo: Undo::default(),
             shown: OnceLock::new(),
         };
         guard::state_is_sane(&filter.state).map_err(EkfError::bad_snapshot)?;

@@ -31,6 +31,11 @@ impl Filter {
         let (state, buffers) = (State::at_origin(0), &mut self.buffers);
         let state = std::mem::replace(&mut self.state, state);
         let whole = match self.outside.take() {
+            Some(outside) if self.undo.needs_outside() => {
+                let whole = outside.assemble(&state, buffers);
+                self.undo.put_by(outside);
+                whole
+            }
             Some(outside) => outside.into_whole(state, buffers),
             None => state,
         };
@@ -44,6 +49,7 @@ impl Filter {
         self.changes();
         if let Some(outside) = self.outside.take() {
             self.state = outside.assemble(&self.state, &mut self.buffers);
+            self.undo.put_by(outside);
         }
     }
 

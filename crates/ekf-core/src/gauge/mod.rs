@@ -68,6 +68,12 @@ impl Gauge {
         self.followed.truncate(kept);
     }
 
+    /// Follows these features, increasing, and no others.
+    pub(crate) fn follow_all(&mut self, ids: &[u64]) {
+        self.followed.clear();
+        self.followed.extend_from_slice(ids);
+    }
+
     /// Follows what another filter's gauge followed, increasing.
     pub(crate) fn following(followed: Vec<u64>) -> Self {
         Self {

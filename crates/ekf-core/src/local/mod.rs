@@ -31,4 +31,4 @@ mod outside_set;
 
 pub(crate) use assemble::Buffers;
 pub(crate) use image::OutsideSetImage;
-pub(crate) use outside_set::OutsideSet;
+pub(crate) use outside_set::{OutsideMark, OutsideSet};

@@ -37,6 +37,14 @@ pub(super) struct OutsideFeature {
     pub(super) last_point: Vector3<f64>,
 }
 
+/// Where an outside set stands: what calls after it change, but for rows that only it would read.
+#[derive(Debug)]
+pub(crate) struct OutsideMark {
+    features: Vec<OutsideFeature>,
+    age: usize,
+    clear_at: Option<CameraPose>,
+}
+
 /// Frames after which the last points of all features outside are worked out anew.
 const OLDEST: usize = 32;
 
@@ -93,6 +101,40 @@ impl OutsideSet {
     /// Whether the working state has grown so much that writing the whole state pays.
     pub(crate) fn is_full(&self, working: &State) -> bool {
         2 * working.p.stored().n > 5 * self.first + 128
+    }
+
+    /// Where it stands now, for [`Self::go_back`].
+    pub(crate) fn mark(&self) -> OutsideMark {
+        let Self {
+            features,
+            age,
+            clear_at,
+            // As the working set was chosen, for good; rows that R has gained belong to auxiliary rows that the working
+            // state of before does not have.
+            then: _,
+            column: _,
+            columns: _,
+            r: _,
+            ld: _,
+            first: _,
+        } = self;
+        OutsideMark {
+            features: features.clone(),
+            age: *age,
+            clear_at: *clear_at,
+        }
+    }
+
+    /// Undoes what was done since `mark`; the working state has to go back as well.
+    pub(crate) fn go_back(&mut self, mark: &OutsideMark) {
+        let OutsideMark {
+            features,
+            age,
+            clear_at,
+        } = mark;
+        self.features.clone_from(features);
+        self.age = *age;
+        self.clear_at = *clear_at;
     }
 
     /// Works out the last points anew when they are too old. To be called in each frame; `jumped` if the last update moved the camera by much, and the map maybe as well.

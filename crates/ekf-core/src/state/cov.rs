@@ -113,6 +113,20 @@ impl Covariance {
         }
     }
 
+    /// Becomes a copy of another covariance; allocates only to grow. One pass over the stored triangle.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        let Self { data, ld, n, slots } = other;
+        if self.ld < *n {
+            *self = Self::zeros(0, n + n / 4);
+        }
+        for j in 0..*n {
+            self.data[j + j * self.ld..n + j * self.ld]
+                .copy_from_slice(&data[j + j * ld..n + j * ld]);
+        }
+        self.n = *n;
+        self.slots.clone_from(slots);
+    }
+
     /// `n` stored rows, of which only the camera's are placed: zeros, or whatever the entries of `reuse` are if it has
     /// room for them.
     pub(crate) fn of_stored(n: usize, capacity: usize, reuse: Option<Self>) -> Self {

@@ -72,6 +72,24 @@ impl State {
         }
     }
 
+    /// Becomes a copy of another state, in the memory that there is.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        let Self {
+            x,
+            p,
+            reference,
+            layout,
+            bias_stationary,
+            newborn,
+        } = other;
+        self.x.clone_from(x);
+        self.p.copy_from(p);
+        self.reference.clone_from(reference);
+        self.layout.clone_from(layout);
+        self.bias_stationary = *bias_stationary;
+        self.newborn = *newborn;
+    }
+
     /// The mean.
     pub fn mean(&self) -> &[f64] {
         &self.x
