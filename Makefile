@@ -18,7 +18,7 @@ test: $(VENV)/.built check
 	$(BIN)/python -m pytest
 	rm -f dist/*.whl
 	$(BIN)/maturin build --release --locked --out dist
-	$(BIN)/python -m pytest -m wheel --capture=no
+	$(BIN)/python -m pytest -m wheel
 
 # One table of times, and results/bench.json. Takes under 5 minutes once built.
 bench: $(VENV)/.built
