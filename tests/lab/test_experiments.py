@@ -133,7 +133,9 @@ def test_the_sensors_give_the_pose_that_they_claim(world: WorldRecording) -> Non
     assert known.mean() > 0.9
     claimed = [e.covariance for e in estimates if e.covariance is not None]
     nees = [e @ np.linalg.solve(c, e) for e, c in zip(errors[known], claimed, strict=True)]
-    assert np.median(nees) < 16.8  # 99 % of one draw of six: errors last
+    # Half of the draws of six numbers are below 5.35. A standard deviation that is off by the square root of
+    # two halves or doubles that; eight seeds give 3.6 to 5.4.
+    assert 2.7 < np.median(nees) < 10.7
     again = pose_errors(world, estimated_poses(world, readings_of(world, 0)))
     assert np.array_equal(errors, again, equal_nan=True)
 
