@@ -15,7 +15,6 @@ from test_viewing import Short
 from collabslam.datasets import write_recording
 from collabslam.errors import DataError, SettingsError
 from collabslam.evaluation.metrics import ate_rmse
-from collabslam.settings.frontend import FrontendSettings
 from collabslam.settings.table import Settings
 from collabslam_lab.benchmark import ablation, accuracy, blackout, descriptors, drift, figures, pairs, running
 from collabslam_lab.benchmark.evaluate import Choice, chosen, evaluate
@@ -315,7 +314,7 @@ def test_descriptors_are_judged_by_the_truth(
     scene = pairs.Scene.of(entry, tmp_path, 0)
     pair = pairs.choose_pairs(scene)[0]
     uv = np.array([[300.0, 200.0], [500.0, 300.0]])
-    rho = pairs.true_inverse_ranges(scene, pair.i, uv, FrontendSettings())
+    rho = pairs.true_inverse_ranges(scene, pair.i, uv, Settings.default().frontend())
     depth = clip.recording.renderer.depth(scene.poses[pair.i], scene.camera)[[200, 300], [300, 500]]
     rays = scene.camera.unproject(uv)
     np.testing.assert_allclose(rays[:, 2] / rho, depth, rtol=1e-9)

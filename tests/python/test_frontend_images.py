@@ -14,12 +14,12 @@ from collabslam.frontend.flow import FlowImage, flow_guess, global_motion
 from collabslam.frontend.patch import affine_maps, capture, warp_templates
 from collabslam.frontend.search import AMBIGUOUS, FOUND, LOW_SCORE, OUTSIDE, active_search
 from collabslam.geometry import se3_exp
-from collabslam.settings.frontend import FRONTEND, FrontendSettings
+from collabslam.settings.frontend import FRONTEND, SearchSettings
 from collabslam.settings.table import Settings
 from collabslam.slam.map_change import ImagePoints, MapChange
 from collabslam.slam.tracks import Tracks
 
-SETTINGS = FrontendSettings()
+SETTINGS = Settings.default().frontend()
 NONE = np.empty((0, 2))
 NO_FEATURES = Filter(Camera("pinhole", 540, 360, (500.0, 500.0, 270.0, 180.0))).predict_pixels()
 
@@ -51,7 +51,7 @@ def covariances(count: int, sigma: float) -> np.ndarray:
 
 
 def flow_image(image):
-    return FlowImage(image, SETTINGS.flow)
+    return FlowImage(image)
 
 
 def test_settings_schema_is_complete_and_checked():
@@ -60,7 +60,7 @@ def test_settings_schema_is_complete_and_checked():
     assert all(setting.doc.endswith(".") for setting in FRONTEND)
     for setting in FRONTEND:  # every default is inside its own range
         assert setting.checked(setting.default) == setting.default
-    assert FrontendSettings.from_flat({"search.min_score": 0.5}).search.min_score == 0.5
+    assert Settings.default().replace({"frontend.search.min_score": 0.5}).frontend().search.min_score == 0.5
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ def test_search_is_precise(noise):
     templates, ok, affine = warped.templates, warped.ok, warped.affine
     assert np.all(ok)
     assert np.allclose(affine, np.eye(2), atol=1e-9)
-    result = active_search(now, templates, uv, covariances(60, 1.5), None, SETTINGS)
+    result = active_search(now, templates, uv, covariances(60, 1.5), None, SETTINGS.search)
     found = result.code == FOUND
     assert found.mean() > 0.85
     error = (result.uv - uv - shift)[found]
@@ -147,7 +147,7 @@ def test_search_is_precise(noise):
 def test_search_agrees_with_opencv(size):
     rng = np.random.default_rng(size)
     image, other = texture(seed=11), texture(seed=12)
-    settings = FrontendSettings.from_flat({"search.min_score": -1.0})
+    settings = SearchSettings(min_score=-1.0)
     for k in range(20):
         u, v = rng.integers(60, 300, 2)
         template = (image if k % 2 else other)[v - size // 2 :, u - size // 2 :][:size, :size]
@@ -172,7 +172,7 @@ def test_search_near_the_edge_and_in_small_images():
         guess = np.where(rng.random((300, 1)) < 0.5, np.nan, rng.uniform(-30, 120, (300, 2)))
         s = covariances(300, 1.0) * rng.uniform(0.1, 900, (300, 1, 1))
         result = active_search(
-            image, rng.integers(0, 255, (300, 15, 15), dtype=np.uint8), uv, s, guess, SETTINGS
+            image, rng.integers(0, 255, (300, 15, 15), dtype=np.uint8), uv, s, guess, SETTINGS.search
         )
         assert np.all(result.score <= 1.0 + 1e-6)
         assert np.all(np.isfinite(result.uv[result.code == FOUND]))
@@ -225,7 +225,7 @@ def test_search_codes():
     other = texture(seed=9)[100:115, 100:115]
     right = image[143:158, 193:208]
     templates = np.stack([right, other, flat, right, right])
-    result = active_search(image, templates, uv, covariances(5, 2.0), None, SETTINGS)
+    result = active_search(image, templates, uv, covariances(5, 2.0), None, SETTINGS.search)
     assert list(result.code) == [FOUND, LOW_SCORE, LOW_SCORE, OUTSIDE, OUTSIDE]
     assert np.allclose(result.uv[0], [200, 150], atol=0.05)
 
@@ -234,9 +234,13 @@ def test_repeated_texture_is_ambiguous():
     tile = texture(16, 16, seed=3)
     image = np.tile(tile, (20, 20))
     templates = image[153:168, 153:168][None]
-    result = active_search(image, templates, np.array([[160.0, 160.0]]), covariances(1, 8.0), None, SETTINGS)
+    result = active_search(
+        image, templates, np.array([[160.0, 160.0]]), covariances(1, 8.0), None, SETTINGS.search
+    )
     assert result.code[0] == AMBIGUOUS
-    near = active_search(image, templates, np.array([[160.0, 160.0]]), covariances(1, 1.0), None, SETTINGS)
+    near = active_search(
+        image, templates, np.array([[160.0, 160.0]]), covariances(1, 1.0), None, SETTINGS.search
+    )
     assert near.code[0] == FOUND
 
 
@@ -245,9 +249,9 @@ def test_search_stays_in_the_ellipse():
     uv = np.array([[250.0, 180.0]])
     template = image[173:188, 243:258][None]
     thin = np.array([[[36.0, 0.0], [0.0, 0.1]]])
-    inside = active_search(image, template, uv + np.array([14.0, 0.5]), thin, None, SETTINGS)
+    inside = active_search(image, template, uv + np.array([14.0, 0.5]), thin, None, SETTINGS.search)
     assert inside.code[0] == FOUND
-    outside = active_search(image, template, uv + np.array([0.5, 14.0]), thin, None, SETTINGS)
+    outside = active_search(image, template, uv + np.array([0.5, 14.0]), thin, None, SETTINGS.search)
     assert outside.code[0] != FOUND
 
 
@@ -257,12 +261,12 @@ def test_wide_search_uses_the_guess_or_searches_all():
     s = covariances(1, 12.0)
     start, true = np.array([[225.0, 165.0]]), np.array([[250.0, 180.0]])
     for guess in (None, true + 2.0, np.full((1, 2), np.nan)):
-        result = active_search(image, template, start, s, guess, SETTINGS)
+        result = active_search(image, template, start, s, guess, SETTINGS.search)
         assert result.code[0] == FOUND
         assert np.allclose(result.uv, true, atol=0.05)
-    unbelieved = active_search(image, template, start, s, true + 200.0, SETTINGS)
+    unbelieved = active_search(image, template, start, s, true + 200.0, SETTINGS.search)
     assert unbelieved.code[0] == FOUND
-    misled = active_search(image, template, start, s, start - 20.0, SETTINGS)
+    misled = active_search(image, template, start, s, start - 20.0, SETTINGS.search)
     assert misled.code[0] == LOW_SCORE
 
 
@@ -281,11 +285,13 @@ def test_warp_follows_rotation_and_scale():
     assert np.all(ok)
     assert np.allclose(affine[0], linear, atol=0.01)
     place = (uv - centre) @ linear.T + centre
-    result = active_search(now, templates, place + 1.0, covariances(3, 1.0), None, SETTINGS)
+    result = active_search(now, templates, place + 1.0, covariances(3, 1.0), None, SETTINGS.search)
     assert np.all(result.code == FOUND)
     assert np.abs(result.uv - place).max() < 0.15
     unwarped = warp_templates(camera, capture(image, uv, np.eye(4)), np.eye(4), points).templates
-    assert np.any(active_search(now, unwarped, place, covariances(3, 1.0), None, SETTINGS).code != FOUND)
+    assert np.any(
+        active_search(now, unwarped, place, covariances(3, 1.0), None, SETTINGS.search).code != FOUND
+    )
 
 
 def test_warp_averages_when_it_shrinks():

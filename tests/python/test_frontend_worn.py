@@ -11,17 +11,18 @@ import pytest
 
 from collabslam._core import Camera, MatchNoise, epipolar_residuals, find_consensus
 from collabslam.errors import DataError, InputError
+from collabslam.frontend import worn_match
 from collabslam.frontend.describe import DESCRIPTORS, describe
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.epipolar import inverse_ranges
 from collabslam.frontend.target import checkerboard_points, find_target, marker_points, pose_from_points
 from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
-from collabslam.settings.frontend import FrontendSettings
+from collabslam.settings.table import Settings
 from collabslam.types import Target
 from collabslam_lab.worlds import world_recording
 
-SETTINGS = FrontendSettings()
+SETTINGS = Settings.default().frontend()
 CAMERA = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5), [])
 NONE = np.empty((0, 2))
 COVARIANCE = np.diag([0.03] * 3 + [np.radians(0.5), np.radians(1.0), np.radians(0.5)]) ** 2
@@ -102,13 +103,13 @@ def test_worn_matches_are_many_and_right(scene, seed):
     assert sum(found.rejected.values()) + len(found.index) >= len(scene[2]) - 1
 
 
-def test_known_depth_adds_matches(scene):
+def test_known_depth_adds_matches(scene, monkeypatch):
     rho = 1.0 / scene[3]
     sd = 0.1 * rho
     rng = np.random.Generator(np.random.PCG64(5))
-    settings = FrontendSettings.from_flat({"worn.corners": 150})
-    without = run(scene, measured(0), settings=settings)
-    known = run(scene, measured(0), settings=settings, rho=rho + sd * rng.standard_normal(len(rho)), sd=sd)
+    monkeypatch.setattr(worn_match, "_CORNERS", 150)
+    without = run(scene, measured(0))
+    known = run(scene, measured(0), rho=rho + sd * rng.standard_normal(len(rho)), sd=sd)
     assert len(known.index) > 1.3 * len(without.index)
     error = np.linalg.norm(known.uv_f - scene[4][known.index], axis=1)
     assert (error < 1.5).mean() >= 0.97
@@ -123,7 +124,7 @@ def test_wrong_depth_does_not_give_wrong_matches(scene):
 
 @pytest.mark.parametrize("kind", ["sift", "orb"])
 def test_other_descriptors_match_too(scene, kind):
-    settings = FrontendSettings.from_flat({"worn.descriptor": kind})
+    settings = Settings.default().replace({"frontend.worn.descriptor": kind}).frontend()
     found = run(scene, measured(1), settings=settings)
     error = np.linalg.norm(found.uv_f - scene[4][found.index], axis=1)
     assert len(found.index) >= 25
@@ -156,7 +157,7 @@ def test_patches_fitted_to_the_other_view_are_exact_and_right():
     true = world.worn_camera.project((points - t_cf[:3, 3]) @ t_cf[:3, :3])[0]
     outcome = []
     for least in (0.0, 0.9):
-        settings = FrontendSettings.from_flat({"worn.fitted_score": least})
+        settings = Settings.default().replace({"frontend.worn.fitted_score": least}).frontend()
         views = frame.image, world.camera, frame.worn.image, world.worn_camera, t_cf, COVARIANCE
         found = match_worn(*views, None, None, uv, None, None, settings)
         error = np.linalg.norm(found.uv_f - true[found.index], axis=1)[flat[found.index]]

@@ -21,7 +21,7 @@ from collabslam.frontend.place_recognition import (
     pose_by_ransac,
 )
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
-from collabslam.settings.frontend import FrontendSettings
+from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
 from collabslam.slam.relocalise import Relocaliser
 from collabslam.slam.results import StepResult
@@ -286,7 +286,7 @@ class TestStatus:
 
 class TestPlaceRecognition:
     def test_descriptors_know_a_point_at_another_scale(self, images: list[Image]) -> None:
-        image, options = images[0], FrontendSettings()
+        image, options = images[0], Settings.default().frontend()
         uv = detect_corners(image, np.empty((0, 2)), 60, options.detect, 60)
         larger = np.asarray(cv2.resize(image, None, fx=1.5, fy=1.5), np.uint8)
         there = (uv + 0.5) * 1.5 - 0.5
@@ -297,7 +297,7 @@ class TestPlaceRecognition:
         assert (landmark == corner).mean() > 0.95
 
     def test_more_views_of_a_landmark_are_no_rivals(self, images: list[Image]) -> None:
-        uv = detect_corners(images[0], np.empty((0, 2)), 30, FrontendSettings().detect, 60)
+        uv = detect_corners(images[0], np.empty((0, 2)), 30, Settings.default().frontend().detect, 60)
         views = np.repeat(describe_views(capture(images[0], uv, np.eye(4)), 36.0), 2, axis=0)
         owner = np.repeat(np.arange(len(uv)), 2)
         landmark, corner = match_descriptors(

@@ -11,7 +11,7 @@ from conftest import make_view
 
 from collabslam._core import Camera
 from collabslam.frontend.search import AMBIGUOUS, FOUND
-from collabslam.settings.frontend import FrontendSettings
+from collabslam.settings.table import Settings
 from collabslam.slam.map_change import ImagePoints, MapChange, Recovered
 from collabslam.slam.tracks import Tracks
 from collabslam.types import Array, Ids, Image
@@ -40,7 +40,9 @@ def _expected(spread: Array) -> Any:
 @pytest.mark.parametrize(("told", "code"), [(True, FOUND), (False, AMBIGUOUS)])
 def test_a_lost_feature_is_looked_for_where_the_others_expect_it(told: bool, code: int) -> None:
     image = _wallpaper()
-    tracks = Tracks(Camera("pinhole", 240, 240, (200.0, 200.0, 120.0, 120.0), ()), FrontendSettings())
+    tracks = Tracks(
+        Camera("pinhole", 240, 240, (200.0, 200.0, 120.0, 120.0), ()), Settings.default().frontend()
+    )
     view = make_view(image)
     born = MapChange(instant=ImagePoints(np.arange(4), TRUE))
     nothing = np.empty(0, np.int64)

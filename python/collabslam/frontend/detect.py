@@ -17,6 +17,10 @@ Hidden = Callable[[Array], Mask]
 
 _HALF_RES_WIDTH = 400  # pixels of width from which corners are looked for at half resolution
 _SUBPIXEL_REACH = 2.0  # pixels a corner may move when it is refined
+_BLOCK = 5  # pixels, side of the window in which gradients are collected
+_MIN_GRADIENT = 2.0
+"""Least root-mean-square gradient along a corner's weaker direction, grey levels per pixel, at the resolution
+at which corners are looked for; keeps noise out of flat images."""
 _GREY_GRADIENT = 255.0 / 2.0  # of OpenCV's 3x3 Sobel: it sees twice the gradient of an image in 0..1
 
 
@@ -53,9 +57,9 @@ def corner_peaks(image: Image, settings: DetectSettings, distance: float, border
     if min(height, width) <= 2 * border + 2:
         return np.empty((0, 2))
     reach = max(1, int(distance / factor))
-    block = settings.block if factor == 1 else max(3, settings.block // 2 | 1)
+    block = _BLOCK if factor == 1 else max(3, _BLOCK // 2 | 1)
     response = np.asarray(cv2.cornerMinEigenVal(small, block, ksize=3), dtype=np.float32)
-    min_response = (settings.min_gradient / _GREY_GRADIENT) ** 2
+    min_response = (_MIN_GRADIENT / _GREY_GRADIENT) ** 2
     peaks = _core.corner_peaks(response, reach, border, settings.quality, min_response)
     return factor * peaks + 0.5 * (factor - 1)
 

@@ -22,6 +22,10 @@ from collabslam.types import Array, Image, Mask
 
 Small = NDArray[np.float32]
 
+MAX_ERROR = 1.5
+"""Largest distance between a point and itself tracked forth and back, pixels."""
+_WINDOW = 15  # pixels, side of the flow's window
+_SMALL_WIDTH = 64  # pixels, largest width of the small images from which the global motion is found
 _MIN_POINTS = 8  # that tell the motion of the image
 _MIN_FOLLOWED = 0.7  # share of the points; fewer mean that the first guess was wrong
 _MIN_OVERLAP = 0.3  # share of the small image in which both views must lie for a shift to be believed
@@ -40,7 +44,6 @@ class FlowImage:
     Parameters
     ----------
     image : (H, W) uint8
-    settings : FlowSettings
 
     Attributes
     ----------
@@ -50,22 +53,21 @@ class FlowImage:
         What the flow is computed on: half resolution, or full where that is small already.
     """
 
-    def __init__(self, image: Image, settings: FlowSettings) -> None:
+    def __init__(self, image: Image) -> None:
         self.factor = 2 if halves(image.shape[1]) else 1
         self.image = _halved(image, self.factor - 1)
-        self._small_width = settings.small_width
 
     @classmethod
-    def again(cls, image: Image, factor: int, settings: FlowSettings) -> FlowImage:
+    def again(cls, image: Image, factor: int) -> FlowImage:
         """One whose attributes ``image`` and ``factor`` were kept."""
         made = cls.__new__(cls)
-        made.image, made.factor, made._small_width = image, factor, settings.small_width
+        made.image, made.factor = image, factor
         return made
 
     @cached_property
     def small(self) -> tuple[Small, Small, int]:
         """For the global motion: strongly reduced, the same without its slow changes, full pixels in one."""
-        halvings = max(0, int(np.ceil(np.log2(self.image.shape[1] / self._small_width))))
+        halvings = max(0, int(np.ceil(np.log2(self.image.shape[1] / _SMALL_WIDTH))))
         small = _halved(self.image, halvings).astype(np.float32)
         band = small - cv2.GaussianBlur(small, (0, 0), small.shape[1] / 8.0)
         return small, band, self.factor * 2**halvings
@@ -198,7 +200,7 @@ def flow_guess(
     -------
     uv : (N, 2) float64
     ok : (N,) bool
-        Whether the point, tracked forth and back, came home within ``flow.max_error``.
+        Whether the point, tracked forth and back, came home within :data:`MAX_ERROR`.
     """
     points = np.asarray(uv_prev, dtype=np.float64).reshape(-1, 2)
     if len(points) == 0:
@@ -223,7 +225,7 @@ def _forth_and_back(
     """Lucas-Kanade flow to the frame now and back; full pixels."""
     a, b, factor = previous.image, now.image, float(now.factor)
     points, start = points / factor, start / factor
-    window = (settings.window, settings.window)
+    window = (_WINDOW, _WINDOW)
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.03)
     p = points.astype(np.float32).reshape(-1, 1, 2)
     q, seen, _ = cv2.calcOpticalFlowPyrLK(
@@ -239,5 +241,5 @@ def _forth_and_back(
     uv = q.reshape(-1, 2).astype(np.float64)
     gap = np.abs(home - p).reshape(-1, 2).max(axis=1)
     inside = np.all((uv >= 0.0) & (uv <= [b.shape[1] - 1.0, b.shape[0] - 1.0]), axis=1)
-    ok = (seen.ravel() == 1) & (back.ravel() == 1) & (gap * factor <= settings.max_error) & inside
+    ok = (seen.ravel() == 1) & (back.ravel() == 1) & (gap * factor <= MAX_ERROR) & inside
     return uv * factor, ok

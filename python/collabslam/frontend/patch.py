@@ -16,6 +16,10 @@ from collabslam._core import AffineMaps, Camera, WarpedPatches, WarpLimits
 from collabslam.settings.frontend import PatchSettings
 from collabslam.types import Array, Image
 
+SIZE = 15
+"""Side of the template that is correlated, pixels; odd."""
+_MARGIN = 14  # pixels stored around the template's reach, so that rotating and shrinking it stays inside
+
 
 @dataclass(frozen=True)
 class Patch:
@@ -40,7 +44,7 @@ class Patch:
     inside: Array
 
 
-def capture(image: Image, uv: Array, t_wc: Array, settings: PatchSettings | None = None) -> list[Patch]:
+def capture(image: Image, uv: Array, t_wc: Array) -> list[Patch]:
     """Cut one patch per point.
 
     Parameters
@@ -50,7 +54,6 @@ def capture(image: Image, uv: Array, t_wc: Array, settings: PatchSettings | None
         Points (u, v) inside the image.
     t_wc : (4, 4) float64
         Camera pose, shared by the patches.
-    settings : PatchSettings, optional
 
     Returns
     -------
@@ -58,11 +61,10 @@ def capture(image: Image, uv: Array, t_wc: Array, settings: PatchSettings | None
     """
     if len(uv) == 0:
         return []
-    settings = settings or PatchSettings()
     pose = np.array(t_wc, dtype=np.float64)
     pose.flags.writeable = False
     points = np.array(uv, dtype=np.float64).reshape(-1, 2)
-    cut = _core.capture_windows(image, points, settings.size // 2 + settings.margin)
+    cut = _core.capture_windows(image, points, SIZE // 2 + _MARGIN)
     return [Patch(w, uv, pose, rest) for w, uv, rest in zip(cut.windows, points, cut.inside, strict=True)]
 
 
@@ -136,7 +138,7 @@ def warp_templates(
         patches,
         t_wc_now,
         points_w,
-        settings.size,
+        SIZE,
         limits(settings),
     )
 

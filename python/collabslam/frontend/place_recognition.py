@@ -19,8 +19,8 @@ from collabslam.errors import InputError
 from collabslam.frontend.describe import Descriptors, describe
 from collabslam.frontend.detect import corner_peaks, refine_corners
 from collabslam.frontend.map_views import MapViews
-from collabslam.frontend.patch import Patch, warp_templates
-from collabslam.frontend.search import FOUND, active_search
+from collabslam.frontend.patch import SIZE, Patch, warp_templates
+from collabslam.frontend.search import FOUND, GATE, active_search
 from collabslam.frontend.target import pose_from_points
 from collabslam.geometry import pose_inverse
 from collabslam.settings.frontend import FrontendSettings
@@ -30,6 +30,24 @@ KIND = "warped-sift"
 """Descriptor of views and corners: SIFT's histogram at a known scale; it needs no key points of its own."""
 SCALES = (0.63, 1.0, 1.6)
 """Sizes at which the image's corners are described, over that of the views."""
+SUPPORT = 36.0
+"""Side of the window that a view's descriptor covers, pixels."""
+MIN_PATCHES = 8
+"""Fewest patches found that make a pose believed."""
+_MIN_SHARE = 0.3  # and their least share of those that should be visible from it
+_MIN_SPREAD = 0.02  # least area of the outline of the patches found, of the image's; a huddle fixes no pose
+_CORNERS = 500  # most corners of an image in which the camera is looked for
+_CORNER_DISTANCE = 0.006  # least distance between them, as a share of the image's width
+_RATIO = (
+    0.9  # of the best to the second best descriptor distance; generous, as patches are searched afterwards
+)
+_MAX_DISTANCE = 0.8  # largest distance of two descriptors (unit vectors)
+_GUESS_RADIUS = 0.08  # of the image's width, around where a landmark is expected, that is tried first
+_MIN_DESCRIPTORS = 5  # fewest that must agree on a pose
+_CORNER_RESIDUAL = 6.0  # pixels, largest distance of a corner from where the pose puts the landmark
+_MAX_RESIDUAL = 4.0  # pixels, the same of a patch found
+_RADIUS = 10.0  # pixels, of the patches' search around where the pose puts the landmarks
+_ITERATIONS = 300  # most samples of RANSAC
 _CONFIDENCE = 0.9999  # of RANSAC, that it has seen a sample without a wrong match
 
 
@@ -186,25 +204,22 @@ def locate(
         quarter of a radian more or less does no harm.
     settings : FrontendSettings
     """
-    options = settings.relocalise
     corners = _corners(image, settings)
-    if len(corners) < options.min_descriptors:
+    if len(corners) < _MIN_DESCRIPTORS:
         return None
     for roll in rolls:
-        described = describe_corners(image, corners, roll, options.support)
+        described = describe_corners(image, corners, roll, SUPPORT)
         places = (
-            (_near(camera, corners, views.points, guess, options.guess_radius), None)
-            if roll == 0.0
-            else (None,)
+            (_near(camera, corners, views.points, guess, _GUESS_RADIUS), None) if roll == 0.0 else (None,)
         )
         for near in places:
             landmark, corner = match_descriptors(
-                descriptors, views.owner, described, options.ratio, options.max_distance, near
+                descriptors, views.owner, described, _RATIO, _MAX_DISTANCE, near
             )
             first = pose_by_ransac(
-                views.points[landmark], corners[corner], camera, options.corner_residual, options.iterations
+                views.points[landmark], corners[corner], camera, _CORNER_RESIDUAL, _ITERATIONS
             )
-            if first is None or len(first[1]) < options.min_descriptors:
+            if first is None or len(first[1]) < _MIN_DESCRIPTORS:
                 continue
             fix = confirmed(image, camera, first[0], views, settings)
             if fix is not None:
@@ -229,16 +244,15 @@ def confirmed(
     settings: FrontendSettings,
 ) -> Fix | None:
     """A pose that the landmarks' patches vouch for; None where too few of them are found."""
-    options = settings.relocalise
     for _ in range(2):  # the second search starts from the pose of the first
         index, uv, possible = _search_from(image, camera, pose, views, settings)
-        agreed = _refined(views.points[index], uv, camera, pose, options.max_residual)
-        if agreed is None or len(agreed[1]) < max(options.min_patches, options.min_share * possible):
+        agreed = _refined(views.points[index], uv, camera, pose, _MAX_RESIDUAL)
+        if agreed is None or len(agreed[1]) < max(MIN_PATCHES, _MIN_SHARE * possible):
             return None
         pose, kept = agreed
         index, uv = index[kept], uv[kept]
     hull = cv2.convexHull(uv.astype(np.float32))
-    if cv2.contourArea(hull) < options.min_spread * camera.width * camera.height:
+    if cv2.contourArea(hull) < _MIN_SPREAD * camera.width * camera.height:
         return None
     return Fix(pose, index, uv)
 
@@ -259,9 +273,9 @@ def _search_from(
     index = np.flatnonzero(inside)
     warped = warp_templates(camera, [nearest[i] for i in index], pose, points[index], settings.patch)
     index, templates = index[warped.ok], warped.templates[warped.ok]
-    spread = (settings.relocalise.radius / settings.search.gate) ** 2 * np.eye(2)
+    spread = (_RADIUS / GATE) ** 2 * np.eye(2)
     result = active_search(
-        image, templates, uv[index], np.broadcast_to(spread, (len(index), 2, 2)), None, settings
+        image, templates, uv[index], np.broadcast_to(spread, (len(index), 2, 2)), None, settings.search
     )
     hit = result.code == FOUND
     return index[hit], result.uv[hit], len(index)
@@ -269,10 +283,9 @@ def _search_from(
 
 def _corners(image: Image, settings: FrontendSettings) -> Array:
     """The strongest corners, dense enough that those of all landmarks may be among them."""
-    options = settings.relocalise
-    distance = max(2.0, options.corner_distance * image.shape[1])
-    peaks = corner_peaks(image, settings.detect, distance, settings.patch.size, False)
-    return refine_corners(image, peaks[: options.corners].astype(np.float64))
+    distance = max(2.0, _CORNER_DISTANCE * image.shape[1])
+    peaks = corner_peaks(image, settings.detect, distance, SIZE, False)
+    return refine_corners(image, peaks[:_CORNERS].astype(np.float64))
 
 
 def _refined(

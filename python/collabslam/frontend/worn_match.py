@@ -39,14 +39,23 @@ from collabslam.errors import InputError
 from collabslam.frontend.describe import DESCRIPTORS, Descriptors, describe
 from collabslam.frontend.detect import detect_corners, halves
 from collabslam.frontend.epipolar import inverse_ranges, skews
-from collabslam.frontend.patch import inverse_maps, limits
-from collabslam.frontend.search import FOUND, active_search
+from collabslam.frontend.patch import SIZE, inverse_maps, limits
+from collabslam.frontend.search import FOUND, active_search, peak_test, search_around, search_window
 from collabslam.geometry import pose_inverse
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.types import Array, Image, Indices, Mask
 
 Region = tuple[float, float, float, float]
 
+SIGMA = 1.0
+"""Standard deviation of a corner's pixel, for the gates."""
+SUPPORT = 36.0
+"""Side of the window that a descriptor covers, pixels."""
+_CORNERS = 500  # most interest points searched in Cf's region of interest
+_CORNER_DISTANCE = 0.008  # least distance between them, as a share of the image's width
+_GATE = 3.0  # radius of the epipolar and depth gates in standard deviations
+_MAX_DISTANCE = 0.85  # largest distance of two descriptors (unit vectors)
+_REFINE_RADIUS = 7.0  # pixels, in which the correlation refines a match
 _DEPTHS = (0.1, 0.25)  # inverse depths, as shares of the largest, at which windows are warped besides 0
 _REASONS = ("region", "epipolar", "ratio", "mutual", "score", "consensus")
 _DEPTH_CHANGE = 0.15  # relative change of the warp that makes another depth worth its cost
@@ -197,7 +206,7 @@ class _Matcher:
         rays_f = self.camera_f.unproject(uv_f)
         described = self._describe(points, uv_f)
         i, j, _ = self._assign(points, rays_f, described, self.t_cf, self.covariance)
-        seeds = self._consensus(self.rays_s[points[i]], rays_f[j], self.options.sigma)
+        seeds = self._consensus(self.rays_s[points[i]], rays_f[j], SIGMA)
         i, j, why = self._assign(points, rays_f, described, seeds.t_cf, seeds.covariance)
         rejected.update(why)
         index, place = points[i], uv_f[j]
@@ -208,7 +217,7 @@ class _Matcher:
         if len(index) == 0:
             return self._none(rejected, corners)
         rays_f = self.camera_f.unproject(place)
-        final = self._consensus(self.rays_s[index], rays_f, 0.5 * self.options.sigma, seeds)
+        final = self._consensus(self.rays_s[index], rays_f, 0.5 * SIGMA, seeds)
         keep = final.agree
         rejected["consensus"] = int((~keep).sum())
         if keep.sum() < max(self.options.min_matches, self.options.min_share * tried):
@@ -225,16 +234,16 @@ class _Matcher:
         u0, v0 = (max(0, int(np.floor(x))) for x in roi[:2])
         u1, v1 = int(np.ceil(roi[2])) + 1, int(np.ceil(roi[3])) + 1
         crop = np.ascontiguousarray(self.image_f[v0:v1, u0:u1])
-        border = self.settings.patch.size // 2 + 1
+        border = SIZE // 2 + 1
         if min(crop.shape) <= 2 * border + 2:
             return np.empty((0, 2))
         detect = dataclasses.replace(
             self.settings.detect,
             subpixel=False,  # the correlation does that
-            min_distance=self.options.corner_distance * self.image_f.shape[1] / crop.shape[1],
+            min_distance=_CORNER_DISTANCE * self.image_f.shape[1] / crop.shape[1],
         )
         corners = detect_corners(
-            crop, np.empty((0, 2)), self.options.corners, detect, border, halves(self.image_f.shape[1])
+            crop, np.empty((0, 2)), _CORNERS, detect, border, halves(self.image_f.shape[1])
         )
         corners += np.array([u0, v0])
         return corners
@@ -246,7 +255,7 @@ class _Matcher:
 
     def _describe(self, points: Indices, uv_f: Array) -> _Described:
         """Descriptors of the points of Cs, as they look in Cf at some depths, and of the corners of Cf."""
-        kind, support = self.options.descriptor, self.options.support
+        kind, support = self.options.descriptor, SUPPORT
         known = self.known[points]
         free = np.flatnonzero(~known)
         depths = self._depths(points[free[:: max(1, len(free) // 16)]])
@@ -270,7 +279,7 @@ class _Matcher:
             return depths
         last = self._warps(sample, self.t_cf, np.zeros(len(sample)))
         for share in _DEPTHS:
-            rho = share / self.options.min_range
+            rho = share / self.settings.near
             warps = self._warps(sample, self.t_cf, np.full(len(sample), rho))
             change = np.linalg.norm(warps - last, axis=(1, 2)) / np.linalg.norm(last, axis=(1, 2))
             if np.median(change) > _DEPTH_CHANGE:
@@ -283,9 +292,9 @@ class _Matcher:
     ) -> tuple[Indices, Indices, dict[str, int]]:
         """Best, unambiguous and mutual candidates in the gate of a pose: rows of points and of corners."""
         options, known = self.options, self.known[points]
-        reach = options.gate * self.rho_sd[points]
+        reach = _GATE * self.rho_sd[points]
         low = np.where(known, self.rho[points] - reach, 0.0)
-        high = np.where(known, self.rho[points] + reach, 1.0 / options.min_range)
+        high = np.where(known, self.rho[points] + reach, 1.0 / self.settings.near)
         wanted = PairPoints(
             self.rays_s[points],
             np.stack([low, high], axis=1),
@@ -294,10 +303,10 @@ class _Matcher:
             described.depths,
         )
         good = PairOptions(
-            sigma=(options.sigma / self.focal[0], options.sigma / self.focal[1]),
-            gate=options.gate,
+            sigma=(SIGMA / self.focal[0], SIGMA / self.focal[1]),
+            gate=_GATE,
             ratio=options.ratio,
-            max_distance=options.max_distance,
+            max_distance=_MAX_DISTANCE,
         )
         found = match_pairs(wanted, rays_f, described.of_f, t_cf, covariance, good)
         why = {"epipolar": found.alone, "ratio": found.indistinct, "mutual": found.one_sided}
@@ -306,7 +315,7 @@ class _Matcher:
     def _consensus(
         self, rays_s: Array, rays_f: Array, sigma: float, start: Consensus | None = None
     ) -> Consensus:
-        noise = MatchNoise(self.focal, sigma, max(self.options.max_residual, self.options.gate * sigma))
+        noise = MatchNoise(self.focal, sigma, max(self.options.max_residual, _GATE * sigma))
         return find_consensus(rays_s, rays_f, self.t_cf, self.covariance, noise, start)
 
     def _add_known(
@@ -323,7 +332,7 @@ class _Matcher:
             return index, place
         affine = self._warps(rest, consensus.t_cf, np.maximum(self.rho[rest], 0.0))
         templates = self._templates(rest, affine)
-        result = active_search(self.image_f, templates, uv, spread, None, self.settings)
+        result = active_search(self.image_f, templates, uv, spread, None, self.settings.search)
         found = result.code == FOUND
         return np.concatenate([index, rest[found]]), np.concatenate([place, result.uv[found]])
 
@@ -344,12 +353,12 @@ class _Matcher:
         uv, _ = self.camera_f.project(np.where(front[None, :, None], stack, [0.0, 0.0, 1.0]).reshape(-1, 3))
         uv = uv.reshape(len(directions) + 1, len(index), 2)
         change = (uv[1:] - uv[0]) / 1e-3
-        spread = np.einsum("kni,knj->nij", change, change) + self.options.sigma**2 * np.eye(2)
+        spread = np.einsum("kni,knj->nij", change, change) + SIGMA**2 * np.eye(2)
         ok = front & np.all(np.isfinite(uv), axis=(0, 2))
         return uv[0], spread, ok
 
     def _templates(self, index: Indices, affine: Array) -> Image:
-        side = self.settings.patch.size
+        side = SIZE
         return sample_templates(self.image_s, self.uv_s[index], affine, side).templates
 
     def _locate(self, index: Indices, place: Array, t_cf: Array) -> tuple[Indices, Array, Array]:
@@ -358,19 +367,13 @@ class _Matcher:
             return index, place, np.empty(0)
         rho = inverse_ranges(self.rays_s[index], self.camera_f.unproject(place), t_cf)
         templates = self._templates(index, self._warps(index, t_cf, np.maximum(rho, 0.0)))
-        near = dataclasses.replace(
-            self.settings.search,
-            min_radius=self.options.refine_radius,
-            min_score=self.options.min_score,
-            ambiguity=1.0,
-        )
-        result = active_search(
+        result = search_around(
             self.image_f,
             templates,
             place,
             np.zeros((len(index), 2, 2)),
-            None,
-            dataclasses.replace(self.settings, search=near),
+            search_window(self.settings.search.max_radius, min_radius=_REFINE_RADIUS),
+            peak_test(self.options.min_score, ambiguity=1.0),
         )
         found = result.code == FOUND
         index, place, score = index[found], result.uv[found], result.score[found]

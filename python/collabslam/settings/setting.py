@@ -33,8 +33,6 @@ class Setting:
         What it is.
     when : str
         The case in which to change it, in a sentence; empty for a switch of the lab.
-    odd : bool
-        Whether an ``int`` must be odd.
     """
 
     key: str
@@ -46,7 +44,6 @@ class Setting:
     choices: tuple[str, ...]
     doc: str
     when: str = ""
-    odd: bool = False
 
     def allowed(self) -> str:
         """The range or the choices, in words."""
@@ -54,12 +51,11 @@ class Setting:
             return "true or false"
         if self.choices:
             return " | ".join(self.choices)
-        odd = ", odd" if self.odd else ""
         if self.low is not None and self.high is not None:
-            return f"{self.low:g} to {self.high:g}{odd}"
+            return f"{self.low:g} to {self.high:g}"
         if self.low is not None:
-            return f"{self.low:g} or more{odd}"
-        return f"{self.high:g} or less{odd}" if self.high is not None else f"any number{odd}"
+            return f"{self.low:g} or more"
+        return f"{self.high:g} or less" if self.high is not None else "any number"
 
     def checked(self, value: Any) -> Value:
         """``value`` as this setting's type.
@@ -77,7 +73,7 @@ class Setting:
         if self.kind in ("int", "float") and number is not None and self._in_range(number):
             if self.kind == "float":
                 return number
-            if number.is_integer() and not (self.odd and number % 2 == 0):
+            if number.is_integer():
                 return int(number)
         unit = f" {self.unit}" if self.unit and self.kind in ("int", "float") else ""
         wanted = {"int": "a whole number, ", "float": "a number, ", "enum": "one of "}.get(self.kind, "")

@@ -170,7 +170,8 @@ class Settings:
 
     def frontend(self) -> FrontendSettings:
         """The settings and switches of the front end, by its groups."""
-        return FrontendSettings.from_flat({**self.section("frontend"), **self.section_switches("frontend")})
+        values = {**self.section("frontend"), **self.section_switches("frontend")}
+        return FrontendSettings.from_flat(float(self["filter.overlap.near"]), values)
 
     def hash(self) -> str:
         """First 12 hex digits of the SHA-256 of values and switches as canonical JSON."""

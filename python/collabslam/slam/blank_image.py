@@ -36,7 +36,7 @@ class BlankImageDetector(PersistentState):
         No sensor delivers the same noise twice: an image that repeats the last one comes from a driver that
         hangs, and says that nothing has moved, very exactly, to a filter that believes it.
         """
-        if self._settings.frozen and self._last is not None and _equal(image, self._last):
+        if self._last is not None and _equal(image, self._last):
             return FROZEN
         size = (max(1, image.shape[1] // _SHRINK), max(1, image.shape[0] // _SHRINK))
         small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from collabslam._core import Camera, Filter, Prediction, UpdateReport
 from collabslam.errors import InputError
 from collabslam.frontend.detect import Corners
+from collabslam.frontend.patch import SIZE
 from collabslam.settings.table import Settings
 from collabslam.slam.blank_image import FROZEN
 from collabslam.slam.depth_input import Depths
@@ -192,7 +193,7 @@ class Slam(EngineParts):
     def _view(self, t: float, image: Image, worn: WornView | None) -> View:
         """The frame as the parts see it: what is hidden, where corners are, how the camera stood before."""
         hidden = self._worn.hidden(worn)
-        corners = Corners(image, self._options.detect, self._options.patch.size, hidden=hidden)
+        corners = Corners(image, self._options.detect, SIZE, hidden=hidden)
         return View(t, image, worn, hidden, corners, self.filter.started, self._monitor.lost)
 
     def _expected(self, view: View) -> Prediction:

@@ -15,7 +15,8 @@ from collabslam._core import Camera, Filter, Prediction, UpdateReport
 from collabslam.frontend.describe import Descriptors
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.patch import Patch, capture
-from collabslam.frontend.place_recognition import Fix, describe_views, locate
+from collabslam.frontend.place_recognition import MIN_PATCHES, SUPPORT, Fix, describe_views, locate
+from collabslam.frontend.search import GATE
 from collabslam.settings.frontend import FrontendSettings, SearchSettings
 from collabslam.slam.map_change import ImagePoints, Recovered
 from collabslam.slam.state import PersistentState
@@ -25,6 +26,10 @@ from collabslam.types import Array, Ids
 
 ROLLS = (0.0, 0.5, 0.0, -0.5)
 """Rolls of the camera against its views, radians: each attempt tries one of these, in turn."""
+EVERY = 0.5
+"""Time from one frame whose landmarks are kept as views to the next, seconds."""
+VIEWS = 3
+"""Views kept of a landmark beside its first, the latest ones: 2 kB of memory each."""
 MAX_RHO_RATIO = 0.3
 """Largest sd(rho) / rho of a landmark that helps to find the camera: the range of others is hardly known."""
 
@@ -56,13 +61,13 @@ class MapAside:
     views: list[list[Patch]]
 
 
-def searchable(expected: Prediction, options: SearchSettings) -> Prediction:
+def searchable(expected: Prediction, settings: SearchSettings) -> Prediction:
     """What of `Filter.predict_pixels` can be searched whole: ellipses that fit into the largest window.
 
     Where a lost camera might be is soon wider than any window; what is found in a part of it proves little.
     """
     variance = np.diagonal(expected.s, axis1=1, axis2=2).max(axis=1, initial=0.0)
-    fits = options.gate**2 * variance <= options.max_radius**2
+    fits = GATE**2 * variance <= settings.max_radius**2
     return expected.subset(fits)
 
 
@@ -97,14 +102,13 @@ class Relocaliser(PersistentState):
         """
         self._attempts = 0
         self._described.clear()
-        options = self._options.relocalise
-        if self._last is not None and view.t - self._last < options.every:
+        if self._last is not None and view.t - self._last < EVERY:
             return
         self._last = view.t
         views = dict(self._views)
-        patches = capture(view.image, seen.uv, pose, self._options.patch)
+        patches = capture(view.image, seen.uv, pose)
         for i, patch in zip(seen.ids.tolist(), patches, strict=True):
-            views[i] = [*views.get(i, []), patch][-options.views :]
+            views[i] = [*views.get(i, []), patch][-VIEWS:]
         self._views = views
 
     def views(self, ids: Ids) -> list[list[Patch]]:
@@ -139,7 +143,7 @@ class Relocaliser(PersistentState):
     def put_aside(self, old: MapAside) -> None:
         """The camera has left a map for a new one: the old one is kept, if it can be recognised at all."""
         self._views = {}
-        if len(old.use) >= self._options.relocalise.min_patches:
+        if len(old.use) >= MIN_PATCHES:
             kept = [*self._aside, old]
             self._aside = kept if len(kept) <= MAX_ASIDE else [kept[0], *kept[2:]]
 
@@ -163,7 +167,7 @@ class Relocaliser(PersistentState):
         """
         if not self._aside:
             return None
-        if self._looked_back is not None and view.t - self._looked_back < self._options.relocalise.every:
+        if self._looked_back is not None and view.t - self._looked_back < EVERY:
             return None
         self._looked_back = view.t
         self._aside = [self._aside[-1], *self._aside[:-1]]
@@ -199,7 +203,7 @@ class Relocaliser(PersistentState):
     def _locate(
         self, view: View, points: Array, by_landmark: list[list[Patch]], rolls: tuple[float, ...]
     ) -> Fix | None:
-        if len(points) < self._options.relocalise.min_patches:
+        if len(points) < MIN_PATCHES:
             return None
         views = MapViews.of(points, by_landmark)
         descriptors = self._describe(views.patches)
@@ -217,6 +221,6 @@ class Relocaliser(PersistentState):
         """Descriptors of views, one after the other; made once for all attempts until the camera is found."""
         known = self._described
         new = [patch for patch in patches if id(patch) not in known]
-        made = describe_views(new, self._options.relocalise.support)
+        made = describe_views(new, SUPPORT)
         known.update({id(patch): (patch, made[k : k + 1]) for k, patch in enumerate(new)})
         return np.concatenate([known[id(patch)][1] for patch in patches])

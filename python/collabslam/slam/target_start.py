@@ -8,14 +8,17 @@ import numpy as np
 from collabslam._core import Camera, DepthMeasurement, Filter
 from collabslam.errors import DataError
 from collabslam.frontend.detect import detect_corners
-from collabslam.frontend.patch import Patch, capture, warp_templates
+from collabslam.frontend.patch import SIZE, Patch, capture, warp_templates
 from collabslam.frontend.search import FOUND, active_search
-from collabslam.frontend.target import find_target
+from collabslam.frontend.target import RADIUS, SIGMA, find_target
 from collabslam.geometry import pose_inverse, skew
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import PersistentState
 from collabslam.types import Array, Image, Mask, Target
+
+_PLANE_SD = 0.03  # of the range of a corner that is taken to lie on the target's plane, as a share of it
+_ELSEWHERE_SD = 0.5  # of all others, which start at the target's depth, as a share of it
 
 
 class TargetStart(PersistentState):
@@ -42,21 +45,19 @@ class TargetStart(PersistentState):
         Where the target is not found nothing is born, and the next frame is tried.
         """
         try:
-            fix = find_target(image, self._camera, self._target, self._options)
+            fix = find_target(image, self._camera, self._target, self._options.search)
         except DataError:
             return ImagePoints()
         t_ct = pose_inverse(fix.t_tc)
         known = self._target.points[fix.index] @ t_ct[:3, :3].T + t_ct[:3, 3]
         options = self._options
-        corners = detect_corners(image, fix.uv, count, options.detect, options.patch.size)
+        corners = detect_corners(image, fix.uv, count, options.detect, SIZE)
         on_plane, points = self._on_target_plane(corners, fix.t_tc)
         all_points = np.concatenate([known, points[on_plane]])
         rays = all_points / np.linalg.norm(all_points, axis=1, keepdims=True)
-        pixel = (options.target.sigma / self._camera.intrinsics[0]) ** 2
+        pixel = (SIGMA / self._camera.intrinsics[0]) ** 2
         ranges2 = (all_points**2).sum(axis=1)
-        relative = np.concatenate(
-            [np.full(len(known), 1e-4), np.full(on_plane.sum(), options.target.plane_sd)]
-        )
+        relative = np.concatenate([np.full(len(known), 1e-4), np.full(on_plane.sum(), _PLANE_SD)])
         outer = rays[:, :, None] * rays[:, None, :]
         noise = ranges2[:, None, None] * (pixel * np.eye(3) + (relative**2)[:, None, None] * outer)
         # p_C = Exp(xi)^-1 p_hat, so d p_C / d(v, w) = [-I, [p_C]x]
@@ -66,10 +67,10 @@ class TargetStart(PersistentState):
         depth = np.full(len(elsewhere), known[:, 2].mean())
         none = np.empty(0, np.int64)
         new = np.full(len(elsewhere), -1)
-        depths = DepthMeasurement(new, elsewhere, depth, options.target.elsewhere_sd * depth)
+        depths = DepthMeasurement(new, elsewhere, depth, _ELSEWHERE_SD * depth)
         features = self._core.update(none, none, np.empty((0, 2)), depths=depths).depths.born
         born = features >= 0
-        self._points_w, self._patches = known, capture(image, fix.uv, np.eye(4), options.patch)
+        self._points_w, self._patches = known, capture(image, fix.uv, np.eye(4))
         uv = np.concatenate([fix.uv, corners[on_plane], elsewhere[born]])
         if options.target.withhold:
             self._core.remove_features(ids[: len(known)])
@@ -108,7 +109,7 @@ class TargetStart(PersistentState):
         seen = (self._points_w - pose[:3, 3]) @ pose[:3, :3]
         uv, ok = self._camera.project(np.ascontiguousarray(seen))
         warped = warp_templates(self._camera, self._patches, pose, self._points_w, self._options.patch)
-        spread = np.broadcast_to((self._options.target.radius / 3.0) ** 2 * np.eye(2), (len(uv), 2, 2))
-        found = active_search(image, warped.templates, uv, spread, None, self._options)
+        spread = np.broadcast_to((RADIUS / 3.0) ** 2 * np.eye(2), (len(uv), 2, 2))
+        found = active_search(image, warped.templates, uv, spread, None, self._options.search)
         hit = ok & warped.ok & (found.code == FOUND)
         return float(np.linalg.norm(found.uv - uv, axis=1)[hit].max()) if hit.any() else float("nan")

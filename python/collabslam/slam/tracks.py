@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from collabslam._core import Camera, ConditionalPrediction, Prediction, SearchResult
-from collabslam.frontend.flow import FlowImage, flow_guess, motion_of
+from collabslam.frontend.flow import MAX_ERROR, FlowImage, flow_guess, motion_of
 from collabslam.frontend.patch import Patch, capture, warp_templates
-from collabslam.frontend.search import FOUND, WIDE, active_search, wide_ellipses
+from collabslam.frontend.search import FOUND, GATE, WIDE, active_search, wide_ellipses
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints, MapChange, Recovered
 from collabslam.slam.state import PersistentState
@@ -100,7 +100,7 @@ class Tracks(PersistentState):
         """As `PersistentState.restore`."""
         last: Any = state.get("_previous")
         if last is not None:
-            last = FlowImage.again(last[0], last[1], self._settings.flow)
+            last = FlowImage.again(last[0], last[1])
         super().restore({**state, "_previous": last})
 
     def search(self, view: View, pose: Array, expected: Prediction, expect_given: ExpectGiven) -> Found:
@@ -113,19 +113,19 @@ class Tracks(PersistentState):
         image, ids = view.image, expected.ids
         n = len(ids)
         waiting = np.array(sorted(self._candidate_last), dtype=np.int64)
-        now = FlowImage(image, self._settings.flow)
+        now = FlowImage(image)
         guess = self._flow(now, ids, waiting, expected)
         patches = [self._features[i] for i in ids.tolist()] + [self._candidates[i] for i in waiting.tolist()]
         points = np.concatenate([expected.points, np.full((len(waiting), 3), np.nan)])
         warped = warp_templates(self._camera, patches, pose, points, self._settings.patch)
-        spread = (self._settings.flow.max_error / self._settings.search.gate) ** 2 * np.eye(2)
+        spread = (MAX_ERROR / GATE) ** 2 * np.eye(2)
         result = active_search(
             image,
             warped.templates,
             np.concatenate([expected.uv, guess[n:]]),
             np.concatenate([expected.s, np.broadcast_to(spread, (len(waiting), 2, 2))]),
             guess,
-            self._settings,
+            self._settings.search,
             whole=False,
         )
         self._search_wide(image, warped.templates, ids, result, expect_given)
@@ -163,7 +163,7 @@ class Tracks(PersistentState):
         found = np.flatnonzero(codes == FOUND)
         some = found[:: max(1, -(-len(found) // _MAX_GIVEN))]
         there = expect_given(ids[some], result.uv[some], ids[late])
-        again = active_search(image, templates[late], there.uv, there.s, None, self._settings)
+        again = active_search(image, templates[late], there.uv, there.s, None, self._settings.search)
         result.uv[late], result.code[late] = again.uv, again.code
         result.score[late], result.second[late] = again.score, again.second
 
@@ -180,7 +180,7 @@ class Tracks(PersistentState):
         before = np.reshape([uv for uv in last if uv is not None], (-1, 2))
         tracked = int(np.searchsorted(known, len(ids)))
         motion = motion_of(before[:tracked], expected.uv[known[:tracked]])
-        wide = wide_ellipses(expected.s, self._settings.search)
+        wide = wide_ellipses(expected.s)
         asked = np.concatenate([wide, np.ones(len(waiting), dtype=np.bool_)])[known]
         uv, ok = flow_guess(self._previous, now, before[asked], self._settings.flow, motion)
         guess[known[asked]] = np.where(ok[:, None], uv, np.nan)
@@ -230,7 +230,7 @@ class Tracks(PersistentState):
         self._candidate_last = {i: uv for i, uv in candidate_last.items() if i in kept}
 
     def _captured(self, view: View, pose: Array, points: ImagePoints) -> Iterator[tuple[int, Patch]]:
-        patches = capture(view.image, points.uv, pose, self._settings.patch)
+        patches = capture(view.image, points.uv, pose)
         return zip(points.ids.tolist(), patches, strict=True)
 
     def adopt_map(self, ids: Ids, patches: Sequence[Patch]) -> None:

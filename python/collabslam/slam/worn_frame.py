@@ -99,6 +99,15 @@ class Overlap:
         }
 
 
+NEW_POINTS = 120
+"""Most new corners of Cs that are tried in Cf."""
+_TRIES = 6  # new corners tried for each feature that the view lacks
+_MAX_CORRECTION = 2.5
+"""Largest correction of T_CF that the matches may ask for, in its standard deviations (RMS over its six
+numbers); a view that asks for more is not used."""
+_MIN_KNOWN = 0.2
+"""Least share of the map's points matched in Cf, relative to that of new points; where new ones match and
+those of the map do not, T_CF contradicts the map and the view is not used."""
 MIN_POINTS = 5
 """Points tried, and matched, from which on shares of them mean something."""
 
@@ -168,8 +177,7 @@ class WornMatcher:
         known = np.empty(0, np.int64) if self._only_births and started else np.flatnonzero(found.hit)
         known_uv = found.result.uv[known]
         taken = np.concatenate([found.uv, found.candidate_uv])
-        options = self._options
-        tries = min(options.worn.new_points, options.worn.tries * missing)
+        tries = min(NEW_POINTS, _TRIES * missing)
         fresh = view.corners.pick(taken, tries)
         uv = np.concatenate([known_uv, found.candidate_uv, fresh])
         unknown = np.full(len(found.candidate_uv) + len(fresh), np.nan)
@@ -185,10 +193,10 @@ class WornMatcher:
             uv,
             np.concatenate([found.rho[known], unknown]),
             np.concatenate([found.rho_sd[known], unknown]),
-            options,
+            self._options,
         )
         correction, sigmas = _correction(worn, matches)
-        if sigmas > options.worn.max_correction or self._contradicts(len(known), len(uv), matches):
+        if sigmas > _MAX_CORRECTION or self._contradicts(len(known), len(uv), matches):
             return Overlap(
                 matches=matches,
                 points=len(uv),
@@ -223,7 +231,7 @@ class WornMatcher:
         new = len(matches.index) - of_map
         if known < MIN_POINTS or new < MIN_POINTS:
             return False
-        min_share = self._options.worn.least_known * new / (tried - known)
+        min_share = _MIN_KNOWN * new / (tried - known)
         return of_map < min_share * known
 
     @staticmethod

@@ -22,12 +22,14 @@ from collabslam.datasets.emulated.worn import PoseErrors
 from collabslam.errors import CollabslamError
 from collabslam.frontend.describe import DESCRIPTORS, describe
 from collabslam.frontend.detect import detect_corners
-from collabslam.frontend.worn_match import match_worn
+from collabslam.frontend.patch import SIZE
+from collabslam.frontend.worn_match import SUPPORT, match_worn
 from collabslam.geometry import pose_inverse
 from collabslam.runs.report import number
 from collabslam.runs.results import write_summary
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.settings.table import Settings
+from collabslam.slam.worn_frame import NEW_POINTS
 from collabslam.types import Array, Mask
 from collabslam_lab.benchmark.pairs import Pair, Scene, choose_pairs, true_inverse_ranges
 from collabslam_lab.benchmark.plan import Entry, Plan
@@ -95,8 +97,8 @@ class _Look:
         self._t_cf = errors.measured(pair.t_cf, pair.i, 0)
         self._covariance = np.diag(errors.noise.deviations**2)
         self._overlap = core.predict_overlap(self._t_cf, self._covariance)
-        border = options.patch.size // 2 + 1
-        self._uv = detect_corners(self._image, _NONE, options.worn.new_points, options.detect, border)
+        border = SIZE // 2 + 1
+        self._uv = detect_corners(self._image, _NONE, NEW_POINTS, options.detect, border)
         self._rays = scene.camera.unproject(self._uv)
         self._rho = true_inverse_ranges(scene, pair.i, self._uv, options)
         self._expected, self._inside = self._project(self._rho)
@@ -166,7 +168,7 @@ class _Look:
         spread = np.linspace(-120.0, 120.0, 15)
         uv = (np.stack(np.meshgrid(spread, spread), axis=-1).reshape(-1, 2) + size)[:_DESCRIBED]
         began = time.process_time()
-        describe(self._other, uv, 0.0, self._options.worn.support, kind)
+        describe(self._other, uv, 0.0, SUPPORT, kind)
         return 1e3 * (time.process_time() - began)
 
 
