@@ -214,7 +214,7 @@ def test_search_names_bad_input(change, word):
     arguments = {**good, **change}
     with pytest.raises(InputError, match=word):
         active_search(
-            arguments["image"], arguments["templates"], arguments["uv"], arguments["s"], None, SETTINGS
+            arguments["image"], arguments["templates"], arguments["uv"], arguments["s"], None, SETTINGS.search
         )
 
 
