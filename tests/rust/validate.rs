@@ -193,6 +193,14 @@ fn frame_case(rng: &mut Pcg64, n: usize, wrong: usize, depth: bool) -> Case {
     case
 }
 
+/// A budget that only a search gone astray reaches.
+fn thorough() -> HohctSettings {
+    HohctSettings {
+        max_nodes: 20_000,
+        ..HohctSettings::default()
+    }
+}
+
 #[test]
 fn hohct_equals_brute_force() {
     let mut rng = Pcg64::seed_from_u64(11);
@@ -211,7 +219,7 @@ fn hohct_equals_brute_force() {
         let settings = HohctSettings {
             level: if trial % 2 == 0 { 0.95 } else { 0.6 },
             max_share: share.min(1.0),
-            ..HohctSettings::default()
+            ..thorough()
         };
         let max_order = ((settings.max_share * n as f64) as usize).min(n - 1);
         let (verdict, rejected) = case.run(BatchTest::Hohct(settings), &mut ws);
@@ -248,7 +256,7 @@ fn hohct_equals_brute_force_on_frames() {
         let settings = HohctSettings {
             level: 0.9,
             max_share: 4.5 / n as f64,
-            ..HohctSettings::default()
+            ..thorough()
         };
         let (verdict, rejected) = case.run(BatchTest::Hohct(settings), &mut ws);
         assert!(verdict.exact);
@@ -277,7 +285,7 @@ fn hohct_is_exact_on_frames_with_wrong_matches() {
         let trials = 12;
         for _ in 0..trials {
             let case = frame_case(&mut rng, n, wrong, depth);
-            let (verdict, rejected) = case.run(BatchTest::Hohct(HohctSettings::default()), &mut ws);
+            let (verdict, rejected) = case.run(BatchTest::Hohct(thorough()), &mut ws);
             assert!(verdict.exact && verdict.passed, "{n} {wrong} {verdict:?}");
             nodes += verdict.nodes;
             most = most.max(verdict.nodes);
@@ -304,7 +312,7 @@ fn hohct_is_quiet_when_all_is_right() {
     let mut passed_at_once = 0;
     for _ in 0..trials {
         let case = frame_case(&mut rng, 30, 0, true);
-        let (verdict, _) = case.run(BatchTest::Hohct(HohctSettings::default()), &mut ws);
+        let (verdict, _) = case.run(BatchTest::Hohct(thorough()), &mut ws);
         passed_at_once += usize::from(verdict.order == 0);
     }
     // 95 % expected, standard deviation 1.1 %.
@@ -317,7 +325,7 @@ fn budget_falls_back_to_greedy_and_says_so() {
     let mut ws = Workspace::new();
     let tight = HohctSettings {
         max_nodes: 1,
-        ..HohctSettings::default()
+        ..thorough()
     };
     let (mut struck, mut trials) = (0, 0);
     while trials < 100 {
@@ -331,7 +339,7 @@ fn budget_falls_back_to_greedy_and_says_so() {
         let (d2, dof) = case.rest(&rejected);
         assert!((verdict.d2 - d2).abs() < 1e-6 * d2);
         assert!(d2 <= chi2::quantile(0.95, dof as f64) + 1e-6);
-        let (full, _) = case.run(BatchTest::Hohct(HohctSettings::default()), &mut ws);
+        let (full, _) = case.run(BatchTest::Hohct(thorough()), &mut ws);
         assert!(full.exact && full.order <= verdict.order);
         struck += usize::from(!verdict.exact);
     }
@@ -345,7 +353,7 @@ fn a_large_budget_holds_hard_searches() {
     let mut ws = Workspace::new();
     let all = HohctSettings {
         level: 0.55,
-        ..HohctSettings::default()
+        ..thorough()
     };
     assert!(all.max_nodes > ValidateSettings::default().max_nodes);
     let mut hard = 0;
@@ -371,7 +379,7 @@ fn a_large_budget_holds_hard_searches() {
 #[test]
 fn hohct_edges() {
     let mut ws = Workspace::new();
-    let test = BatchTest::Hohct(HohctSettings::default());
+    let test = BatchTest::Hohct(thorough());
     let empty = Case::new(vec![0], DMatrix::identity(0, 0), DVector::zeros(0));
     let (verdict, rejected) = empty.run(test, &mut ws);
     assert!(verdict.passed && rejected.is_empty() && verdict.p_value == 1.0);
@@ -405,7 +413,7 @@ fn results_repeat_and_do_not_depend_on_the_workspace() {
     for trial in 0..24 {
         let case = frame_case(&mut rng, 10 + 2 * trial, trial / 6, trial % 2 == 0);
         for test in [
-            BatchTest::Hohct(HohctSettings::default()),
+            BatchTest::Hohct(thorough()),
             BatchTest::Jcbb(JcbbSettings {
                 max_nodes: 200,
                 ..JcbbSettings::default()
@@ -471,7 +479,10 @@ fn the_others_find_gross_errors_too() {
     let mut rng = Pcg64::seed_from_u64(17);
     let mut ws = Workspace::new();
     for test in [
-        BatchTest::Jcbb(JcbbSettings::default()),
+        BatchTest::Jcbb(JcbbSettings {
+            max_nodes: 20_000,
+            ..JcbbSettings::default()
+        }),
         BatchTest::OnePoint(OnePointSettings::default()),
     ] {
         let (mut kept, mut lost) = (0, 0);
@@ -543,7 +554,7 @@ fn conditional_gate_sees_what_drowns_in_the_joint_test() {
         case.g *= 0.2;
         let inverse = case.s.clone().cholesky().unwrap().inverse();
         case.g[14] += 6.0 / inverse[(14, 14)].sqrt();
-        let hohct = BatchTest::Hohct(HohctSettings::default());
+        let hohct = BatchTest::Hohct(thorough());
         assert!(case.run(hohct, &mut ws).1.is_empty());
         let blocks = Blocks::new(&case.offsets);
         let (l, g) = (case.l.as_slice(), case.g.as_slice());

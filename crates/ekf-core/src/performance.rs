@@ -61,7 +61,7 @@
 //! 15 104 in that one, some two seconds: there the level asks for four right matches to go besides the ten wrong ones,
 //! and sets that exchange ten and more of the fourteen are what no bound refutes. More groups kept whole do not help
 //! (tried up to 40). The default of 100 keeps the test within a frame's time: in one frame of a hundred of this kind the best
-//! set so far stands, at least as good as the greedy one, and `exact` is false. Choices of groups count as nodes too:
+//! set so far stands, at least as good as the greedy one, and `exact` is false. Choices of groups count by their work:
 //! where nearly half of the matches are wrong they took 40 ms that no budget knew of.
 //! `make bench` takes 2400 more frames of this case: `hohct_struck`, `hohct_most_nodes`, `hohct_worst_ms`.
 //!

@@ -109,11 +109,11 @@ impl Filter {
         if let Some(&id) = ids.iter().find(|id| !self.candidates.contains_key(id)) {
             return Err(EkfError::UnknownFeature { id });
         }
-        self.changes();
         if ids.is_empty() {
             return Ok(Vec::new());
         }
         let (rho, sd) = self.vague_depth();
+        self.changes();
         let sigma = self.settings.pixel.sigma_cs;
         let mut born = Vec::with_capacity(ids.len());
         let mut view = None;

@@ -71,6 +71,9 @@ impl Filter {
                     seen.push(self.expect(block.id, &feature, &view, known, warp));
                 }
             }
+        }
+        if self.outside.is_some() {
+            // A working set is in the order in which its features came into it.
             seen.sort_unstable_by_key(|f| f.id);
         }
     }

@@ -59,8 +59,8 @@
 //! wrong matches cannot agree with any group of right ones.
 //!
 //! *Budget.* Past `max_nodes` the best set so far stands, at first the greedy one, and the verdict says that it is not
-//! exact. A node counts once in a batch of ordinary size and more in a larger one, and so does each choice of groups that is
-//! looked at, so that the budget bounds the work: about 0.1 ms per count.
+//! exact. A node counts once in a batch of ordinary size and more in a larger one, and choices of groups count by their
+//! work, so that the budget bounds the work: about 0.1 ms per count.
 //!
 //! *Measured* on frames as in the tests (camera uncertain by 3 cm and 1 degree, wrong matches uniform in the 3-sigma
 //! ellipse), medians: 0.15 ms for 3 wrong of 40, 0.55 ms for 10 of 40, 0.66 ms for 3 of 100, 1.6 ms for 10 of 100; if

@@ -54,7 +54,8 @@ impl Pigeonhole {
     /// Whether every set with at most `most` blocks from outside of `G` keeps a larger distance than allowed.
     ///
     /// Of `most + intact` disjoint groups `F` hits at most `most`, so that `intact` of them are kept, and with them `Y`.
-    /// Each choice of groups takes one of `budget`; without any left the answer is that they may not.
+    /// Each choice of groups takes of `budget` what it works: rows of `G` times all its rows squared; once that is spent the
+    /// answer is no.
     pub(super) fn refutes(
         &mut self,
         rows: Rows,
@@ -78,10 +79,6 @@ impl Pigeonhole {
         self.joint.clear();
         let mut changed = 0;
         loop {
-            if *budget == 0 {
-                return false;
-            }
-            *budget -= 1;
             self.joint.truncate(self.marks[changed]);
             for k in changed..intact {
                 self.marks[k] = self.joint.len();
@@ -93,6 +90,10 @@ impl Pigeonhole {
             let kept = self.joint.d2();
             for &block in greedy {
                 self.joint.push(rows.s, rows.ld, rows.g, rows.blocks, block);
+            }
+            *budget = budget.saturating_sub(size * self.joint.len().pow(2));
+            if *budget == 0 {
+                return false;
             }
             self.joint
                 .conditional(before, &mut self.covariance, &mut self.innovation);

@@ -153,14 +153,15 @@ impl<'a> Search<'a> {
             // A margin for rounding.
             self.pigeonhole.allowed.push(allowed + 1e-9 * allowed.abs());
         }
-        self.nodes += self.z.len().pow(3) / WORK_PER_NODE / 8;
-        let before = self.max_nodes.saturating_sub(self.nodes);
+        self.nodes += 1 + self.z.len().pow(3) / WORK_PER_NODE / 8;
+        let left = self.max_nodes.saturating_sub(self.nodes);
+        let before = left.saturating_mul(WORK_PER_NODE);
         let mut budget = before;
         let blocks = &self.greedy.blocks;
         let refuted = self
             .pigeonhole
             .refutes(self.batch, blocks, high, intact, &mut budget);
-        self.nodes += before - budget;
+        self.nodes += (before - budget) / WORK_PER_NODE;
         self.struck |= budget == 0 && !refuted;
         refuted
     }
