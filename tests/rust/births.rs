@@ -1,6 +1,6 @@
 //! Covariances of births and of triangulated points against Monte Carlo, and when births wait.
 
-use crate::scene::{Warm, name, normal, normals, rng, warm, worn_covariance};
+use crate::scene::{Scene, Warm, name, normal, normals, rng, settings, warm, worn_covariance};
 use ekf_core::CandidateOutcome;
 use ekf_core::birth::two_view::TwoView;
 use ekf_core::math::{inverse_depth, pose::Pose, quat};
@@ -475,6 +475,65 @@ fn births_wait_for_parallax_and_the_clone_waits_with_them() {
         (0, 0)
     );
     assert_eq!(warm.filter.state().mean().len(), dim - 7);
+}
+
+/// The rays of a wrong match pass each other: its candidate is dropped, where a right one with a poor pixel is born.
+#[test]
+fn a_match_off_the_plane_of_both_views_is_no_birth() {
+    let parallax = [("birth.min_parallax", Value::Float(2.0))];
+    // The camera moves sideways, so what is up and down in the image is off the plane. The gate is 11 px.
+    let outcomes = |up: f64| {
+        let (mut warm, tracked) = delayed(&parallax, 20);
+        let mut seen = see(&mut warm, &tracked);
+        seen.iter_mut().for_each(|(_, uv)| uv.y -= up);
+        let size = warm.filter.map_size();
+        let outcomes = warm.filter.observe_candidates(&seen).expect("candidates");
+        (outcomes, warm.filter.map_size() - size)
+    };
+    let (right, born) = outcomes(0.0);
+    let is_born = |o: &CandidateOutcome| matches!(o, CandidateOutcome::Born(_));
+    assert_eq!(right.iter().filter(|o| is_born(o)).count(), born);
+    assert!(born >= 3, "{right:?}");
+    for up in [-4.0, 4.0] {
+        assert_eq!(outcomes(up).1, born, "{up} px is within the noise");
+    }
+    for up in [-24.0, 24.0] {
+        let (wrong, none) = outcomes(up);
+        assert_eq!(none, 0, "{wrong:?}");
+        for (right, wrong) in right.iter().zip(&wrong) {
+            let wanted = CandidateOutcome::Dropped;
+            assert!(!is_born(right) || *wrong == wanted, "{up} px: {wrong:?}");
+        }
+    }
+}
+
+/// What is still vague after its pixel in Cf was measured waits for a better view.
+#[test]
+fn a_tight_birth_of_vague_depth_is_taken_back() {
+    let largest = 0.15;
+    let changes = [
+        ("estimator.mode", name("collab-tight")),
+        ("birth.max_rho_ratio", Value::Float(largest)),
+    ];
+    let mut scene = Scene::new(21, 60);
+    let mut filter = scene.filter(settings(&changes));
+    filter.predict(0.0).expect("first frame");
+    let (z, _) = scene.measure(0.0, &BTreeMap::new(), true);
+    let report = filter.update(&z).expect("good measurements");
+    let ratio = |id: u64| {
+        let rho = indices_of(&filter, id)[5];
+        filter.state().covariance().get(rho, rho).sqrt() / filter.state().mean()[rho]
+    };
+    let born = report.pairs.iter().filter_map(|outcome| match outcome {
+        Outcome::Born(id) => Some(ratio(*id)),
+        _ => None,
+    });
+    let born: Vec<f64> = born.collect();
+    let vague = |o: &&Outcome| **o == Outcome::TooUncertain;
+    let vague = report.pairs.iter().filter(vague).count();
+    assert!(born.len() >= 3 && vague >= 3, "{:?}", report.pairs);
+    assert_eq!(filter.map_size(), born.len());
+    assert!(born.iter().all(|ratio| *ratio <= largest), "{born:?}");
 }
 
 #[test]

@@ -1,12 +1,16 @@
 //! The covariance that moves with the estimate: what no camera can see stays unseen.
 
+use crate::local::Pair;
 use crate::scene::{Scene, name};
 use crate::update::{Dense, measure, quaternions, units, with_clone};
 use ekf_core::gauge::{GAUGES, coordinates, directions};
+use ekf_core::math::quat::Quat;
 use ekf_core::observe::{PointInCamera, Rows};
+use ekf_core::predict::{process_noise, transition};
 use ekf_core::settings::Value;
 use ekf_core::{Filter, Settings};
 use nalgebra::{DMatrix, DVector, Matrix3, Vector2};
+use std::collections::BTreeMap;
 
 /// Nothing rejected, so that the dense filter sees the same rows.
 fn settings() -> [(&'static str, Value); 2] {
@@ -148,6 +152,93 @@ fn the_update_agrees_with_a_dense_transport() {
     );
     dense.normalise(&quaternions(&before));
     dense.compare(&warm.filter, &before);
+}
+
+/// A feature that comes back brings rows of P that are still along the directions of the mean at which it left.
+#[test]
+fn what_comes_back_into_view_is_carried_to_the_present_mean() {
+    let mut pair = Pair::new(57, 60, "gauge", 0.0);
+    // The mean of each feature when it was last in view and carried.
+    let mut carried: BTreeMap<u64, Vec<f64>> = BTreeMap::new();
+    let mut tested = 0;
+    for frame in 0..170 {
+        let before = pair.plain.clone();
+        if frame > 0 && tested < 3 {
+            let mut after = before.clone();
+            after.predict(frame as f64 * 0.1).expect("time goes on");
+            let new = |id: &&u64| before.followed().binary_search(id).is_err();
+            let back: Vec<u64> = after.followed().iter().filter(new).copied().collect();
+            if back.iter().any(|id| carried.contains_key(id)) {
+                carried_back(&before, &after, &back, &carried);
+                tested += 1;
+            }
+        }
+        pair.step(frame);
+        let state = pair.plain.state();
+        for id in pair.plain.followed() {
+            if let Some(block) = state.layout().find(*id) {
+                carried.insert(*id, state.mean()[block.range()].to_vec());
+            }
+        }
+    }
+    assert_eq!(tested, 3, "a whole turn brings some back");
+}
+
+/// The prediction `after`, against `T P T^T` of the plain prediction of `before`.
+fn carried_back(before: &Filter, after: &Filter, back: &[u64], carried: &BTreeMap<u64, Vec<f64>>) {
+    let (layout, settings) = (before.state().layout(), before.settings());
+    let n = before.state().mean().len();
+    let mut x = before.state().mean().to_vec();
+    let dt = after.time().expect("predicted") - before.time().expect("started");
+    let own = transition(&mut x, dt, settings.process.velocity);
+    let q = Quat::from_column_slice(&x[3..7]);
+    let mut f = DMatrix::identity(n, n);
+    f.view_mut((0, 0), (13, 13)).copy_from(&own);
+    let mut dense = Dense::of(before, None);
+    dense.p = &f * dense.p * f.transpose();
+    let mut camera = dense.p.view_mut((0, 0), (13, 13));
+    camera += process_noise(&q, dt, &settings.process);
+    dense.x = DVector::from_vec(x);
+    dense.normalise(&[3]);
+    // Everything is along the present directions but what comes back.
+    let mut reference = dense.x.clone();
+    let blocks = layout
+        .features()
+        .filter(|block| carried.contains_key(&block.id));
+    for block in blocks {
+        let mean = DVector::from_column_slice(&carried[&block.id]);
+        reference
+            .rows_mut(block.offset, block.range().len())
+            .copy_from(&mean);
+    }
+    let mut b = Vec::new();
+    coordinates(
+        reference.as_slice(),
+        layout,
+        before.state().covariance(),
+        before.followed(),
+        &mut b,
+    );
+    let b = DMatrix::from_vec(n, GAUGES, b);
+    let all = gauge_directions(before, dense.x.as_slice())
+        - gauge_directions(before, reference.as_slice());
+    let mut d = DMatrix::zeros(n, GAUGES);
+    for block in layout.features().filter(|block| back.contains(&block.id)) {
+        let rows = all.rows(block.offset, block.range().len());
+        d.rows_mut(block.offset, block.range().len())
+            .copy_from(&rows);
+    }
+    let t = DMatrix::identity(n, n) + d * b.transpose();
+    let plain = std::mem::replace(&mut dense.p, DMatrix::zeros(0, 0));
+    dense.p = &t * &plain * t.transpose();
+    dense.compare(after, after);
+    let sd = |i: usize| plain[(i, i)].sqrt().max(1e-15);
+    let moved = (0..n).flat_map(|i| (0..i).map(move |j| (i, j)));
+    let moved = moved.map(|(i, j)| (dense.p[(i, j)] - plain[(i, j)]).abs() / (sd(i) * sd(j)));
+    assert!(
+        moved.fold(0.0, f64::max) > 1e-4,
+        "the transport does something"
+    );
 }
 
 #[test]

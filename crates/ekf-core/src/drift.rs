@@ -94,7 +94,7 @@ mod tests {
     use super::{FrameDrift, Misfit};
     use crate::observe::point::CameraPose;
     use crate::settings::ProcessSettings;
-    use nalgebra::{Vector3, Vector4};
+    use nalgebra::{Matrix6, Vector3, Vector4, Vector6};
 
     #[test]
     fn its_variance_grows_in_proportion_to_the_misfit() {
@@ -115,5 +115,28 @@ mod tests {
         let once = of_pose(1.0);
         assert!(once.diagonal().min() > 0.0);
         assert!((of_pose(2.0) - once * 2.0).abs().max() <= 1e-15 * once.max());
+    }
+    /// What drifts is the camera's own knowledge: where it is now, translation and rotation are on their own, however far the
+    /// origin of W is away.
+    #[test]
+    fn at_the_camera_its_noise_has_no_lever() {
+        let pose = CameraPose {
+            r: Vector3::new(1.0, -2.0, 3.0),
+            q: Vector4::new(0.8, 0.2, -0.4, 0.4).normalize(),
+        };
+        let settings = ProcessSettings {
+            position_drift: 0.02,
+            attitude_drift: 3.0,
+            ..ProcessSettings::default()
+        };
+        let mut drift = FrameDrift::default();
+        drift.grow(&pose, 0.1, 0.5, 1.5, &settings);
+        let sds = [
+            0.02 * f64::sqrt(0.5 * 1.5),
+            f64::to_radians(3.0) * f64::sqrt(0.1 * 1.5),
+        ];
+        let expected = Vector6::from_fn(|i, _| sds[i / 3].powi(2));
+        let off = drift.of_pose(&pose) - Matrix6::from_diagonal(&expected);
+        assert!(off.abs().max() < 1e-15, "{off}");
     }
 }

@@ -1,0 +1,74 @@
+//! Upkeep of the map: which features go.
+
+use crate::scene::warm;
+use ekf_core::settings::Value;
+use ekf_core::{Bearing, DepthObservation, Measurements, Outcome};
+
+const MIN_SEARCHES: usize = 6;
+
+/// Whether upkeep deletes a feature that was searched so often after its birth, and found the first times.
+fn is_deleted(searched: usize, found: usize) -> bool {
+    let changes = [
+        ("map.min_searches", Value::Int(MIN_SEARCHES as i64)),
+        ("map.min_found_share", Value::Float(0.5)),
+    ];
+    let mut warm = warm(71, &changes);
+    let seen = |warm: &mut crate::scene::Warm, point: usize| {
+        let pose = warm.scene.pose(warm.t);
+        let uv = warm.scene.pixel(&pose, point);
+        (
+            uv.expect("in view"),
+            pose.inverse().apply(&warm.scene.points[point]).z,
+        )
+    };
+    let taken: Vec<usize> = warm.known.values().copied().collect();
+    let pose = warm.scene.pose(warm.t);
+    let new = (0..warm.scene.points.len())
+        .find(|point| !taken.contains(point) && warm.scene.pixel(&pose, *point).is_some());
+    let point = new.unwrap_or(taken[0]);
+    let (uv, depth) = seen(&mut warm, point);
+    let birth = DepthObservation {
+        id: None,
+        uv,
+        depth,
+        sigma: 0.1,
+    };
+    let z = Measurements {
+        depths: vec![birth],
+        ..Measurements::default()
+    };
+    let report = warm.filter.update(&z).expect("good measurements");
+    let Outcome::Born(id) = report.depths[0] else {
+        panic!("not born: {report:?}");
+    };
+    for round in 0..searched {
+        warm.next_frame();
+        let (uv, _) = seen(&mut warm, point);
+        let z = Measurements {
+            searched: vec![id],
+            bearings: (round < found)
+                .then_some(Bearing { id, uv })
+                .into_iter()
+                .collect(),
+            ..Measurements::default()
+        };
+        let report = warm.filter.update(&z).expect("good measurements");
+        assert_eq!(
+            report.inliers().filter(|inlier| *inlier).count(),
+            usize::from(round < found)
+        );
+    }
+    let gone = warm.filter.manage_map();
+    let deleted = warm.filter.state().layout().find(id).is_none();
+    assert_eq!(gone, if deleted { vec![id] } else { vec![] });
+    deleted
+}
+
+#[test]
+fn a_feature_that_is_searched_in_vain_is_deleted() {
+    // Half of the searches must find it, once there were six.
+    assert!(is_deleted(MIN_SEARCHES, 2));
+    assert!(!is_deleted(MIN_SEARCHES, 3));
+    assert!(!is_deleted(MIN_SEARCHES - 1, 0));
+    assert!(is_deleted(MIN_SEARCHES, 0));
+}
