@@ -1,32 +1,39 @@
-"""What is wrong with a recording is found and named: focal length, clock, pose of Cf."""
+"""What is wrong with a recording is found and named: each usual mistake, put into the demo's recording."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import Clip
 
 from collabslam import geometry as g
 from collabslam._core import Camera
-from collabslam.checks import calibration, worn
-from collabslam.checks.matching import Matches
+from collabslam.checks import lengths, matching, robot, views
+from collabslam.checks.alone import focal_range
+from collabslam.checks.calibration import check_calibration
+from collabslam.checks.mistakes import BODY_FROM_OPTICAL, OPTICAL_FROM_BODY, Eye, mirrored
 from collabslam.cli import main as cli
+from collabslam.datasets.poses import interpolate_track
 from collabslam.datasets.wrapped import WrappedRecording
-from collabslam.types import Frame, WornView
+from collabslam.demo import corridor_recording
+from collabslam.types import Array, Frame, Image, Recording
+
+FRAMES = 54
+"""Of the demo's recording: Cf is there in the first and in the last fourteen."""
 
 
-class Part(WrappedRecording):
-    """The clip's frames, with things that a test may put wrong."""
+class Walk(WrappedRecording):
+    """Frames of the demo's recording, with things that a test may put wrong."""
 
-    def __init__(self, clip: Clip) -> None:
-        super().__init__(clip.recording)
-        count = len(clip.frames)
-        self.frames = clip.frames
-        self.times, self.truth = self.times[:count], self.truth[:count]
+    def __init__(self, base: Recording, frames: list[Frame]) -> None:
+        super().__init__(base)
+        self.frames = list(frames)
+        self.times = base.times[: len(frames)]
+        self.truth: Array | None = base.truth[: len(frames)]
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -34,130 +41,269 @@ class Part(WrappedRecording):
     def frame(self, i: int) -> Frame:
         return self.frames[i]
 
-    def image(self, i: int) -> np.ndarray:
+    def image(self, i: int) -> Image:
         return self.frames[i].image
 
 
-class _Sized:
-    """Forty frames with the attributes of another object."""
+@pytest.fixture(scope="module")
+def recorded() -> tuple[Recording, list[Frame]]:
+    recording = corridor_recording()
+    return recording, [recording.frame(i) for i in range(FRAMES)]
 
-    def __init__(self, base: SimpleNamespace) -> None:
-        self.__dict__.update(vars(base))
 
-    def __len__(self) -> int:
-        return 40
+@cache
+def _described(shape: tuple[int, int], content: bytes) -> matching.Points:
+    return matching.describe(np.frombuffer(content, np.uint8).reshape(shape))
 
 
 @pytest.fixture
-def part(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> Part:
-    monkeypatch.setattr(calibration, "GAPS", (2, 5))
-    monkeypatch.setattr(calibration, "PAIRS_PER_GAP", 4)
-    monkeypatch.setattr(worn, "VIEWS", 4)
-    return Part(clip)
+def walk(recorded: tuple[Recording, list[Frame]], monkeypatch: pytest.MonkeyPatch) -> Walk:
+    """The recording; its images are described once for all tests."""
+    for module in (lengths, robot, views):
+        monkeypatch.setattr(module, "describe", lambda image: _described(image.shape, image.tobytes()))
+    return Walk(*recorded)
+
+
+def change_images(walk: Walk, change: Callable[[Image], Image]) -> None:
+    walk.frames = [replace(f, image=change(f.image)) for f in walk.frames]
+
+
+def change_views(walk: Walk, change: Callable[[Image], Image]) -> None:
+    views = [None if f.worn is None else replace(f.worn, image=change(f.worn.image)) for f in walk.frames]
+    walk.frames = [replace(f, worn=view) for f, view in zip(walk.frames, views, strict=True)]
+
+
+def change_t_cf(walk: Walk, change: Callable[[Array], Array]) -> None:
+    views = [None if f.worn is None else replace(f.worn, t_cf=change(f.worn.t_cf)) for f in walk.frames]
+    walk.frames = [replace(f, worn=view) for f, view in zip(walk.frames, views, strict=True)]
+
+
+def change_camera(camera: Camera, focal: float = 1.0, size: float = 1.0) -> Camera:
+    fx, fy, cx, cy = (size * x for x in camera.intrinsics)
+    intrinsics = focal * fx, focal * fy, cx, cy
+    return Camera(camera.model, camera.width, camera.height, intrinsics, camera.distortion)
+
+
+def across(image: Image) -> Image:
+    return mirrored(image, across=True, down=False)
+
+
+def upside_down(image: Image) -> Image:
+    return mirrored(image, across=True, down=True)
+
+
+def reordered(t: Array, order: tuple[int, ...]) -> Array:
+    return g.pose(g.rotation_from_quaternion(g.quaternion_wxyz(t[:3, :3])[list(order)]), t[:3, 3])
+
+
+def swap(walk: Walk) -> None:
+    walk.frames = [
+        f if f.worn is None else replace(f, image=f.worn.image, worn=replace(f.worn, image=f.image))
+        for f in walk.frames
+    ]
+
+
+def worn_images_from(walk: Walk, later: int) -> None:
+    """Each view's image is that of so many frames later."""
+    known = {k: f.worn.image for k, f in enumerate(walk.frames) if f.worn is not None}
+    walk.frames = [
+        replace(f, worn=None)
+        if f.worn is None or k + later not in known
+        else replace(f, worn=replace(f.worn, image=known[k + later]))
+        for k, f in enumerate(walk.frames)
+    ]
+
+
+def poses_from(walk: Walk, later: int) -> None:
+    """Each view's pose is that of so many frames later."""
+    known = {k: f.worn.t_cf for k, f in enumerate(walk.frames) if f.worn is not None}
+    walk.frames = [
+        replace(f, worn=None)
+        if f.worn is None or k + later not in known
+        else replace(f, worn=replace(f.worn, t_cf=known[k + later]))
+        for k, f in enumerate(walk.frames)
+    ]
+
+
+def change_truth(walk: Walk, change: Callable[[Array], Array]) -> None:
+    assert walk.truth is not None
+    walk.truth = np.array([change(t) for t in walk.truth])
+
+
+def shift_truth(walk: Walk, seconds: float) -> None:
+    base = walk._base
+    walk.truth = interpolate_track(base.times, base.truth, walk.times + seconds)
+
+
+def recalibrate(walk: Walk, name: str, **factors: float) -> None:
+    setattr(walk, name, change_camera(getattr(walk, name), **factors))
+
+
+def turned(t: Array) -> Array:
+    """A pose between body axes, of one between optical axes."""
+    return BODY_FROM_OPTICAL @ t @ OPTICAL_FROM_BODY
+
+
+def turned_again(t: Array) -> Array:
+    return OPTICAL_FROM_BODY @ t @ BODY_FROM_OPTICAL
+
+
+def lengthen(factor: float) -> Callable[[Array], Array]:
+    return lambda t: g.pose(t[:3, :3], factor * t[:3, 3])
+
+
+TRUE_POSES: list[tuple[str, Callable[[Walk], object], str]] = [
+    ("inverse", lambda w: change_truth(w, g.pose_inverse), "The true poses are inverted"),
+    ("body", lambda w: change_truth(w, lambda t: t @ OPTICAL_FROM_BODY), "The true poses are of ROS body"),
+    ("optical", lambda w: change_truth(w, lambda t: t @ BODY_FROM_OPTICAL), "were turned to optical axes"),
+    ("wxyz", lambda w: change_truth(w, lambda t: reordered(t, (3, 0, 1, 2))), "w x y z where x y z w"),
+    ("xyzw", lambda w: change_truth(w, lambda t: reordered(t, (1, 2, 3, 0))), "x y z w where w x y z"),
+    ("clock +0.3", lambda w: shift_truth(w, 0.3), "with -0.3"),
+    ("clock -0.1", lambda w: shift_truth(w, -0.1), "with +0."),
+    ("mirror", lambda w: change_images(w, across), "The images of Cs are mirrored left to right"),
+    ("hung", lambda w: change_images(w, upside_down), "The images of Cs are upside down"),
+    ("focal", lambda w: recalibrate(w, "camera", focal=1.1), "of Cs does not fit, 0.91"),
+    ("short", lambda w: recalibrate(w, "camera", focal=0.9), "of Cs does not fit, 1.11"),
+    ("size", lambda w: recalibrate(w, "camera", size=2.0), "scaled after the calibration, by 0.50"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("put", "said"), [m[1:] for m in TRUE_POSES], ids=[m[0] for m in TRUE_POSES])
+def test_a_mistake_that_true_poses_show(walk: Walk, put: Callable[[Walk], object], said: str) -> None:
+    put(walk)
+    walk.worn_camera = None
+    report = check_calibration(walk)
+    assert said in report.findings[0]
+    assert "falls from" in report.findings[0]
+    assert not report.agrees
+
+
+T_CF: list[tuple[str, Callable[[Walk], object], str]] = [
+    ("inverse", lambda w: change_t_cf(w, g.pose_inverse), "T_CF is inverted"),
+    ("body", lambda w: change_t_cf(w, turned), "T_CF is along ROS body axes"),
+    ("optical", lambda w: change_t_cf(w, turned_again), "T_CF was turned to optical axes"),
+    ("robot's body", lambda w: change_t_cf(w, lambda t: BODY_FROM_OPTICAL @ t), "leads into Cs's body axes"),
+    ("worn body", lambda w: change_t_cf(w, lambda t: t @ OPTICAL_FROM_BODY), "starts from Cf's body axes"),
+    ("wxyz", lambda w: change_t_cf(w, lambda t: reordered(t, (3, 0, 1, 2))), "w x y z where x y z w"),
+    ("xyzw", lambda w: change_t_cf(w, lambda t: reordered(t, (1, 2, 3, 0))), "x y z w where w x y z"),
+    ("swapped", swap, "The images of Cs and Cf are swapped"),
+    ("mirror", lambda w: change_views(w, across), "The images of Cf are mirrored left to right"),
+    ("hung", lambda w: change_views(w, upside_down), "The images of Cf are upside down"),
+    ("both mirrored", lambda w: (change_images(w, across), change_views(w, across)), "of both cameras"),
+    ("size", lambda w: recalibrate(w, "worn_camera", size=0.5), "scaled after the calibration, by 2.00"),
+    ("images 0.3 early", lambda w: worn_images_from(w, 3), "images of Cf are stamped 0.30 s too early"),
+    ("images 0.2 early", lambda w: worn_images_from(w, 2), "images of Cf are stamped 0.20 s too early"),
+    ("images 0.1 early", lambda w: worn_images_from(w, 1), "images of Cf are stamped 0.10 s too early"),
+    ("images 0.1 late", lambda w: worn_images_from(w, -1), "images of Cf are stamped 0.10 s too late"),
+    ("images 0.2 late", lambda w: worn_images_from(w, -2), "images of Cf are stamped 0.20 s too late"),
+    ("images 0.3 late", lambda w: worn_images_from(w, -3), "images of Cf are stamped 0.30 s too late"),
+    ("poses late", lambda w: poses_from(w, -3), "The poses T_CF are stamped"),
+    ("focal", lambda w: recalibrate(w, "worn_camera", focal=1.1), "focal length of C"),
+    ("millimetres", lambda w: change_t_cf(w, lengthen(1000.0)), "m long: no two cameras see one scene"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("put", "said"), [m[1:] for m in T_CF], ids=[m[0] for m in T_CF])
+def test_a_mistake_that_cf_shows_without_true_poses(
+    walk: Walk, monkeypatch: pytest.MonkeyPatch, put: Callable[[Walk], object], said: str
+) -> None:
+    monkeypatch.setattr("collabslam.checks.calibration.focal_range", lambda *_: None)
+    put(walk)
+    walk.truth = None
+    report = check_calibration(walk)
+    assert len(report.findings) == 1
+    assert said in report.findings[0]
+    assert not report.agrees
+    assert any("no true poses" in note for note in report.notes)
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1000.0, "millimetres"), (1.0 / 0.3048, "feet")])
+def test_the_unit_of_t_cf(walk: Walk, factor: float, said: str) -> None:
+    change_t_cf(walk, lengthen(factor))
+    report = check_calibration(walk)
+    assert report.lengths == pytest.approx(1.0 / factor, rel=0.15)
+    assert report.findings[0].startswith(f"T_CF is in {said}")
+
+
+def test_a_pose_of_cf_30_cm_off(walk: Walk) -> None:
+    change_t_cf(walk, lambda t: g.pose(t[:3, :3], t[:3, 3] + [0.3, 0.0, 0.0]))
+    report = check_calibration(walk)
+    assert "contradicts the images" in report.findings[0]
+    assert "no usual mistake" in report.findings[0]
+    assert report.worn.error.metres == pytest.approx(0.3, abs=0.1)
 
 
 def test_a_good_recording(
-    part: Part, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    walk: Walk, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("collabslam.datasets.open_recording", lambda source, **_: part)
-    assert cli.main(["check-calib", "demo"]) == 0
-    assert "agree with the images" in capsys.readouterr().out
-    report = calibration.check_calibration(part)
-    assert set(report.by_gap) == {2, 5}
+    report = check_calibration(walk)
+    assert not report.findings
     assert max(report.by_gap.values()) < 0.7
     assert report.focal == pytest.approx(1.0, abs=0.02)
     assert report.offset == pytest.approx(0.0, abs=0.02)
+    assert report.lengths == pytest.approx(1.0, abs=0.15)
     assert report.worn.error.sigmas < 2.0
+    # The stated noise of T_CF is worth more than 4 px: nothing is wrong, and nothing "agrees".
+    assert report.worn.residual == pytest.approx(report.worn.expected, rel=0.3)
+    assert report.agrees == (report.worn.residual <= 4.0)
+    monkeypatch.setattr("collabslam.datasets.open_recording", lambda source, **_: walk)
+    assert cli.main(["check-calib", "demo"]) == 0
+    shown = capsys.readouterr().out
+    assert ("agree with the images, as far" in shown) == report.agrees
+    assert "the images cannot confirm it more finely" in shown
 
 
-def test_another_focal_length(part: Part) -> None:
-    c = part.camera
-    fx, fy, cx, cy = c.intrinsics
-    part.camera = Camera(c.model, c.width, c.height, (1.15 * fx, 1.15 * fy, cx, cy), c.distortion)
-    part.worn_camera = None
-    report = calibration.check_calibration(part)
-    assert report.focal == pytest.approx(1 / 1.15, abs=0.03)
-    assert "focal length does not fit" in report.findings[0]
-
-
-@pytest.mark.parametrize("late", [0.0, 0.13])
-def test_late_stamps(monkeypatch: pytest.MonkeyPatch, late: float) -> None:
-    """Points seen without error from a winding path whose poses are stamped late."""
-    camera = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5))
-    points = np.random.default_rng(2).uniform((-6, -4, 4), (6, 4, 12), (400, 3))
-    times = 0.1 * np.arange(40)
-
-    def path(t: float) -> np.ndarray:
-        return g.se3_exp(
-            [0.4 * np.sin(1.5 * t), 0.1 * t, 0.3 * t, 0.1 * np.sin(t), 0.3 * np.sin(1.2 * t), 0.0]
-        )
-
-    def see(t: float) -> tuple[np.ndarray, np.ndarray]:
-        t_wc = path(t)
-        return camera.project((points - t_wc[:3, 3]) @ t_wc[:3, :3])
-
-    def match(a: np.ndarray, b: np.ndarray) -> Matches:
-        (uv_a, ok_a), (uv_b, ok_b) = see(times[a[0, 0]]), see(times[b[0, 0]])
-        return Matches(uv_a[ok_a & ok_b], uv_b[ok_a & ok_b])
-
-    recording = SimpleNamespace(
-        times=times, truth=np.array([path(t - late) for t in times]), camera=camera, worn_camera=None,
-        image=lambda i: np.full((1, 1), i),
-    )  # fmt: skip
-    monkeypatch.setattr(calibration, "match_images", match)
-    report = calibration.check_calibration(_Sized(recording))
-    assert report.offset == pytest.approx(late, abs=0.01)
-    assert bool(report.findings) == (late > 0.0)
-    assert all("time stamps do not fit" in f for f in report.findings)
-
-
-@pytest.mark.parametrize("late", [0.0, 0.08])
-def test_a_pose_of_cf_that_comes_late(monkeypatch: pytest.MonkeyPatch, late: float) -> None:
-    """Cf swings; its images are stamped later than its measured poses."""
-    camera = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5))
-    points = np.random.default_rng(3).uniform((-4, -3, 4), (4, 3, 9), (400, 3))
-    times = 0.1 * np.arange(40)
-
-    def swing(t: float) -> np.ndarray:
-        return g.se3_exp(
-            [0.5 + 0.1 * np.sin(3 * t), 0.1, 0.0, 0.0, 0.3 * np.sin(2.0 * t), 0.1 * np.cos(2.5 * t)]
-        )
-
-    def frame(i: int) -> Frame:
-        view = WornView(np.full((1, 1), i), swing(times[i]), 1e-4 * np.eye(6))
-        return Frame(i, times[i], np.full((1, 1), i), view)
-
-    def match(a: np.ndarray, b: np.ndarray) -> Matches:
-        t_cf = swing(times[b[0, 0]] + late)
-        (uv_a, ok_a), (uv_b, ok_b) = (
-            camera.project(points),
-            camera.project((points - t_cf[:3, 3]) @ t_cf[:3, :3]),
-        )
-        return Matches(uv_a[ok_a & ok_b], uv_b[ok_a & ok_b])
-
-    recording = SimpleNamespace(times=times, truth=None, camera=camera, worn_camera=camera, frame=frame)
-    monkeypatch.setattr(worn, "match_images", match)
-    report = calibration.check_calibration(_Sized(recording))
-    assert (report.worn.offset or 0.0) == pytest.approx(late, abs=0.015)
-    assert bool(report.findings) == (late > 0.0)
-    assert all("of Cf and of T_CF do not agree" in f for f in report.findings)
-
-
-def test_a_pose_of_cf_that_maps_the_other_way(part: Part) -> None:
-    part.truth = None
-    part.frames = [
-        f if f.worn is None else replace(f, worn=replace(f.worn, t_cf=g.pose_inverse(f.worn.t_cf)))
-        for f in part.frames
+def test_exact_poses_of_cf_agree(walk: Walk) -> None:
+    base = walk._base
+    walk.frames = [
+        f if f.worn is None else replace(f, worn=replace(f.worn, t_cf=base.true_t_cf(f.index)))
+        for f in walk.frames
     ]
-    report = calibration.check_calibration(part)
-    assert "contradicts the images" in report.findings[0]
-    assert "There are no true poses" in report.notes[0]
-    assert report.worn.error.sigmas > 3.0
+    report = check_calibration(walk)
+    assert report.agrees
+    assert report.worn.residual < 1.0
 
 
-def test_too_little_to_compare(part: Part, tmp_path: Path) -> None:
-    part.truth = np.repeat(part.truth[:1], len(part), axis=0)
-    part.worn_camera = None
-    report = calibration.check_calibration(part)
-    assert not report.findings
-    assert "are not checked" in report.notes[0]
+def test_nothing_to_compare_is_not_fine(
+    walk: Walk, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    walk.truth = np.repeat(walk.truth[:1], len(walk), axis=0)
+    walk.worn_camera = None
+    monkeypatch.setattr("collabslam.datasets.open_recording", lambda source, **_: walk)
+    assert cli.main(["check-calib", "demo"]) == 1
+    shown = capsys.readouterr().out
+    assert "are not held against the poses" in shown
+    assert "agree" not in shown
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.5])
+def test_the_focal_length_from_images_alone(monkeypatch: pytest.MonkeyPatch, factor: float) -> None:
+    """A camera that swings about a cloud of points; the calibration has another focal length."""
+    camera = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5))
+    points = np.random.default_rng(2).uniform((-3, -2, 4), (3, 2, 9), (300, 3))
+    noise = np.random.default_rng(3).normal(0.0, 0.3, (30, 300, 2))
+
+    def see(k: int) -> tuple[Array, Array]:
+        t = g.se3_exp(
+            [0.3 * k, 0.8 * np.sin(k), 0.0, 0.2 * np.cos(k), -0.05 * k + 0.5, 0.3 * np.sin(0.7 * k)]
+        )
+        uv, inside = camera.project((points - t[:3, 3]) @ t[:3, :3])
+        return uv + noise[k], inside
+
+    def match(a: int, b: int) -> matching.Matches:
+        (uv_a, in_a), (uv_b, in_b) = see(a), see(b)
+        return matching.Matches(uv_a[in_a & in_b], uv_b[in_a & in_b])
+
+    monkeypatch.setattr("collabslam.checks.alone.describe", lambda image: image)
+    monkeypatch.setattr("collabslam.checks.alone.match_points", match)
+    found = focal_range(lambda k: k, range(30), Eye(camera).with_focal(factor))
+    assert found is not None
+    assert found.contradicts == (factor != 1.0)
+    assert found.least * factor <= 1.0 <= found.most * factor
+    assert found.most / found.least < 1.5
+
+
+def test_images_that_stand_still_tell_no_focal_length(tmp_path: Path) -> None:
+    image = np.random.default_rng(1).integers(0, 255, (120, 160), np.uint8)
+    camera = Camera("pinhole", 160, 120, (100.0, 100.0, 79.5, 59.5))
+    assert focal_range(lambda k: image, range(12), Eye(camera)) is None

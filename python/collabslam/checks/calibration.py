@@ -1,30 +1,20 @@
 """Do the calibration, the poses and the time stamps of a recording agree with its images?
 
-Matched points of two frames must lie on each other's epipolar lines under the poses given.  The residual by
-frame gap shows calibration (all gaps) and drifting poses (growing with the gap); trials with another focal
-length and with shifted stamps tell which of them is off.
+Cs is held against its true poses, Cf against its measured ones, their lengths against each other; each check
+undoes the usual mistakes and names the one that explains the images best.  Without true poses the images of
+each camera are asked alone, which tells less, and the notes say what.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from collabslam.checks.matching import LEAST_MATCHES, Matches, epipolar_residuals, match_images
-from collabslam.checks.trials import CLEAR_GAIN, OFFSET_TOLERANCE, least, spread
-from collabslam.checks.worn import WornReport, check_worn
-from collabslam.datasets.poses import interpolate_track
-from collabslam.geometry import pose_inverse
-from collabslam.types import Array, Recording
-
-GAPS = (1, 2, 5, 10, 20)
-PAIRS_PER_GAP = 6
-LEAST_BASELINE = 0.01
-FINE_PX = 1.5
-"""Largest median residual at which poses and calibration count as fitting the images."""
-FOCAL_TOLERANCE = 0.02
+from collabslam.checks.alone import FocalRange, focal_range
+from collabslam.checks.lengths import check_lengths
+from collabslam.checks.mistakes import Eye
+from collabslam.checks.robot import check_robot
+from collabslam.checks.worn import MOST_PX, WornReport, check_worn
+from collabslam.types import Recording
 
 
 @dataclass(frozen=True)
@@ -35,13 +25,17 @@ class CalibrationReport:
     ----------
     by_gap : dict of frame gap to residual of Cs under the true poses
     focal : float or None
-        Factor on the focal lengths that fits best.
+        Factor on the focal lengths of Cs that fits the true poses best.
     offset : float or None
-        Seconds to add to the image stamps of Cs so that the poses fit best.
+        Seconds to add to the image stamps of Cs so that the true poses fit best.
     worn : WornReport
         What the views of Cf say of ``T_CF``.
+    lengths : float or None
+        Lengths of the true poses over those of ``T_CF``, 1 if both are in metres.
+    alone : FocalRange or None
+        Factors on the focal length of Cs that its images allow without any poses.
     findings : list of str
-        What is wrong, in sentences.
+        What is wrong, the likeliest cause first, in sentences.
     notes : list of str
         What could not be checked, in sentences.
     """
@@ -50,8 +44,25 @@ class CalibrationReport:
     focal: float | None = None
     offset: float | None = None
     worn: WornReport = field(default_factory=WornReport)
+    lengths: float | None = None
+    alone: FocalRange | None = None
     findings: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+
+    @property
+    def checked(self) -> bool:
+        """Whether there was anything to hold the images against."""
+        return bool(self.by_gap) or self.worn.residual is not None
+
+    @property
+    def agrees(self) -> bool:
+        """Whether all that was checked agrees with the images; see `worn.MOST_PX`."""
+        return (
+            self.checked
+            and not self.findings
+            and (self.worn.residual is None or self.worn.agrees)
+            and all(r <= MOST_PX for r in self.by_gap.values())
+        )
 
 
 def check_calibration(recording: Recording) -> CalibrationReport:
@@ -60,87 +71,32 @@ def check_calibration(recording: Recording) -> CalibrationReport:
     Parameters
     ----------
     recording : Recording
-        With true poses, recorded worn views, or both: without either there is nothing to compare with.
+        With true poses, recorded worn views, or both; without either its images alone are asked.
     """
-    findings: list[str] = []
-    notes: list[str] = []
-    by_gap, focal, offset = _check_poses(recording, findings, notes)
-    worn = check_worn(recording)
-    return CalibrationReport(by_gap, focal, offset, worn, findings + worn.findings, notes + worn.notes)
+    robot = check_robot(recording)
+    worn = check_worn(recording, robot)
+    lengths = check_lengths(recording, robot, worn.undo)
+    findings = robot.findings + worn.findings + lengths.findings
+    notes = robot.notes + worn.notes + lengths.notes
+    alone = None
+    if not robot.by_gap:
+        alone = focal_range(recording.image, range(len(recording)), Eye(recording.camera))
+        if alone is not None and alone.contradicts:
+            findings.append(
+                f"The images of Cs do not fit its focal length: with {alone.best:.2f} times the calibrated "
+                f"one the residual of its matches falls from {alone.before:.2f} to {alone.after:.2f} px; "
+                "calibrate this camera at this resolution."
+            )
+        notes.append(_untold(alone))
+    return CalibrationReport(
+        robot.by_gap, robot.focal, robot.offset, worn, lengths.ratio, alone, findings, notes
+    )
 
 
-@dataclass(frozen=True)
-class _Pair:
-    i: int
-    j: int
-    matches: Matches
-
-
-def _check_poses(
-    recording: Recording, findings: list[str], notes: list[str]
-) -> tuple[dict[int, float], float | None, float | None]:
-    truth = recording.truth
-    if truth is None:
-        notes.append("There are no true poses (--poses): calibration and stamps of Cs are not checked.")
-        return {}, None, None
-    pairs = {gap: _pairs(recording, truth, gap) for gap in GAPS}
-    pairs = {gap: found for gap, found in pairs.items() if found}
-    if not pairs:
-        notes.append(
-            f"No two frames with poses are {100 * LEAST_BASELINE:.0f} cm apart and share {LEAST_MATCHES} "
-            "points: calibration and stamps of Cs are not checked."
-        )
-        return {}, None, None
-
-    def residual(chosen: Sequence[_Pair], poses: Array, focal: float = 1.0) -> float:
-        camera = recording.camera
-        values = [
-            epipolar_residuals(p.matches, camera, camera, pose_inverse(poses[p.i]) @ poses[p.j], focal)
-            for p in chosen
-            if np.isfinite(poses[[p.i, p.j]]).all()
-        ]
-        return float(np.median(np.concatenate(values))) if values else np.inf
-
-    by_gap = {gap: residual(found, truth) for gap, found in pairs.items()}
-    every = [p for found in pairs.values() for p in found]
-    now = residual(every, truth)
-    focal = least(lambda f: residual(every, truth, f), np.linspace(0.8, 1.25, 19), 1.0)
-    between = float(np.median(np.diff(recording.times)))
-    shifts = np.linspace(-3.0, 3.0, 25) * between
-    track = recording.times, truth
-    offset = least(lambda s: residual(every, interpolate_track(*track, recording.times + s)), shifts, 0.0)
-    shifted = interpolate_track(*track, recording.times + offset)
-    with_focal, with_offset = residual(every, truth, focal), residual(every, shifted)
-    if abs(focal - 1.0) > FOCAL_TOLERANCE and with_focal < CLEAR_GAIN * now and with_focal <= with_offset:
-        findings.append(
-            f"The focal length does not fit: with {focal:.2f} times the calibrated one the residual falls "
-            f"from {now:.2f} to {with_focal:.2f} px; calibrate this camera at this resolution."
-        )
-    elif abs(offset) > OFFSET_TOLERANCE * between and with_offset < CLEAR_GAIN * now:
-        findings.append(
-            f"The time stamps do not fit the poses: with {offset:+.3f} s added to the images' stamps the "
-            f"residual falls from {now:.2f} to {with_offset:.2f} px; correct the clocks, or shift the stamps "
-            "(--times)."
-        )
-    elif now > FINE_PX:
-        findings.append(
-            f"The poses do not fit the images: the median residual is {now:.2f} px, and neither another "
-            "focal length nor another time offset explains it; check what the poses are of (T_WC: camera to "
-            "world) and the distortion."
-        )
-    return by_gap, focal, offset
-
-
-def _pairs(recording: Recording, truth: Array, gap: int) -> list[_Pair]:
-    """Pairs of frames a gap apart, spread over the recording, that moved and share points."""
-    known = np.asarray(np.isfinite(truth).all(axis=(1, 2)))
-    near = range(len(recording) - gap)
-    moved = [
-        i
-        for i in near
-        if known[i] and known[i + gap]
-        and float(np.linalg.norm(truth[i + gap, :3, 3] - truth[i, :3, 3])) >= LEAST_BASELINE
-    ]  # fmt: skip
-    chosen = spread(moved, PAIRS_PER_GAP)
-    pairs = [_Pair(i, i + gap, match_images(recording.image(i), recording.image(i + gap))) for i in chosen]
-    return [p for p in pairs if len(p.matches.uv_a) >= LEAST_MATCHES]
+def _untold(alone: FocalRange | None) -> str:
+    """What the images of Cs alone leave open."""
+    if alone is None:
+        told = "do not tell its focal length: they move too little"
+    else:
+        told = f"allow {alone.least:.2f} to {alone.most:.2f} times its focal length"
+    return f"The images of Cs alone {told}; its stamps and mirroring cannot be told from them."

@@ -6,8 +6,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from collabslam._core import Camera
+from collabslam.checks.mistakes import Eye
 from collabslam.geometry import skew
 from collabslam.types import Array, Image
 
@@ -17,53 +19,76 @@ LEAST_MATCHES = 20
 _FEATURES = 600
 
 
+class Points(NamedTuple):
+    """Points of an image, (N, 2) px, and their descriptors, (N, 128) float32."""
+
+    uv: Array
+    described: NDArray[np.float32]
+
+
 class Matches(NamedTuple):
     """``uv_a`` and ``uv_b``, both (N, 2) px: the same points in two images."""
 
     uv_a: Array
     uv_b: Array
 
+    @property
+    def swapped(self) -> Matches:
+        """The same with the images exchanged."""
+        return Matches(self.uv_b, self.uv_a)
 
-def match_images(a: Image, b: Image) -> Matches:
+
+def describe(image: Image) -> Points:
+    """The points of an image that may be found again."""
+    points, described = cv2.SIFT.create(nfeatures=_FEATURES).detectAndCompute(image, None)
+    if described is None:
+        return Points(np.empty((0, 2)), np.empty((0, 128), np.float32))
+    return Points(
+        np.array([p.pt for p in points], np.float64).reshape(-1, 2), np.asarray(described, np.float32)
+    )
+
+
+def match_points(a: Points, b: Points) -> Matches:
     """Points of ``a`` found in ``b``, by the ratio test in both directions."""
-    sift = cv2.SIFT.create(nfeatures=_FEATURES)
-    points_a, described_a = sift.detectAndCompute(a, None)
-    points_b, described_b = sift.detectAndCompute(b, None)
-    if described_a is None or described_b is None or min(len(points_a), len(points_b)) < 2:
+    if min(len(a.uv), len(b.uv)) < 2:
         return Matches(np.empty((0, 2)), np.empty((0, 2)))
     matcher = cv2.BFMatcher(cv2.NORM_L2)
-    there = _distinct(matcher.knnMatch(described_a, described_b, k=2))
-    back = _distinct(matcher.knnMatch(described_b, described_a, k=2))
+    there = _distinct(matcher.knnMatch(a.described, b.described, k=2))
+    back = _distinct(matcher.knnMatch(b.described, a.described, k=2))
     pairs = [(i, j) for i, j in there.items() if back.get(j) == i]
-    uv_a = np.array([points_a[i].pt for i, _ in pairs], np.float64).reshape(-1, 2)
-    uv_b = np.array([points_b[j].pt for _, j in pairs], np.float64).reshape(-1, 2)
-    return Matches(uv_a, uv_b)
+    first, second = ([pair[side] for pair in pairs] for side in (0, 1))
+    return Matches(a.uv[first].reshape(-1, 2), b.uv[second].reshape(-1, 2))
+
+
+def match_images(a: Image, b: Image) -> Matches:
+    """`match_points` of two images."""
+    return match_points(describe(a), describe(b))
 
 
 def epipolar_residuals(
-    matches: Matches, camera_a: Camera, camera_b: Camera, t_ab: Array, focal: float = 1.0
+    matches: Matches, camera_a: Eye | Camera, camera_b: Eye | Camera, t_ab: Array
 ) -> Array:
-    """Sampson distance of each match under a pose, pixels; matches without a ray are left out.
+    """Sampson distance of each match under a pose, pixels of image a; matches without a ray are left out.
 
     Parameters
     ----------
     matches : Matches
-    camera_a, camera_b : Camera
+    camera_a, camera_b : Eye or Camera
     t_ab : (4, 4) array
         Maps points of camera b into camera a.
-    focal : float
-        Factor on the focal lengths, for trials.
     """
-    rays_a, rays_b = camera_a.unproject(matches.uv_a), camera_b.unproject(matches.uv_b)
-    usable = np.isfinite(rays_a).all(axis=1) & np.isfinite(rays_b).all(axis=1)
-    usable &= (rays_a[:, 2] > 0.0) & (rays_b[:, 2] > 0.0)
-    scale = np.array([1.0 / focal, 1.0 / focal, 1.0])
-    a, b = (rays[usable] / rays[usable, 2:] * scale for rays in (rays_a, rays_b))
+    eyes = [c if isinstance(c, Eye) else Eye(c) for c in (camera_a, camera_b)]
+    a, b = eyes[0].rays(matches.uv_a), eyes[1].rays(matches.uv_b)
+    usable = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
+    return eyes[0].focal * np.abs(sampson(a[usable], b[usable], t_ab))
+
+
+def sampson(a: Array, b: Array, t_ab: Array) -> Array:
+    """Signed Sampson distance of rays with z = 1, (N, 3) both, in units of the focal length: (N,)."""
     essential = skew(t_ab[:3, 3]) @ t_ab[:3, :3]
     line_a, line_b = b @ essential.T, a @ essential
     slope = line_a[:, 0] ** 2 + line_a[:, 1] ** 2 + line_b[:, 0] ** 2 + line_b[:, 1] ** 2
-    pixels = focal * float(np.sqrt(camera_a.intrinsics[0] * camera_a.intrinsics[1]))
-    return np.asarray(pixels * np.abs(np.sum(a * line_a, axis=1)) / np.sqrt(np.maximum(slope, 1e-30)))
+    return np.asarray(np.sum(a * line_a, axis=1) / np.sqrt(np.maximum(slope, 1e-30)))
 
 
 def _distinct(candidates: object) -> dict[int, int]:

@@ -1,35 +1,88 @@
-"""Trying things out: samples of a recording, and where a cost is least."""
+"""What may be wrong with T_CF, the clocks and both cameras, as trials that a view can be put to."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
+from collabslam.checks.mistakes import FOCALS, MIRRORS, SIZES, WORN_POSE_MISTAKES, Eye, PoseMistake
+from collabslam.checks.robot import FOCAL_TOLERANCE, RobotReport
+from collabslam.checks.views import View
+from collabslam.geometry import pose_inverse
 from collabslam.types import Array
 
-CLEAR_GAIN = 0.85
-"""A trial is believed if it brings the residual below this share of the residual without it."""
-OFFSET_TOLERANCE = 0.25
-"""Largest time offset that counts as none, as a share of the time between frames."""
+
+class Trial(NamedTuple):
+    """Cameras, distances in frames of Cs's image and of T_CF from the view, and what undoes the poses."""
+
+    fault: str
+    remedy: str
+    eyes: tuple[Eye, Eye]
+    image: int = 0
+    pose: int = 0
+    mistake: PoseMistake | None = None
+
+    def t_cf(self, view: View) -> Array:
+        t_cf = view.poses[self.pose]
+        return t_cf if self.mistake is None else self.mistake.undo(t_cf)
 
 
-def spread(items: Sequence[int], count: int) -> list[int]:
-    """At most ``count`` of the items, evenly."""
-    if not items:
-        return []
-    return [int(items[k]) for k in np.unique(np.linspace(0, len(items) - 1, count).round().astype(int))]
+def worn_trials(
+    eyes: tuple[Eye, Eye], views: list[View], between: float, robot: RobotReport
+) -> Iterator[Trial]:
+    """What is given with each usual mistake undone."""
+    for mistake in WORN_POSE_MISTAKES:
+        yield Trial(mistake.fault, mistake.remedy, eyes, mistake=mistake)
+    yield from _swaps(eyes)
+    yield from _clocks(eyes, views, between)
+    for which, name in enumerate(("Cs", "Cf")):
+        if which == 0 and robot.by_gap:
+            continue  # the true poses have spoken
+        for mirror in MIRRORS:
+            changed = _changed(eyes, which, mirror.undo(eyes[which]))
+            yield Trial(mirror.fault.format(camera=name), mirror.remedy, changed)
+        for focal in FOCALS[np.abs(FOCALS - 1.0) > FOCAL_TOLERANCE]:
+            text = f"the focal length of {name} does not fit, about {focal:.2f} times the calibrated one does"
+            if not robot.by_gap:
+                text += " (or the other camera's the other way round)"
+            changed = _changed(eyes, which, eyes[which].with_focal(float(focal)))
+            yield Trial(text, "calibrate this camera at this resolution", changed)
+        for size in SIZES:
+            text = f"the images of {name} were scaled after the calibration, by {size:.2f}"
+            changed = _changed(eyes, which, eyes[which].scaled(float(size)))
+            yield Trial(text, "scale focal lengths and centre in the calibration alike", changed)
+    if not robot.by_gap:
+        for mirror in MIRRORS:
+            both = (mirror.undo(eyes[0]), mirror.undo(eyes[1]))
+            yield Trial(mirror.fault.format(camera="both cameras"), mirror.remedy, both)
 
 
-def least(cost: Callable[[float], float], grid: Array, default: float) -> float:
-    """Where a cost is least: on the grid, then between its points by a parabola."""
-    values = np.array([cost(float(x)) for x in grid])
-    k = int(np.argmin(values))
-    if not np.isfinite(values[k]):
-        return default
-    if 0 < k < len(grid) - 1 and np.isfinite(values[[k - 1, k + 1]]).all():
-        left, middle, right = values[k - 1 : k + 2]
-        bend = left - 2.0 * middle + right
-        if bend > 0.0:
-            return float(grid[k] + 0.5 * (left - right) / bend * (grid[1] - grid[0]))
-    return float(grid[k])
+def _swaps(eyes: tuple[Eye, Eye]) -> Iterator[Trial]:
+    sizes = [(e.camera.width, e.camera.height) for e in eyes]
+    if sizes[0] != sizes[1] or eyes[0] == eyes[1]:
+        return
+    exchanged, inverse = (eyes[1], eyes[0]), PoseMistake("", "", pose_inverse)
+    yield Trial(
+        "the images of Cs and Cf are swapped", "exchange their folders or topics", exchanged, 0, 0, inverse
+    )
+    yield Trial("the calibrations of Cs and Cf are swapped", "exchange them", exchanged)
+
+
+def _clocks(eyes: tuple[Eye, Eye], views: list[View], between: float) -> Iterator[Trial]:
+    """The clocks of T_CF and of the images, off by so many frames.
+
+    Whether it is Cf's images or Cs's makes a difference by T_CF alone, which hardly changes in that time.
+    """
+    for m in sorted({m for v in views for m in v.matches} - {0}):
+        early, late = ("early", "late") if m > 0 else ("late", "early")
+        apart = f"{abs(m) * between:.2f} s"
+        images = f"the images of Cf are stamped {apart} too {early}, or those of Cs too {late}"
+        yield Trial(f"the poses T_CF are stamped {apart} too {late}", "correct the clocks", eyes, 0, m)
+        yield Trial(images, "correct the clocks", eyes, m, m)
+        yield Trial(images, "correct the clocks", eyes, m, 0)
+
+
+def _changed(eyes: tuple[Eye, Eye], which: int, eye: Eye) -> tuple[Eye, Eye]:
+    return (eye, eyes[1]) if which == 0 else (eyes[0], eye)

@@ -1,4 +1,10 @@
-"""Does the measured pose of the worn camera agree with the images?"""
+"""Does the measured pose of the worn camera agree with the images?
+
+A trial (what is given, or what is given with one usual mistake undone) costs what is left when each view's
+matches have corrected T_CF within its covariance, and that correction in standard deviations.  A trial is
+believed where it costs so much less that errors of T_CF within its covariance would hardly ever do so; they
+may be the same in all views of a stretch in which Cf is there, which then speak as one.
+"""
 
 from __future__ import annotations
 
@@ -7,20 +13,34 @@ from typing import NamedTuple
 
 import numpy as np
 
-from collabslam._core import Camera, MatchNoise, find_consensus
-from collabslam.checks.matching import LEAST_MATCHES, Matches, epipolar_residuals, match_images
-from collabslam.checks.trials import CLEAR_GAIN, OFFSET_TOLERANCE, least, spread
-from collabslam.datasets.poses import interpolate_track
+from collabslam import _core
+from collabslam.checks.matching import LEAST_MATCHES, Matches, epipolar_residuals
+from collabslam.checks.mistakes import Eye, PoseMistake
+from collabslam.checks.robot import RobotReport
+from collabslam.checks.trials import Trial, worn_trials
+from collabslam.checks.views import View, sample_views
+from collabslam.frontend.epipolar import find_consensus
 from collabslam.geometry import pose_inverse, se3_log
-from collabslam.types import Array, Recording, WornView
+from collabslam.types import Array, Recording
 
-VIEWS = 12
 WORN_SIGMAS = 2.5
 """Correction of T_CF in standard deviations (root mean square over its six numbers) that contradicts it."""
 WIDE = 100.0
 """Factor on T_CF's covariance when the images are asked, so that they and not the prior answer."""
-REACH = 2
-"""Frames before and after a view between which T_CF is shifted in time."""
+MOST_PX = 4.0
+"""Median residual above which Cf is never said to agree."""
+CLEAR_COST = 12.0
+"""A trial is believed if it costs so much less: one error of T_CF would have to be 3.5 standard deviations,
+which among a dozen trials that differ happens in one of 200 recordings."""
+_SIGMA, _LIMIT = 1.0, 3.0
+"""Of a right match's residual, and the largest of one that agrees, px."""
+_SURE = 3.0
+_LIKELY = 16.8
+"""Squared correction of T_CF in standard deviations that one of 100 right ones exceeds (six numbers)."""
+_INDEPENDENT = 20
+"""Matches of a view whose residuals are taken as independent."""
+_HALF_NORMAL = 0.6745
+"""Median of the absolute value of a normal variable of unit standard deviation."""
 
 
 class WornError(NamedTuple):
@@ -39,107 +59,202 @@ class WornReport:
     ----------
     residual : float or None
         Median epipolar residual under the measured pose, pixels.
+    expected : float or None
+        The residual that its covariance leads one to expect, pixels.
     error : WornError or None
         How far the images correct it, medians.
-    offset : float or None
-        Seconds to add to the stamps of Cf's images so that ``T_CF`` fits clearly better; None if none does.
-        Less than half a frame is not seen.
+    undo : PoseMistake or None
+        The mistake in the poses of Cf that was found.
     findings, notes : list of str
         What is wrong, and what could not be checked, in sentences.
     """
 
     residual: float | None = None
+    expected: float | None = None
     error: WornError | None = None
-    offset: float | None = None
+    undo: PoseMistake | None = None
     findings: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
-
-class _View(NamedTuple):
-    """One view of Cf: its matches, its stamp, and the measured poses around it with theirs."""
-
-    matches: Matches
-    t: float
-    times: Array
-    poses: Array
+    @property
+    def agrees(self) -> bool:
+        """Whether the images agree with ``T_CF``; not where they cannot say."""
+        return self.residual is not None and not self.findings and self.residual <= MOST_PX
 
 
-def check_worn(recording: Recording) -> WornReport:
-    """Hold ``T_CF`` against some of the views; nothing to say where there is no worn camera."""
-    camera = recording.worn_camera
-    if camera is None:
+def check_worn(recording: Recording, robot: RobotReport) -> WornReport:
+    """Hold ``T_CF`` against some of the views; nothing to say where there is no worn camera.
+
+    Parameters
+    ----------
+    recording : Recording
+    robot : RobotReport
+        What was found of Cs: its camera is taken as mended there.
+    """
+    if recording.worn_camera is None:
         return WornReport()
-    views: list[_View] = []
-    errors: list[tuple[float, float, float]] = []
-    for i in spread(range(len(recording)), 4 * VIEWS):
-        frame = recording.frame(i)
-        if frame.worn is None or len(views) == VIEWS:
-            continue
-        matches = match_images(frame.image, frame.worn.image)
-        if len(matches.uv_a) < LEAST_MATCHES:
-            continue
-        views.append(_View(matches, frame.t, *_track(recording, i)))
-        errors.append(_worn_error(matches, recording.camera, camera, frame.worn))
+    eyes = robot.eye, Eye(recording.worn_camera)
+    views = sample_views(recording)
     if not views:
         text = (
             f"No view of Cf shares {LEAST_MATCHES} points with Cs: its calibration and T_CF are not checked."
         )
         return WornReport(notes=[text])
-
-    def residual(shift: float) -> float:
-        poses = [interpolate_track(v.times, v.poses, np.array([v.t + shift]))[0] for v in views]
-        if not np.isfinite(poses).all():
-            return np.inf
-        pairs = zip(views, poses, strict=True)
-        found = [epipolar_residuals(v.matches, recording.camera, camera, t_cf) for v, t_cf in pairs]
-        return float(np.median(np.concatenate(found)))
-
-    now, between = residual(0.0), float(np.median(np.diff(recording.times)))
-    # Whole frames only: between two of them the noise of T_CF averages out, which looks like a better fit.
-    shifts: Array = np.linspace(-REACH, REACH, 2 * REACH + 1) * between
-    shift, shifted = least(residual, shifts, 0.0), float(np.nanmin([residual(float(s)) for s in shifts]))
-    error = WornError(*(float(v) for v in np.median(errors, axis=0)))
-    findings, offset = [], None
-    if abs(shift) > OFFSET_TOLERANCE * between and shifted < CLEAR_GAIN * now:
-        offset = shift
+    given = Trial("", "", eyes)
+    costs = _costs(views, given)
+    now, expected = _residual(views, given), _expected(views, given)
+    error = WornError(*(float(v) for v in np.median([_error(v, given) for v in views], axis=0)))
+    between = float(np.median(np.diff(recording.times)))
+    trials = list(worn_trials(eyes, views, between, robot))
+    tried, white = [_costs(views, t) for t in trials], _white_share(views, given)
+    best = int(np.argmax([_gain(views, costs, cost, white) for cost in tried]))
+    gain = _gain(views, costs, tried[best], min(white, _white_share(views, trials[best])))
+    findings, undo = [], None
+    if gain > CLEAR_COST and _explains(views, trials[best]):
+        trial = trials[best]
+        undo = trial.mistake
         findings.append(
-            f"The time stamps of Cf and of T_CF do not agree: with {shift:+.3f} s added to the images' "
-            f"stamps the residual falls from {now:.2f} to {shifted:.2f} px; correct the clocks."
+            f"{trial.fault[0].upper()}{trial.fault[1:]}: corrected, the residual of Cf falls from {now:.2f} "
+            f"to {_residual(views, trial):.2f} px; {trial.remedy}."
         )
     elif error.sigmas > WORN_SIGMAS:
         findings.append(
-            f"The measured pose of Cf contradicts the images: they move it by {100 * error.metres:.1f} cm "
-            f"and {error.degrees:.1f} degrees, {error.sigmas:.1f} times what its covariance allows; check "
-            "that T_CF maps from Cf to Cs, its clock, and its covariance."
+            f"The measured pose of Cf contradicts the images (residual {now:.2f} px): they move it by "
+            f"{100 * error.metres:.1f} cm and {error.degrees:.1f} degrees, {error.sigmas:.1f} times what its "
+            "covariance allows, and no usual mistake explains it; check how T_CF was measured, and its "
+            "covariance."
         )
-    return WornReport(now, error, offset, findings)
+    elif now > MOST_PX and now > 2.0 * expected:
+        findings.append(
+            f"The residual of Cf under T_CF is {now:.2f} px where its covariance leads to {expected:.2f}, "
+            "and no usual mistake explains it; check the calibration of both cameras."
+        )
+    notes = []
+    if not findings and now > MOST_PX:
+        notes.append(
+            f"The residual of Cf is {now:.2f} px where the covariance of T_CF leads to {expected:.2f}: "
+            "nothing contradicts T_CF, but the images cannot confirm it more finely than that."
+        )
+    return WornReport(now, expected, error, undo, findings, notes)
 
 
-def _track(recording: Recording, i: int) -> tuple[Array, Array]:
-    """Stamps and measured ``T_CF`` of the frames around frame ``i`` without a gap."""
-    found = []
-    for k in range(max(0, i - REACH), min(len(recording), i + REACH + 1)):
-        frame = recording.frame(k)
-        if frame.worn is not None:
-            found.append((frame.t, frame.worn.t_cf))
-    return np.array([t for t, _ in found]), np.array([t_cf for _, t_cf in found])
+def _fits(view: View, trial: Trial) -> bool:
+    """Whether the view has what a trial needs."""
+    return trial.pose in view.poses and len(view.matches.get(trial.image, _NONE).uv_a) >= LEAST_MATCHES
 
 
-def _worn_error(
-    matches: Matches, camera: Camera, worn_camera: Camera, view: WornView
-) -> tuple[float, float, float]:
-    """Metres and degrees by which the images correct ``T_CF``, and that in standard deviations."""
-    rays = [c.unproject(uv) for c, uv in ((camera, matches.uv_a), (worn_camera, matches.uv_b))]
+_NONE = Matches(np.empty((0, 2)), np.empty((0, 2)))
+
+
+def _costs(views: list[View], trial: Trial) -> Array:
+    """Cost of a trial in each view; NaN where the view lacks what it needs."""
+    return np.array([_corrected(v, trial)[0] if _fits(v, trial) else np.nan for v in views])
+
+
+def _gain(views: list[View], given: Array, tried: Array, white: float) -> float:
+    """How much less a trial costs than what is given, over the views that have both; 0 if it is not sure.
+
+    What the median view gains counts once for each block where the errors of T_CF are the same throughout one
+    (``white`` is 0), and once for each view where they are independent (1).  It is sure if the mean gain is
+    above three of its standard errors: trials that take other measured poses bring their noise with them.
+    """
+    both = np.isfinite(given) & np.isfinite(tried)
+    if both.sum() < min(3, len(given)):
+        return 0.0
+    blocks, less = np.array([v.block for v in views])[both], (given - tried)[both]
+    clipped = np.clip(less, -CLEAR_COST, CLEAR_COST)
+    error = float(np.std(clipped, ddof=1) / np.sqrt(len(clipped))) if len(clipped) > 1 else 0.0
+    if np.mean(clipped) <= _SURE * error:
+        return 0.0
+    parts = [less[blocks == b] for b in np.unique(blocks)]
+    return float(sum((1.0 + white * (len(part) - 1)) * np.median(part) for part in parts))
+
+
+def _white_share(views: list[View], trial: Trial) -> float:
+    """Share of T_CF's variance by which its errors differ within a block, as the images correct them."""
+    scatter = expected = 0.0
+    fitting = [v for v in views if _fits(v, trial)]
+    for block in {v.block for v in fitting}:
+        members = [v for v in fitting if v.block == block]
+        if len(members) < 2:
+            continue
+        found = [_asked(v, trial) for v in members]
+        middle = np.median([xi for xi, _ in found], axis=0)
+        for view, (xi, told) in zip(members, found, strict=True):
+            weight = np.linalg.inv(view.covariance + told)
+            fewer = 1.0 - 1.0 / len(members)
+            scatter += float((xi - middle) @ weight @ (xi - middle) - fewer * np.trace(weight @ told))
+            expected += fewer * float(np.trace(weight @ view.covariance))
+    return float(np.clip(scatter / expected, 0.0, 1.0)) if expected > 0.0 else 0.0
+
+
+def _explains(views: list[View], trial: Trial) -> bool:
+    """Whether most matches of the median view agree with T_CF under a trial, corrected as it may be."""
+    found = [_corrected(v, trial) for v in views if _fits(v, trial)]
+    _, moved, agree = np.median(found, axis=0)
+    return bool(moved < _LIKELY and agree > 0.5)
+
+
+def _corrected(view: View, trial: Trial) -> tuple[float, float, float]:
+    """Cost of a view, T_CF's correction in squared standard deviations, the share of matches that then agree.
+
+    The covariance is taken alike along all axes: which axes they are may be what is wrong.
+    """
+    t_cf = trial.t_cf(view)
+    sizes = [float(np.trace(view.covariance[k : k + 3, k : k + 3])) / 3.0 for k in (0, 3)]
+    covariance = np.diag(np.repeat(np.maximum(sizes, 1e-12), 3))
+    matches = view.matches[trial.image]
+    rays = _usable(matches, trial.eyes)
+    if len(rays[0]) < LEAST_MATCHES // 2:
+        return np.inf, np.inf, 0.0
+    focal = (trial.eyes[0].focal, trial.eyes[1].focal)
+    seen = find_consensus(*rays, t_cf, covariance, focal, _SIGMA, _LIMIT)
+    left = epipolar_residuals(matches, *trial.eyes, seen.t_cf)
+    xi = se3_log(pose_inverse(t_cf) @ seen.t_cf)
+    moved = float(xi @ np.linalg.solve(covariance, xi))
+    cost = _INDEPENDENT * float(np.mean(np.minimum(left, _LIMIT) ** 2)) + moved
+    return cost, moved, float(np.mean(left < _LIMIT))
+
+
+def _residual(views: list[View], trial: Trial) -> float:
+    found = [
+        epipolar_residuals(v.matches[trial.image], *trial.eyes, trial.t_cf(v))
+        for v in views
+        if _fits(v, trial)
+    ]
+    return float(np.median(np.concatenate(found)))
+
+
+def _expected(views: list[View], trial: Trial) -> float:
+    """Median residual that the covariance of T_CF and a pixel's own leave, px."""
+    sizes = []
+    focal = (trial.eyes[0].focal, trial.eyes[1].focal)
+    for view in views:
+        rays = _usable(view.matches[0], trial.eyes)
+        _, jacobian = _core.epipolar_residuals(*rays, view.poses[0], focal)
+        sizes.append(np.einsum("ni,ij,nj->n", jacobian, view.covariance, jacobian))
+    return float(_HALF_NORMAL * np.median(np.sqrt(np.concatenate(sizes) + _SIGMA**2)))
+
+
+def _usable(matches: Matches, eyes: tuple[Eye, Eye]) -> tuple[Array, Array]:
+    """Unit rays of the matches that have one in both cameras."""
+    rays = [eye.rays(uv) for eye, uv in zip(eyes, matches, strict=True)]
     usable = np.all([np.isfinite(r).all(axis=1) for r in rays], axis=0)
-    focal = tuple(float(np.sqrt(c.intrinsics[0] * c.intrinsics[1])) for c in (camera, worn_camera))
-    seen = find_consensus(
-        rays[0][usable],
-        rays[1][usable],
-        view.t_cf,
-        WIDE * view.covariance,
-        MatchNoise((focal[0], focal[1]), 1.0, 3.0),
-    )
-    xi = se3_log(pose_inverse(view.t_cf) @ seen.t_cf)
-    allowed = view.covariance + seen.covariance
-    sigmas = float(np.sqrt(xi @ np.linalg.solve(allowed, xi) / 6.0))
+    a, b = (r[usable] / np.linalg.norm(r[usable], axis=1, keepdims=True) for r in rays)
+    return a, b
+
+
+def _asked(view: View, trial: Trial) -> tuple[Array, Array]:
+    """By how much the images alone correct T_CF, (6,) tangent on the right, and its covariance (6, 6)."""
+    t_cf, eyes = trial.t_cf(view), trial.eyes
+    focal = (eyes[0].focal, eyes[1].focal)
+    rays = _usable(view.matches[trial.image], eyes)
+    seen = find_consensus(*rays, t_cf, WIDE * view.covariance, focal, _SIGMA, _LIMIT)
+    return se3_log(pose_inverse(t_cf) @ seen.t_cf), seen.covariance
+
+
+def _error(view: View, trial: Trial) -> tuple[float, float, float]:
+    """Metres and degrees by which the images correct ``T_CF``, and that in standard deviations."""
+    xi, told = _asked(view, trial)
+    sigmas = float(np.sqrt(xi @ np.linalg.solve(view.covariance + told, xi) / 6.0))
     return float(np.linalg.norm(xi[:3])), float(np.degrees(np.linalg.norm(xi[3:]))), sigmas

@@ -14,7 +14,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Print what was found; the status is 1 where something does not fit."""
+    """Print what was found; the status is 1 where something does not fit, or nothing could be checked."""
     from collabslam.checks.calibration import check_calibration
     from collabslam.runs.report import number, text_table
 
@@ -24,8 +24,9 @@ def main(arguments: argparse.Namespace) -> int:
     rows += [
         ["focal length that fits best", number(report.focal, 3, "times the calibrated one")],
         ["time offset of images to poses", number(report.offset, 4, "s")],
-        ["time offset of Cf to T_CF", number(report.worn.offset, 4, "s")],
         ["residual of Cf under T_CF", number(report.worn.residual, 2, "px")],
+        ["residual that T_CF's covariance leads to", number(report.worn.expected, 2, "px")],
+        ["lengths of the true poses to those of T_CF", number(report.lengths, 3, "times")],
     ]
     if report.worn.error is not None:
         metres, degrees, sigmas = report.worn.error
@@ -35,6 +36,6 @@ def main(arguments: argparse.Namespace) -> int:
     print(text_table(rows))
     for line in [*report.findings, *report.notes]:
         print(line)
-    if not report.findings and (report.by_gap or report.worn.residual is not None):
+    if report.agrees:
         print("Calibration, poses and time stamps agree with the images, as far as they were checked.")
-    return NOT_TRUSTED if report.findings else OK
+    return OK if report.checked and not report.findings else NOT_TRUSTED

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.checks.trials import spread
+from collabslam.checks.samples import spread
 from collabslam.datasets import open_recording
 from collabslam.datasets.emulated.view_overlap import grid_points
 from collabslam.datasets.emulated.views import load_views

@@ -1,0 +1,192 @@
+"""The usual mistakes in poses and cameras, each with what undoes it.
+
+A check undoes one after the other and asks the images.  `undo` maps a pose as it was given to the pose that
+was meant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from collabslam._core import Camera
+from collabslam.geometry import pose, pose_inverse, quaternion_wxyz, rotation_from_quaternion
+from collabslam.types import Array, Image
+
+BODY_FROM_OPTICAL = np.array(
+    [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0, 0, 0, 1.0]]
+)
+"""Maps optical axes (x right, y down, z forward) into ROS's body axes (x forward, y left, z up)."""
+OPTICAL_FROM_BODY = BODY_FROM_OPTICAL.T
+
+
+class PoseMistake(NamedTuple):
+    """``fault`` is what is wrong with the poses and ``remedy`` what to do, both parts of a sentence."""
+
+    fault: str
+    remedy: str
+    undo: Callable[[Array], Array]
+
+
+def _reordered(order: tuple[int, ...]) -> Callable[[Array], Array]:
+    def undo(t: Array) -> Array:
+        quaternion = quaternion_wxyz(t[:3, :3])[list(order)]
+        return pose(rotation_from_quaternion(quaternion), t[:3, 3])
+
+    return undo
+
+
+QUATERNIONS = (
+    PoseMistake(
+        "the quaternions were written w x y z where x y z w is read",
+        "write them as x y z w",
+        _reordered((1, 2, 3, 0)),
+    ),
+    PoseMistake(
+        "the quaternions were written x y z w where w x y z is read",
+        "write them as w x y z",
+        _reordered((3, 0, 1, 2)),
+    ),
+)
+
+WORN_POSE_MISTAKES = (
+    PoseMistake("T_CF is inverted: it maps from Cs to Cf", "give its inverse, from Cf to Cs", pose_inverse),
+    PoseMistake(
+        "T_CF is along ROS body axes (x forward, y left, z up)",
+        "turn both of its frames to optical axes (x right, y down, z forward)",
+        lambda t: OPTICAL_FROM_BODY @ t @ BODY_FROM_OPTICAL,
+    ),
+    PoseMistake(
+        "T_CF was turned to optical axes although it had them",
+        "give it as it is measured between the optical frames",
+        lambda t: BODY_FROM_OPTICAL @ t @ OPTICAL_FROM_BODY,
+    ),
+    PoseMistake(
+        "T_CF leads into Cs's body axes (x forward, y left, z up)",
+        "turn its robot side to optical axes (x right, y down, z forward)",
+        lambda t: OPTICAL_FROM_BODY @ t,
+    ),
+    PoseMistake(
+        "T_CF starts from Cf's body axes (x forward, y left, z up)",
+        "turn its worn side to optical axes (x right, y down, z forward)",
+        lambda t: t @ BODY_FROM_OPTICAL,
+    ),
+    PoseMistake(
+        "the robot side of T_CF was turned to optical axes although it had them",
+        "leave it as it is measured",
+        lambda t: BODY_FROM_OPTICAL @ t,
+    ),
+    PoseMistake(
+        "the worn side of T_CF was turned to optical axes although it had them",
+        "leave it as it is measured",
+        lambda t: t @ OPTICAL_FROM_BODY,
+    ),
+    *QUATERNIONS,
+)
+
+TRUE_POSE_MISTAKES = (
+    PoseMistake(
+        "the true poses are inverted: they map from the world to the camera", "give T_WC", pose_inverse
+    ),
+    PoseMistake(
+        "the true poses are of ROS body axes (x forward, y left, z up)",
+        "give those of the camera's optical frame (x right, y down, z forward)",
+        lambda t: t @ BODY_FROM_OPTICAL,
+    ),
+    PoseMistake(
+        "the true poses were turned to optical axes although they had them",
+        "give them as they were measured",
+        lambda t: t @ OPTICAL_FROM_BODY,
+    ),
+    *QUATERNIONS,
+)
+
+
+@dataclass(frozen=True)
+class Eye:
+    """A camera together with how its images have to be turned before its calibration holds.
+
+    Attributes
+    ----------
+    camera : Camera
+    across, down : bool
+        Whether the images are mirrored left to right, and upside down.
+    """
+
+    camera: Camera
+    across: bool = False
+    down: bool = False
+
+    def points(self, uv: Array) -> Array:
+        """(N, 2) px of the images as they are, where the calibration has them."""
+        out = np.array(uv)
+        if self.across:
+            out[:, 0] = self.camera.width - 1 - out[:, 0]
+        if self.down:
+            out[:, 1] = self.camera.height - 1 - out[:, 1]
+        return out
+
+    def rays(self, uv: Array) -> Array:
+        """(N, 3) rays with z = 1 of image points; NaN where there is none in front of the camera."""
+        rays = self.camera.unproject(self.points(uv))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.asarray(np.where(rays[:, 2:] > 0.0, rays / rays[:, 2:], np.nan))
+
+    @property
+    def focal(self) -> float:
+        """Mean focal length, px."""
+        return float(np.sqrt(self.camera.intrinsics[0] * self.camera.intrinsics[1]))
+
+    def with_focal(self, factor: float) -> Eye:
+        """Another focal length about the same centre."""
+        fx, fy, cx, cy = self.camera.intrinsics
+        return self._with(factor * fx, factor * fy, cx, cy)
+
+    def scaled(self, factor: float) -> Eye:
+        """The calibration carried to images of another size: focal length and centre."""
+        fx, fy, cx, cy = self.camera.intrinsics
+        return self._with(factor * fx, factor * fy, factor * (cx + 0.5) - 0.5, factor * (cy + 0.5) - 0.5)
+
+    def _with(self, *intrinsics: float) -> Eye:
+        c = self.camera
+        changed = Camera(c.model, c.width, c.height, intrinsics, c.distortion)
+        return replace(self, camera=changed)
+
+
+class EyeMistake(NamedTuple):
+    """As `PoseMistake`, for the images of one camera; ``{camera}`` stands for its name."""
+
+    fault: str
+    remedy: str
+    undo: Callable[[Eye], Eye]
+
+
+MIRRORS = (
+    EyeMistake(
+        "the images of {camera} are mirrored left to right",
+        "store them as the camera sees them",
+        lambda eye: replace(eye, across=not eye.across),
+    ),
+    EyeMistake(
+        "the images of {camera} are mirrored upside down",
+        "store them as the camera sees them",
+        lambda eye: replace(eye, down=not eye.down),
+    ),
+    EyeMistake(
+        "the images of {camera} are upside down",
+        "turn them by 180 degrees, or calibrate the camera as it hangs",
+        lambda eye: replace(eye, across=not eye.across, down=not eye.down),
+    ),
+)
+SIZES = np.array([0.25, 1 / 3, 0.5, 2 / 3, 0.75, 0.8, 1.25, 4 / 3, 1.5, 2.0, 3.0, 4.0])
+"""Factors by which images are usually resized."""
+FOCALS = np.linspace(0.7, 1.4, 29)
+"""Factors on the focal length that are tried."""
+
+
+def mirrored(image: Image, across: bool, down: bool) -> Image:
+    """The image as an `Eye` with these flags takes it."""
+    return np.ascontiguousarray(image[:: -1 if down else 1, :: -1 if across else 1])
