@@ -13,7 +13,7 @@ import numpy as np
 from collabslam.checks.matching import LEAST_MATCHES, Matches, describe, match_points
 from collabslam.checks.mistakes import Eye, PoseMistake
 from collabslam.checks.robot import RobotReport
-from collabslam.checks.samples import spread
+from collabslam.checks.samples import CLEAR_GAIN, spread
 from collabslam.frontend.epipolar import inverse_ranges
 from collabslam.geometry import pose_inverse
 from collabslam.types import Array, Mask, Recording
@@ -85,6 +85,8 @@ def check_lengths(recording: Recording, robot: RobotReport, undo: PoseMistake | 
     if not named and not (abs(middle) > np.log(NEAR) and abs(middle) > 3.0 * error):
         return LengthReport(ratio, [], [])
     before, after = (robot.eye.focal * _transferred(triples, factor) for factor in (1.0, ratio))
+    if after > CLEAR_GAIN * before:
+        return LengthReport(ratio, [], [])
     numbers = (
         f"with {ratio:.3g} times T_CF's length the residual of a third image falls from {before:.1f} to "
         f"{after:.1f} px"

@@ -110,12 +110,12 @@ def check_worn(recording: Recording, robot: RobotReport) -> WornReport:
     best = int(np.argmax([_gain(views, costs, cost, white) for cost in tried]))
     gain = _gain(views, costs, tried[best], min(white, _white_share(views, trials[best])))
     findings, undo = [], None
-    if gain > CLEAR_COST and _explains(views, trials[best]):
-        trial = trials[best]
-        undo = trial.mistake
+    after = _residual(views, trials[best])
+    if gain > CLEAR_COST and after < now and _explains(views, trials[best]):
+        fault, undo = trials[best].fault, trials[best].mistake
         findings.append(
-            f"{trial.fault[0].upper()}{trial.fault[1:]}: corrected, the residual of Cf falls from {now:.2f} "
-            f"to {_residual(views, trial):.2f} px; {trial.remedy}."
+            f"{fault[0].upper()}{fault[1:]}: corrected, the residual of Cf falls from {now:.2f} to "
+            f"{after:.2f} px; {trials[best].remedy}."
         )
     elif error.sigmas > WORN_SIGMAS:
         findings.append(
