@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from collabslam import _core
+from collabslam._core import MatchNoise, find_consensus
 from collabslam.checks.matching import LEAST_MATCHES, Matches, epipolar_residuals
 from collabslam.checks.mistakes import Eye, PoseMistake
 from collabslam.checks.robot import RobotReport
 from collabslam.checks.trials import Trial, worn_trials
 from collabslam.checks.views import View, sample_views
-from collabslam.frontend.epipolar import find_consensus
 from collabslam.geometry import pose_inverse, se3_log
 from collabslam.types import Array, Recording
 
@@ -208,7 +208,7 @@ def _corrected(view: View, trial: Trial) -> tuple[float, float, float]:
     if len(rays[0]) < LEAST_MATCHES // 2:
         return np.inf, np.inf, 0.0
     focal = (trial.eyes[0].focal, trial.eyes[1].focal)
-    seen = find_consensus(*rays, t_cf, covariance, focal, _SIGMA, _LIMIT)
+    seen = find_consensus(*rays, t_cf, covariance, MatchNoise(focal, _SIGMA, _LIMIT))
     left = epipolar_residuals(matches, *trial.eyes, seen.t_cf)
     xi = se3_log(pose_inverse(t_cf) @ seen.t_cf)
     moved = float(xi @ np.linalg.solve(covariance, xi))
@@ -231,7 +231,7 @@ def _expected(views: list[View], trial: Trial) -> float:
     focal = (trial.eyes[0].focal, trial.eyes[1].focal)
     for view in views:
         rays = _usable(view.matches[0], trial.eyes)
-        _, jacobian = _core.epipolar_residuals(*rays, view.poses[0], focal)
+        jacobian = _core.epipolar_residuals(*rays, view.poses[0], focal).jacobian
         sizes.append(np.einsum("ni,ij,nj->n", jacobian, view.covariance, jacobian))
     return float(_HALF_NORMAL * np.median(np.sqrt(np.concatenate(sizes) + _SIGMA**2)))
 
@@ -249,7 +249,7 @@ def _asked(view: View, trial: Trial) -> tuple[Array, Array]:
     t_cf, eyes = trial.t_cf(view), trial.eyes
     focal = (eyes[0].focal, eyes[1].focal)
     rays = _usable(view.matches[trial.image], eyes)
-    seen = find_consensus(*rays, t_cf, WIDE * view.covariance, focal, _SIGMA, _LIMIT)
+    seen = find_consensus(*rays, t_cf, WIDE * view.covariance, MatchNoise(focal, _SIGMA, _LIMIT))
     return se3_log(pose_inverse(t_cf) @ seen.t_cf), seen.covariance
 
 
