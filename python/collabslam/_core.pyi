@@ -36,19 +36,33 @@ __all__ = [
     "Windows",
     "WornMeasurement",
     "__version__",
+    "adjoint",
     "affine_at",
     "affine_maps",
     "align_templates",
     "capture_windows",
+    "chi2_quantile",
     "corner_peaks",
     "describe_windows",
     "epipolar_residuals",
     "find_consensus",
+    "fixed_to_tangent",
+    "interpolate_pose",
+    "is_rotation",
     "match_pairs",
+    "pose_inverse",
+    "quaternion_wxyz",
+    "rotation_exp",
+    "rotation_from_quaternion",
+    "rotation_log",
     "sample_templates",
+    "se3_exp",
+    "se3_log",
     "search_templates",
     "settings_schema",
+    "skew",
     "spread_corners",
+    "tangent_to_fixed",
     "warp_patches",
 ]
 
@@ -1753,6 +1767,265 @@ def find_consensus(
     ------
     InputError
         If an argument has another shape, or the covariance is not positive definite.
+    """
+
+def skew(v: ArrayLike) -> _Array:
+    """Matrix of the cross product: ``skew(v) @ p == cross(v, p)``.
+
+    Parameters
+    ----------
+    v : (3,) float64
+
+    Returns
+    -------
+    (3, 3) float64
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, or a number that is not finite.
+    """
+
+def rotation_exp(w: ArrayLike) -> _Array:
+    """Rotation matrix of a rotation vector.
+
+    Parameters
+    ----------
+    w : (3,) float64
+        Axis times angle, radians.
+
+    Returns
+    -------
+    (3, 3) float64
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, or a number that is not finite.
+    """
+
+def rotation_log(rotation: ArrayLike) -> _Array:
+    """Rotation vector of a rotation matrix.
+
+    Parameters
+    ----------
+    rotation : (3, 3) float64
+
+    Returns
+    -------
+    (3,) float64
+        Axis times angle, radians; no longer than pi.
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, or a number that is not finite.
+    """
+
+def rotation_from_quaternion(q_wxyz: ArrayLike) -> _Array:
+    """Rotation matrix of a Hamilton quaternion.
+
+    Parameters
+    ----------
+    q_wxyz : (4,) float64
+        Scalar first; it is normalised.
+
+    Returns
+    -------
+    (3, 3) float64
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, a number that is not finite, or a quaternion of length zero.
+    """
+
+def quaternion_wxyz(rotation: ArrayLike) -> _Array:
+    """Hamilton quaternion of a rotation matrix.
+
+    Parameters
+    ----------
+    rotation : (3, 3) float64
+
+    Returns
+    -------
+    (4,) float64
+        ``(w, x, y, z)``, of length one, w not below zero.
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, or a number that is not finite.
+    """
+
+def is_rotation(matrix: ArrayLike, tolerance: float = 1e-3) -> bool:
+    """Whether a matrix is a rotation.
+
+    Parameters
+    ----------
+    matrix : array
+        Of any shape.
+    tolerance : float
+        Largest error of an entry of ``matrix @ matrix.T``.
+
+    Returns
+    -------
+    bool
+        It is (3, 3), finite, orthonormal and no reflection.
+    """
+
+def pose_inverse(t_ab: ArrayLike) -> _Array:
+    """Inverse of a rigid pose: ``t_ba`` of ``t_ab``.
+
+    Parameters
+    ----------
+    t_ab : (4, 4) float64
+        Maps points of frame B into frame A, metres.
+
+    Returns
+    -------
+    (4, 4) float64
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, a number that is not finite, or another last row than 0 0 0 1.
+    """
+
+def se3_exp(xi: ArrayLike) -> _Array:
+    """Exp of METHOD 1: ``Exp((v, w)) = [R(w), v; 0, 1]``.
+
+    Translation and rotation act separately: ``T_hat Exp(xi) = (R_hat R(w), t_hat + R_hat v)``.
+
+    Parameters
+    ----------
+    xi : (6,) float64
+        Translation in metres, then rotation vector in radians.
+
+    Returns
+    -------
+    (4, 4) float64
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, or a number that is not finite.
+    """
+
+def se3_log(t: ArrayLike) -> _Array:
+    """Inverse of :func:`se3_exp`.
+
+    Parameters
+    ----------
+    t : (4, 4) float64
+
+    Returns
+    -------
+    (6,) float64
+        Translation in metres, then rotation vector in radians.
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, a number that is not finite, or another last row than 0 0 0 1.
+    """
+
+def adjoint(t_ab: ArrayLike) -> _Array:
+    """Matrix that carries a small tangent vector through a pose, in (translation, rotation) order.
+
+    To first order ``T Exp(xi) T^-1 = Exp(adjoint(T) xi)``; it makes a left perturbation of a right one.
+
+    Parameters
+    ----------
+    t_ab : (4, 4) float64
+
+    Returns
+    -------
+    (6, 6) float64
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, a number that is not finite, or another last row than 0 0 0 1.
+    """
+
+def tangent_to_fixed(t_ab: ArrayLike, covariance: ArrayLike) -> _Array:
+    """A pose's covariance along the fixed axes of A: diag(R, R) P diag(R, R)^T.
+
+    Parameters
+    ----------
+    t_ab : (4, 4) float64
+    covariance : (6, 6) float64
+        Over (translation m, rotation rad), tangent on the right.
+
+    Returns
+    -------
+    (6, 6) float64
+        Over (x, y, z, rotation about X, Y, Z) of A, as in ROS's PoseWithCovariance.
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, a number that is not finite, or another last row than 0 0 0 1.
+    """
+
+def fixed_to_tangent(t_ab: ArrayLike, covariance: ArrayLike) -> _Array:
+    """The inverse of :func:`tangent_to_fixed`.
+
+    Parameters
+    ----------
+    t_ab : (4, 4) float64
+    covariance : (6, 6) float64
+        Over (x, y, z, rotation about X, Y, Z) of A, m^2 and rad^2.
+
+    Returns
+    -------
+    (6, 6) float64
+        Over (translation m, rotation rad), tangent on the right.
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, a number that is not finite, or another last row than 0 0 0 1.
+    """
+
+def interpolate_pose(t0: ArrayLike, t1: ArrayLike, share: float) -> _Array:
+    """Pose between two poses: straight in translation, constant rate in rotation.
+
+    Parameters
+    ----------
+    t0, t1 : (4, 4) float64
+    share : float
+        0 gives ``t0``, 1 gives ``t1``.
+
+    Returns
+    -------
+    (4, 4) float64
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, a number that is not finite, or another last row than 0 0 0 1.
+    """
+
+def chi2_quantile(probability: float, dof: float) -> float:
+    """Chi-square quantile: the x with P(X <= x) = probability.
+
+    Parameters
+    ----------
+    probability : float
+        Between 0 and 1, exclusively.
+    dof : float
+        Degrees of freedom, above zero.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    InputError
+        For a probability or degrees of freedom out of range.
     """
 
 def settings_schema() -> list[dict[str, Any]]:

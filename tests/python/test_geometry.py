@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collabslam import geometry as g
+from collabslam._core import chi2_quantile
 from collabslam.errors import InputError
 
 
@@ -81,14 +82,18 @@ def test_is_rotation_refuses_reflections_and_scales() -> None:
 
 
 @pytest.mark.parametrize(
-    "call",
+    ("call", "words"),
     [
-        lambda: g.se3_exp([0, 0, 0]),
-        lambda: g.se3_log(np.eye(3)),
-        lambda: g.rotation_from_quaternion([0, 0, 0, 0]),
-        lambda: g.pose_inverse(np.full((4, 4), np.nan)),
+        (lambda: g.se3_exp([0, 0, 0]), r"xi has shape \[3\], expected \(6,\)"),
+        (lambda: g.se3_log(np.eye(3)), r"t has shape \[3, 3\], expected \(4, 4\)"),
+        (lambda: g.se3_log(np.diag([1.0, 1.0, 1.0, 2.0])), "give a 4x4 rigid transform"),
+        (lambda: g.rotation_from_quaternion([0, 0, 0, 0]), "give a unit quaternion"),
+        (lambda: g.pose_inverse(np.full((4, 4), np.nan)), "t_ab has a value that is NaN"),
+        (lambda: g.pose(np.eye(4), [0, 0, 0]), "give"),
+        (lambda: chi2_quantile(1.0, 3.0), "give a number between 0 and 1"),
+        (lambda: chi2_quantile(0.5, 0.0), "give a positive number"),
     ],
 )
-def test_bad_arrays_are_named(call) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(InputError, match="give"):
+def test_bad_arrays_are_named(call, words) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(InputError, match=words):
         call()

@@ -25,7 +25,7 @@ ALLOWED: dict[str, set[str]] = {
     "version": {"_core"},
     "extras": {"errors"},
     "types": {"_core", "errors"},
-    "geometry": {"errors", "types"},
+    "geometry": {"_core", "errors", "types"},
     # what the product is made of, from the bottom to the top
     "evaluation": BASE,
     "formats": BASE | {"evaluation"},

@@ -172,6 +172,31 @@ pub(crate) fn odd_side(what: &'static str, side: usize) -> PyResult<()> {
     Err(invalid(what, why))
 }
 
+/// Checks that every number is one.
+pub(crate) fn finite<const R: usize, const C: usize>(
+    what: &'static str,
+    value: SMatrix<f64, R, C>,
+) -> PyResult<SMatrix<f64, R, C>> {
+    if value.iter().all(|x| x.is_finite()) {
+        return Ok(value);
+    }
+    Err(to_python(EkfError::NonFinite { what }))
+}
+
+/// `(K,)` finite numbers.
+pub(crate) fn vector<const K: usize>(
+    what: &'static str,
+    value: &Argument<'_>,
+) -> PyResult<SMatrix<f64, K, 1>> {
+    let expected = format!("({K},)");
+    let array = array::<f64, Ix1>(what, &expected, value)?;
+    let view = array.as_array();
+    if view.shape() != [K] {
+        return Err(bad_shape(what, &expected, view.shape()));
+    }
+    finite(what, SMatrix::from_fn(|i, _| view[i]))
+}
+
 /// `(N,)` numbers.
 pub(crate) fn numbers(what: &'static str, value: &Argument<'_>) -> PyResult<Vec<f64>> {
     let array = array::<f64, Ix1>(what, "(N,)", value)?;
@@ -269,10 +294,7 @@ pub(crate) fn stack<const R: usize, const C: usize>(
 
 /// A 4x4 rigid transform; that its 3x3 is a rotation is the core's to check.
 pub(crate) fn pose(what: &'static str, value: &Argument<'_>) -> PyResult<Pose> {
-    let m = matrix::<4, 4>(what, value)?;
-    if !m.iter().all(|x| x.is_finite()) {
-        return Err(to_python(EkfError::NonFinite { what }));
-    }
+    let m = finite(what, matrix::<4, 4>(what, value)?)?;
     let bottom = [m[(3, 0)], m[(3, 1)], m[(3, 2)], m[(3, 3)]];
     if bottom != [0.0, 0.0, 0.0, 1.0] {
         let why = format!("its last row is {bottom:?}, not 0 0 0 1; give a 4x4 rigid transform");

@@ -7,6 +7,7 @@ mod errors;
 mod filter;
 mod frontend;
 mod gate;
+mod geometry;
 mod settings;
 
 use pyo3::prelude::*;
@@ -52,6 +53,12 @@ mod _core {
     };
     #[pymodule_export]
     use crate::frontend::warp::{AffineMaps, WarpLimits, affine_at, affine_maps};
+    #[pymodule_export]
+    use crate::geometry::{
+        adjoint, chi2_quantile, fixed_to_tangent, interpolate_pose, is_rotation, pose_inverse,
+        quaternion_wxyz, rotation_exp, rotation_from_quaternion, rotation_log, se3_exp, se3_log,
+        skew, tangent_to_fixed,
+    };
     #[pymodule_export]
     use crate::settings::settings_schema;
 }

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from collabslam._core import chi2_quantile
 from collabslam.errors import InputError
 from collabslam.evaluation.metrics import inverse
 from collabslam.geometry import rotation_log
@@ -83,52 +84,6 @@ def sharpness(errors: ArrayLike, covariances: ArrayLike) -> float:
         return float("nan")
     claimed = np.trace(p[good], axis1=1, axis2=2) + e.shape[1] * RESOLUTION**2
     return float(np.sqrt((e[good] ** 2).sum() / claimed.sum()))
-
-
-def chi2_cdf(x: float, dof: float) -> float:
-    """Chi-square distribution function: the regularised incomplete gamma function P(dof / 2, x / 2)."""
-    if dof <= 0.0:
-        raise InputError(f"The degrees of freedom are {dof}; give a positive number.")
-    if x <= 0.0:
-        return 0.0
-    a, z = 0.5 * dof, 0.5 * x
-    front = math.exp(a * math.log(z) - z - math.lgamma(a))
-    if z < a + 1.0:  # power series
-        term = total = 1.0 / a
-        k = a
-        while term > total * 1e-16:
-            k += 1.0
-            term *= z / k
-            total += term
-        return front * total
-    # Lentz's continued fraction of the upper tail
-    b = z + 1.0 - a
-    c, d = 1e300, 1.0 / b
-    fraction, i = d, 0
-    while True:
-        i += 1
-        an = -i * (i - a)
-        b += 2.0
-        d = 1.0 / (an * d + b)
-        c = b + an / c
-        fraction *= c * d
-        if abs(c * d - 1.0) < 1e-15 or i > 100_000:
-            return 1.0 - front * fraction
-
-
-def chi2_quantile(probability: float, dof: float) -> float:
-    """Chi-square quantile, by bisection of `chi2_cdf`."""
-    if not 0.0 < probability < 1.0:
-        raise InputError(f"The probability is {probability}; give a number between 0 and 1.")
-    low, high = 0.0, max(1.0, dof)
-    while chi2_cdf(high, dof) < probability:
-        low, high = high, 2.0 * high
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        if middle in (low, high):
-            break
-        low, high = (middle, high) if chi2_cdf(middle, dof) < probability else (low, middle)
-    return 0.5 * (low + high)
 
 
 def nees_band(dof: int, runs: int = 1, level: float = 0.95) -> tuple[float, float]:
