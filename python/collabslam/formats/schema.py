@@ -32,6 +32,12 @@ def flag(value: Any, where: str) -> None:
         refuse(where, "true or false")
 
 
+def data(value: Any, where: str) -> None:
+    """Bytes."""
+    if not isinstance(value, bytes):
+        refuse(where, "bytes")
+
+
 def whole(low: int, high: int = int(LARGEST)) -> Check:
     """A whole number from ``low`` to ``high``."""
 
@@ -106,6 +112,42 @@ def table(key: type, check: Check) -> Check:
             refuse(where, f"a table by {key.__name__}")
         for k, item in value.items():
             check(item, f"{where}[{k!r}]")
+
+    return check_all
+
+
+def pose(value: Any, where: str) -> None:
+    """A (4, 4) rigid transform, not farther than 1e9 m."""
+    array("<f8", 4, 4)(value, where)
+    turned = value[:3, :3] @ value[:3, :3].T
+    rigid = np.abs(turned - np.eye(3)).max() < 1e-6 and np.linalg.det(value[:3, :3]) > 0.0
+    if not rigid or np.abs(value[:3, 3]).max() > 1e9 or not np.array_equal(value[3], [0.0, 0.0, 0.0, 1.0]):
+        refuse(where, "a pose")
+
+
+def covariance(size: int | None) -> Check:
+    """A symmetric matrix with a diagonal that is not negative, of that size or any."""
+
+    def check(value: Any, where: str) -> None:
+        array("<f8", size, size)(value, where)
+        if (
+            value.shape[0] != value.shape[1]
+            or (np.diag(value) < 0.0).any()
+            or not np.allclose(value, value.T)
+        ):
+            refuse(where, "a covariance")
+
+    return check
+
+
+def instance(kind: type, **checks: Check) -> Check:
+    """An instance of a dataclass whose attributes pass the checks."""
+
+    def check_all(value: Any, where: str) -> None:
+        if type(value) is not kind:
+            refuse(where, f"a {kind.__name__}")
+        for name, check in checks.items():
+            check(getattr(value, name), f"{where}.{name}")
 
     return check_all
 

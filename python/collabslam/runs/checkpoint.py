@@ -29,6 +29,41 @@ _COLUMN = schema.any_of(
     schema.array("<i8", None),
     schema.items(schema.optional(schema.any_of(schema.flag, schema.number(nan=True)))),
 )
+_RECORD = schema.fields(
+    times=schema.array("<f8", None),
+    poses=schema.array("<f8", None, 4, 4, nan=True),
+    covariances=schema.array("<f8", None, 6, 6, nan=True),
+    statuses=schema.items(schema.text([s.value for s in Status])),
+    usable=schema.array("|b1", None),
+    started=schema.array("|b1", None),
+    worn=schema.array("|b1", None),
+    seconds=schema.array("<f8", None),
+    diagnostics=schema.table(str, _COLUMN),
+)
+
+
+def _check_record(value: Any, where: str) -> None:
+    """State of a `RunRecord`: rows of one length, stamps that increase, proper poses and covariances."""
+    _RECORD(value, where)
+    count = len(value["times"])
+    if {len(column) for column in (*value["diagnostics"].values(), *_columns(value))} - {count}:
+        schema.refuse(where, f"a record of {count} frames")
+    if not (np.diff(value["times"]) > 0.0).all():
+        schema.refuse(f"{where}.times", "an increasing series")
+    for pose in value["poses"][np.isfinite(value["poses"]).all(axis=(1, 2))]:
+        schema.pose(pose, f"{where}.poses")
+    known = value["covariances"][np.isfinite(value["covariances"]).all(axis=(1, 2))]
+    for covariance in known:
+        schema.covariance(6)(covariance, f"{where}.covariances")
+    variances = np.linalg.eigvalsh(known)
+    if (variances[:, 0] < -1e-6 * variances[:, -1]).any():
+        schema.refuse(f"{where}.covariances", "a covariance")
+
+
+def _columns(record: dict[str, Any]) -> list[Any]:
+    return [column for name, column in record.items() if name != "diagnostics"]
+
+
 CONTENT = schema.fields(
     program=schema.text(),
     recording=schema.fields(
@@ -38,17 +73,7 @@ CONTENT = schema.fields(
     ),
     plan=PLAN_STATE,
     reopen=schema.optional(SOURCE_STATE),
-    record=schema.fields(
-        times=schema.array("<f8", None),
-        poses=schema.array("<f8", None, 4, 4, nan=True),
-        covariances=schema.array("<f8", None, 6, 6, nan=True),
-        statuses=schema.items(schema.text([s.value for s in Status])),
-        usable=schema.array("|b1", None),
-        started=schema.array("|b1", None),
-        worn=schema.array("|b1", None),
-        seconds=schema.array("<f8", None),
-        diagnostics=schema.table(str, _COLUMN),
-    ),
+    record=_check_record,
     engine=schema.table(str, lambda value, where: None),  # the engine asks by itself
 )
 """What a checkpoint may hold."""

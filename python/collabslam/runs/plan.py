@@ -9,9 +9,10 @@ from typing import Any
 
 from collabslam.datasets.source import Source
 from collabslam.errors import SettingsError
-from collabslam.formats.schema import any_of, fields, flag, number, optional, plain, table, text, whole
+from collabslam.formats.schema import fields, flag, number, optional, plain, table, text, whole
 from collabslam.formats.trajectory import ARBITRARY, METRES
 from collabslam.settings.modes import MODES, SLAM_STARTS
+from collabslam.settings.table import STATE as SETTINGS_STATE
 from collabslam.settings.table import Settings
 
 MODE_KEY = "filter.estimator.mode"
@@ -133,12 +134,11 @@ class Plan:
         )
 
 
-_VALUES = table(str, any_of(flag, whole(-(10**9), 10**9), number(), text()))
 PLAN_STATE = fields(
     mode=text(MODES),
     start=text(SLAM_STARTS),
     metric=flag,
-    settings=fields(values=_VALUES, switches=_VALUES),
+    settings=SETTINGS_STATE,
     notes=table(str, plain),
     every=optional(fields(frames=optional(whole(1)), seconds=optional(number(0.0)))),
 )

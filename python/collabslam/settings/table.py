@@ -22,6 +22,7 @@ from typing import Any
 import yaml
 
 from collabslam.errors import SettingsError
+from collabslam.formats.schema import any_of, fields, flag, number, table, text, whole
 from collabslam.formats.yaml_text import load_yaml
 from collabslam.settings.frontend import FRONTEND, FrontendSettings
 from collabslam.settings.setting import Setting, Value, find, shown
@@ -30,6 +31,9 @@ Flat = dict[str, Value]
 
 SECTIONS = ("filter", "frontend")
 _WIDTH = 108
+_VALUES = table(str, any_of(flag, whole(-(10**9), 10**9), number(), text()))
+STATE = fields(values=_VALUES, switches=_VALUES)
+"""What `Settings.state` may hold; `Settings.from_state` asks for the ranges."""
 
 
 @cache
@@ -241,17 +245,18 @@ def parse_assignments(texts: list[str]) -> dict[str, Any]:
         If one has no ``=`` or no readable value.
     """
     out = {}
-    for text in texts:
-        key, sign, value = text.partition("=")
+    for assignment in texts:
+        key, sign, value = assignment.partition("=")
         if not sign or not key.strip():
             raise SettingsError(
-                f"'{text}' is no setting; write key=value, as in filter.process.acceleration_density=0.5."
+                f"'{assignment}' is no setting; write key=value, as in "
+                "filter.process.acceleration_density=0.5."
             )
         try:
             out[key.strip()] = load_yaml(value)
         except yaml.YAMLError as error:
             raise SettingsError(
-                f"The value in '{text}' cannot be read; write a number, a name, true or false."
+                f"The value in '{assignment}' cannot be read; write a number, a name, true or false."
             ) from error
     return out
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import cv2
 import numpy as np
 
+from collabslam.formats.schema import Check, array, optional
 from collabslam.settings.frontend import SightSettings
 from collabslam.slam.state import PersistentState
 from collabslam.types import Image
@@ -24,7 +26,7 @@ class BlankImageDetector(PersistentState):
     settings : SightSettings
     """
 
-    PERSISTENT: ClassVar[tuple[str, ...]] = ("_last",)
+    PERSISTENT: ClassVar[Mapping[str, Check]] = {"_last": optional(array("|u1", None, None))}
 
     def __init__(self, settings: SightSettings) -> None:
         self._settings = settings

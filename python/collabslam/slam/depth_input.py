@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from collabslam._core import DepthMeasurement, UpdateReport
 from collabslam.errors import InputError
+from collabslam.formats.schema import Check, array, items, refuse
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import PersistentState
 from collabslam.slam.tracks import Found
@@ -41,10 +44,21 @@ class Depths:
         return ImagePoints.born(report.depths.born, self.uv) if len(self.ids) else ImagePoints()
 
 
+def _depths(value: Any, where: str) -> None:
+    """What `DepthInput.add` keeps: pixels (N, 2), depths and standard deviations (N,)."""
+    if not isinstance(value, tuple) or len(value) != 3:
+        refuse(where, "depths at pixels")
+    array("<f8", None, 2)(value[0], where)
+    for numbers in value[1:]:
+        array("<f8", len(value[0]))(numbers, where)
+        if not (numbers > 0.0).all():
+            refuse(where, "depths above zero")
+
+
 class DepthInput(PersistentState):
     """Keeps the depths that are given, and finds the points of the image they belong to."""
 
-    PERSISTENT = ("_given",)
+    PERSISTENT: ClassVar[Mapping[str, Check]] = {"_given": items(_depths)}
 
     def __init__(self) -> None:
         self._given: list[tuple[Array, Array, Array]] = []

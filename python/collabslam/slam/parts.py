@@ -11,8 +11,22 @@ import numpy as np
 from collabslam._core import Camera, Filter
 from collabslam.errors import CollabslamError, DataError, InputError
 from collabslam.formats.container import read_container, write_container
+from collabslam.formats.schema import (
+    array,
+    covariance,
+    data,
+    fields,
+    flag,
+    instance,
+    items,
+    optional,
+    pose,
+    table,
+    text,
+)
 from collabslam.frontend.patch import Patch
 from collabslam.settings.modes import SLAM_STARTS
+from collabslam.settings.table import STATE as SETTINGS_STATE
 from collabslam.settings.table import Settings
 from collabslam.slam.blank_image import BlankImageDetector
 from collabslam.slam.depth_input import DepthInput
@@ -20,7 +34,7 @@ from collabslam.slam.map_management import MapManager
 from collabslam.slam.recovery import Recovery
 from collabslam.slam.relocalise import MapAside, Relocaliser
 from collabslam.slam.saved_map import SavedMap
-from collabslam.slam.state import persistent_parts
+from collabslam.slam.state import check_camera, persistent_parts
 from collabslam.slam.status import StatusMonitor
 from collabslam.slam.target_start import TargetStart
 from collabslam.slam.tracks import Tracks
@@ -33,6 +47,25 @@ CLASSES = (MapAside, Patch, Target)
 """Dataclasses that are in it."""
 
 Engine = TypeVar("Engine", bound="EngineParts")
+
+
+def _check_target(value: Any, where: str) -> None:
+    """A `Target` with a patch of each point."""
+    instance(Target, points=array("<f8", None, 3), t_tc=pose, covariance=covariance(6))(value, where)
+    items(array("|u1", None, None), len(value.points))(value.patches, f"{where}.patches")
+
+
+STATE = fields(
+    camera=check_camera,
+    worn_camera=optional(check_camera),
+    settings=SETTINGS_STATE,
+    start=text(SLAM_STARTS),
+    metric=flag,
+    target=optional(_check_target),
+    filter=data,
+    parts=table(str, lambda value, where: None),  # each asks by itself
+)
+"""What `EngineParts.state` may hold."""
 
 
 class EngineParts:
@@ -111,9 +144,8 @@ class EngineParts:
     def from_state(cls: type[Engine], state: Mapping[str, Any]) -> Engine:
         """The engine of a `state`; raises DataError if it is none."""
         try:
+            STATE(state, "engine")
             worn = state["worn_camera"]
-            if state["start"] not in SLAM_STARTS:
-                raise DataError(f"There is no start '{state['start']}'.")
             engine = cls.__new__(cls)
             engine._assemble(
                 Filter.restore(state["filter"]),
@@ -130,7 +162,7 @@ class EngineParts:
             for name, part in parts.items():
                 part.restore(state["parts"][name])
             features = [block.id for block in engine.filter.blocks if block.kind == "Feature"]
-            if not engine._tracks.knows(np.array(features, np.int64)):
+            if not engine._tracks.knows(np.array(features, np.int64), engine.filter.candidates):
                 raise DataError("The file lacks a feature's patch; take an earlier one.")
         except CollabslamError as error:
             raise DataError(f"The state cannot be used. {error}") from error

@@ -8,10 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
 from collabslam._core import Camera, Filter, Prediction, UpdateReport
+from collabslam.formats.schema import (
+    Check,
+    array,
+    covariance,
+    instance,
+    items,
+    number,
+    optional,
+    refuse,
+    table,
+    whole,
+)
 from collabslam.frontend.describe import Descriptors
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.patch import Patch, capture
@@ -19,7 +32,7 @@ from collabslam.frontend.place_recognition import MIN_PATCHES, SUPPORT, Fix, des
 from collabslam.frontend.search import GATE
 from collabslam.settings.frontend import FrontendSettings, SearchSettings
 from collabslam.slam.map_change import ImagePoints, Recovered
-from collabslam.slam.state import PersistentState
+from collabslam.slam.state import PATCH, SECONDS, PersistentState
 from collabslam.slam.tracks import Tracks
 from collabslam.slam.view import View
 from collabslam.types import Array, Ids
@@ -71,6 +84,21 @@ def searchable(expected: Prediction, settings: SearchSettings) -> Prediction:
     return expected.subset(fits)
 
 
+def _aside(value: Any, where: str) -> None:
+    """A `MapAside` whose parts fit together."""
+    instance(MapAside, landmarks=array("<f8", None, 6), drift=covariance(6))(value, where)
+    count, used = len(value.landmarks), len(value.use) if isinstance(value.use, np.ndarray) else None
+    instance(
+        MapAside,
+        covariance=covariance(6 * count),
+        use=array("<i8", None),
+        points=array("<f8", used, 3),
+        views=items(items(PATCH), count),
+    )(value, where)
+    if ((value.use < 0) | (value.use >= count)).any() or not all(value.views):
+        refuse(where, "a map with a view of each landmark")
+
+
 class Relocaliser(PersistentState):
     """Keeps views of the landmarks, and finds the camera among them.
 
@@ -84,7 +112,13 @@ class Relocaliser(PersistentState):
     options : FrontendSettings
     """
 
-    PERSISTENT = ("_views", "_last", "_attempts", "_aside", "_looked_back")
+    PERSISTENT: ClassVar[Mapping[str, Check]] = {
+        "_views": table(int, items(PATCH)),
+        "_last": optional(number(-SECONDS, SECONDS)),
+        "_attempts": whole(0),
+        "_aside": items(_aside),
+        "_looked_back": optional(number(-SECONDS, SECONDS)),
+    }
 
     def __init__(self, core: Filter, camera: Camera, tracks: Tracks, options: FrontendSettings) -> None:
         self._core, self._camera, self._tracks, self._options = core, camera, tracks, options

@@ -9,14 +9,28 @@ from typing import Any
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.errors import DataError
+from collabslam.errors import CollabslamError, DataError
 from collabslam.formats.container import read_container, write_container
+from collabslam.formats.schema import array, covariance, fields, flag, refuse
 from collabslam.frontend.map_views import in_one_list, in_other_camera
 from collabslam.frontend.patch import Patch
+from collabslam.slam.state import PATCH, check_camera
 from collabslam.types import Array
 
 KIND, VERSION = "map", 1
-_FIELDS = {"camera", "metric", "landmarks", "covariance", "drift", "owner", "pixels", "uv", "t_wc", "inside"}
+CONTENT = fields(
+    camera=check_camera,
+    metric=flag,
+    landmarks=array("<f8", None, 6),
+    covariance=covariance(None),
+    drift=covariance(6),
+    owner=array("<i8", None),
+    pixels=array("|u1", None, None, None),
+    uv=array("<f8", None, 2),
+    t_wc=array("<f8", None, 4, 4),
+    inside=array("<f8", None, 4),
+)
+"""What its file may hold."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +89,7 @@ class SavedMap:
         content = read_container(Path(path), KIND, VERSION)
         try:
             return _map_of(content)
-        except (KeyError, TypeError, ValueError, IndexError) as error:
+        except (CollabslamError, TypeError) as error:
             raise DataError(
                 f"The file {path} is no map of collabslam ({error}); save the map again."
             ) from error
@@ -103,36 +117,24 @@ class SavedMap:
 
 
 def _map_of(content: Any) -> SavedMap:
-    """The map in a file's content; ValueError and the like if it is none."""
-    if not isinstance(content, dict) or set(content) != _FIELDS:
-        raise ValueError("its parts are others")
+    """The map in a file's content; DataError if it is none."""
+    CONTENT(content, "map")
     owner, pixels = content["owner"], content["pixels"]
     count, views = len(content["landmarks"]), len(owner)
-    shapes = {
-        "landmarks": (count, 6),
-        "covariance": (6 * count, 6 * count),
-        "drift": (6, 6),
-        "owner": (views,),
-        "uv": (views, 2),
-        "t_wc": (views, 4, 4),
-        "inside": (views, 4),
-    }
-    for name, shape in shapes.items():
-        array = content[name]
-        if not isinstance(array, np.ndarray) or array.shape != shape or not np.isfinite(array).all():
-            raise ValueError(f"'{name}' is not what it should be")
-    side = pixels.shape[-1]
-    if pixels.dtype != np.uint8 or pixels.shape != (views, side, side) or side % 2 == 0:
-        raise ValueError("'pixels' is not what it should be")
+    for name in ("pixels", "uv", "t_wc", "inside"):
+        if len(content[name]) != views:
+            refuse(f"map.{name}", f"one for each of {views} views")
+    covariance(6 * count)(content["covariance"], "map.covariance")
     if not np.array_equal(np.unique(owner), np.arange(count)) or (np.diff(owner) < 0).any():
-        raise ValueError("'owner' is not what it should be")
+        refuse("map.owner", "the landmark of each view, in order")
     lists: list[list[Patch]] = [[] for _ in range(count)]
     for k, i in enumerate(owner.tolist()):
-        view = (pixels[k], content["uv"][k], content["t_wc"][k], content["inside"][k])
-        lists[i].append(Patch(*view))
+        view = Patch(pixels[k], content["uv"][k], content["t_wc"][k], content["inside"][k])
+        PATCH(view, f"map.view {k}")
+        lists[i].append(view)
     return SavedMap(
         Camera(*content["camera"]),
-        bool(content["metric"]),
+        content["metric"],
         content["landmarks"],
         content["covariance"],
         content["drift"],

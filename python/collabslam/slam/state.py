@@ -1,21 +1,27 @@
-"""What the parts of the engine remember between frames: each says so itself, `Slam.save` asks them all."""
+"""What the parts of the engine remember between frames, and what a file may say of it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from collabslam.errors import DataError
+from collabslam.formats.schema import Check, array, fields, instance, items, number, pose, refuse, text, whole
+from collabslam.frontend.patch import Patch
+
+FARTHEST_PIXEL = 1e6
+SECONDS = 1e11
+"""Bounds of what the filter takes, pixels and seconds."""
 
 
 class PersistentState:
     """A part of the engine with a memory.
 
-    Every attribute that a frame leaves behind for the next one is in `PERSISTENT`; what is set once from the
-    settings, and what only serves one frame, is not.  The values are such as `formats.container` takes.
+    Every attribute that a frame leaves behind for the next one is in `PERSISTENT`, with what it may be; what
+    is set once from the settings, and what only serves one frame, is not.  The values are such as
+    `formats.container` takes.
     """
 
-    PERSISTENT: ClassVar[tuple[str, ...]] = ()
+    PERSISTENT: ClassVar[Mapping[str, Check]] = {}
 
     def state(self) -> dict[str, Any]:
         """The attributes of `PERSISTENT`, as they are: to be written before the next frame."""
@@ -27,10 +33,9 @@ class PersistentState:
         Raises
         ------
         DataError
-            If it is the state of something else.
+            If it is the state of something else, or an attribute is not what it may be.
         """
-        if set(state) != set(self.PERSISTENT):
-            raise DataError(f"The file holds no state of {type(self).__name__}; take an earlier one.")
+        fields(**self.PERSISTENT)(state, type(self).__name__)
         for name, value in state.items():
             setattr(self, name, value)
 
@@ -38,3 +43,36 @@ class PersistentState:
 def persistent_parts(owner: object) -> dict[str, PersistentState]:
     """The parts with a memory among an object's attributes, by the attribute's name."""
     return {name: part for name, part in vars(owner).items() if isinstance(part, PersistentState)}
+
+
+def check_pixel(value: Any, where: str) -> None:
+    """(2,) pixels."""
+    array("<f8", 2)(value, where)
+    if float(abs(value).max()) > FARTHEST_PIXEL:
+        refuse(where, "a pixel")
+
+
+def _window(value: Any, where: str) -> None:
+    array("|u1", None, None)(value, where)
+    if value.shape[0] != value.shape[1] or value.shape[0] % 2 == 0:
+        refuse(where, "a square window with a centre")
+
+
+def _check_inside(value: Any, where: str) -> None:
+    array("<f8", 4)(value, where)
+    if not (value >= 0.0).all() or not (value <= FARTHEST_PIXEL).all():
+        refuse(where, "a part of the window")
+
+
+PATCH = instance(Patch, pixels=_window, uv_ref=check_pixel, t_wc=pose, inside=_check_inside)
+"""A `Patch` that can be warped."""
+
+
+_CAMERA = (text(), whole(1, 10**5), whole(1, 10**5), items(number(), 4), items(number()))
+
+
+def check_camera(value: Any, where: str) -> None:
+    """Arguments of a `Camera`, which checks their ranges."""
+    items(lambda part, name: None, len(_CAMERA))(value, where)
+    for check, part in zip(_CAMERA, value, strict=True):
+        check(part, where)

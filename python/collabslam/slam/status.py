@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import ClassVar
 
+from collabslam.formats.schema import Check, flag, number, optional, whole
 from collabslam.settings.setting import Value
-from collabslam.slam.state import PersistentState
+from collabslam.slam.state import SECONDS, PersistentState
 from collabslam.types import Status
 
 _MIN_SHARE = 0.15
@@ -28,7 +30,12 @@ class StatusMonitor(PersistentState):
         Whether the camera is lost to begin with.
     """
 
-    PERSISTENT = ("_last_ok", "_failed", "lost", "found")
+    PERSISTENT: ClassVar[Mapping[str, Check]] = {
+        "_last_ok": optional(number(-SECONDS, SECONDS)),
+        "_failed": whole(0),
+        "lost": flag,
+        "found": flag,
+    }
 
     def __init__(self, settings: Mapping[str, Value], *, lost: bool = False) -> None:
         self._min_matches = int(settings["lost.min_matches"])

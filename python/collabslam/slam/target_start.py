@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import cv2
 import numpy as np
 
 from collabslam._core import Camera, DepthMeasurement, Filter
 from collabslam.errors import DataError
+from collabslam.formats.schema import Check, array, items
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.patch import SIZE, Patch, capture, warp_templates
 from collabslam.frontend.search import FOUND, active_search
@@ -14,7 +18,7 @@ from collabslam.frontend.target import RADIUS, SIGMA, find_target
 from collabslam.geometry import pose_inverse, skew
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints
-from collabslam.slam.state import PersistentState
+from collabslam.slam.state import PATCH, PersistentState
 from collabslam.types import Array, Image, Mask, Target
 
 _PLANE_SD = 0.03  # of the range of a corner that is taken to lie on the target's plane, as a share of it
@@ -32,7 +36,7 @@ class TargetStart(PersistentState):
     options : FrontendSettings
     """
 
-    PERSISTENT = ("_points_w", "_patches")
+    PERSISTENT: ClassVar[Mapping[str, Check]] = {"_points_w": array("<f8", None, 3), "_patches": items(PATCH)}
 
     def __init__(self, core: Filter, camera: Camera, target: Target, options: FrontendSettings) -> None:
         self._core, self._camera, self._target, self._options = core, camera, target, options

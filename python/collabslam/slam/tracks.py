@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from collabslam._core import Camera, ConditionalPrediction, Prediction, SearchResult
+from collabslam.formats.schema import Check, array, fields, instance, items, optional, refuse, table, whole
 from collabslam.frontend.flow import MAX_ERROR, FlowImage, flow_guess, motion_of
 from collabslam.frontend.patch import Patch, capture, warp_templates
 from collabslam.frontend.search import FOUND, GATE, WIDE, active_search, wide_ellipses
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints, MapChange, Recovered
-from collabslam.slam.state import PersistentState
+from collabslam.slam.state import PATCH, PersistentState, check_pixel
 from collabslam.slam.view import View
 from collabslam.types import Array, Ids, Image, Mask
 
@@ -74,13 +75,23 @@ class Found:
         return self.result.uv[self.hit]
 
 
+def _anything(value: Any, where: str) -> None:
+    """What is looked at later."""
+
+
 class Tracks(PersistentState):
     """Patches and last pixels of features and candidates.
 
     A frame replaces these dictionaries and changes none, so that whoever holds the old ones can go back.
     """
 
-    PERSISTENT = ("_features", "_candidates", "_last", "_candidate_last", "_previous")
+    PERSISTENT: ClassVar[Mapping[str, Check]] = {
+        "_features": table(int, PATCH),
+        "_candidates": table(int, PATCH),
+        "_last": table(int, check_pixel),
+        "_candidate_last": table(int, check_pixel),
+        "_previous": optional(instance(FlowImage, image=array("|u1", None, None), factor=whole(1, 2))),
+    }
 
     def __init__(self, camera: Camera, settings: FrontendSettings) -> None:
         self._camera = camera
@@ -98,10 +109,17 @@ class Tracks(PersistentState):
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """As `PersistentState.restore`."""
-        last: Any = state.get("_previous")
+        fields(**{**self.PERSISTENT, "_previous": optional(items(_anything, 2))})(state, "Tracks")
+        last: Any = state["_previous"]
         if last is not None:
             last = FlowImage.again(last[0], last[1])
         super().restore({**state, "_previous": last})
+        blank = np.zeros((self._camera.height, self._camera.width), np.uint8)
+        wanted = FlowImage(blank)
+        if last is not None and (last.factor != wanted.factor or last.image.shape != wanted.image.shape):
+            refuse("last image", "of this camera")
+        if set(self._candidates) != set(self._candidate_last):
+            refuse("candidates", "those that have a pixel")
 
     def search(self, view: View, pose: Array, expected: Prediction, expect_given: ExpectGiven) -> Found:
         """Active search of the expected features; candidates are followed into this frame (METHOD 7.3).
@@ -241,6 +259,7 @@ class Tracks(PersistentState):
         """The patch of a feature."""
         return self._features[feature]
 
-    def knows(self, ids: Ids) -> bool:
-        """Whether there is a patch of each of these features."""
-        return all(i in self._features for i in ids.tolist())
+    def knows(self, features: Ids, candidates: Ids) -> bool:
+        """Whether there is a patch of each of these features and candidates."""
+        known = self._features.keys() >= set(features.tolist())
+        return known and self._candidates.keys() >= set(candidates.tolist())
