@@ -19,18 +19,32 @@ pub(crate) struct Reference {
     camera: Camera,
 }
 
-/// Derivative by central differences.
+/// Weights of central differences over one to four steps. What they leave out is of the eighth order in the step, so that
+/// steps can be long enough for rounding not to matter: over one step, an inverse depth of 0.05 / m has errors of 1e-7, and an
+/// update that reduces a variance ten thousandfold shows as much more of them.
+const WEIGHTS: [f64; 4] = [4.0 / 5.0, -1.0 / 5.0, 4.0 / 105.0, -1.0 / 280.0];
+
+/// Derivative by differences.
 fn jacobian(f: impl Fn(&DVector<f64>) -> DVector<f64>, x: &DVector<f64>) -> DMatrix<f64> {
     let columns: Vec<_> = (0..x.len())
         .map(|i| {
-            let h = 1e-5 * (1.0 + x[i].abs());
-            let (mut low, mut high) = (x.clone(), x.clone());
-            low[i] -= h;
-            high[i] += h;
-            (f(&high) - f(&low)) / (high[i] - low[i])
+            let step = 1e-4 * (1.0 + x[i].abs());
+            let at = |by: f64| {
+                let mut x = x.clone();
+                x[i] += by;
+                f(&x)
+            };
+            let parts = (1..).map(|k| f64::from(k) * step).zip(WEIGHTS);
+            let parts = parts.map(|(by, weight)| (at(by) - at(-by)) * (weight / step));
+            parts.reduce(|a, b| a + b).expect("four of them")
         })
         .collect();
     DMatrix::from_columns(&columns)
+}
+
+/// The angle between two directions; from its sine as well, as the cosine of a small one has lost it.
+fn angle(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+    a.cross(b).norm().atan2(a.dot(b))
 }
 
 fn vector(x: &DVector<f64>, at: usize) -> Vector3<f64> {
@@ -227,7 +241,7 @@ impl Reference {
             let back = turn(x, 3).inverse();
             let t = back * (vector(x, at) - vector(x, 0));
             let b = back * (turn(x, at + 3) * b);
-            let (beta, gamma) = (a.angle(&t), b.angle(&-t));
+            let (beta, gamma) = (angle(&a, &t), angle(&b, &-t));
             let alpha = std::f64::consts::PI - beta - gamma;
             feature(x, &a, alpha.sin() / (t.norm() * gamma.sin()))
         };
