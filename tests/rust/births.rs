@@ -510,30 +510,41 @@ fn a_match_off_the_plane_of_both_views_is_no_birth() {
 /// What is still vague after its pixel in Cf was measured waits for a better view.
 #[test]
 fn a_tight_birth_of_vague_depth_is_taken_back() {
-    let largest = 0.15;
-    let changes = [
-        ("estimator.mode", name("collab-tight")),
-        ("birth.max_rho_ratio", Value::Float(largest)),
-    ];
-    let mut scene = Scene::new(21, 60);
-    let mut filter = scene.filter(settings(&changes));
-    filter.predict(0.0).expect("first frame");
-    let (z, _) = scene.measure(0.0, &BTreeMap::new(), true);
-    let report = filter.update(&z).expect("good measurements");
-    let ratio = |id: u64| {
-        let rho = indices_of(&filter, id)[5];
-        filter.state().covariance().get(rho, rho).sqrt() / filter.state().mean()[rho]
+    let start = |largest: f64| {
+        let changes = [
+            ("estimator.mode", name("collab-tight")),
+            ("birth.max_rho_ratio", Value::Float(largest)),
+            ("worn.start_births", Value::Int(1)),
+        ];
+        let mut scene = Scene::new(21, 60);
+        let mut filter = scene.filter(settings(&changes));
+        filter.predict(0.0).expect("first frame");
+        let (z, _) = scene.measure(0.0, &BTreeMap::new(), true);
+        let report = filter.update(&z).expect("good measurements");
+        (filter, report.pairs)
     };
-    let born = report.pairs.iter().filter_map(|outcome| match outcome {
-        Outcome::Born(id) => Some(ratio(*id)),
+    let (all, outcomes) = start(10.0);
+    let ratio = |outcome: &Outcome| match outcome {
+        Outcome::Born(id) => {
+            let rho = indices_of(&all, *id)[5];
+            let variance = all.state().covariance().get(rho, rho);
+            Some(variance.sqrt() / all.state().mean()[rho])
+        }
         _ => None,
-    });
-    let born: Vec<f64> = born.collect();
-    let vague = |o: &&Outcome| **o == Outcome::TooUncertain;
-    let vague = report.pairs.iter().filter(vague).count();
-    assert!(born.len() >= 3 && vague >= 3, "{:?}", report.pairs);
-    assert_eq!(filter.map_size(), born.len());
-    assert!(born.iter().all(|ratio| *ratio <= largest), "{born:?}");
+    };
+    let ratios: Vec<f64> = outcomes.iter().filter_map(ratio).collect();
+    assert!(ratios.len() >= 20, "{outcomes:?}");
+    let mut sorted = ratios.clone();
+    sorted.sort_by(f64::total_cmp);
+    let middle = ratios.len() / 2;
+    let largest = 0.5 * (sorted[middle - 1] + sorted[middle]);
+    let (filter, judged) = start(largest);
+    assert_eq!(filter.map_size(), middle);
+    for (before, after) in outcomes.iter().zip(&judged) {
+        let vague = ratio(before).map(|ratio| ratio > largest);
+        let is_vague = *after == Outcome::TooUncertain;
+        assert!(vague.is_none_or(|vague| vague == is_vague), "{judged:?}");
+    }
 }
 
 #[test]

@@ -1,19 +1,15 @@
 //! Upkeep of the map: which features go.
 
-use crate::scene::warm;
-use ekf_core::settings::Value;
+use crate::scene::{Warm, warm};
 use ekf_core::{Bearing, DepthObservation, Measurements, Outcome};
 
-const MIN_SEARCHES: usize = 6;
+/// A feature must be found in 40 % of its searches, once there were eight (METHOD 7).
+const MIN_SEARCHES: usize = 8;
 
 /// Whether upkeep deletes a feature that was searched so often after its birth, and found the first times.
 fn is_deleted(searched: usize, found: usize) -> bool {
-    let changes = [
-        ("map.min_searches", Value::Int(MIN_SEARCHES as i64)),
-        ("map.min_found_share", Value::Float(0.5)),
-    ];
-    let mut warm = warm(71, &changes);
-    let seen = |warm: &mut crate::scene::Warm, point: usize| {
+    let mut warm = warm(71, &[]);
+    let seen = |warm: &mut Warm, point: usize| {
         let pose = warm.scene.pose(warm.t);
         let uv = warm.scene.pixel(&pose, point);
         (
@@ -66,9 +62,8 @@ fn is_deleted(searched: usize, found: usize) -> bool {
 
 #[test]
 fn a_feature_that_is_searched_in_vain_is_deleted() {
-    // Half of the searches must find it, once there were six.
-    assert!(is_deleted(MIN_SEARCHES, 2));
-    assert!(!is_deleted(MIN_SEARCHES, 3));
+    assert!(is_deleted(MIN_SEARCHES, 3));
+    assert!(!is_deleted(MIN_SEARCHES, 4));
     assert!(!is_deleted(MIN_SEARCHES - 1, 0));
     assert!(is_deleted(MIN_SEARCHES, 0));
 }
