@@ -319,6 +319,55 @@ fn hohct_is_quiet_when_all_is_right() {
     assert!((370..=392).contains(&passed_at_once), "{passed_at_once}");
 }
 
+/// One match slips by some standard deviations of what the others leave open of it.
+#[test]
+fn hohct_finds_slips_at_the_true_sigma() {
+    // How often 60 numbers exceed their quantile at 95 % then, by the non-central chi-square distribution: no joint test
+    // can do better. And the share of all slips that must be found, four standard deviations below what 30 independent
+    // matches would give.
+    let expected = [
+        (3.0, 0.203, 0.09),
+        (4.0, 0.389, 0.27),
+        (5.0, 0.638, 0.53),
+        (6.0, 0.853, 0.78),
+        (7.0, 0.964, 0.92),
+        (8.0, 0.995, 0.98),
+    ];
+    let mut rng = Pcg64::seed_from_u64(27);
+    let mut ws = Workspace::new();
+    let trials = 400;
+    for (slip, power, least) in expected {
+        let (mut noticed, mut found) = (0, 0);
+        for _ in 0..trials {
+            let mut case = frame_case(&mut rng, 30, 0, false);
+            let inverse = case.s.clone().cholesky().unwrap().inverse();
+            let block = rng.random_range(0..30);
+            let (sin, cos) = rng.random_range(0.0..std::f64::consts::TAU).sin_cos();
+            let way = DVector::from_vec(vec![cos, sin]);
+            let at = case.offsets[block];
+            let left = inverse.view((at, at), (2, 2)) * &way;
+            let mut slipped = case.g.rows_mut(at, 2);
+            slipped += &way * (slip / way.dot(&left).sqrt());
+            let (verdict, rejected) = case.run(BatchTest::Hohct(HohctSettings::default()), &mut ws);
+            noticed += usize::from(verdict.order > 0);
+            found += usize::from(rejected.contains(&block));
+        }
+        let share = |count: usize| count as f64 / trials as f64;
+        let spread = (power * (1.0 - power) / trials as f64).sqrt();
+        println!(
+            "{slip} sigma: {:.3} noticed, {:.3} found",
+            share(noticed),
+            share(found)
+        );
+        assert!(
+            (share(noticed) - power).abs() < 4.0 * spread,
+            "{slip} sigma: {} noticed, {power} expected",
+            share(noticed)
+        );
+        assert!(share(found) >= least, "{slip} sigma: {}", share(found));
+    }
+}
+
 #[test]
 fn budget_falls_back_to_greedy_and_says_so() {
     let mut rng = Pcg64::seed_from_u64(14);
