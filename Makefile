@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 MANYLINUX := $(if $(filter Linux,$(shell uname)),--zig --compatibility manylinux2014)
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock pyproject.toml research/pyproject.toml
 
-.PHONY: demo test check docs wheel bench bench-frames reliability audit clean
+.PHONY: demo test check docs wheel bench bench-frames reliability mutants audit clean
 
 # The main job on its embedded default: renders the corridor, runs it with and without Cf.
 demo: $(VENV)/.built
@@ -65,6 +65,15 @@ $(VENV)/.built: $(VENV)/.installed $(SOURCES)
 	$(BIN)/pip install --quiet --no-build-isolation --editable '.[dev]'
 	$(BIN)/pip install --quiet --editable research
 	touch $@
+
+# Faults put into the core's maths one by one, and whether its Rust tests notice: target/mutants.out. Each costs a build,
+# so all of them take many hours; MATHS='math/quat.rs birth/*.rs' limits them to some files.
+MATHS ?= math/*.rs observe/*.rs birth/*.rs gauge/*.rs kernel/*.rs validate/**/*.rs predict.rs chi2.rs filter/prediction.rs \
+	filter/births.rs filter/metric_births.rs filter/map.rs
+mutants:
+	command -v cargo-mutants > /dev/null || cargo install --locked cargo-mutants
+	cargo mutants --package ekf-core --profile mutants --output target \
+		$(foreach file,$(MATHS),--file 'crates/ekf-core/src/$(file)') -- --lib --test main
 
 # Known weaknesses, licences and sources of all dependencies. Needs the network: advisories are fetched.
 audit: $(VENV)/.built
