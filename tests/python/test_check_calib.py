@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -233,6 +234,12 @@ def test_a_pose_of_cf_30_cm_off(walk: Walk) -> None:
     assert report.worn.error.metres == pytest.approx(0.3, abs=0.1)
 
 
+def opens(walk: Walk, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever a command is given, it opens this recording."""
+    source = SimpleNamespace(open=lambda: walk)
+    monkeypatch.setattr("collabslam.cli.options.source_with_worn", lambda arguments: source)
+
+
 def test_a_good_recording(
     walk: Walk, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -246,7 +253,7 @@ def test_a_good_recording(
     # The stated noise of T_CF is worth more than 4 px: nothing is wrong, and nothing "agrees".
     assert report.worn.residual == pytest.approx(report.worn.expected, rel=0.3)
     assert report.agrees == (report.worn.residual <= 4.0)
-    monkeypatch.setattr("collabslam.datasets.open_recording", lambda source, **_: walk)
+    opens(walk, monkeypatch)
     assert cli.main(["check-calib", "demo"]) == 0
     shown = capsys.readouterr().out
     assert ("agree with the images, as far" in shown) == report.agrees
@@ -269,7 +276,7 @@ def test_nothing_to_compare_is_not_fine(
 ) -> None:
     walk.truth = np.repeat(walk.truth[:1], len(walk), axis=0)
     walk.worn_camera = None
-    monkeypatch.setattr("collabslam.datasets.open_recording", lambda source, **_: walk)
+    opens(walk, monkeypatch)
     assert cli.main(["check-calib", "demo"]) == 1
     shown = capsys.readouterr().out
     assert "are not held against the poses" in shown

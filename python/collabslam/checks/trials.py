@@ -8,10 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from collabslam.checks.mistakes import FOCALS, MIRRORS, SIZES, WORN_POSE_MISTAKES, Eye, PoseMistake
-from collabslam.checks.robot import FOCAL_TOLERANCE, RobotReport
+from collabslam.checks.robot import RobotReport
 from collabslam.checks.views import View
 from collabslam.geometry import pose_inverse
 from collabslam.types import Array
+
+
+_FOCAL = 0.049
+"""Errors of the focal length up to here are too like those of T_CF to be told from them."""
 
 
 class Trial(NamedTuple):
@@ -43,7 +47,7 @@ def worn_trials(
         for mirror in MIRRORS:
             changed = _changed(eyes, which, mirror.undo(eyes[which]))
             yield Trial(mirror.fault.format(camera=name), mirror.remedy, changed)
-        for focal in FOCALS[np.abs(FOCALS - 1.0) > FOCAL_TOLERANCE]:
+        for focal in FOCALS[np.abs(FOCALS - 1.0) > _FOCAL]:
             text = f"the focal length of {name} does not fit, about {focal:.2f} times the calibrated one does"
             if not robot.by_gap:
                 text += " (or the other camera's the other way round)"

@@ -17,6 +17,7 @@ import yaml
 from collabslam._core import Camera
 from collabslam.datasets.poses import rigid
 from collabslam.errors import DataError
+from collabslam.formats.files import read_text
 from collabslam.formats.yaml_text import load_yaml
 from collabslam.geometry import pose_inverse
 from collabslam.types import Array, Image
@@ -49,7 +50,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         If the file is missing, not YAML, or not a mapping.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path)
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(f"The file {path} cannot be read as text; give an existing YAML file.") from error
     # All but OpenCV's header and tag is YAML; its own parser writes beyond its memory in broken files.
@@ -239,14 +240,20 @@ def load_rig(path: Path) -> tuple[Camera, Array, float]:
 
 
 def check_resolution(camera: Camera, image: Image, path: Path | str) -> None:
-    """Check that an image has the size that its camera was calibrated for.
+    """`check_size` of an image."""
+    height, width = image.shape[:2]
+    check_size(camera, (width, height), path)
+
+
+def check_size(camera: Camera, size: tuple[int, int], path: Path | str) -> None:
+    """Check that an image has the size (width, height) that its camera was calibrated for.
 
     Raises
     ------
     DataError
         Giving both sizes and the fix.
     """
-    height, width = image.shape[:2]
+    width, height = size
     if (width, height) != (camera.width, camera.height):
         raise DataError(
             f"The image {path} is {width}x{height} but its camera is calibrated for "

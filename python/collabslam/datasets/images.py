@@ -2,122 +2,151 @@
 
 from __future__ import annotations
 
-import math
 import os
-import re
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.calibration import check_resolution
+from collabslam.datasets.calibration import check_size
+from collabslam.datasets.image_header import SIGNATURES, Header, read_header
 from collabslam.errors import DataError
+from collabslam.formats.files import read_bytes, require_regular
 from collabslam.types import Image
 
 SMALL, DENSEST = 1 << 24, 1100
 """Pixels that any header may promise, and so many more for each byte of the file (DEFLATE's best is 1032)."""
-IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".pgm", ".bmp", ".tif", ".tiff"})
+MOST = 1 << 27
+"""Pixels that no image has more of."""
+IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff"})
+DEPTHS = (8, 10, 12, 14, 16)
+"""Bits that cameras deliver."""
+_SAMPLED = 5
 
 
-def _is_cut_short(data: bytes) -> bool:
-    """Whether a JPEG lacks its end marker; OpenCV 4 fills the missing part with grey and says nothing."""
-    end = data.rstrip(b"\0")[-64:]  # Some cameras pad their files.
-    return data.startswith(b"\xff\xd8") and b"\xff\xd9" not in end
-
-
-def _claims_too_much(data: bytes) -> bool:
-    """Whether a header promises more pixels than the file can hold; decoders take the memory first.
-
-    Compressed formats store a byte for at most :data:`DENSEST` pixels or so.
-    """
-    if data.startswith(b"\x89PNG"):
-        if not _png_is_whole(data):
-            return True
-        sides = [int.from_bytes(data[at : at + 4], "big") for at in (16, 20)]
-    elif data.startswith(b"BM"):
-        sides = [abs(int.from_bytes(data[at : at + 4], "little", signed=True)) for at in (18, 22)]
-    elif data[:1] == b"P" and data[1:2] in b"123456":
-        text = re.sub(rb"#[^\n]*", b" ", data[2:512]).split()
-        sides = [int(word) if word.isdigit() and len(word) < 12 else 1 << 40 for word in text[:2]]
-    else:
-        sides = _jpeg_sides(data) if data.startswith(b"\xff\xd8") else [0]
-    return math.prod(sides) > SMALL + DENSEST * len(data)
-
-
-def _png_is_whole(data: bytes) -> bool:
-    """Whether every chunk of a PNG, up to its end, is as long as it says."""
-    at = 8
-    while at + 12 <= len(data):
-        length, kind = int.from_bytes(data[at : at + 4], "big"), data[at + 4 : at + 8]
-        at += 12 + length
-        if kind == b"IEND":
-            return at <= len(data)
-    return False
-
-
-def _jpeg_sides(data: bytes) -> list[int]:
-    """Sides that the frame header of a JPEG names: the segments before it are skipped by their lengths."""
-    at = 2
-    while at + 9 <= len(data) and data[at] == 0xFF:
-        marker = data[at + 1]
-        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            return [int.from_bytes(data[at + k : at + k + 2], "big") for k in (5, 7)]
-        at += 1 if marker == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
-    return [0]
-
-
-def decode_grey(path: Path) -> Image:
+def decode_grey(path: Path, camera: Camera | None = None) -> Image:
     """Read an image file as (H, W) uint8 grey; colour is converted, EXIF orientation is ignored.
+
+    Parameters
+    ----------
+    path : Path
+    camera : Camera, optional
+        That took it: an image of another size is refused before it is decoded.
 
     Raises
     ------
     DataError
-        Naming the file, if it is missing, empty, cut short or no image.
+        Naming the file, if it is missing, empty, cut short, no image, of another size, or no regular file.
     """
+    data = _content(path)
+    header = read_header(data)
+    bits = 8
+    if header is not None and header.bits > 8:
+        bits = header.bits if header.stated else used_bits(path.parent, path.suffix)
+    return decode(data, str(path), camera, bits)
+
+
+def decode(data: bytes, where: str, camera: Camera | None = None, bits: int | None = None) -> Image:
+    """Decode the content of an image file as (H, W) uint8 grey.
+
+    Parameters
+    ----------
+    data : bytes
+        Of one of `SIGNATURES`, whatever the file is called.
+    where : str
+        What to call it in an error.
+    camera : Camera, optional
+        That took it.
+    bits : int, optional
+        That an image of more than 8 bits uses of each sample; those that its header states unless told.
+
+    Raises
+    ------
+    DataError
+        Naming ``where``, if it is empty, cut short, no image, of another size, or uses more bits.
+    """
+    header = read_header(data)
+    image = None
+    if header is not None and min(header.width, header.height) > 0:
+        if camera is not None:
+            check_size(camera, (header.width, header.height), where)
+        pixels = header.width * header.height
+        if pixels <= min(SMALL + DENSEST * len(data), MOST):
+            image = _decoded(data, header)
+    if header is None or image is None:
+        raise DataError(
+            f"The image {where} is empty, cut short or not an image that is read ({SIGNATURES}); copy it "
+            "again from the source, or convert it."
+        )
+    return shallow(image, header.bits if bits is None else bits, where)
+
+
+def _decoded(data: bytes, header: Header) -> np.ndarray | None:
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION | cv2.IMREAD_ANYDEPTH
     try:
-        data = path.read_bytes()
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error:
+        return None
+    if image is None or image.dtype not in (np.uint8, np.uint16):
+        return None
+    return image if image.shape == (header.height, header.width) else None
+
+
+def shallow(image: np.ndarray, bits: int, where: str) -> Image:
+    """An image of 8 or more used bits as uint8: the most significant eight of those it uses.
+
+    Raises
+    ------
+    DataError
+        If a pixel uses more bits.
+    """
+    if image.dtype == np.uint8:
+        return np.asarray(image, dtype=np.uint8)
+    if int(image.max()) >> bits:
+        raise DataError(
+            f"The image {where} uses more than the {bits} bits of the others beside it; convert all of them "
+            "to 8 bits alike."
+        )
+    return np.asarray(image >> max(bits - 8, 0), dtype=np.uint8)
+
+
+@lru_cache(maxsize=64)
+def used_bits(folder: Path, suffix: str) -> int:
+    """Bits that a folder's deep images use, as five of them spread over it show; one of `DEPTHS`.
+
+    Cameras store 10 or 12 bits in files of 16 that do not say so. All images of a folder are taken alike.
+    """
+    paths = sorted(p for p in folder.iterdir() if p.suffix == suffix and p.name[0] != ".")
+    largest = 0
+    for k in np.unique(np.linspace(0, len(paths) - 1, _SAMPLED).round().astype(int)):
+        data = _content(paths[k])
+        header = read_header(data)
+        if header is not None and header.width * header.height <= min(SMALL + DENSEST * len(data), MOST):
+            image = _decoded(data, header)
+            largest = max(largest, 0 if image is None else int(image.max()))
+    return depth_of(largest)
+
+
+def depth_of(largest: int) -> int:
+    """The least of `DEPTHS` that holds a value."""
+    return next(bits for bits in DEPTHS if largest >> bits == 0)
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return read_bytes(path)
     except OSError as error:
         raise DataError(
             f"The image {path} cannot be read ({error.strerror}); restore the file or take it out of the "
             "recording."
         ) from error
-    return decode(data, str(path))
-
-
-def decode(data: bytes, where: str) -> Image:
-    """Decode the content of an image file (PNG, JPEG, ...) as (H, W) uint8 grey.
-
-    Raises
-    ------
-    DataError
-        Naming ``where``, if it is empty, cut short or no image.
-    """
-    image = None
-    if data and not _is_cut_short(data) and not _claims_too_much(data):
-        flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-        try:
-            image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-        except cv2.error:
-            image = None
-    if image is None:
-        raise DataError(
-            f"The image {where} is empty, cut short or not an image; copy it again from the source."
-        )
-    return np.asarray(image, dtype=np.uint8)
 
 
 def read_grey(path: Path, camera: Camera) -> Image:
-    """Read an image and check its size against the camera that took it.
-
-    Raises
-    ------
-    DataError
-        Naming the file, if it is broken or of another size than the calibration's.
-    """
-    image = decode_grey(path)
-    check_resolution(camera, image, path)
-    return image
+    """Read an image of a camera; raises DataError as `decode_grey` does."""
+    return decode_grey(path, camera)
 
 
 def image_size(path: Path) -> tuple[int, int]:
@@ -137,6 +166,8 @@ def list_images(folder: Path) -> list[Path]:
     if not folder.is_dir():
         raise DataError(f"The image folder {folder} does not exist; give the recording's own folder.")
     found = sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and p.name[0] != ".")
+    for path in found:
+        require_regular(path)
     if not found:
         kinds = ", ".join(sorted(IMAGE_SUFFIXES))
         raise DataError(f"The folder {folder} holds no images; files ending in {kinds} are read.")

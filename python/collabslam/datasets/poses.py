@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from collabslam.errors import DataError
+from collabslam.formats.files import read_text
 from collabslam.geometry import interpolate_pose, pose, pose_from_quaternion
 from collabslam.types import Array
 
@@ -75,7 +76,7 @@ def data_lines(path: Path) -> list[tuple[int, list[str]]]:
         If the file cannot be read.
     """
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path)
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(f"The file {path} cannot be read as text; give an existing text file.") from error
     out = []

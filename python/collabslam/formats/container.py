@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collabslam.errors import DataError
-from collabslam.formats.files import write_bytes
+from collabslam.formats.files import read_bytes, write_bytes
 
 MAGIC = b"CLABBOX\n"
 VERSION = 1
@@ -75,7 +75,7 @@ def read_container(path: Path, kind: str, version: int, classes: Sequence[type] 
         If the file cannot be read, is cut short, altered, of another kind or version.
     """
     try:
-        data = path.read_bytes()
+        data = read_bytes(path)
     except OSError as error:
         raise DataError(f"The file {path} cannot be read ({error.strerror}); give another one.") from error
     try:

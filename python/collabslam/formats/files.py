@@ -1,9 +1,14 @@
-"""The one place that writes whole files: beside their place first, so that none is ever half written."""
+"""The one place that reads and writes whole files.
+
+Reading opens regular files only: a pipe would wait for ever, a device has no end.  Writing goes beside a
+file's place first, so that none is ever half written.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import os
+import stat
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -11,6 +16,54 @@ from collabslam.errors import DataError
 
 PART = ".part"
 """How the name of a file ends that is being written; one that stays was left by a process that was killed."""
+
+
+def read_bytes(path: Path) -> bytes:
+    """The content of a regular file.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
+    DataError
+        If it is a pipe, a socket, a device or a folder; it is not waited for.
+    """
+    # Without O_NONBLOCK a pipe that nobody writes to would hold us here.
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    try:
+        require_regular(path, os.fstat(handle).st_mode)
+        with os.fdopen(handle, "rb", closefd=False) as file:
+            return file.read()
+    finally:
+        os.close(handle)
+
+
+def read_text(path: Path) -> str:
+    """The text of a regular UTF-8 file without its byte order mark; raises UnicodeDecodeError as well."""
+    return read_bytes(path).decode("utf-8-sig").replace("\r\n", "\n")
+
+
+def require_regular(path: Path, mode: int | None = None) -> None:
+    """Check that a file is a regular one, so that opening it neither waits nor does anything.
+
+    Parameters
+    ----------
+    path : Path
+    mode : int, optional
+        Of the open file; looked up otherwise, and then a missing file is left to whoever opens it.
+
+    Raises
+    ------
+    DataError
+        If it is a pipe, a socket, a device or a folder.
+    """
+    if mode is None:
+        try:
+            mode = os.stat(path).st_mode
+        except OSError:
+            return
+    if not stat.S_ISREG(mode):
+        raise DataError(f"{path} is no regular file (a pipe, a device or a folder); give a file on a disk.")
 
 
 def remove_parts(folder: Path, names: Iterable[str]) -> None:

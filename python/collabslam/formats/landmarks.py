@@ -9,7 +9,7 @@ import numpy as np
 
 from collabslam.errors import DataError
 from collabslam.evaluation.record import Landmarks
-from collabslam.formats.files import write_bytes, write_text
+from collabslam.formats.files import read_bytes, write_bytes, write_text
 from collabslam.formats.trajectory import METRES
 from collabslam.types import Array, Ids
 
@@ -60,7 +60,7 @@ def read_ply(path: Path) -> MapPoints:
         If it is missing or was written by another program.
     """
     try:
-        head, end, body = path.read_bytes().partition(b"end_header\n")
+        head, end, body = read_bytes(path).partition(b"end_header\n")
     except OSError as error:
         raise DataError(
             f"The map {path} cannot be read ({error.strerror}); run the recording again."

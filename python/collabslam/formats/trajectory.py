@@ -6,6 +6,7 @@ Every file is sorted by time and leaves out poses that are not finite.
 
 from __future__ import annotations
 
+import io
 import warnings
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from collabslam.errors import DataError
-from collabslam.formats.files import write_text
+from collabslam.formats.files import read_text, write_text
 from collabslam.geometry import quaternion_wxyz
 from collabslam.types import Array
 
@@ -104,7 +105,9 @@ def read_covariances(path: Path) -> tuple[Array, Array]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of a run without a valid pose: there is no line
-            rows = np.loadtxt(path, comments="#", ndmin=2, dtype=np.float64).reshape(-1, 22)
+            rows = np.loadtxt(io.StringIO(read_text(path)), comments="#", ndmin=2, dtype=np.float64).reshape(
+                -1, 22
+            )
     except (OSError, ValueError) as error:
         raise DataError(
             f"The covariances {path} cannot be read ({error}); run the recording again."

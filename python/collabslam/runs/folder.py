@@ -14,6 +14,7 @@ from itertools import count
 from pathlib import Path
 
 from collabslam.errors import DataError
+from collabslam.formats.files import read_text
 
 try:
     import fcntl
@@ -29,9 +30,8 @@ LATEST = "latest"
 def is_result_folder(folder: Path) -> bool:
     """Whether a run has written into this folder."""
     try:
-        with (folder / CONFIG).open(encoding="utf-8") as lines:
-            return lines.readline().startswith(MARK)
-    except (OSError, UnicodeDecodeError):
+        return read_text(folder / CONFIG).startswith(MARK)
+    except (OSError, UnicodeDecodeError, DataError):
         return False
 
 

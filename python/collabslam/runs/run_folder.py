@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 from collabslam.datasets.poses import read_track
 from collabslam.errors import DataError
+from collabslam.formats.files import read_text
 from collabslam.formats.landmarks import MapPoints, read_ply
 from collabslam.formats.trajectory import read_covariances
 from collabslam.runs.folder import is_result_folder
@@ -64,8 +66,7 @@ class RunFolder:
 def read_frames(path: Path) -> list[dict[str, str]]:
     """Rows of a ``frames.csv`` by column; raises DataError if it cannot be read."""
     try:
-        with path.open(newline="", encoding="utf-8") as lines:
-            return list(csv.DictReader(lines))
+        return list(csv.DictReader(io.StringIO(read_text(path), newline="")))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{path} cannot be read; run the recording again.") from error
 
@@ -73,7 +74,7 @@ def read_frames(path: Path) -> list[dict[str, str]]:
 def read_summary(path: Path) -> dict[str, Any]:
     """A ``summary.json``; raises DataError if it cannot be read."""
     try:
-        summary = json.loads(path.read_text(encoding="utf-8"))
+        summary = json.loads(read_text(path))
     except (OSError, ValueError, RecursionError) as error:
         raise DataError(f"{path} cannot be read; run the recording again.") from error
     if not isinstance(summary, dict):

@@ -22,6 +22,7 @@ from typing import Any
 import yaml
 
 from collabslam.errors import SettingsError
+from collabslam.formats.files import read_text
 from collabslam.formats.schema import any_of, fields, flag, number, table, text, whole
 from collabslam.formats.yaml_text import load_yaml
 from collabslam.settings.frontend import FRONTEND, FrontendSettings
@@ -100,7 +101,7 @@ class Settings:
             If the file cannot be read, is no YAML, or has faults; all faults are named at once.
         """
         try:
-            tree = load_yaml(Path(path).read_text(encoding="utf-8-sig"))
+            tree = load_yaml(read_text(Path(path)))
         except (OSError, UnicodeDecodeError) as error:
             raise SettingsError(f"The settings file {path} cannot be read: {error}.") from error
         except yaml.YAMLError as error:

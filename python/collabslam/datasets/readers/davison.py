@@ -19,6 +19,7 @@ from collabslam._core import Camera
 from collabslam.datasets.images import decode_grey, list_images
 from collabslam.datasets.recording import ImageRecording, times_at_rate
 from collabslam.errors import CollabslamError, DataError
+from collabslam.formats.files import read_text
 from collabslam.geometry import pose, pose_from_quaternion
 from collabslam.types import Array, Target
 
@@ -34,7 +35,7 @@ def matches(path: Path) -> bool:
 
 def _read_json(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
+        content = json.loads(read_text(path))
     except (OSError, ValueError, RecursionError) as error:
         raise DataError(f"The file {path} is not readable JSON; restore it.") from error
     if not isinstance(content, dict):

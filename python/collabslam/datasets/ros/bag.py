@@ -11,9 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from collabslam._core import Camera
+from collabslam.datasets.images import depth_of
 from collabslam.datasets.ros import messages as m
+from collabslam.datasets.ros.bounded import bound_decompression
 from collabslam.errors import DataError
 from collabslam.extras import needs
+from collabslam.formats.files import require_regular
 from collabslam.geometry import pose_inverse
 from collabslam.types import Array, Image
 
@@ -63,6 +66,9 @@ class Bag:
         with needs("ros"):
             from rosbags.highlevel import AnyReader
         self.path = path
+        for file in path.iterdir() if path.is_dir() else [path]:
+            require_regular(file)
+        bound_decompression()
         store = _typestore("ROS1_NOETIC" if path.suffix == ".bag" else "ROS2_HUMBLE")
         try:
             self._reader = AnyReader([path], default_typestore=store)
@@ -206,11 +212,12 @@ class BagImages:
 
     def __init__(self, bag: Bag, topic: str) -> None:
         self._bag, self._topic = bag, topic
-        rows = [
-            (_nanoseconds(message, received), received, k)
-            for k, (received, message) in enumerate(bag.messages(topic, *IMAGE_TYPES))
-        ]
+        rows, largest = [], 0
+        for k, (received, message) in enumerate(bag.messages(topic, *IMAGE_TYPES)):
+            rows.append((_nanoseconds(message, received), received, k))
+            largest = max(largest, m.deepest(message))
         rows.sort()
+        self._bits = depth_of(largest)
         self.stamps = [stamp for stamp, _, _ in rows]
         self._received = [received for _, received, _ in rows]
         self._next = -1
@@ -226,7 +233,7 @@ class BagImages:
         where = f"{k} of {self._topic} in {self._bag.path}"
         if message is None:
             raise DataError(f"The image {where} cannot be found again; the bag has changed.")
-        return m.image_of(message, where)
+        return m.image_of(message, where, self._bits)
 
     def _take(self, k: int) -> Any:
         """Message ``k`` if it is among the next ones recorded at its time, else None."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.datasets.calibration import camera_from_mapping
-from collabslam.datasets.images import decode
+from collabslam.datasets.images import decode, shallow
 from collabslam.errors import DataError
 from collabslam.geometry import fixed_to_tangent, pose_from_quaternion, rounded_covariance
 from collabslam.types import Array, Image
@@ -83,8 +83,25 @@ def stamp_seconds(message: Any, received: int) -> float:
     return (int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)) / 10**9
 
 
-def image_of(message: Any, where: str) -> Image:
+def deepest(message: Any) -> int:
+    """The largest value of a picture of more than 8 bits a pixel; 0 of any other."""
+    if str(getattr(message, "encoding", "")).lower() not in _DEEP:
+        return 0
+    data = np.asarray(message.data, dtype=np.uint8).ravel()
+    samples = data[: data.size // 2 * 2].view(">u2" if message.is_bigendian else "<u2")
+    return int(samples.max(initial=0))
+
+
+def image_of(message: Any, where: str, bits: int = 16) -> Image:
     """(H, W) uint8 grey image of an Image or CompressedImage.
+
+    Parameters
+    ----------
+    message
+    where : str
+        What to call it in an error.
+    bits : int
+        That a picture of more than 8 bits a pixel uses.
 
     Raises
     ------
@@ -106,8 +123,9 @@ def image_of(message: Any, where: str) -> Image:
             f"The image {where} has {data.size} bytes for {width}x{height} {encoding}; it is broken."
         )
     rows = data[: height * step].reshape(height, step)[:, : width * channels]
-    if deep:  # the more significant byte
-        return np.ascontiguousarray(rows[:, (0 if message.is_bigendian else 1) :: 2])
+    if deep:
+        order = ">u2" if message.is_bigendian else "<u2"
+        return shallow(np.ascontiguousarray(rows).view(order).astype(np.uint16), bits, where)
     if conversion is None:
         return np.ascontiguousarray(rows)
     pixels = np.ascontiguousarray(rows.reshape(height, width, channels) if channels > 1 else rows)

@@ -1,0 +1,165 @@
+"""Files that promise more than they hold, wait for ever, or are not what they are called."""
+
+from __future__ import annotations
+
+import bz2
+import os
+import struct
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from collabslam._core import Camera
+from collabslam.datasets import images, load_camera, open_recording
+from collabslam.datasets.image_header import read_header
+from collabslam.datasets.images import decode, decode_grey, read_grey
+from collabslam.datasets.poses import data_lines
+from collabslam.datasets.ros import bounded
+from collabslam.errors import DataError
+from collabslam.formats.files import read_bytes
+from collabslam.runs.run_folder import read_frames
+from collabslam.settings.table import Settings
+from collabslam.types import Image
+
+GIF = b"GIF89a" + struct.pack("<HH", 40000, 40000) + b"\x80\0\0\0\0\0\xff\xff\xff," + b"\0" * 4
+CAMERA = Camera("pinhole", 32, 24, (30.0, 30.0, 15.5, 11.5))
+
+
+def picture(depth: int = 8) -> Image:
+    grey = np.random.default_rng(depth).integers(0, 1 << depth, (24, 32))
+    return grey.astype(np.uint8 if depth == 8 else np.uint16)
+
+
+def encoded(suffix: str, image: np.ndarray) -> bytes:
+    done, data = cv2.imencode(suffix, image)
+    assert done
+    return bytes(data)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".pgm", ".ppm", ".bmp", ".tif"])
+def test_the_header_says_what_the_decoder_finds(suffix: str) -> None:
+    image = picture() if suffix != ".ppm" else np.dstack([picture()] * 3)
+    data = encoded(suffix, image)
+    header = read_header(data)
+    assert header is not None
+    assert (header.width, header.height, header.bits) == (32, 24, 8)
+    assert decode(data, "it").shape == (24, 32)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [GIF, b"RIFF\x10\0\0\0WEBPVP8 ", b"\x76\x2f\x31\x01" + b"\0" * 60,
+     b"#?RADIANCE\n\n-Y 9999 +X 9999\n", b"\0\0\0\x0cjP  \r\n\x87\n",
+     b"P7\nWIDTH 9000\nHEIGHT 9000\nDEPTH 1\nMAXVAL 255\nENDHDR\n", b"Pf\n9 9\n-1\n"],
+    ids=["gif", "webp", "exr", "hdr", "jpeg2000", "pam", "pfm"],
+)  # fmt: skip
+def test_other_formats_never_reach_a_decoder(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, data: bytes
+) -> None:
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("was decoded"))
+    path = tmp_path / "frame.png"
+    path.write_bytes(data)
+    with pytest.raises(DataError, match=r"not an image that is read \(PNG"):
+        decode_grey(path)
+
+
+def test_another_size_is_refused_before_it_is_decoded(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    data = encoded(".png", np.zeros((3000, 3000), np.uint8))
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("was decoded"))
+    (tmp_path / "frame.png").write_bytes(data)
+    with pytest.raises(DataError, match="is 3000x3000 but its camera is calibrated for 32x24"):
+        read_grey(tmp_path / "frame.png", CAMERA)
+
+
+def test_no_header_may_promise_a_huge_image(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = bytearray(encoded(".bmp", picture()))
+    data[18:26] = struct.pack("<ii", 60000, 60000)
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("was decoded"))
+    with pytest.raises(DataError, match="not an image"):
+        decode(bytes(data), "it")
+
+
+def test_twelve_bits_in_sixteen_keep_their_brightness(tmp_path: Path) -> None:
+    deep = [(picture(12) >> shade).astype(np.uint16) for shade in range(4)]
+    for k, image in enumerate(deep):
+        (tmp_path / f"{k}.png").write_bytes(encoded(".png", image))
+    for k, image in enumerate(deep):  # all of them alike, however dark each is
+        np.testing.assert_array_equal(decode_grey(tmp_path / f"{k}.png"), (image >> 4).astype(np.uint8))
+
+
+def test_sixteen_bits_and_stated_ones(tmp_path: Path) -> None:
+    full = picture(16)
+    np.testing.assert_array_equal(decode(encoded(".png", full), "it"), (full >> 8).astype(np.uint8))
+    ten = picture(10)
+    pgm = b"P5\n32 24\n1023\n" + ten.astype(">u2").tobytes()
+    np.testing.assert_array_equal(decode(pgm, "it"), (ten >> 2).astype(np.uint8))
+    for k in range(12):
+        (tmp_path / f"{k:02}.png").write_bytes(encoded(".png", full if k == 1 else ten))
+    images.used_bits.cache_clear()
+    with pytest.raises(DataError, match="more than the 10 bits"):
+        decode_grey(tmp_path / "01.png")
+
+
+PIPES: list[tuple[str, Callable[[Path], object]]] = [
+    ("image", decode_grey),
+    ("calibration", load_camera),
+    ("poses", data_lines),
+    ("settings", Settings.load),
+    ("frames", read_frames),
+    ("bytes", read_bytes),
+]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+@pytest.mark.parametrize(("name", "read"), PIPES, ids=[name for name, _ in PIPES])
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_only_regular_files_are_opened(
+    tmp_path: Path, name: str, read: Callable[[Path], object], kind: str
+) -> None:
+    path = tmp_path / "file"
+    if kind == "pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to("/dev/zero")
+    seen: list[BaseException] = []
+
+    def attempt() -> None:
+        try:
+            read(path)
+        except Exception as error:
+            seen.append(error)
+
+    reader = threading.Thread(target=attempt, daemon=True)
+    reader.start()
+    reader.join(10.0)
+    assert seen, "it waits"
+    assert isinstance(seen[0], DataError)
+    assert "no regular file" in str(seen[0])
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_a_pipe_among_the_images(tmp_path: Path) -> None:
+    for k in range(3):
+        (tmp_path / f"{k}.png").write_bytes(encoded(".png", picture()))
+    os.mkfifo(tmp_path / "7.png")
+    camera = tmp_path / "camera.yaml"
+    camera.write_text("resolution: [32, 24]\nintrinsics: [30, 30, 15.5, 11.5]\nrate: 10\n")
+    with pytest.raises(DataError, match=r"7\.png is no regular file"):
+        open_recording(tmp_path, camera=camera)
+
+
+def test_decompression_stops(monkeypatch: pytest.MonkeyPatch) -> None:
+    data = bytes(3_000_000)
+    packed = bz2.compress(data[:1_000_000]) + bz2.compress(data[1_000_000:])
+    assert bounded.decompressed(packed, bz2.BZ2Decompressor) == data
+    with pytest.raises(DataError, match="cut short"):
+        bounded.decompressed(packed[:-5], bz2.BZ2Decompressor)
+    monkeypatch.setattr(bounded, "ALWAYS", 1 << 20)
+    with pytest.raises(DataError, match="hold more than 1 MB"):
+        bounded.decompressed(packed, bz2.BZ2Decompressor)
