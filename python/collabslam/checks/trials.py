@@ -13,7 +13,6 @@ from collabslam.checks.views import View
 from collabslam.geometry import pose_inverse
 from collabslam.types import Array
 
-
 _FOCAL = 0.049
 """Errors of the focal length up to here are too like those of T_CF to be told from them."""
 
