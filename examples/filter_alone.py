@@ -41,10 +41,9 @@ def main() -> None:
     print(f"x = {x:.3f} m after {SPEED * (FRAMES - 1):.3f} m, standard deviation {sigma:.3f} m")
     size = f"{len(p)}x{len(p)}"
     print(f"P is {size}: camera 13, then {len(blocks)} blocks; soundness {slam.soundness():.1e}")
-    first, second = (slice(block.offset, block.offset + block.size) for block in blocks[:2])
-    scale = np.sqrt(np.outer(p.diagonal()[first], p.diagonal()[second]))
-    names = f"{blocks[0].id} and {blocks[1].id}"
-    print(f"landmarks {names}: largest correlation {np.abs(p[first, second] / scale).max():.2f}")
+    first, second = (block.offset + block.size - 1 for block in blocks[:2])  # their inverse depths
+    names, scale = f"{blocks[0].id} and {blocks[1].id}", np.sqrt(p[first, first] * p[second, second])
+    print(f"landmarks {names}: the errors of their depths are correlated by {p[first, second] / scale:.2f}")
 
 
 if __name__ == "__main__":

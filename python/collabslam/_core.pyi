@@ -1,5 +1,5 @@
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol, final
+from typing import Protocol, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,7 @@ __all__ = [
     "SampledTemplates",
     "SearchResult",
     "SearchWindow",
+    "SettingInfo",
     "UpdateReport",
     "WarpLimits",
     "WarpedPatches",
@@ -1012,7 +1013,7 @@ class ExpectedPixels:
 
 @final
 class SearchWindow:
-    """How far around a predicted pixel a template is searched: the settings ``search.*`` of these names.
+    """How far around a predicted pixel a template is searched.
 
     Parameters
     ----------
@@ -1204,7 +1205,7 @@ def align_templates(image: _Image, templates: _Image, uv: ArrayLike) -> Alignmen
 
 @final
 class WarpLimits:
-    """Which warps of a patch are allowed: the settings ``patch.*`` of these names.
+    """Which warps of a patch are allowed.
 
     Parameters
     ----------
@@ -2028,7 +2029,51 @@ def chi2_quantile(probability: float, dof: float) -> float:
         For a probability or degrees of freedom out of range.
     """
 
-def settings_schema() -> list[dict[str, Any]]:
-    """Every filter setting as a list of dictionaries with the keys `key`, `type`, `default`, `min`, `max`,
-    `unit`, `choices`, `doc` and `when`: the case in which to change it, None for a switch of the lab.
+@final
+class SettingInfo:
+    """A setting of the filter.
+
+    Attributes
+    ----------
+    key : str
+        Dotted name.
+    type : str
+        ``float``, ``int``, ``bool`` or ``enum``.
+    default : bool, int, float or str
+    min, max : float or None
+        Its range, ends included.
+    unit : str
+    choices : list of str
+        The values of an ``enum``; none of others.
+    doc : str
+        What it does.
+    when : str or None
+        The case in which to change it; None for a switch of the lab.
+    """
+
+    @property
+    def key(self) -> str: ...
+    @property
+    def type(self) -> str: ...
+    @property
+    def default(self) -> bool | int | float | str: ...
+    @property
+    def min(self) -> float | None: ...
+    @property
+    def max(self) -> float | None: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def choices(self) -> list[str]: ...
+    @property
+    def doc(self) -> str: ...
+    @property
+    def when(self) -> str | None: ...
+
+def settings_schema() -> list[SettingInfo]:
+    """Every setting of the filter, and every switch of the lab.
+
+    Returns
+    -------
+    list of SettingInfo
     """

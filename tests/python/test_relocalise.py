@@ -238,7 +238,7 @@ def test_elsewhere_it_stays_lost(recording: DemoRecording, images: list[Image]) 
 
 class TestStatus:
     def monitor(self, lost: bool = False, **changes: Any) -> StatusMonitor:
-        values = {i["key"]: i["default"] for i in settings_schema() if i["key"].startswith("lost.")}
+        values = {i.key: i.default for i in settings_schema() if i.key.startswith("lost.")}
         return StatusMonitor({**values, **{f"lost.{k}": v for k, v in changes.items()}}, lost=lost)
 
     def test_three_frames_that_fail(self) -> None:

@@ -60,5 +60,5 @@ mod _core {
         skew, tangent_to_fixed,
     };
     #[pymodule_export]
-    use crate::settings::settings_schema;
+    use crate::settings::{SettingInfo, settings_schema};
 }

@@ -1,40 +1,77 @@
-//! Settings across the border: the schema as a list of dictionaries, values as flat dictionaries.
+//! Settings across the border: what there is, and values as flat dictionaries.
 
 use crate::errors::to_python;
 use ekf_core::EkfError;
 use ekf_core::settings::{self, Audience, Settings, Value};
+use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
-use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString};
+use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyString};
 
-/// Every filter setting as a list of dictionaries with the keys `key`, `type`, `default`, `min`, `max`,
-/// `unit`, `choices`, `doc` and `when`: the case in which to change it, None for a switch of the lab.
-#[pyfunction]
-pub(crate) fn settings_schema(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
-    let list = PyList::empty(py);
-    for info in settings::schema() {
-        let setting = PyDict::new(py);
-        setting.set_item("key", info.key)?;
-        setting.set_item("type", info.kind)?;
-        match info.default {
-            Value::Float(x) => setting.set_item("default", x)?,
-            Value::Int(i) => setting.set_item("default", i)?,
-            Value::Bool(b) => setting.set_item("default", b)?,
-            Value::Name(s) => setting.set_item("default", s)?,
-        }
-        setting.set_item("min", info.min)?;
-        setting.set_item("max", info.max)?;
-        setting.set_item("unit", info.unit)?;
-        let choices = (!info.choices.is_empty()).then(|| info.choices.to_vec());
-        setting.set_item("choices", choices)?;
-        setting.set_item("doc", info.doc)?;
-        let when = match info.audience {
-            Audience::User(when) => Some(when),
-            Audience::Lab => None,
-        };
-        setting.set_item("when", when)?;
-        list.append(setting)?;
+/// A setting of the filter.
+///
+/// Attributes
+/// ----------
+/// key : str
+///     Dotted name.
+/// type : str
+///     ``float``, ``int``, ``bool`` or ``enum``.
+/// default : bool, int, float or str
+/// min, max : float or None
+///     Its range, ends included.
+/// unit : str
+/// choices : list of str
+///     The values of an ``enum``; none of others.
+/// doc : str
+///     What it does.
+/// when : str or None
+///     The case in which to change it; None for a switch of the lab.
+#[pyclass(module = "collabslam._core", frozen, get_all)]
+pub(crate) struct SettingInfo {
+    key: String,
+    r#type: &'static str,
+    default: Py<PyAny>,
+    min: Option<f64>,
+    max: Option<f64>,
+    unit: &'static str,
+    choices: Vec<&'static str>,
+    doc: String,
+    when: Option<&'static str>,
+}
+
+fn to_value(py: Python<'_>, value: Value) -> PyResult<Py<PyAny>> {
+    match value {
+        Value::Float(x) => x.into_py_any(py),
+        Value::Int(i) => i.into_py_any(py),
+        Value::Bool(b) => b.into_py_any(py),
+        Value::Name(s) => s.into_py_any(py),
     }
-    Ok(list)
+}
+
+/// Every setting of the filter, and every switch of the lab.
+///
+/// Returns
+/// -------
+/// list of SettingInfo
+#[pyfunction]
+pub(crate) fn settings_schema(py: Python<'_>) -> PyResult<Vec<SettingInfo>> {
+    let all = settings::schema().into_iter();
+    all.map(|info| {
+        Ok(SettingInfo {
+            key: info.key,
+            r#type: info.kind,
+            default: to_value(py, info.default)?,
+            min: info.min,
+            max: info.max,
+            unit: info.unit,
+            choices: info.choices.to_vec(),
+            doc: info.doc,
+            when: match info.audience {
+                Audience::User(when) => Some(when),
+                Audience::Lab => None,
+            },
+        })
+    })
+    .collect()
 }
 
 /// Settings from flat dictionaries over the defaults: a user's settings, and the lab's switches.

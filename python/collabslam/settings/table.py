@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
@@ -27,6 +27,9 @@ from collabslam.formats.schema import any_of, fields, flag, number, table, text,
 from collabslam.formats.yaml_text import load_yaml
 from collabslam.settings.frontend import FRONTEND, FrontendSettings
 from collabslam.settings.setting import Setting, Value, find, shown
+
+if TYPE_CHECKING:
+    from collabslam._core import SettingInfo
 
 Flat = dict[str, Value]
 
@@ -61,14 +64,10 @@ def _all() -> dict[str, Setting]:
     }
 
 
-def _of_filter(item: Mapping[str, Any]) -> Setting:
+def _of_filter(item: SettingInfo) -> Setting:
     """A setting of the filter's own list."""
-    choices = tuple(item["choices"] or ())
-    kind = "enum" if choices else item["type"]
-    limits = item["min"], item["max"]
-    return Setting(
-        item["key"], kind, item["default"], *limits, item["unit"], choices, item["doc"], item["when"] or ""
-    )
+    limits, choices = (item.min, item.max), tuple(item.choices)
+    return Setting(item.key, item.type, item.default, *limits, item.unit, choices, item.doc, item.when or "")
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ impl ExpectedPixels {
     }
 }
 
-/// How far around a predicted pixel a template is searched: the settings ``search.*`` of these names.
+/// How far around a predicted pixel a template is searched.
 ///
 /// Parameters
 /// ----------

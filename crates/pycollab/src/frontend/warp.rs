@@ -8,7 +8,7 @@ use ::frontend::warp::{self, Limits};
 use nalgebra::{Matrix2, Vector2};
 use pyo3::prelude::*;
 
-/// Which warps of a patch are allowed: the settings ``patch.*`` of these names.
+/// Which warps of a patch are allowed.
 ///
 /// Parameters
 /// ----------
