@@ -17,6 +17,7 @@ from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
 from collabslam.slam.results import StepResult
 from collabslam.types import Array
+from collabslam_lab.switches import with_switches
 
 RADIUS = 0.3
 
@@ -86,9 +87,8 @@ def test_nothing_is_searched_on_the_wearer(clip: Clip, steps: Any) -> None:
 
 def _starved(clip: Clip, below: float) -> list[StepResult]:
     """More features asked for than a start gives, no Cf after it, and so much parallax that none is born."""
-    settings = Settings.default().replace(
-        {"filter.birth.vague_below": below, "filter.birth.min_parallax": 60.0, "filter.map.in_view": 80}
-    )
+    changes = {"filter.birth.vague_below": below, "filter.birth.min_parallax": 60.0, "filter.map.in_view": 80}
+    settings = with_switches(Settings.default(), changes)
     slam = Slam(clip.recording.camera, clip.recording.worn_camera, settings=settings, mode="collab")
     return [slam.step(f.t, f.image, None if slam.filter.started else f.worn) for f in clip.frames]
 

@@ -324,8 +324,7 @@ settings! {
         start_velocity_sd: f64 = 10.0, "m/s", Some(0.0), Some(1e3),
             User("Lower it where the camera is known to start slowly or at rest, so that it searches less at first.");
         /// Standard deviation of each component of the angular velocity at the start.
-        start_angular_velocity_sd: f64 = 1.0, "rad/s", Some(0.0), Some(1e2),
-            User("Raise it where the camera may be turning fast when the run begins.");
+        start_angular_velocity_sd: f64 = 1.0, "rad/s", Some(0.0), Some(1e2), Lab;
         /// Drift of the position that no measurement shows (calibration, patches, linearisation), by distance travelled,
         /// where residuals are as large as the noise claims (its variance goes with NIS per degree of freedom); it enters
         /// the reported covariance of the pose only.
@@ -370,15 +369,12 @@ settings! {
         /// Largest sd(rho)/rho of a birth from two views; a worse match waits.
         max_rho_ratio: f64 = 0.3333333333333333, "", Some(0.01), Some(10.0), Lab;
         /// Inverse depth of an undelayed birth.
-        undelayed_rho: f64 = 0.5, "1/m", Some(1e-3), Some(1e3),
-            User("In mode mono-undelayed or a scale-free start, set it to one over the usual distance of what is seen.");
+        undelayed_rho: f64 = 0.5, "1/m", Some(1e-3), Some(1e3), Lab;
         /// Standard deviation of the inverse depth of an undelayed birth.
-        undelayed_rho_sd: f64 = 0.5, "1/m", Some(1e-3), Some(1e3),
-            User("Change it along with undelayed_rho: as large as that, it reaches to infinity.");
+        undelayed_rho_sd: f64 = 0.5, "1/m", Some(1e-3), Some(1e3), Lab;
         /// Where fewer features than this share of `map.in_view` are tracked, as in a turn, candidates that wait are born
         /// with a vague inverse depth, as seen from their first view; 0 for never, and so in mono, which has no other scale.
-        vague_below: f64 = 0.6, "", Some(0.0), Some(1.0),
-            User("Lower it where a view of few features tells a wrong scale after turns.");
+        vague_below: f64 = 0.6, "", Some(0.0), Some(1.0), Lab;
     }
     /// The worn camera Cf and the error of its pose (METHOD 6).
     worn: WornSettings {

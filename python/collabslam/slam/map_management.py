@@ -37,7 +37,7 @@ class MapManager:
         mode = str(settings["filter.estimator.mode"])
         self._undelayed = mode == "mono-undelayed"
         # Vague depths say little of scale, and without Cf nothing else would.
-        share = 0.0 if mode.startswith("mono") else float(settings["filter.birth.vague_below"])
+        share = 0.0 if mode.startswith("mono") else float(settings.switch("filter.birth.vague_below"))
         self._vague_below = round(self.in_view * share)
 
     def missing(self, found: Found) -> int:
