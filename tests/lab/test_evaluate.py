@@ -234,14 +234,15 @@ def test_the_interval_of_a_mean_is_students() -> None:
     assert figures.t_interval([2.0]) == (2.0, None, None)
 
 
-def test_a_truth_that_is_no_judge_gives_coverage_only() -> None:
-    plan = parse_plan("recordings: {bad: {worn: rig, scored: false, modes: [mono, collab]}}")
-    rows = [row("bad", mode, seed) for mode in ("mono", "collab") for seed in (0, 1)]
-    told = figures.medians(plan, rows)["bad"]["collab"]
+def test_a_truth_that_is_no_judge_serves_the_worn_camera_only(place: Path, tmp_path: Path) -> None:
+    plan = parse_plan("recordings: {walk: {worn: 'lag:0.2', scored: false, modes: [collab]}}")
+    item = Item(plan.recordings[0], "collab", 0, place, tmp_path)
+    recording = running.open_entry(item)
+    assert recording.truth is None
+    assert recording.frame(0).worn is not None
+    told = figures.medians(plan, [running.run_item(item)])["walk"]["collab"]
     assert told["ate_pct_all_frames"] is told["nees_position"] is told["ok_but_wrong_share"] is None
-    assert told["coverage"] == 0.97
-    assert figures.differences(plan, rows) == []
-    assert "| bad | rig | collab | - | 97.0 | - | 98.0 |" in accuracy.page(plan, rows, [])
+    assert told["coverage"] == told["ok_share"] == 1.0
 
 
 def test_draws_of_the_relative_pose_take_the_recordings_place(place: Path, tmp_path: Path) -> None:

@@ -63,7 +63,7 @@ WORN = {"worn": 1, "overlap": 1, "cf_points": 100, "cf_matches": 30}
         (many(**WORN, t_cf_correction_m=0.12, t_cf_correction_deg=4.0, t_cf_correction_sigmas=3.1), {},
          "they move it by 12.0 cm and 4.0 degrees"),
         (many(**WORN), {"scale_error": -0.2}, "off by -20 % against the truth, in spite of overlap"),
-        (many(), {"start": "scale-free"}, "arbitrary unit"),
+        (many(), {"metric": False}, "arbitrary unit"),
     ],
 )  # fmt: skip
 def test_the_doctor_names_the_fault(

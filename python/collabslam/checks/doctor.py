@@ -178,8 +178,8 @@ def _worn(frames: Frames) -> Iterator[str]:
 
 
 def _scale(frames: Frames, summary: dict[str, Any]) -> Iterator[str]:
-    if summary.get("start") == "scale-free":
-        yield "The start was scale-free: lengths are in an arbitrary unit."
+    if summary.get("metric") is False:
+        yield "Nothing told the scale at the start: lengths are in an arbitrary unit."
         return
     scale = summary.get("scale_error")
     if isinstance(scale, float) and abs(scale) > 0.05:

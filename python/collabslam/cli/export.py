@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 from collabslam.cli import OK
@@ -37,6 +38,8 @@ def main(arguments: argparse.Namespace) -> int:
         print(f"{len(points.ids)} landmarks are in {out}")
         return OK
     times, poses, covariances = run.trajectory()
+    if not run.is_metric():
+        print("collabslam: warning: lengths are in an arbitrary unit, not metres.", file=sys.stderr)
     if kind == "euroc":
         trajectory.write_euroc(out, times, poses)
     elif kind == "kitti":

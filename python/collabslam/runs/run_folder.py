@@ -13,7 +13,7 @@ from collabslam.datasets.poses import read_track
 from collabslam.errors import DataError
 from collabslam.formats.files import read_text
 from collabslam.formats.landmarks import MapPoints, read_ply
-from collabslam.formats.trajectory import read_covariances
+from collabslam.formats.trajectory import ARBITRARY, read_covariances
 from collabslam.runs.folder import is_result_folder
 from collabslam.runs.results import COVARIANCE, FRAMES, MAP, SUMMARY, TRAJECTORY
 from collabslam.types import Array
@@ -53,6 +53,14 @@ class RunFolder:
     def landmarks(self) -> MapPoints:
         """The map at the end."""
         return read_ply(self.path / MAP)
+
+    def is_metric(self) -> bool:
+        """Whether lengths are metres, as the trajectory's header says."""
+        try:
+            with (self.path / TRAJECTORY).open(encoding="utf-8") as lines:
+                return ARBITRARY not in lines.readline()
+        except (OSError, UnicodeDecodeError) as error:
+            raise DataError(f"{self.path / TRAJECTORY} cannot be read; run the recording again.") from error
 
     def frames(self) -> list[dict[str, str]]:
         """Rows of ``frames.csv`` by column."""

@@ -17,6 +17,7 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.errors import DataError
 from collabslam.extras import needs
+from collabslam.formats.files import try_place
 from collabslam.slam.feature_states import FrameFeatures
 from collabslam.types import Array, Frame, Recording
 from collabslam.viz.rerun_layout import LOGGED, blueprint, curve
@@ -78,12 +79,12 @@ class RerunLog:
         self._true: list[Array] = []
         self._start: Array | None = None
         self._log: Any = rr.RecordingStream("collabslam", recording_id=recording.name)
+        if save is not None:
+            try_place(save)
         sinks: list[Any] = [rr.FileSink(str(save))] if save is not None else []
         if view:
             rr.spawn(connect=False, recording=self._log)
             sinks.append(rr.GrpcSink())
-        if save is not None:
-            save.parent.mkdir(parents=True, exist_ok=True)
         self._log.set_sinks(*sinks)
         self._log.send_blueprint(blueprint())
         self._put("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)

@@ -98,25 +98,20 @@ def _table(plan: Plan, rows: Sequence[Row], header: Sequence[str], cells: Cells)
 
 def _error_cells(entry: Entry, mode: str, runs: list[Row], independent: list[Row]) -> list[str]:
     fitted = " (Sim(3))" if any(r["ate_alignment"] == SIM3 for r in runs) else ""
-    error = _length(entry, runs, "ate_pct_all_frames", 2)
+    error = number(median_of(runs, "ate_pct_all_frames"), 2)
     return [
         error + fitted if error != "-" else error,
         number(median_of(runs, "coverage"), 1, scale=100.0),
-        _length(entry, runs, "ate_pct", 2),
+        number(median_of(runs, "ate_pct"), 2),
         number(median_of(runs, "ok_share"), 1, scale=100.0),
-        _length(entry, runs, "ok_but_wrong_share", 1, 100.0),
-        _length(entry, independent, "ate_pct_all_frames", 2),
+        number(median_of(runs, "ok_but_wrong_share"), 1, scale=100.0),
+        number(median_of(independent, "ate_pct_all_frames"), 2),
         number(median_of(independent, "coverage"), 1, scale=100.0),
-        _length(entry, runs, "scale_error", 1, 100.0),
+        number(median_of(runs, "scale_error"), 1, scale=100.0),
         number(median_of(runs, "features_per_frame"), 1),
         number(median_of(runs, "frames"), 0),
         number(median_of(runs, "target_residual_max_px"), 1),
     ]
-
-
-def _length(entry: Entry, runs: Sequence[Row], key: str, digits: int, scale: float = 1.0) -> str:
-    """A number that needs a truth which is good enough."""
-    return number(median_of(runs, key) if entry.scored else None, digits, scale=scale)
 
 
 def _paired(plan: Plan, rows: Sequence[Row]) -> list[str]:
@@ -165,7 +160,7 @@ def band_word(value: Any, low: float, high: float) -> str:
 
 def _honesty_cells(entry: Entry, mode: str, runs: list[Row], independent: list[Row]) -> list[str] | None:
     position, attitude = (median_of(runs, f"nees_{what}") for what in ("position", "attitude"))
-    if position is None or not entry.scored:
+    if position is None:
         return None
     band = nees_band(3)
     return [
@@ -188,7 +183,7 @@ def _pooled(plan: Plan, rows: Sequence[Row]) -> list[str]:
         found = []
         for entry in plan.recordings:
             runs = [r for r in rows if r["recording"] == entry.name and r["mode"] == mode]
-            runs = [r for r in split(runs)[0] if r["status"] == "done" and entry.scored]
+            runs = [r for r in split(runs)[0] if r["status"] == "done"]
             if median_of(runs, "nees_position") is not None:
                 found.append([median_of(runs, f"nees_{w}") or 0.0 for w in ("position", "attitude")])
         if len(found) > 1:

@@ -130,7 +130,7 @@ def evaluate(data: Path, out: Path, choice: Choice | None = None) -> list[Row]:
 
 def command(choice: Choice) -> str:
     """The command line of a choice."""
-    words = ["collabslam", "evaluate", "DATA"]
+    words = ["collabslam-lab", "evaluate", "DATA"]
     words += [] if choice.plan is None else ["--plan", choice.plan.name]
     words += ["--only", ",".join(choice.only)] if choice.only else []
     words += ["--seeds", ",".join(map(str, choice.seeds))] if choice.seeds else []

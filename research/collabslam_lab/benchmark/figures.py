@@ -25,8 +25,6 @@ NAMES = (
     "ms_max",
 )
 """The numbers of `collabslam.runs.summary` by which recordings and modes are judged."""
-LENGTHS = (*NAMES[:1], *NAMES[3:8])
-"""Those that need a truth which is good enough."""
 BASE = "mono"
 _T95 = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145,
         2.131, 2.120, 2.110, 2.101, 2.093, 2.086, 2.080, 2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048,
@@ -77,7 +75,7 @@ def medians(plan: Plan, rows: Sequence[Row]) -> dict[str, dict[str, dict[str, An
             if not runs:
                 continue
             done = [r if r["status"] == "done" else {"coverage": 0.0, "ok_share": 0.0} for r in runs]
-            told = {n: None if n in LENGTHS and not entry.scored else median_of(done, n) for n in NAMES}
+            told = {name: median_of(done, name) for name in NAMES}
             out.setdefault(entry.name, {})[mode] = {**told, "runs": len(runs)}
     return out
 
@@ -90,7 +88,7 @@ def differences(plan: Plan, rows: Sequence[Row]) -> list[Difference]:
         for mode in entry.modes:
             mine = _errors(rows, entry.name, mode)
             found = [mine[seed] - base[seed] for seed in mine if seed in base]
-            if entry.scored and mode != BASE and found:
+            if mode != BASE and found:
                 out.append(Difference(entry.name, mode, len(found), *t_interval(found)))
     return out
 

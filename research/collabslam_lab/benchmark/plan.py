@@ -69,7 +69,7 @@ class Entry:
         Folders with measured ``T_CF`` (``data.csv``) of a recording in the two-camera layout: seed k takes
         the k-th in place of the recording's own, and there are as many seeds.
     scored : bool
-        Whether its truth is good enough to judge lengths by; if not, only coverage is told.
+        Whether its truth is good enough to judge by; if not, it serves the worn camera only.
     calibration_sd : tuple of float or None
         Deliberate errors of Cs's calibration, standard deviations: focal length as a share, centre in pixels,
         first coefficient of the distortion. Drawn with the seed.

@@ -51,17 +51,30 @@ def open_entry(item: Item) -> Recording:
         recording = _rendered(item.seed) if entry.rendered else open_recording(folder)
     if entry.calibration_sd is not None:
         recording = Miscalibrated(recording, entry.calibration_sd, item.seed)
-    if entry.worn is None:
-        return recording
+    if entry.worn is not None:
+        recording = _with_worn(recording, entry.worn, item)
+    return recording if entry.scored else Unscored(recording)
+
+
+def _with_worn(recording: Recording, worn: str, item: Item) -> Recording:
+    entry = item.entry
     return attach_worn(
         recording,
-        entry.worn,
+        worn,
         available=entry.available,
         period=entry.period,
         noise=entry.noise,
         seed=item.seed,
         bias_per_block=item.bias_per_block,
     )
+
+
+class Unscored(WrappedRecording):
+    """A recording whose truth has served its worn camera and judges nothing: it is too far off itself."""
+
+    def __init__(self, base: Recording) -> None:
+        super().__init__(base)
+        self.truth = None
 
 
 class Miscalibrated(WrappedRecording):

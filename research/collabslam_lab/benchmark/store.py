@@ -114,6 +114,7 @@ class Item:
             "worn": [entry.worn, entry.available, entry.period, entry.noise, self.bias_per_block],
             "calibration": entry.calibration_sd,
             "draws": entry.draws,
+            "scored": entry.scored,
             "run": [entry.start, self.used_mode, self.seed if entry.seeded else 0, entry.rendered],
             "settings": self.settings.hash(),
             "version": [version(), code_hash()],
