@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 import yaml
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from collabslam import geometry as g
 from collabslam.cli import main as cli
 from collabslam.datasets import open_recording
-from collabslam.datasets.ros import messages
+from collabslam.datasets.ros import bounded, messages
 from collabslam.datasets.ros.bag import Bag
 from collabslam.errors import DataError, SettingsError
 
@@ -366,3 +366,78 @@ def test_bad_sources_give_one_sentence_and_2(tmp_path: Path, capsys: pytest.Capt
             assert words in error
             assert error.startswith("collabslam: error: ")
             assert error.count("\n") == 1
+
+
+def folder_of_images(folder: Path, distortion: str, coefficients: str) -> Path:
+    """A folder of images with a camera of a model."""
+    folder.mkdir()
+    for k, image in enumerate(IMAGES):
+        cv2.imwrite(str(folder / f"{k}.png"), image)
+    (folder.parent / "camera.yaml").write_text(
+        f"resolution: [{WIDTH}, {HEIGHT}]\nintrinsics: [30, 30, 15.5, 11.5]\nrate: 10\n"
+        f"distortion_model: {distortion}\ndistortion_coefficients: {coefficients}\n"
+    )
+    return folder
+
+
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+@pytest.mark.parametrize(
+    ("model", "coefficients"),
+    [("none", "[]"), ("radtan", "[-0.1, 0.02, 0.001, 0.0]"), ("equidistant", "[0.1, 0.0, 0.0, 0.01]")],
+)
+def test_a_camera_of_any_model_is_recorded(
+    tmp_path: Path, storage: str, model: str, coefficients: str
+) -> None:
+    folder = folder_of_images(tmp_path / "walk", model, coefficients)
+    camera, bag = tmp_path / "camera.yaml", tmp_path / "bag"
+    command = ["record", str(folder), str(bag), "--camera", str(camera), "--bag", storage]
+    assert cli.main(command) == 0
+    written = open_recording(bag, topics={"cs": "/cs/image_raw"})
+    given = open_recording(folder, camera=camera)
+    uv = np.array([[3.0, 5.0], [20.0, 17.0]])
+    np.testing.assert_allclose(written.camera.unproject(uv), given.camera.unproject(uv), atol=1e-12)
+    np.testing.assert_array_equal(written.image(4), IMAGES[4])
+    assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+
+
+@pytest.mark.parametrize("fault", ["model", "image"])
+def test_a_failed_bag_leaves_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str], fault: str) -> None:
+    distortion = ("equidistant", "[0, 0, 0, 0]") if fault == "image" else ("wideangle", "[0.01]")
+    folder = folder_of_images(tmp_path / "walk", *distortion)
+    if fault == "image":
+        (folder / "3.png").write_bytes(b"broken")
+    command = ["record", str(folder), str(tmp_path / "bag"), "--camera", str(tmp_path / "camera.yaml")]
+    assert cli.main([*command, "--bag", "mcap"]) == 2
+    assert ("has no name in ROS" if fault == "model" else "3.png") in capsys.readouterr().err
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["camera.yaml", "walk"]
+
+
+@pytest.mark.parametrize("compression", ["file", "message"])
+def test_a_compressed_bag_is_read_up_to_a_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
+) -> None:
+    bag = tmp_path / "bag"
+    mode = CompressionMode.FILE if compression == "file" else CompressionMode.MESSAGE
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    writer = Writer2(bag, version=8, storage_plugin=StoragePlugin.SQLITE3)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connection = writer.add_connection("/text", "std_msgs/msg/String", typestore=store)
+        message = store.types["std_msgs/msg/String"]("0" * 3_000_000)
+        writer.write(connection, START, store.serialize_cdr(message, "std_msgs/msg/String"))
+    with Bag(bag) as read:
+        assert len(next(read.messages("/text"))[1].data) == 3_000_000
+    monkeypatch.setattr(bounded, "ALWAYS", 1 << 20)
+    with pytest.raises(DataError, match="hold more than 1 MB"), Bag(bag) as read:
+        next(read.messages("/text"))
+
+
+def test_twelve_bits_of_a_bag_keep_their_brightness() -> None:
+    deep = (IMAGES[0].astype(np.uint16) << 4) | 3
+    data = np.frombuffer(deep.astype("<u2").tobytes(), np.uint8)
+    size = {"height": HEIGHT, "width": WIDTH, "step": 2 * WIDTH}
+    message = SimpleNamespace(encoding="mono16", is_bigendian=0, data=data, **size)
+    assert messages.deepest(message) == deep.max()
+    np.testing.assert_array_equal(messages.image_of(message, "it", 12), IMAGES[0])
+    with pytest.raises(DataError, match="more than the 10 bits"):
+        messages.image_of(message, "it", 10)

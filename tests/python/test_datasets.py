@@ -669,7 +669,7 @@ def test_video(tmp_path: Path) -> None:
     writer.release()
     camera, times = tmp_path / "cam.yaml", tmp_path / "times.txt"
     camera.write_text(PLAIN)
-    with pytest.raises(DataError, match="--camera FILE"):
+    with pytest.raises(DataError, match=f"--camera FILE. 'collabslam init {path}'"):
         open_recording(path)
     recording = open_recording(path, camera=camera)
     np.testing.assert_allclose(np.diff(recording.times), 0.05)

@@ -6,9 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+import rerun
+import rerun_cli
 from conftest import Clip
 from PIL import Image as Pictures
 
@@ -79,6 +82,22 @@ def test_a_viewer_needs_a_display(clip: Clip, monkeypatch: pytest.MonkeyPatch) -
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
     with pytest.raises(DataError, match="--save"):
+        RerunLog(clip.recording, view=True)
+
+
+def test_the_viewer_is_the_environments_own(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where no search path leads to it, as in an environment that is not activated."""
+    monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.setenv("DISPLAY", ":0")
+    spawned: dict[str, Any] = {}
+    monkeypatch.setattr(rerun, "spawn", lambda **options: spawned.update(options))
+    with RerunLog(clip.recording, view=True):
+        pass
+    found = Path(spawned["executable_path"])
+    assert found.is_file()
+    assert found.parent == Path(rerun_cli.__file__).parent
+    monkeypatch.setattr("collabslam.viz.rerun_log.find_spec", lambda name: None)
+    with pytest.raises(DataError, match="without its viewer"):
         RerunLog(clip.recording, view=True)
 
 

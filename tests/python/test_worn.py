@@ -308,7 +308,9 @@ def test_no_view_with_overlap_means_no_view(tmp_path: Path) -> None:
     assert shown(attach_worn(open_recording(tmp_path), "views:keys")) == []
 
 
-def test_views_of_another_recording_and_a_missing_folder(tmp_path: Path) -> None:
+def test_views_of_another_recording_and_a_missing_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     make_keyframes(tmp_path / "a", [(-(10**9), beside(0.5))])
     other = tmp_path / "other"
     (other / "images").mkdir(parents=True)
@@ -322,8 +324,11 @@ def test_views_of_another_recording_and_a_missing_folder(tmp_path: Path) -> None
     assert view.image[0, 0] == 9
     assert worn.worn_camera is not None
     assert worn.worn_camera.intrinsics[0] == 25.0
-    with pytest.raises(DataError, match="does not exist"):
-        attach_worn(recording, "views:nowhere")
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path)
+    for folder in ("nowhere", "here"):  # the working directory is not looked at
+        with pytest.raises(DataError, match="lies in the recording"):
+            attach_worn(recording, f"views:{folder}")
     (other / "poses.txt").unlink()
     with pytest.raises(DataError, match="not recognised"):
         attach_worn(recording, "views:../other")

@@ -85,13 +85,9 @@ class Source:
         }
 
     def _worn_state(self, worn: WornSpec) -> dict[str, Any]:
-        kind, colon, folder = worn.spec.partition(":")
-        if kind == "views" and not (self.path / folder).is_dir():
-            folder = _absolute(Path(folder))
         noise = dataclasses.astuple(worn.noise) if isinstance(worn.noise, PoseNoise) else worn.noise
         return {
             **vars(worn),
-            "spec": f"{kind}{colon}{folder}",
             "intervals": None if worn.intervals is None else [list(pair) for pair in worn.intervals],
             "noise": None if noise is None else list(noise),
         }

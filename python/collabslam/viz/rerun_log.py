@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol
@@ -40,6 +41,22 @@ FLUSH_SECONDS = 10.0
 _EVERY = 5
 _OVERLAP = ("world/overlap/cs", "world/overlap/cf", "world/cs/image/overlap", "cf/image/overlap")
 _CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 25)), np.sin(np.linspace(0, 2 * np.pi, 25))])
+
+
+def viewer() -> str:
+    """The viewer that was installed with the rerun-sdk that is imported, whatever the search path finds.
+
+    Raises
+    ------
+    DataError
+        If it is not there.
+    """
+    package = find_spec("rerun_cli")
+    for folder in () if package is None else package.submodule_search_locations or ():
+        for name in ("rerun", "rerun.exe", "Rerun.app/Contents/MacOS/Rerun"):
+            if (path := Path(folder) / name).is_file():
+                return str(path)
+    raise DataError("rerun-sdk is here without its viewer; write a file with --save FILE.rrd instead.")
 
 
 class Viewed(Protocol):
@@ -83,7 +100,7 @@ class RerunLog:
             try_place(save)
         sinks: list[Any] = [rr.FileSink(str(save))] if save is not None else []
         if view:
-            rr.spawn(connect=False, recording=self._log)
+            rr.spawn(connect=False, recording=self._log, executable_path=viewer())
             sinks.append(rr.GrpcSink())
         self._log.set_sinks(*sinks)
         self._log.send_blueprint(blueprint())

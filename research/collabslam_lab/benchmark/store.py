@@ -127,7 +127,8 @@ class Item:
         if self.entry.rendered:
             return []
         kind, _, views = (self.entry.worn or "").partition(":")
-        return [self.data / self.entry.folder, *([Path(views)] if kind == "views" else [])]
+        folder = self.data / self.entry.folder
+        return [folder, *([folder / views] if kind == "views" else [])]
 
     def done(self) -> Row | None:
         """The row of an earlier run that still holds, or None."""

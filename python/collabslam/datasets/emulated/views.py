@@ -62,7 +62,7 @@ def _keyframe_views(recording: Recording, folder: Path) -> PosedViews | None:
 
 
 def load_views(recording: Recording, folder: str) -> PosedViews:
-    """Posed views of a folder, given relative to the recording's source or by itself.
+    """Posed views of a folder, given relative to the recording's source or as an absolute path.
 
     The folder holds keyframes of an EuRoC sequence, or is any recording with a truth in the same world.
 
@@ -73,7 +73,9 @@ def load_views(recording: Recording, folder: str) -> PosedViews:
     """
     path = Path(recording.source) / folder
     if not path.is_dir():
-        path = Path(folder)
+        raise DataError(
+            f"There is no folder {path}; views:FOLDER lies in the recording, or is given as an absolute path."
+        )
     views = _keyframe_views(recording, path)
     if views is None:
         other = open_recording(path)

@@ -32,7 +32,10 @@ def open(path: Path, given: Given) -> StreamRecording:
         If it cannot be decoded, or the calibration is missing.
     """
     if given.camera is None:
-        raise DataError(f"The video {path} carries no calibration; give it with --camera FILE.")
+        raise DataError(
+            f"The video {path} carries no calibration; give it with --camera FILE. 'collabslam init {path}' "
+            "writes one to fill in, with a guess that the run cannot go on with for long."
+        )
     video = _Video(path)
     times = video.times
     if given.times is not None:

@@ -6,6 +6,8 @@ covariance), ``/truth``, and if there are readings ``/front/scan``, ``/back/scan
 
 from __future__ import annotations
 
+import os
+import shutil
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -28,6 +30,8 @@ AHRS_TOPICS: dict[Wearer, str] = {"robot": "/cs/imu", "worn": "/cf/imu"}
 ROBOT, WORN, WORLD = "cs_optical", "cf_optical", "world"
 
 _NANOSECONDS = 10**9
+_MODELS = {"pinhole": ("plumb_bob", 5), "radtan": ("plumb_bob", 5), "fisheye": ("equidistant", 4)}
+"""What ROS calls a camera's model, and how many coefficients it has there; a pinhole's are zero."""
 
 
 def write_bag(
@@ -58,25 +62,38 @@ def write_bag(
     Raises
     ------
     DataError
-        If the folder exists, a stamp is negative, or the extra ``ros`` is not installed.
+        If the folder exists or cannot be written, a stamp is negative, a camera's model has no name in ROS,
+        or the extra ``ros`` is not installed.  The folder appears only when it is complete.
     """
     with needs("ros"):
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
     if path.exists():
         raise DataError(f"The folder {path} exists already; give another one for the bag.")
+    for camera in (recording.camera, recording.worn_camera):
+        _check_model(camera)
     store = get_typestore(Stores.ROS2_HUMBLE)
     plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
-    with Writer(path, version=Writer.VERSION_LATEST, storage_plugin=plugin) as writer:
-        bag = _Bag(writer, store)
-        for i in range(len(recording)):
-            _write_frame(bag, recording, i)
-            if progress is not None:
-                progress(i + 1, len(recording))
-        for scan in scans:
-            bag.scan(scan)
-        for reading in attitudes:
-            bag.attitude(reading)
+    # The bag's files are named after its folder: it is written under its own name, one folder further down.
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir(parents=True)
+        with Writer(partial / path.name, version=Writer.VERSION_LATEST, storage_plugin=plugin) as writer:
+            bag = _Bag(writer, store)
+            for i in range(len(recording)):
+                _write_frame(bag, recording, i)
+                if progress is not None:
+                    progress(i + 1, len(recording))
+            for scan in scans:
+                bag.scan(scan)
+            for reading in attitudes:
+                bag.attitude(reading)
+        os.replace(partial / path.name, path)
+    except OSError as error:
+        raise DataError(f"The bag {path} cannot be written ({error}); choose another place.") from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
 
 
 def _write_frame(bag: _Bag, recording: Recording, i: int) -> None:
@@ -94,6 +111,13 @@ def _write_frame(bag: _Bag, recording: Recording, i: int) -> None:
         bag.pose("/truth", stamp, recording.truth[i])
 
 
+def _check_model(camera: Camera | None) -> None:
+    if camera is not None and camera.model not in _MODELS:
+        raise DataError(
+            f"The camera's model '{camera.model}' has no name in ROS; give a pinhole, radtan or fisheye one."
+        )
+
+
 class _Bag:
     """Writes messages; topics appear with their first one."""
 
@@ -108,15 +132,14 @@ class _Bag:
         self._write(f"{above}/image_raw", "sensor_msgs/msg/Image", stamp, header, h, w, "mono8", 0, w, data)
 
     def camera(self, above: str, stamp: int, camera: Camera, frame: str) -> None:
-        if camera.model != "radtan":
-            raise DataError(f"The camera's model '{camera.model}' has no name in ROS; give a radtan one.")
+        model, coefficients = _MODELS[camera.model]
         fx, fy, cx, cy = camera.intrinsics
         k = np.array([fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0])
-        d = np.zeros(5)
+        d = np.zeros(coefficients)
         d[: len(camera.distortion)] = camera.distortion
         p = np.concatenate([k.reshape(3, 3), np.zeros((3, 1))], axis=1).ravel()
         roi = self._make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
-        values = (camera.height, camera.width, "plumb_bob", d, k, np.eye(3).ravel(), p, 0, 0, roi)
+        values = (camera.height, camera.width, model, d, k, np.eye(3).ravel(), p, 0, 0, roi)
         header = self._header(stamp, frame)
         self._write(f"{above}/camera_info", "sensor_msgs/msg/CameraInfo", stamp, header, *values)
 
