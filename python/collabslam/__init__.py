@@ -22,6 +22,7 @@ from collabslam.errors import (
 if TYPE_CHECKING:
     from collabslam._core import Camera, DepthMeasurement, Filter, WornMeasurement
     from collabslam.datasets import Source, WornSpec, attach_worn, open_recording
+    from collabslam.images import to_grey
     from collabslam.runs.plan import Output
     from collabslam.runs.runner import RunResult, resume, run
     from collabslam.settings.table import Settings
@@ -60,6 +61,7 @@ __all__ = [
     "open_recording",
     "resume",
     "run",
+    "to_grey",
 ]
 
 _HOMES = {
@@ -84,6 +86,7 @@ _HOMES = {
     "open_recording": "datasets",
     "resume": "runs.runner",
     "run": "runs.runner",
+    "to_grey": "images",
 }
 """Module that each public name is imported from on first use."""
 

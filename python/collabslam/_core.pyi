@@ -233,6 +233,12 @@ class Filter:
         (METHOD 1).
         """
     @property
+    def scale_sd(self) -> float | None:
+        """Relative standard deviation of the scale, or None without a map: by how much all distances from the
+        camera to the features may be too long or too short together. It is P's word; where the unit is
+        arbitrary it says how far that has drifted since the start.
+        """
+    @property
     def velocity(self) -> _Array:
         """Velocity in W, (3,) float64, m/s."""
     @property
@@ -258,30 +264,34 @@ class Filter:
         FilterError
             Saying what is wrong.
         """
+    def checkpoint(self) -> None:
+        """Remembers the filter as it is, for :meth:`rollback`, in memory of its own; an earlier checkpoint is
+        forgotten. A copy of P's stored triangle, about a hundredth of a frame.
+        """
+    def rollback(self) -> None:
+        """Makes the filter what it was at the last :meth:`checkpoint`, bit for bit; this may be repeated.
+
+        Raises
+        ------
+        InputError
+            If there has been no checkpoint.
+        """
     def snapshot(self) -> bytes:
         """The filter as bytes, for :meth:`restore`: cameras, settings, mean, P, candidates and counters, with
         version and checksum. The filter restored goes on bit for bit as this one does.
         """
     @staticmethod
     def restore(data: bytes) -> Filter:
-        """staticmethod(function) -> method
+        """A new filter from the bytes of :meth:`snapshot`.
 
-        Convert a function to be a static method.
+        Parameters
+        ----------
+        data : bytes
 
-        A static method does not receive an implicit first argument.
-        To declare a static method, use this idiom:
-
-             class C:
-                 @staticmethod
-                 def f(arg1, arg2, argN):
-                     ...
-
-        It can be called either on the class (e.g. C.f()) or on an instance
-        (e.g. C().f()). Both the class and the instance are ignored, and
-        neither is passed implicitly as the first argument to the method.
-
-        Static methods in Python are similar to those found in Java or C++.
-        For a more advanced concept, see the classmethod builtin.
+        Raises
+        ------
+        DataError
+            If the bytes are cut short, altered or of another version.
         """
     def predict(self, t: float) -> None:
         """Predicts to time ``t`` (seconds). Before the start only the time is noted.
@@ -356,6 +366,20 @@ class Filter:
         ------
         InputError
             Saying why it cannot.
+        """
+    @staticmethod
+    def check_depths(depth: ArrayLike, sigma: ArrayLike) -> None:
+        """Checks that depths can be measured.
+
+        Parameters
+        ----------
+        depth, sigma : (N,) float64
+            Along the optical axis of Cs, and their standard deviations, metres.
+
+        Raises
+        ------
+        InputError
+            Saying why one cannot.
         """
     def update(
         self,

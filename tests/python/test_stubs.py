@@ -134,4 +134,4 @@ def test_classes_are_described_in_the_same_words(name: str) -> None:
             continue
         words = ast.get_docstring(node)
         assert words or f"{member}" in _words(cls), member
-        assert (words or "") == _words(vars(cls)[member]), member
+        assert (words or "") == _words(getattr(cls, member)), member

@@ -55,7 +55,8 @@ class FlowImage:
 
     def __init__(self, image: Image) -> None:
         self.factor = 2 if halves(image.shape[1]) else 1
-        self.image = _halved(image, self.factor - 1)
+        # A copy even where nothing is halved: a camera's driver may write its next image over this one.
+        self.image = _halved(image, 1) if self.factor == 2 else image.copy()
 
     @classmethod
     def again(cls, image: Image, factor: int) -> FlowImage:

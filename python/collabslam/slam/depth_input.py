@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collabslam._core import DepthMeasurement, UpdateReport
+from collabslam._core import DepthMeasurement, Filter, UpdateReport
 from collabslam.errors import InputError
 from collabslam.formats.schema import Check, array, items, refuse
 from collabslam.slam.map_change import ImagePoints
@@ -67,6 +67,8 @@ class DepthInput(PersistentState):
         """Keep depths for the next frame; see `Slam.add_depth`."""
         try:
             pixels = np.asarray(uv, dtype=np.float64)
+            if pixels.size == 0:
+                pixels = pixels.reshape(0, 2)
             z, sd = (np.broadcast_to(np.asarray(x, dtype=np.float64), len(pixels)) for x in (depth, sigma))
             if pixels.ndim != 2 or pixels.shape[1] != 2:
                 raise ValueError(f"uv has the shape {pixels.shape}")
@@ -78,7 +80,9 @@ class DepthInput(PersistentState):
             raise InputError(
                 "uv, depth and sigma must be finite, depth and sigma above zero; leave others out."
             )
-        self._given = [*self._given, (pixels.copy(), z.copy(), sd.copy())]
+        Filter.check_depths(z, sd)
+        if len(pixels):
+            self._given = [*self._given, (pixels.copy(), z.copy(), sd.copy())]
 
     def forget(self) -> None:
         """Drop what was given: the frame it was for cannot be used."""

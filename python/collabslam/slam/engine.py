@@ -6,15 +6,15 @@ lives in ``frontend`` (images), in the other files of this folder and in the Rus
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from collabslam._core import Camera, Filter, Prediction, UpdateReport
-from collabslam.errors import InputError
 from collabslam.frontend.detect import Corners
 from collabslam.frontend.patch import SIZE
+from collabslam.images import check_grey
 from collabslam.settings.table import Settings
 from collabslam.slam.blank_image import FROZEN
 from collabslam.slam.depth_input import Depths
@@ -24,6 +24,7 @@ from collabslam.slam.feature_states import (
     frame_features,
     unsearched_features,
 )
+from collabslam.slam.guard import all_or_nothing, alone
 from collabslam.slam.map_change import ImagePoints, MapChange
 from collabslam.slam.parts import EngineParts
 from collabslam.slam.relocalise import searchable
@@ -95,6 +96,7 @@ class Slam(EngineParts):
             ids = core.start_from_map(map.landmarks, map.covariance, map.drift)
             self._relocaliser.adopt(ids, map.views)
 
+    @alone
     def add_depth(self, uv: ArrayLike, depth: ArrayLike, sigma: ArrayLike) -> None:
         """Gives depths of another sensor (a range finder, a depth camera) for the frame of the next `step`.
 
@@ -117,6 +119,7 @@ class Slam(EngineParts):
         """
         self._depth.add(uv, depth, sigma)
 
+    @all_or_nothing
     def step(self, t: float, image: Image, worn: WornView | None = None) -> StepResult:
         """Takes one frame (METHOD section 7).
 
@@ -128,18 +131,21 @@ class Slam(EngineParts):
         t : float
             Time stamp, seconds; must follow the last one.
         image : (H, W) uint8
-            Grey image of Cs.
+            Grey image of Cs; `collabslam.to_grey` makes one of any other.
         worn : WornView, optional
             The worn camera's view at the same instant.
 
         Raises
         ------
         InputError
-            For an image of the wrong type or size, a time stamp that does not follow, or an impossible T_CF;
-            the state of the filter stays as it was.
+            For an image of the wrong type or size, a time stamp that does not follow, or an impossible T_CF.
+        BusyError
+            If another thread is at work in this engine.
+
+        Whatever is raised, KeyboardInterrupt included, the engine is what it was before the call.
         """
-        _check_image(image, self._camera)
-        self._worn.check(worn)
+        image = check_grey(image, self._camera, "image")
+        worn = self._worn.checked(worn)
         times = StageTimes()
         self.filter.predict(t)
         if blank := self._blank.judge(image):
@@ -185,6 +191,7 @@ class Slam(EngineParts):
         times.done("map")
         return self._result(t, status, counts, frame_features(expected, found, report), times)
 
+    @alone
     def landmarks(self) -> Landmarks:
         """The map with its uncertainty."""
         found = self.filter.landmarks()
@@ -244,6 +251,7 @@ class Slam(EngineParts):
     def _result(
         self, t: float, status: Status, counts: dict[str, Any], features: FrameFeatures, times: StageTimes
     ) -> StepResult:
+        scale_sd = self.filter.scale_sd
         sizes = {"map_size": self.filter.map_size, "candidates": self.filter.candidate_count}
         return StepResult(
             t=t,
@@ -254,6 +262,8 @@ class Slam(EngineParts):
             started=self.filter.started,
             diagnostics={**counts, **sizes, **times.all()},
             features=features,
+            metric=self._metric,
+            scale_sd=scale_sd if self._metric and scale_sd is not None else math.inf,
         )
 
 
@@ -266,13 +276,3 @@ def _matched(found: Found, report: UpdateReport) -> ImagePoints:
 def _inliers(view: View, seen: ImagePoints, change: MapChange) -> int:
     """Measurements that the pose rests on; a start without depth has none but its features."""
     return len(seen) + change.with_depth + (0 if view.started else len(change.undelayed))
-
-
-def _check_image(image: Image, camera: Camera) -> None:
-    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 2:
-        raise InputError("image must be a (H, W) uint8 grey image; convert it first.")
-    if image.shape != (camera.height, camera.width):
-        raise InputError(
-            f"image is {image.shape[1]} x {image.shape[0]} pixels, its calibration is for "
-            f"{camera.width} x {camera.height}; scale the calibration or the images."
-        )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NoReturn, SupportsIndex, TypeVar
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from collabslam.settings.table import STATE as SETTINGS_STATE
 from collabslam.settings.table import Settings
 from collabslam.slam.blank_image import BlankImageDetector
 from collabslam.slam.depth_input import DepthInput
+from collabslam.slam.guard import Guard, alone
 from collabslam.slam.map_management import MapManager
 from collabslam.slam.recovery import Recovery
 from collabslam.slam.relocalise import MapAside, Relocaliser
@@ -105,6 +106,13 @@ class EngineParts:
         self._recovery = Recovery(
             core, self._relocaliser, self._worn, self._map, self._monitor, metric=metric
         )
+        self._guard = Guard(core, list(persistent_parts(self).values()))
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        raise InputError(
+            f"A {type(self).__name__} cannot be copied or pickled; write it with save(path) and read it with "
+            f"{type(self).__name__}.load(path)."
+        )
 
     def save(self, path: str | Path) -> None:
         """Writes all that the engine knows into one file, for `load`: map, covariance, patches, settings.
@@ -127,6 +135,7 @@ class EngineParts:
         """
         return cls.from_state(read_container(Path(path), KIND, VERSION, CLASSES))
 
+    @alone
     def state(self) -> dict[str, Any]:
         """What `save` writes, to be written before the next frame."""
         return {
@@ -170,6 +179,7 @@ class EngineParts:
             raise DataError("The file holds no state of an engine; take an earlier one.") from error
         return engine
 
+    @alone
     def saved_map(self) -> SavedMap:
         """The map with all its uncertainty, to be kept in a file and started in later.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from collabslam.formats.trajectory import ARBITRARY, METRES
 from collabslam.slam.feature_states import FrameFeatures
 from collabslam.types import Array, Ids, Status
 
@@ -31,6 +32,11 @@ class StepResult:
         Counts, reasons of rejection, milliseconds per stage.
     features : FrameFeatures
         What became of each feature that should be visible.
+    metric : bool
+        Whether lengths are metres; otherwise they are in a unit that the start chose, and that drifts.
+    scale_sd : float
+        Relative standard deviation of the scale: all distances from the camera to the map may be too long or
+        too short by this share together.  Infinite where lengths are no metres, and before the start.
     """
 
     t: float
@@ -41,6 +47,13 @@ class StepResult:
     started: bool
     diagnostics: dict[str, Any]
     features: FrameFeatures
+    metric: bool
+    scale_sd: float
+
+    @property
+    def unit(self) -> str:
+        """Of lengths: `METRES` or `ARBITRARY`."""
+        return METRES if self.metric else ARBITRARY
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,16 @@ class PersistentState:
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {}
 
-    def state(self) -> dict[str, Any]:
-        """The attributes of `PERSISTENT`, as they are: to be written before the next frame."""
+    def attributes(self) -> dict[str, Any]:
+        """The attributes of `PERSISTENT` themselves.
+
+        A frame may bind them to other values but changes none in place: with these the part can go back.
+        """
         return {name: getattr(self, name) for name in self.PERSISTENT}
+
+    def state(self) -> dict[str, Any]:
+        """The same as `formats.container` takes it: to be written before the next frame."""
+        return self.attributes()
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Takes over what `state` gave.

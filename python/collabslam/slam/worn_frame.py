@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from collabslam.frontend.detect import Hidden
 from collabslam.frontend.wearer_mask import covered
 from collabslam.frontend.worn_match import WornMatches, match_worn
 from collabslam.geometry import pose_inverse, se3_log
+from collabslam.images import check_grey
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.settings.table import Settings
 from collabslam.slam.map_change import ImagePoints
@@ -139,18 +140,14 @@ class WornMatcher:
         self._only_start = mode.startswith("mono")
         self._only_births = mode == "collab-init"
 
-    def check(self, worn: WornView | None) -> None:
-        """Raises InputError if the worn view does not fit its calibration."""
+    def checked(self, worn: WornView | None) -> WornView | None:
+        """The worn view; raises InputError if it does not fit its calibration."""
         if worn is None:
-            return
+            return None
         camera = self._worn_camera
         if camera is None:
             raise InputError("there is a worn view but no worn_camera; give the calibration of Cf.")
-        if worn.image.shape != (camera.height, camera.width) or worn.image.dtype != np.uint8:
-            raise InputError(
-                f"the worn image is {worn.image.shape} {worn.image.dtype}, its calibration is for "
-                f"({camera.height}, {camera.width}) uint8; scale the calibration or the images."
-            )
+        image = check_grey(worn.image, camera, "worn image")
         self._filter.check_worn(worn.t_cf, worn.covariance, worn.bias)
         try:
             np.linalg.cholesky(worn.covariance)
@@ -158,6 +155,7 @@ class WornMatcher:
             raise InputError(
                 "the covariance of T_CF is singular; give every direction a standard deviation."
             ) from error
+        return replace(worn, image=image)
 
     def hidden(self, worn: WornView | None) -> Hidden | None:
         """Which pixels of Cs show whoever wears Cf; None where that is nobody, or nobody knows."""

@@ -57,6 +57,15 @@ impl Filter {
         bias.map_or(Ok(()), |bias| check_bias(bias, covariance))
     }
 
+    /// Whether a depth with this standard deviation, metres, can be measured; what is refused here is refused by
+    /// [`Filter::update`].
+    ///
+    /// # Errors
+    /// `InvalidInput` or `NonFinite` if a number cannot be what it stands for.
+    pub fn check_depth(depth: f64, sigma: f64) -> Result<(), EkfError> {
+        guard::depth(depth, sigma)
+    }
+
     pub(super) fn worn_model(&self) -> Result<&Camera, EkfError> {
         self.worn_camera.as_ref().ok_or(EkfError::InvalidInput {
             what: "worn camera",

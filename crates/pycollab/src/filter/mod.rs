@@ -178,6 +178,14 @@ impl PyFilter {
         Ok(to_matrix(py, &covariance))
     }
 
+    /// Relative standard deviation of the scale, or None without a map: by how much all distances from the
+    /// camera to the features may be too long or too short together. It is P's word; where the unit is
+    /// arbitrary it says how far that has drifted since the start.
+    #[getter]
+    fn scale_sd(&self, py: Python<'_>) -> PyResult<Option<f64>> {
+        self.read(py, |f| Ok(f.scale_sd()))
+    }
+
     /// Velocity in W, (3,) float64, m/s.
     #[getter]
     fn velocity(&self, py: Python<'_>) -> PyResult<Column<f64>> {
@@ -259,6 +267,25 @@ impl PyFilter {
     fn restore(py: Python<'_>, data: &[u8]) -> PyResult<Self> {
         let filter = gate::enter(py, || Filter::restore(data))?;
         Ok(Self(RwLock::new(filter)))
+    }
+
+    /// Remembers the filter as it is, for :meth:`rollback`, in memory of its own; an earlier checkpoint is
+    /// forgotten. A copy of P's stored triangle, about a hundredth of a frame.
+    fn checkpoint(&self, py: Python<'_>) -> PyResult<()> {
+        self.write(py, |f| {
+            f.checkpoint();
+            Ok(())
+        })
+    }
+
+    /// Makes the filter what it was at the last :meth:`checkpoint`, bit for bit; this may be repeated.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     If there has been no checkpoint.
+    fn rollback(&self, py: Python<'_>) -> PyResult<()> {
+        self.write(py, Filter::rollback)
     }
 
     fn __copy__(&self) -> PyResult<Self> {

@@ -2,9 +2,10 @@
 
 use super::PyFilter;
 use super::measurements::bearings;
-use crate::arrays_in::{Argument, covariance6, ids, pose};
+use crate::arrays_in::{Argument, covariance6, ids, numbers, pose, same_length};
 use crate::arrays_out::{Column, Stack, Table, chosen, column, stacked, to_ids, vectors};
-use ekf_core::ConditionalPrediction;
+use crate::gate;
+use ekf_core::{ConditionalPrediction, Filter};
 use nalgebra::{Matrix2, Vector2};
 use pyo3::prelude::*;
 
@@ -237,5 +238,26 @@ impl PyFilter {
         let covariance = covariance6("covariance of T_CF", &covariance)?;
         let bias = bias.map(|b| covariance6("bias of T_CF", &b)).transpose()?;
         self.read(py, |f| f.check_worn(&t_cf, &covariance, bias.as_ref()))
+    }
+
+    /// Checks that depths can be measured.
+    ///
+    /// Parameters
+    /// ----------
+    /// depth, sigma : (N,) float64
+    ///     Along the optical axis of Cs, and their standard deviations, metres.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     Saying why one cannot.
+    #[staticmethod]
+    fn check_depths(py: Python<'_>, depth: Argument<'_>, sigma: Argument<'_>) -> PyResult<()> {
+        let (depth, sigma) = (numbers("depth", &depth)?, numbers("sigma", &sigma)?);
+        same_length("sigma", depth.len(), sigma.len())?;
+        let mut pairs = depth.into_iter().zip(sigma);
+        gate::enter(py, || {
+            pairs.try_for_each(|(z, sd)| Filter::check_depth(z, sd))
+        })
     }
 }
