@@ -11,7 +11,7 @@ from collabslam.demo.demo_run import HeldRecording
 from collabslam.errors import CollabslamError, InputError
 from collabslam.geometry import se3_exp
 from collabslam.runs.runner import run
-from collabslam.settings.frontend import SightSettings
+from collabslam.settings.frontend import BlankImageSettings
 from collabslam.slam.blank_image import BlankImageDetector
 from collabslam.slam.engine import Slam
 from collabslam.slam.results import StepResult
@@ -131,7 +131,7 @@ def test_an_image_that_comes_twice_is_as_good_as_the_last_for_a_tenth_of_a_secon
 def test_an_image_that_repeats_to_the_bit_is_frozen() -> None:
     image = np.random.default_rng(1).integers(0, 255, (480, 720)).astype(np.uint8)
     image = np.kron(image[::16, ::16], np.ones((16, 16), np.uint8))
-    detector = BlankImageDetector(SightSettings())
+    detector = BlankImageDetector(BlankImageSettings())
     assert [detector.judge(image), detector.judge(image)] == ["", "frozen"]
 
 

@@ -16,6 +16,7 @@ from collabslam.frontend.describe import DESCRIPTORS, describe
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.epipolar import inverse_ranges
 from collabslam.frontend.target import checkerboard_points, find_target, marker_points, pose_from_points
+from collabslam.frontend.two_views import TwoViews, ViewedPoints
 from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
 from collabslam.settings.table import Settings
@@ -85,7 +86,8 @@ def measured(seed: int) -> np.ndarray:
 
 def run(scene, t_cf, *, settings=SETTINGS, rho=None, sd=None, roi_s=None, roi_f=None):
     image_s, image_f, uv = scene[:3]
-    return match_worn(image_s, CAMERA, image_f, CAMERA, t_cf, COVARIANCE, roi_s, roi_f, uv, rho, sd, settings)
+    views = TwoViews(image_s, CAMERA, image_f, CAMERA, t_cf, COVARIANCE, roi_s, roi_f)
+    return match_worn(views, ViewedPoints(uv, rho, sd), settings)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -158,8 +160,8 @@ def test_patches_fitted_to_the_other_view_are_exact_and_right():
     outcome = []
     for least in (0.0, 0.9):
         settings = Settings.default().replace({"frontend.worn.fitted_score": least}).frontend()
-        views = frame.image, world.camera, frame.worn.image, world.worn_camera, t_cf, COVARIANCE
-        found = match_worn(*views, None, None, uv, None, None, settings)
+        views = TwoViews(frame.image, world.camera, frame.worn.image, world.worn_camera, t_cf, COVARIANCE)
+        found = match_worn(views, ViewedPoints(uv), settings)
         error = np.linalg.norm(found.uv_f - true[found.index], axis=1)[flat[found.index]]
         outcome.append(((error < 3.0).sum(), np.median(error), (error > 3.0).sum()))
     (right, middle, wrong), (fitted_right, fitted_middle, fitted_wrong) = outcome
@@ -171,7 +173,8 @@ def test_patches_fitted_to_the_other_view_are_exact_and_right():
 def test_unrelated_views_give_no_matches(scene):
     image_s, _, uv = scene[:3]
     other = texture(480, 640, 77)
-    found = match_worn(image_s, CAMERA, other, CAMERA, T_CF, COVARIANCE, None, None, uv, None, None, SETTINGS)
+    views = TwoViews(image_s, CAMERA, other, CAMERA, T_CF, COVARIANCE)
+    found = match_worn(views, ViewedPoints(uv), SETTINGS)
     assert len(found.index) <= 2
 
 
@@ -183,15 +186,11 @@ def test_worn_matching_is_deterministic(scene):
 
 def test_worn_match_refuses_bad_arrays(scene):
     with pytest.raises(InputError, match="positive definite"):
-        match_worn(*_arguments(scene, covariance=np.zeros((6, 6))))
+        TwoViews(scene[0], CAMERA, scene[1], CAMERA, T_CF, np.zeros((6, 6)))
     with pytest.raises(InputError, match="one inverse range"):
-        match_worn(*_arguments(scene, rho=np.ones(3)))
-    with pytest.raises(InputError, match="\\(4, 4\\)"):
-        match_worn(*_arguments(scene, t_cf=np.eye(3)))
-
-
-def _arguments(scene, *, t_cf=T_CF, covariance=COVARIANCE, rho=None):
-    return (scene[0], CAMERA, scene[1], CAMERA, t_cf, covariance, None, None, scene[2], rho, rho, SETTINGS)
+        ViewedPoints(scene[2], np.ones(3), np.ones(3))
+    with pytest.raises(InputError, match=r"\(4, 4\)"):
+        TwoViews(scene[0], CAMERA, scene[1], CAMERA, np.eye(3), COVARIANCE)
 
 
 def _pairs(count: int, wrong: int, seed: int, noise: float = 0.5):

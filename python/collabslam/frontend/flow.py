@@ -28,7 +28,7 @@ _WINDOW = 15  # pixels, side of the flow's window
 _SMALL_WIDTH = 64  # pixels, largest width of the small images from which the global motion is found
 _MIN_POINTS = 8  # that tell the motion of the image
 _MIN_FOLLOWED = 0.7  # share of the points; fewer mean that the first guess was wrong
-_MIN_OVERLAP = 0.3  # share of the small image in which both views must lie for a shift to be believed
+_MIN_OVERLAP = 0.3  # share of the small image in which both views must lie for a shift to count
 
 
 def _halved(image: Image, times: int) -> Image:

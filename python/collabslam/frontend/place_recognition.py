@@ -33,9 +33,11 @@ SCALES = (0.63, 1.0, 1.6)
 SUPPORT = 36.0
 """Side of the window that a view's descriptor covers, pixels."""
 MIN_PATCHES = 8
-"""Fewest patches found that make a pose believed."""
+"""Fewest patches found for a pose to be accepted."""
 _MIN_SHARE = 0.3  # and their least share of those that should be visible from it
-_MIN_SPREAD = 0.02  # least area of the outline of the patches found, of the image's; a huddle fixes no pose
+_MIN_SPREAD = (
+    0.02  # least area of the outline of the patches found, of the image's; points close together fix no pose
+)
 _CORNERS = 500  # most corners of an image in which the camera is looked for
 _CORNER_DISTANCE = 0.006  # least distance between them, as a share of the image's width
 _RATIO = (

@@ -23,7 +23,7 @@ _LARGE_RADIUS = (
     16.0  # pixels, above which an ellipse is not searched whole where flow offers a guess inside it
 )
 _GUESS_RADIUS = 6.0  # pixels, half side of the window searched around a guess
-_GUESS_GATE = 1.5  # factor on the ellipse inside which a guess is believed
+_GUESS_GATE = 1.5  # factor on the ellipse inside which a guess is used
 _AMBIGUITY = 0.94  # a second peak above this share of the best score makes a match ambiguous
 _PEAK_DISTANCE = 3.0  # pixels; peaks nearer than this to the best one belong to it
 _MIN_DEVIATION = 4.0  # grey levels, least standard deviation of a template; a flatter one cannot be located

@@ -35,17 +35,15 @@ from collabslam._core import (
     match_pairs,
     sample_templates,
 )
-from collabslam.errors import InputError
 from collabslam.frontend.describe import DESCRIPTORS, Descriptors, describe
 from collabslam.frontend.detect import detect_corners, halves
 from collabslam.frontend.epipolar import inverse_ranges, skews
 from collabslam.frontend.patch import SIZE, inverse_maps, limits
 from collabslam.frontend.search import FOUND, active_search, peak_test, search_around, search_window
+from collabslam.frontend.two_views import TwoViews, ViewedPoints, inside, whole
 from collabslam.geometry import pose_inverse
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.types import Array, Image, Indices, Mask
-
-Region = tuple[float, float, float, float]
 
 SIGMA = 1.0
 """Standard deviation of a corner's pixel, for the gates."""
@@ -68,7 +66,7 @@ class WornMatches:
     Attributes
     ----------
     index : (M,) int64
-        Rows of ``uv_s``.
+        Points, by their place in `ViewedPoints.uv`.
     uv_f : (M, 2) float64
         Sub-pixel position in Cf.
     score : (M,) float64
@@ -91,60 +89,20 @@ class WornMatches:
     t_cf: Array = field(repr=False)
 
 
-def match_worn(
-    image_s: Image,
-    camera_s: Camera,
-    image_f: Image,
-    camera_f: Camera,
-    t_cf: Array,
-    covariance: Array,
-    roi_s: Region | None,
-    roi_f: Region | None,
-    uv_s: Array,
-    inverse_range: Array | None,
-    inverse_range_sd: Array | None,
-    settings: FrontendSettings,
-) -> WornMatches:
-    """Find points of Cs in the worn camera's image.
+def match_worn(views: TwoViews, points: ViewedPoints, settings: FrontendSettings) -> WornMatches:
+    """Finds points of Cs in the worn camera's image.
 
     Parameters
     ----------
-    image_s, image_f : (H, W) uint8
-    camera_s, camera_f : Camera
-    t_cf : (4, 4) float64
-        Measured pose of Cf relative to Cs: maps points of F into C, metres.
-    covariance : (6, 6) float64
-        Of ``t_cf`` over (translation, rotation), tangent on the right.
-    roi_s, roi_f : (u0, v0, u1, v1) or None
-        Region of interest in each image; None is the whole image.
-    uv_s : (N, 2) float64
-        Points in Cs.
-    inverse_range, inverse_range_sd : (N,) float64, optional
-        Inverse distance of the points from Cs (1/m) and its standard deviation; NaN where unknown.
+    views : TwoViews
+    points : ViewedPoints
     settings : FrontendSettings
 
     Returns
     -------
     WornMatches
-
-    Raises
-    ------
-    InputError
-        If an array has a wrong shape, or the covariance is not positive definite.
     """
-    matcher = _Matcher(
-        (image_s, camera_s),
-        (image_f, camera_f),
-        (t_cf, covariance),
-        uv_s,
-        (inverse_range, inverse_range_sd),
-        settings,
-    )
-    return matcher.run(_whole(roi_s, image_s), _whole(roi_f, image_f))
-
-
-def _whole(region: Region | None, image: Image) -> Region:
-    return region if region is not None else (0.0, 0.0, image.shape[1] - 1.0, image.shape[0] - 1.0)
+    return _Matcher(views, points, settings).run()
 
 
 class _Described(NamedTuple):
@@ -158,48 +116,26 @@ class _Described(NamedTuple):
 class _Matcher:
     """The steps of :func:`match_worn` over their common data."""
 
-    def __init__(
-        self,
-        view_s: tuple[Image, Camera],
-        view_f: tuple[Image, Camera],
-        relative: tuple[Array, Array],
-        uv_s: Array,
-        inverse_range: tuple[Array | None, Array | None],
-        settings: FrontendSettings,
-    ) -> None:
-        (self.image_s, self.camera_s), (self.image_f, self.camera_f) = view_s, view_f
-        self.t_cf, self.covariance = (np.asarray(x, dtype=np.float64) for x in relative)
-        self.uv_s = np.asarray(uv_s, dtype=np.float64).reshape(-1, 2)
-        count = len(self.uv_s)
-        self.rho, self.rho_sd = (
-            np.full(count, np.nan) if x is None else np.asarray(x, dtype=np.float64) for x in inverse_range
-        )
-        if self.rho.shape != (count,) or self.rho_sd.shape != (count,):
-            raise InputError(
-                f"Give one inverse range and one standard deviation for each of the {count} points."
-            )
-        if self.t_cf.shape != (4, 4) or self.covariance.shape != (6, 6):
-            raise InputError(
-                "The worn camera's pose must be a (4, 4) array and its covariance a (6, 6) array."
-            )
-        try:
-            np.linalg.cholesky(self.covariance)
-        except np.linalg.LinAlgError as error:
-            raise InputError("The covariance of the worn camera's pose is not positive definite.") from error
-        self.settings = settings
-        self.options = settings.worn
+    def __init__(self, views: TwoViews, points: ViewedPoints, settings: FrontendSettings) -> None:
+        self.image_s, self.camera_s = views.image_s, views.camera_s
+        self.image_f, self.camera_f = views.image_f, views.camera_f
+        self.t_cf = np.asarray(views.t_cf, dtype=np.float64)
+        self.covariance = np.asarray(views.covariance, dtype=np.float64)
+        self.roi_s, self.roi_f = whole(views.roi_s, self.image_s), whole(views.roi_f, self.image_f)
+        self.settings, self.options = settings, settings.worn
         self.focal = (_focal(self.camera_s), _focal(self.camera_f))
+        self.uv_s, self.rho = points.uv, points.rho
         self.rays_s = self.camera_s.unproject(self.uv_s).reshape(-1, 3)
-        self.rho_sd = np.maximum(self.rho_sd, self.options.depth_floor * np.abs(self.rho))
+        self.rho_sd = np.maximum(points.rho_sd, self.options.depth_floor * np.abs(self.rho))
         self.known = np.isfinite(self.rho) & np.isfinite(self.rho_sd) & (self.rho_sd >= 0.0)
 
-    def run(self, roi_s: Region, roi_f: Region) -> WornMatches:
+    def run(self) -> WornMatches:
         """All steps, in the order of the module's description."""
-        inside = _inside(self.uv_s, roi_s) & np.all(np.isfinite(self.rays_s), axis=1)
-        points = np.flatnonzero(inside)
+        usable = inside(self.uv_s, self.roi_s) & np.all(np.isfinite(self.rays_s), axis=1)
+        points = np.flatnonzero(usable)
         rejected = dict.fromkeys(_REASONS, 0)
-        rejected["region"] = len(inside) - len(points)
-        uv_f = self._corners(roi_f)
+        rejected["region"] = len(usable) - len(points)
+        uv_f = self._corners()
         corners = len(uv_f)
         if len(points) == 0 or corners < 2:
             return self._none(rejected, corners)
@@ -210,7 +146,7 @@ class _Matcher:
         i, j, why = self._assign(points, rays_f, described, seeds.t_cf, seeds.covariance)
         rejected.update(why)
         index, place = points[i], uv_f[j]
-        index, place = self._add_known(points, index, place, seeds, roi_f)
+        index, place = self._add_known(points, index, place, seeds)
         tried = len(index)
         index, place, score = self._locate(index, place, seeds.t_cf)
         rejected["score"] = tried - len(index)
@@ -229,8 +165,9 @@ class _Matcher:
         empty = np.empty(0)
         return WornMatches(np.empty(0, np.int64), empty.reshape(0, 2), empty, rejected, corners, self.t_cf)
 
-    def _corners(self, roi: Region) -> Array:
+    def _corners(self) -> Array:
         """Corners of Cf inside the region of interest."""
+        roi = self.roi_f
         u0, v0 = (max(0, int(np.floor(x))) for x in roi[:2])
         u1, v1 = int(np.ceil(roi[2])) + 1, int(np.ceil(roi[3])) + 1
         crop = np.ascontiguousarray(self.image_f[v0:v1, u0:u1])
@@ -319,14 +256,14 @@ class _Matcher:
         return find_consensus(rays_s, rays_f, self.t_cf, self.covariance, noise, start)
 
     def _add_known(
-        self, points: Indices, index: Indices, place: Array, consensus: Consensus, roi: Region
+        self, points: Indices, index: Indices, place: Array, consensus: Consensus
     ) -> tuple[Indices, Array]:
         """Points of known depth without a match, searched with their own patch in their predicted ellipse."""
         rest = points[self.known[points] & ~np.isin(points, index)]
         if len(rest) == 0:
             return index, place
         uv, spread, ok = self._predict(rest, consensus)
-        ok &= _inside(uv, roi)
+        ok &= inside(uv, self.roi_f)
         rest, uv, spread = rest[ok], uv[ok], spread[ok]
         if len(rest) == 0:
             return index, place
@@ -387,7 +324,3 @@ class _Matcher:
 def _focal(camera: Camera) -> float:
     """Pixels per radian near the optical axis."""
     return float(np.sqrt(camera.intrinsics[0] * camera.intrinsics[1]))
-
-
-def _inside(uv: Array, region: Region) -> Mask:
-    return np.asarray(np.all((uv >= region[:2]) & (uv <= region[2:]), axis=1))

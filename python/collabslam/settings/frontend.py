@@ -55,7 +55,7 @@ class DetectSettings:
 
 
 @dataclass(frozen=True)
-class SightSettings:
+class BlankImageSettings:
     """Images that show nothing new are not searched: the frame is only predicted."""
 
     min_contrast: float = _number(
@@ -201,7 +201,7 @@ class FrontendSettings:
     """
 
     near: float
-    sight: SightSettings = field(default_factory=SightSettings)
+    blank_image: BlankImageSettings = field(default_factory=BlankImageSettings)
     detect: DetectSettings = field(default_factory=DetectSettings)
     patch: PatchSettings = field(default_factory=PatchSettings)
     search: SearchSettings = field(default_factory=SearchSettings)

@@ -1,4 +1,4 @@
-"""Whether an image shows anything new: a frozen or blank one must not pass for a measurement."""
+"""Blank and frozen images: they show nothing new and must not count as a measurement."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from collabslam.formats.schema import Check, array, optional
-from collabslam.settings.frontend import SightSettings
+from collabslam.settings.frontend import BlankImageSettings
 from collabslam.slam.state import PersistentState
 from collabslam.types import Image
 
@@ -23,12 +23,12 @@ class BlankImageDetector(PersistentState):
 
     Parameters
     ----------
-    settings : SightSettings
+    settings : BlankImageSettings
     """
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {"_last": optional(array("|u1", None, None))}
 
-    def __init__(self, settings: SightSettings) -> None:
+    def __init__(self, settings: BlankImageSettings) -> None:
         self._settings = settings
         self._last: Image | None = None
 
@@ -36,7 +36,7 @@ class BlankImageDetector(PersistentState):
         """`CLEAR`, `BLANK` (black, white, fogged: no contrast) or `FROZEN` (to the bit the last clear one).
 
         No sensor delivers the same noise twice: an image that repeats the last one comes from a driver that
-        hangs, and says that nothing has moved, very exactly, to a filter that believes it.
+        hangs.  Measured, it would tell the filter with great certainty that nothing has moved.
         """
         if self._last is not None and _equal(image, self._last):
             return FROZEN

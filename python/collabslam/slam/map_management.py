@@ -36,7 +36,7 @@ class MapManager:
         self._reserve = round(self.in_view * float(settings.switch("filter.map.reserve")))
         mode = str(settings["filter.estimator.mode"])
         self._undelayed = mode == "mono-undelayed"
-        # Vague depths say little of scale, and without Cf nothing else would.
+        # Features of unknown depth say little about the scale, and without Cf nothing else would.
         share = 0.0 if mode.startswith("mono") else float(settings.switch("filter.birth.vague_below"))
         self._vague_below = round(self.in_view * share)
 

@@ -92,7 +92,7 @@ class EngineParts:
         self._camera, self._worn_camera, self._settings = camera, worn_camera, settings
         self._start, self._target, self._metric = start, target, metric
         self._options = settings.frontend()
-        self._blank = BlankImageDetector(self._options.sight)
+        self._blank = BlankImageDetector(self._options.blank_image)
         self._tracks = Tracks(camera, self._options)
         self._worn = WornMatcher(core, camera, worn_camera, settings, self._options)
         self._depth = DepthInput()

@@ -49,11 +49,11 @@ class StatusMonitor(PersistentState):
         """Whether it has ever known where it is."""
 
     def min_inliers(self, searched: int) -> int:
-        """Fewest accepted matches with which a frame is accepted in which so many features were searched.
+        """Fewest accepted matches for a frame to be used, by the number of features searched in it.
 
-        A few wrong matches pass any test.  Half of a small number is asked for, and a share of a large one; a
-        camera that is lost must be found by a full set.  Where hardly anything is expected, nothing is asked,
-        unless the frame before failed: who looks where nothing is known may have jumped there.
+        A few wrong matches pass any test, so half of a small number is required, and a share of a large one.
+        A lost camera needs a full set.  Where hardly any feature is expected nothing is required, unless the
+        frame before failed: the camera may have jumped to where it knows nothing.
         """
         share = math.ceil(_MIN_SHARE * searched)
         if self.lost or (self._failed and searched < self._min_matches):
@@ -84,7 +84,7 @@ class StatusMonitor(PersistentState):
             self._last_ok = t
         if not accepted:
             self._failed += 1
-        elif inliers:  # a frame that shows nothing, as it may, says nothing of those before
+        elif inliers:  # a frame of which nothing was required does not end a series of failures
             self._failed = 0
         if accepted and inliers >= self._min_matches:
             self._last_ok, self.lost, self.found = t, False, True

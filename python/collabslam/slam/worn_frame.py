@@ -10,6 +10,7 @@ import numpy as np
 from collabslam._core import Camera, Filter, UpdateReport, WornMeasurement
 from collabslam.errors import InputError
 from collabslam.frontend.detect import Hidden
+from collabslam.frontend.two_views import TwoViews, ViewedPoints
 from collabslam.frontend.wearer_mask import covered
 from collabslam.frontend.worn_match import WornMatches, match_worn
 from collabslam.geometry import pose_inverse, se3_log
@@ -179,7 +180,7 @@ class WornMatcher:
         fresh = view.corners.pick(taken, tries)
         uv = np.concatenate([known_uv, found.candidate_uv, fresh])
         unknown = np.full(len(found.candidate_uv) + len(fresh), np.nan)
-        matches = match_worn(
+        views = TwoViews(
             view.image,
             self._camera,
             worn.image,
@@ -188,11 +189,13 @@ class WornMatcher:
             worn.covariance,
             overlap.roi_s,
             overlap.roi_f,
+        )
+        points = ViewedPoints(
             uv,
             np.concatenate([found.rho[known], unknown]),
             np.concatenate([found.rho_sd[known], unknown]),
-            self._options,
         )
+        matches = match_worn(views, points, self._options)
         correction, sigmas = _correction(worn, matches)
         if sigmas > _MAX_CORRECTION or self._contradicts(len(known), len(uv), matches):
             return Overlap(

@@ -23,6 +23,7 @@ from collabslam.errors import CollabslamError
 from collabslam.frontend.describe import DESCRIPTORS, describe
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.patch import SIZE
+from collabslam.frontend.two_views import TwoViews, ViewedPoints
 from collabslam.frontend.worn_match import SUPPORT, match_worn
 from collabslam.geometry import pose_inverse
 from collabslam.runs.report import number
@@ -141,11 +142,11 @@ class _Look:
         if self._overlap is None:
             return {**row, **counts, "ms_match": 0.0}
         began = time.process_time()
-        found = match_worn(
+        views = TwoViews(
             self._image, self._scene.camera, self._other, self._scene.other.camera,
             self._t_cf, self._covariance, self._overlap.roi_s, self._overlap.roi_f,
-            self._uv, None, None, options,
         )  # fmt: skip
+        found = match_worn(views, ViewedPoints(self._uv), options)
         took = 1e3 * (time.process_time() - began)
         rays_f = self._scene.other.camera.unproject(found.uv_f).reshape(-1, 3)
         focal = (_focal(self._scene.camera), _focal(self._scene.other.camera))

@@ -19,6 +19,7 @@ from collabslam.datasets.recording import Rig
 from collabslam.demo.recording import DemoRecording, corridor_recording
 from collabslam.errors import DataError
 from collabslam.frontend.epipolar import inverse_ranges
+from collabslam.frontend.two_views import TwoViews, ViewedPoints
 from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import pose_inverse
 from collabslam.settings.frontend import FrontendSettings
@@ -164,10 +165,8 @@ def true_inverse_ranges(scene: Scene, i: int, uv: Array, options: FrontendSettin
     found = np.full((len(_THIRD_BASELINES), len(uv)), np.nan)
     for row, k in enumerate(_third_frames(scene, i)):
         relative = pose_inverse(scene.poses[i]) @ scene.poses[k]
-        matches = match_worn(
-            image, scene.camera, scene.image(k), scene.camera, relative, _TRUTH_SD, None, None,
-            uv, None, None, options,
-        )  # fmt: skip
+        views = TwoViews(image, scene.camera, scene.image(k), scene.camera, relative, _TRUTH_SD)
+        matches = match_worn(views, ViewedPoints(uv), options)
         rays_s, rays_k = rays[matches.index], scene.camera.unproject(matches.uv_f).reshape(-1, 3)
         rho = inverse_ranges(rays_s, rays_k, relative)
         cosine = np.sum(rays_s * (rays_k @ relative[:3, :3].T), axis=1)
