@@ -21,7 +21,7 @@ from collabslam.errors import (
 
 if TYPE_CHECKING:
     from collabslam._core import Camera, DepthMeasurement, Filter, WornMeasurement
-    from collabslam.datasets import Source, WornSpec, attach_worn, open_recording
+    from collabslam.datasets import RecordingWriter, Source, WornSpec, attach_worn, open_recording
     from collabslam.images import to_grey
     from collabslam.runs.plan import Output
     from collabslam.runs.runner import RunResult, resume, run
@@ -44,6 +44,7 @@ __all__ = [
     "Frame",
     "InputError",
     "Output",
+    "RecordingWriter",
     "RunResult",
     "SavedMap",
     "Settings",
@@ -70,6 +71,7 @@ _HOMES = {
     "Filter": "_core",
     "Frame": "types",
     "Output": "runs.plan",
+    "RecordingWriter": "datasets",
     "RunResult": "runs.runner",
     "SavedMap": "slam.saved_map",
     "Settings": "settings.table",

@@ -567,7 +567,7 @@ def test_faults_of_the_own_layout_are_named(tmp_path: Path) -> None:
         open_recording(out)
     relpose.write_text(good)
     edit(relpose, 1, lambda line: ",".join([*line.split(",")[:8], "-1.0", *line.split(",")[9:]]))
-    with pytest.raises(DataError, match=r"line 2 .*not positive semidefinite"):
+    with pytest.raises(DataError, match=r"Line 2 .*not positive semidefinite"):
         open_recording(out)
     relpose.write_text(good)
     edit(relpose, 1, lambda line: ",".join([*line.split(",")[:4], "0.5,0.5,0.5,0.1", *line.split(",")[8:]]))

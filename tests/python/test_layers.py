@@ -34,7 +34,7 @@ ALLOWED: dict[str, set[str]] = {
     "worn_pose": BASE,
     "frontend": BASE | {"settings"},
     "slam": BASE | {"images", "settings", "formats", "frontend"},
-    "datasets": BASE | {"formats", "worn_pose"},
+    "datasets": BASE | {"images", "formats", "worn_pose"},
     "runs": BASE | {"version", "settings", "formats", "evaluation", "slam", "datasets"},
     "viz": BASE | {"formats", "evaluation", "slam", "runs"},
     "checks": BASE | {"frontend", "datasets", "runs"},

@@ -20,6 +20,7 @@ from collabslam.datasets.readers import (
     seven_scenes,
     tum_rgbd,
     video,
+    videos,
 )
 from collabslam.datasets.recording import ImageRecording
 from collabslam.datasets.ros import reader as bag_recording
@@ -61,7 +62,7 @@ _READERS = (
     ),
     *(
         Reader(module.LAYOUT, module.matches, module.open)
-        for module in (tum_rgbd, bag_recording, video, folder)
+        for module in (videos, tum_rgbd, bag_recording, video, folder)
     ),
 )
 

@@ -34,11 +34,12 @@ class Rig:
 
 @dataclass(frozen=True)
 class RecordedView:
-    """A view of the worn camera on disk, with the measured pose and covariance of WornView."""
+    """A view of the worn camera on disk, with the measured pose, covariance and bias of WornView."""
 
     path: Path
     t_cf: Array
     covariance: Array
+    bias: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,8 @@ class ImageRecording:
         worn = None
         if self.worn is not None and i in self.worn.views:
             view = self.worn.views[i]
-            worn = WornView(read_grey(view.path, self.worn.camera), view.t_cf, view.covariance)
+            image = read_grey(view.path, self.worn.camera)
+            worn = WornView(image, view.t_cf, view.covariance, view.bias)
         return Frame(i, float(self.times[i]), self.image(i), worn)
 
 

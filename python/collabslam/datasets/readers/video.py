@@ -36,16 +36,23 @@ def open(path: Path, given: Given) -> StreamRecording:
             f"The video {path} carries no calibration; give it with --camera FILE. 'collabslam init {path}' "
             "writes one to fill in, with a guess that the run cannot go on with for long."
         )
-    video = _Video(path)
-    times = video.times
-    if given.times is not None:
-        lines = data_lines(given.times)
-        times = np.asarray([parse_stamp(f[0], f"line {n} of {given.times}") for n, f in lines])
-        if len(times) != len(video.times):
-            raise DataError(
-                f"{given.times} has {len(times)} stamps for {len(video.times)} frames; match them."
-            )
+    video = Video(path)
+    times = video.times if given.times is None else read_stamps(given.times, video)
     return StreamRecording(path.stem, str(path), load_camera(given.camera), times, video.read)
+
+
+def read_stamps(path: Path, video: Video) -> Array:
+    """Stamps of a video's frames, seconds: the first column of a CSV or text file.
+
+    Raises
+    ------
+    DataError
+        If there is not one for each frame, or one is no number.
+    """
+    times = np.asarray([parse_stamp(f[0], f"line {n} of {path}") for n, f in data_lines(path)])
+    if len(times) != len(video.times):
+        raise DataError(f"{path} has {len(times)} stamps for {len(video.times)} frames; match them.")
+    return times
 
 
 def frame_size(path: Path) -> tuple[int, int]:
@@ -62,8 +69,14 @@ def _capture(path: Path) -> cv2.VideoCapture:
     return capture
 
 
-class _Video:
-    """Frames of a video by number; quick in order."""
+class Video:
+    """Frames of a video by number; quick in order.
+
+    Attributes
+    ----------
+    times : (N,) float64
+        The container's stamps, seconds; from its frame rate where it carries none.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -82,6 +95,7 @@ class _Video:
             self.times = np.arange(len(stamps)) / rate
 
     def read(self, i: int) -> Image:
+        """The (H, W) uint8 grey image of frame ``i``; DataError if it cannot be decoded."""
         if i < self._next:
             self._capture, self._next = _capture(self._path), 0
         while self._next < i and self._capture.grab():

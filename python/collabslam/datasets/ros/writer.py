@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.readers.collab import stable_quaternion
+from collabslam.datasets.recording_writer import stable_quaternion
 from collabslam.errors import DataError
 from collabslam.extras import needs
 from collabslam.geometry import tangent_to_fixed

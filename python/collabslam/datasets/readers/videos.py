@@ -1,0 +1,152 @@
+"""Two videos with lists of stamps and poses beside them: what two phones, or any two devices, can deliver.
+
+::
+
+    cam0.mp4  cam0.yaml  cam0.csv      Cs: video, calibration, and optionally the stamp of each frame
+    cam1.mp4  cam1.yaml  cam1.csv      Cf: the same; left out where there is none
+    t_cf.csv                           measured T_CF: stamp, position, quaternion w x y z, covariance
+    truth.csv                          optional T_WC of Cs: stamp, position, quaternion w x y z
+
+Videos may end in any of `video.SUFFIXES`.  Stamps are seconds or integer nanoseconds, on one clock; without a
+list they are the container's.  The covariance of a row of ``t_cf.csv`` is two standard deviations, metres and
+degrees, or 21 numbers as in `collab`.  A view of Cf belongs to the nearest frame of Cs within 10 ms; the pose
+is interpolated between two rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from collabslam._core import Camera
+from collabslam.datasets.calibration import load_camera
+from collabslam.datasets.overrides import Given
+from collabslam.datasets.poses import (
+    NANOSECONDS,
+    check_position,
+    data_lines,
+    interpolate_track,
+    number_fields,
+    parse_stamp,
+)
+from collabslam.datasets.readers.collab import covariance_of
+from collabslam.datasets.readers.stamped import match_stamps
+from collabslam.datasets.readers.video import SUFFIXES, Video, read_stamps
+from collabslam.datasets.stream import StreamRecording
+from collabslam.errors import DataError
+from collabslam.geometry import pose_from_quaternion
+from collabslam.types import Array, WornView
+
+LAYOUT = "two videos (cam0.mp4, cam0.yaml, cam1.mp4, cam1.yaml, t_cf.csv)"
+POSE = "stamp, position, quaternion w x y z"
+_TOLERANCE = 10_000_000
+
+
+def _video_of(path: Path, name: str) -> Path | None:
+    return next((path / f"{name}{s}" for s in SUFFIXES if (path / f"{name}{s}").is_file()), None)
+
+
+def matches(path: Path) -> bool:
+    """Whether ``path`` is a folder with a video of Cs."""
+    return path.is_dir() and _video_of(path, "cam0") is not None
+
+
+def _read(path: Path, name: str, times: Path | None = None) -> tuple[Video, Array]:
+    found = _video_of(path, name)
+    assert found is not None
+    video, listed = Video(found), times or path / f"{name}.csv"
+    return video, read_stamps(listed, video) if listed.is_file() else video.times
+
+
+def _lens(path: Path, name: str) -> Camera:
+    sensor = path / f"{name}.yaml"
+    if not sensor.is_file():
+        raise DataError(
+            f"The video {path / name} has no calibration; put {sensor} there ('collabslam init' makes one)."
+        )
+    return load_camera(sensor)
+
+
+def _rows(path: Path, further: tuple[int, ...]) -> tuple[Array, Array, list[Array]]:
+    """Stamps, poses and further numbers of a list of poses, sorted by stamp."""
+    rows = []
+    for number, fields in data_lines(path):
+        where = f"Line {number} of {path}"
+        if len(fields) - 8 not in further:
+            counts = " or ".join(str(8 + n) for n in further)
+            raise DataError(f"{where} has {len(fields)} columns; {counts} are needed: {POSE}, covariance.")
+        values = np.asarray(number_fields(fields[1:], where))
+        if not np.isfinite(values).all() or abs(float(np.linalg.norm(values[3:7])) - 1.0) > 1e-2:
+            raise DataError(f"{where} holds no unit quaternion (w x y z), or a number that is not finite.")
+        check_position(values[:3], where)
+        pose = pose_from_quaternion(values[:3], values[3:7])
+        rows.append((parse_stamp(fields[0], where), pose, values[7:], where))
+    if not rows:
+        raise DataError(f"The list {path} holds no poses; give lines of {POSE}.")
+    rows.sort(key=lambda row: row[0])
+    covariances = [_covariance(numbers, where) for _, _, numbers, where in rows if len(numbers)]
+    return np.asarray([r[0] for r in rows]), np.asarray([r[1] for r in rows]), covariances
+
+
+def _covariance(numbers: Array, where: str) -> Array:
+    if len(numbers) > 2:
+        return covariance_of(numbers, where)
+    if not (numbers > 0.0).all() or numbers[0] > 1e3 or numbers[1] > 180.0:
+        raise DataError(f"{where} has impossible standard deviations; give metres and degrees above zero.")
+    return np.diag(np.repeat([numbers[0], np.radians(numbers[1])], 3) ** 2)
+
+
+def _nanoseconds(times: Array) -> list[int]:
+    return [round(t * NANOSECONDS) for t in times.tolist()]
+
+
+def open(path: Path, given: Given) -> StreamRecording:
+    """Open two videos.
+
+    Raises
+    ------
+    DataError
+        If a video cannot be decoded, a calibration or a list is missing or broken, or nothing meets.
+    """
+    video, times = _read(path, "cam0", given.times)
+    recording = StreamRecording(
+        name=path.name,
+        source=str(path),
+        camera=load_camera(given.camera) if given.camera else _lens(path, "cam0"),
+        times=times,
+        read=video.read,
+    )
+    truth = path / "truth.csv"
+    if truth.is_file():
+        stamps, track, _ = _rows(truth, (0,))
+        recording = replace(recording, truth=interpolate_track(stamps, track, times))
+    return recording if _video_of(path, "cam1") is None else _with_worn(recording, path)
+
+
+def _with_worn(recording: StreamRecording, path: Path) -> StreamRecording:
+    video, times = _read(path, "cam1")
+    stamps, track, covariances = _rows(path / "t_cf.csv", (2, 21))
+    frames, others = np.argsort(recording.times), np.argsort(times)
+    pairs = match_stamps(_nanoseconds(recording.times[frames]), _nanoseconds(times[others]), _TOLERANCE)
+    views: dict[int, tuple[int, Array, Array]] = {}
+    for i, k in pairs.items():
+        frame, view = int(frames[i]), int(others[k])
+        t = recording.times[frame]
+        t_cf = interpolate_track(stamps, track, np.asarray([t]))[0]
+        if np.isfinite(t_cf).all():
+            views[frame] = view, t_cf, covariances[int(np.argmin(np.abs(stamps - t)))]
+    if not views:
+        raise DataError(
+            f"No frame of cam1 in {path} is within 10 ms of one of cam0 and between two rows of t_cf.csv; "
+            "put all three on the same clock."
+        )
+
+    def read_worn(i: int) -> WornView | None:
+        if i not in views:
+            return None
+        k, t_cf, covariance = views[i]
+        return WornView(video.read(k), t_cf, covariance)
+
+    return replace(recording, worn_camera=_lens(path, "cam1"), read_worn=read_worn)

@@ -1,0 +1,358 @@
+"""Writing the package's own two-camera layout (see `collabslam.datasets.readers.collab`), frame by frame."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import ArrayLike
+
+from collabslam._core import Camera
+from collabslam.datasets.calibration import sensor_mapping
+from collabslam.datasets.poses import NANOSECONDS, rigid
+from collabslam.datasets.readers.collab import FORMAT, TRIANGLE, VERSION, folder_name
+from collabslam.errors import DataError, InputError
+from collabslam.formats.files import LineFile, write_text
+from collabslam.geometry import quaternion_wxyz
+from collabslam.images import check_grey
+from collabslam.types import Array, Image, Recording, WornView
+
+_POSE_COLUMNS = "#timestamp [ns],p_x [m],p_y [m],p_z [m],q_w,q_x,q_y,q_z"
+_IMAGE_COLUMNS = "#timestamp [ns],filename"
+_QUATERNION_DECIMALS = 14
+
+
+class RecordingWriter:
+    """Writes images, stamps and poses as a recording that `collabslam.open_recording` reads.
+
+    Used in a ``with`` block, or closed by hand.  Images are lossless PNG.  Until it is closed the folder has
+    the name ``.NAME.partial`` beside its place; closing gives it its own, also where an error or Ctrl-C has
+    ended the block: what was added until then is a whole recording.
+
+    Parameters
+    ----------
+    folder : str or Path
+        New folder.
+    camera : Camera
+        Cs.
+    worn_camera : Camera, optional
+        Cf; needed for frames with a worn view.
+    name : str, optional
+        Of the recording; the folder's unless told.
+    overwrite : bool
+        Replace an earlier recording in this layout.
+
+    Raises
+    ------
+    InputError
+        If a camera is no `Camera`, or the name is no name of a folder.
+    DataError
+        If the folder exists (without ``overwrite``, or when it is no recording), or cannot be written.
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        camera: Camera,
+        worn_camera: Camera | None = None,
+        *,
+        name: str | None = None,
+        overwrite: bool = False,
+    ) -> None:
+        for lens in (camera,) if worn_camera is None else (camera, worn_camera):
+            if not isinstance(lens, Camera):
+                raise InputError(
+                    f"The camera is a {type(lens).__name__}; give a collabslam.Camera, which load_camera "
+                    "reads from a calibration file."
+                )
+        self._out = _free(Path(folder), overwrite)
+        self._camera, self._worn_camera = camera, worn_camera
+        self._partial = self._out.with_name(f".{self._out.name}.partial")
+        self._lists: dict[Path, LineFile] = {}
+        self._last = -1
+        self._frames = 0
+        self._open = True
+        title = folder_name(self._out.resolve().name if name is None else name, InputError)
+        with self._writable():
+            shutil.rmtree(self._partial, ignore_errors=True)
+            (self._partial / "cam0" / "data").mkdir(parents=True)
+            header = {"format": FORMAT, "version": VERSION, "name": title}
+            _write_yaml(self._partial / "recording.yaml", header)
+            _write_yaml(self._partial / "cam0" / "sensor.yaml", sensor_mapping(camera))
+
+    def __enter__(self) -> RecordingWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None or self._frames:
+            self.close()
+        else:
+            self.discard()
+
+    def __len__(self) -> int:
+        return self._frames
+
+    def add(
+        self, t: float, image: Image, worn: WornView | None = None, truth: ArrayLike | None = None
+    ) -> None:
+        """Adds a frame.  What is refused leaves the recording as it was.
+
+        Parameters
+        ----------
+        t : float
+            Time stamp, seconds, not negative; kept to the nanosecond, and later than the last one.
+        image : (H, W) uint8
+            Grey image of Cs; `collabslam.to_grey` makes one of any other.
+        worn : WornView, optional
+            The worn camera's view at the same instant.
+        truth : (4, 4) array, optional
+            True ``T_WC`` of Cs, for scores only.
+
+        Raises
+        ------
+        InputError
+            For a stamp that does not follow, an image of the wrong type or size, a pose that is none, a
+            covariance that is none, or a worn view without ``worn_camera``.
+        DataError
+            If the disk is full.
+        """
+        if not self._open:
+            raise InputError("The recording is closed; begin another one, in another folder.")
+        stamp = self._stamp(t)
+        image = check_grey(image, self._camera, "image")
+        view = None if worn is None else self._checked(worn)
+        true = None if truth is None else _pose(truth, "truth")
+        with self._writable():
+            # The lists last, so that they name nothing that is not there.
+            name = self._write_image("cam0", stamp, image)
+            if view is not None:
+                self._write_view(stamp, *view)
+            if true is not None:
+                line = ",".join([str(stamp), *_pose_fields(true)])
+                self._append(self._partial / "groundtruth" / "data.csv", _POSE_COLUMNS, line)
+            self._append(self._partial / "cam0" / "data.csv", _IMAGE_COLUMNS, f"{stamp},{name}")
+        self._last = stamp
+        self._frames += 1
+
+    def close(self) -> None:
+        """Gives the folder its name; raises DataError if there is no frame, or the name cannot be taken."""
+        if not self._open:
+            return
+        if not self._frames:
+            self.discard()
+            raise DataError(f"The recording {self._out} has no frames; add one before it is closed.")
+        self._release()
+        with self._writable():
+            if self._out.exists():
+                shutil.rmtree(self._out)
+            os.replace(self._partial, self._out)
+
+    def discard(self) -> None:
+        """Removes what was written; an earlier recording that was to be replaced stays."""
+        if self._open:
+            self._release()
+            shutil.rmtree(self._partial, ignore_errors=True)
+
+    def _release(self) -> None:
+        self._open = False
+        for file in self._lists.values():
+            file.close()
+
+    @contextlib.contextmanager
+    def _writable(self) -> Any:
+        try:
+            yield
+        except OSError as error:
+            raise DataError(
+                f"The folder {self._out} cannot be written ({error.strerror}); free disk space or choose "
+                "another place."
+            ) from error
+
+    def _stamp(self, t: float) -> int:
+        try:
+            stamp = round(Fraction(float(t)) * NANOSECONDS)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise InputError(f"The time stamp is {t!r}; give seconds as a finite number.") from error
+        if not 0 <= stamp < 1 << 63:
+            raise InputError(f"The time stamp is {t} s; give seconds from 0 to 9e9.")
+        if stamp <= self._last:
+            raise InputError(
+                f"The time stamp {t} s does not follow the last one, {self._last / NANOSECONDS} s; give "
+                "stamps in seconds that increase by a nanosecond or more."
+            )
+        return stamp
+
+    def _checked(self, worn: WornView) -> tuple[Image, Array, list[Array]]:
+        """Image, T_CF, its covariance and, where it is known, the part of that which lasts."""
+        if self._worn_camera is None:
+            raise InputError(
+                "There is a worn view but no worn_camera; give the writer the calibration of Cf."
+            )
+        image = check_grey(worn.image, self._worn_camera, "worn image")
+        covariances = [_covariance(worn.covariance, "covariance of T_CF")]
+        if worn.bias is not None:
+            covariances.append(_covariance(worn.bias, "bias of T_CF"))
+        return image, _pose(worn.t_cf, "T_CF"), covariances
+
+    def _write_view(self, stamp: int, image: Image, t_cf: Array, covariances: list[Array]) -> None:
+        assert self._worn_camera is not None
+        sensor = self._partial / "cam1" / "sensor.yaml"
+        if not sensor.exists():
+            (self._partial / "cam1" / "data").mkdir(parents=True)
+            _write_yaml(sensor, sensor_mapping(self._worn_camera))
+        name = self._write_image("cam1", stamp, image)
+        triangles = [repr(float(x) + 0.0) for c in covariances for x in c[TRIANGLE]]
+        names = ",".join(f"c{r + 1}{c + 1}" for r, c in zip(*TRIANGLE, strict=True))
+        line = ",".join([str(stamp), *_pose_fields(t_cf), *triangles])
+        self._append(self._partial / "relpose" / "data.csv", f"{_POSE_COLUMNS},{names}", line)
+        self._append(self._partial / "cam1" / "data.csv", _IMAGE_COLUMNS, f"{stamp},{name}")
+
+    def _write_image(self, folder: str, stamp: int, image: Image) -> str:
+        name = f"{stamp}.png"
+        path = self._partial / folder / "data" / name
+        if not cv2.imwrite(str(path), image):
+            raise DataError(f"The image {path} cannot be written; free disk space or change the folder.")
+        return name
+
+    def _append(self, path: Path, header: str, line: str) -> None:
+        if path not in self._lists:
+            write_text(path, f"{header}\n")
+            self._lists[path] = LineFile(path)
+        self._lists[path].append(line)
+
+
+def write_recording(
+    recording: Recording,
+    out_dir: str | Path,
+    overwrite: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Write any recording in the package's own layout; reading it back gives the same frames.
+
+    Stamps are rounded to the nanosecond, rotations to 1e-14 rad; covariances are written in full.  Writing
+    again what was read gives identical files.  A recording's target is not written.  The folder appears only
+    when it is complete.
+
+    Parameters
+    ----------
+    recording
+        Any recording; its worn views and truth are written where it has them.
+    out_dir
+        New folder.
+    overwrite
+        Replace an earlier recording in this layout.
+    progress
+        Called with (frames done, frames in all).
+
+    Returns
+    -------
+    Path
+        ``out_dir``.
+
+    Raises
+    ------
+    DataError
+        If the folder exists (without ``overwrite``, or when it is not a recording), is or holds what the
+        recording is read from, or cannot be written.
+    InputError
+        If a frame holds what `RecordingWriter.add` refuses.
+    """
+    out, source = Path(out_dir), Path(recording.source).resolve()
+    if source.exists() and source.is_relative_to(out.resolve()):
+        raise DataError(
+            f"The recording {source} would be destroyed by writing into {out}; give a folder apart from it."
+        )
+    writer = RecordingWriter(
+        out, recording.camera, recording.worn_camera, name=recording.name, overwrite=overwrite
+    )
+    try:
+        for i, t in enumerate(recording.times.tolist()):
+            frame = recording.frame(i)
+            true = None if recording.truth is None else recording.truth[i]
+            known = true is not None and bool(np.isfinite(true).all())
+            writer.add(t, frame.image, frame.worn, true if known else None)
+            if progress is not None:
+                progress(i + 1, len(recording))
+        writer.close()
+    finally:
+        writer.discard()
+    return out
+
+
+def stable_quaternion(rotation: Array) -> list[float]:
+    """Quaternion w x y z that comes out the same when its own rotation matrix is written again.
+
+    Three parts are rounded to 14 decimals (1e-14 rad), far more coarsely than arithmetic disturbs them; the
+    remaining one, which is not small, follows from the norm.
+    """
+    q = quaternion_wxyz(rotation)
+    kept = int(np.flatnonzero(np.abs(q) >= 0.5 - 1e-9)[0])
+    rounded = [round(float(x), _QUATERNION_DECIMALS) for x in q]
+    rest = sum(x * x for k, x in enumerate(rounded) if k != kept)
+    rounded[kept] = float(np.copysign(np.sqrt(max(1.0 - rest, 0.0)), q[kept]))
+    leading = next(x for x in rounded if x != 0.0)
+    return [(-x if leading < 0.0 else x) + 0.0 for x in rounded]
+
+
+def _free(out: Path, overwrite: bool) -> Path:
+    """The place of a new recording; raises DataError if something is there that is not to be replaced."""
+    occupied = out.exists() and not (out.is_dir() and not any(out.iterdir()))
+    if occupied and not overwrite:
+        raise DataError(f"The folder {out} exists already; give another one or ask to overwrite it.")
+    if occupied and not (out / "recording.yaml").is_file():
+        raise DataError(
+            f"The folder {out} is no recording of this layout and is not overwritten; give another one."
+        )
+    return out
+
+
+def _numbers(value: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"The {name} is no array of numbers; give {shape} numbers.") from error
+    if array.shape != shape or not np.isfinite(array).all():
+        raise InputError(f"The {name} has the shape {array.shape} or is not finite; give {shape} numbers.")
+    return array
+
+
+def _pose(value: ArrayLike, name: str) -> Array:
+    """A 4x4 rigid pose, as it was given."""
+    array = _numbers(value, (4, 4), name)
+    try:
+        rigid(array, f"The {name}")
+    except DataError as error:
+        raise InputError(str(error)) from error
+    if not np.array_equal(array[3], (0.0, 0.0, 0.0, 1.0)):
+        raise InputError(f"The last row of the {name} is not 0 0 0 1; transpose it.")
+    return array
+
+
+def _covariance(value: ArrayLike, name: str) -> Array:
+    """A 6x6 covariance: symmetric, and not negative in any direction."""
+    array = _numbers(value, (6, 6), name)
+    largest = float(np.abs(np.diag(array)).max())
+    if float(np.abs(array - array.T).max()) > 1e-9 * largest:
+        raise InputError(f"The {name} is not symmetric; give (C + C.T) / 2.")
+    if float(np.linalg.eigvalsh(array)[0]) < -1e-9 * largest:
+        raise InputError(f"The {name} is not positive semidefinite; give variances, m^2 and rad^2.")
+    return array
+
+
+def _pose_fields(t: Array) -> list[str]:
+    return [repr(float(x) + 0.0) for x in t[:3, 3]] + [repr(x) for x in stable_quaternion(t[:3, :3])]
+
+
+def _write_yaml(path: Path, content: dict[str, object]) -> None:
+    write_text(path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
