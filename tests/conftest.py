@@ -1,7 +1,8 @@
-"""What several test modules need: the first frames of the demo, played once."""
+"""What several test modules need: the first frames of the demo, played once, and Ctrl-C as in a terminal."""
 
 from __future__ import annotations
 
+import signal
 from dataclasses import dataclass
 
 import pytest
@@ -21,6 +22,12 @@ class Clip:
 
     recording: DemoRecording
     frames: list[Frame]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def ctrl_c() -> None:
+    """A shell starts what runs in the background with SIGINT ignored, and children inherit that."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
