@@ -6,7 +6,6 @@ from numpy.typing import ArrayLike, NDArray
 
 __all__ = [
     "AffineMaps",
-    "Alignment",
     "Block",
     "Camera",
     "CandidateReport",
@@ -37,10 +36,10 @@ __all__ = [
     "Windows",
     "WornMeasurement",
     "__version__",
+    "accepted_value",
     "adjoint",
     "affine_at",
     "affine_maps",
-    "align_templates",
     "capture_windows",
     "chi2_quantile",
     "corner_peaks",
@@ -1190,44 +1189,6 @@ def search_templates(
     """
 
 @final
-class Alignment:
-    """Where templates fit an image.
-
-    Attributes
-    ----------
-    uv : (N, 2) float64
-        Where their middles are exactly; NaN where the template fits nowhere near.
-    score : (N,) float64
-        Correlation of template and image under the map; -1 where there is none.
-    """
-
-    @property
-    def uv(self) -> _Array: ...
-    @property
-    def score(self) -> _Array: ...
-
-def align_templates(image: _Image, templates: _Image, uv: ArrayLike) -> Alignment:
-    """Fits each template to the image around a position by an affine map, gain and offset.
-
-    Parameters
-    ----------
-    image : (H, W) uint8
-    templates : (N, h, h) uint8
-        Side h odd.
-    uv : (N, 2) float64
-        Where their middles are, to some pixels.
-
-    Returns
-    -------
-    Alignment
-
-    Raises
-    ------
-    InputError
-        If an argument has another type or shape.
-    """
-
-@final
 class WarpLimits:
     """Which warps of a patch are allowed.
 
@@ -2100,4 +2061,19 @@ def settings_schema() -> list[SettingInfo]:
     Returns
     -------
     list of SettingInfo
+    """
+
+def accepted_value(key: str, value: object) -> bool | int | float | str | None:
+    """A value as the filter takes it for a setting or a switch.
+
+    Parameters
+    ----------
+    key : str
+        Dotted name.
+    value : object
+
+    Returns
+    -------
+    bool, int, float, str or None
+        None if the setting cannot have this value, or there is no such setting.
     """

@@ -58,11 +58,6 @@ def _search(image: Any, templates: Any) -> list[Any]:
     return [found.uv, found.score, found.second, found.code]
 
 
-def _align(image: Any, templates: Any) -> list[Any]:
-    found = _core.align_templates(image, templates, UV + 0.3)
-    return [found.uv, found.score]
-
-
 def _pairs(described: Any, described_f: Any) -> list[Any]:
     ranges = np.tile([0.0, 2.0], (5, 1))
     points = _core.PairPoints(RAYS, ranges, np.zeros(5, np.bool_), described, [0.0, 0.5])
@@ -86,7 +81,6 @@ def _warp(pixels: Any) -> list[Any]:
 
 READERS: dict[str, tuple[Callable[..., list[Any]], tuple[Any, ...]]] = {
     "search": (_search, (IMAGE, TEMPLATES)),
-    "align": (_align, (IMAGE, TEMPLATES)),
     "pairs": (_pairs, (DESCRIPTORS, DESCRIPTORS[0])),
     "warp": (_warp, (IMAGE[26:55, 36:65],)),
     "sample": (lambda image: [_core.sample_templates(image, UV, 0.8 * SAME, 11).templates], (IMAGE,)),

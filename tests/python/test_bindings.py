@@ -273,6 +273,8 @@ def test_a_worn_camera_that_is_missing() -> None:
         ({"worn.start_births": 0}, "worn.start_births: 0 is outside"),
         ({"worn.start_births": "many"}, "worn.start_births"),
         ({"worn.start_births": None}, "worn.start_births"),
+        ({"worn.start_births": 2**70}, "worn.start_births"),
+        ({"worn.start_births": 2.5}, "worn.start_births: a whole number"),
         ({"pixel.sigma_cs": float("nan")}, "pixel.sigma_cs: NaN"),
     ],
 )

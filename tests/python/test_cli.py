@@ -305,10 +305,10 @@ def test_settings_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert cli.main(["settings", "check", str(path)]) == 0
     assert Settings.default().hash() in capsys.readouterr().out
     assert cli.main(["settings", "show", "frontend."]) == 0
-    assert "frontend.detect.min_distance" in capsys.readouterr().out
-    path.write_text("frontend: {detect: {min_distence: 3}}\n")
+    assert "frontend.detect.quality" in capsys.readouterr().out
+    path.write_text("frontend: {detect: {qualty: 3}}\n")
     assert cli.main(["settings", "check", str(path)]) == 2
-    assert "min_distance" in capsys.readouterr().err
+    assert "quality" in capsys.readouterr().err
 
 
 def test_help_needs_no_heavy_import() -> None:

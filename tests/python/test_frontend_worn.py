@@ -21,7 +21,6 @@ from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
 from collabslam.settings.table import Settings
 from collabslam.types import Target
-from collabslam_lab.worlds import world_recording
 
 SETTINGS = Settings.default().frontend()
 CAMERA = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5), [])
@@ -143,31 +142,6 @@ def test_regions_of_interest_are_kept(scene):
     nothing = run(scene, measured(0), roi_f=(600.0, 440.0, 639.0, 479.0))
     assert len(nothing.index) == 0
     assert nothing.uv_f.shape == (0, 2)
-
-
-def test_patches_fitted_to_the_other_view_are_exact_and_right():
-    """Walls along the way are foreshortened in a way that no depth tells."""
-    world = world_recording("corridor-1")
-    frame, t_cf = world.frame(0), world.true_t_cf(0)
-    depth = world.renderer.depth(world.robot(0.0), world.camera)
-    uv = detect_corners(frame.image, NONE, 200, SETTINGS.detect, 12)
-    columns, rows = np.rint(uv).astype(int).T
-    around = np.stack([depth[rows + dv, columns + du] for du in (-2, 0, 2) for dv in (-2, 0, 2)])
-    flat = np.ptp(around, axis=0) < 0.1 * around[4]
-    rays = world.camera.unproject(uv)
-    points = rays * (around[4] / rays[:, 2])[:, None]
-    true = world.worn_camera.project((points - t_cf[:3, 3]) @ t_cf[:3, :3])[0]
-    outcome = []
-    for least in (0.0, 0.9):
-        settings = Settings.default().replace({"frontend.worn.fitted_score": least}).frontend()
-        views = TwoViews(frame.image, world.camera, frame.worn.image, world.worn_camera, t_cf, COVARIANCE)
-        found = match_worn(views, ViewedPoints(uv), settings)
-        error = np.linalg.norm(found.uv_f - true[found.index], axis=1)[flat[found.index]]
-        outcome.append(((error < 3.0).sum(), np.median(error), (error > 3.0).sum()))
-    (right, middle, wrong), (fitted_right, fitted_middle, fitted_wrong) = outcome
-    assert fitted_right > 0.75 * right
-    assert fitted_middle < 0.5 * middle
-    assert fitted_wrong < 0.5 * wrong
 
 
 def test_unrelated_views_give_no_matches(scene):

@@ -278,10 +278,11 @@ class TestStatus:
         assert self.monitor().min_inliers(searched) == expected
 
     def test_its_settings_count(self) -> None:
-        m = self.monitor(frames=1, min_matches=20)
+        m = self.monitor(seconds=0.05, min_matches=20)
         assert m.min_inliers(100) == 20
         assert m.update(0.0, 19, accepted=True) is Status.COASTING
-        assert m.update(0.1, 0, accepted=False) is Status.LOST
+        assert m.update(0.04, 19, accepted=True) is Status.COASTING
+        assert m.update(0.06, 19, accepted=True) is Status.LOST
 
 
 class TestPlaceRecognition:

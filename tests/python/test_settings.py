@@ -152,6 +152,26 @@ class TestWithAKnownSchema:
             Settings.load(tmp_path / "nowhere.yaml")
 
 
+@pytest.mark.parametrize("section", ["filter", "frontend"])
+def test_each_part_refuses_what_is_just_outside_its_ranges(section: str) -> None:
+    numbers = [s for k, s in module.schema().items() if k.startswith(section) and s.high is not None]
+    assert len(numbers) > 5
+    for setting in numbers:
+        assert setting.low is not None
+        for value in (setting.low, setting.high):
+            assert Settings.default().replace({setting.key: value})[setting.key] == value
+        for value in (setting.low - 0.01, setting.high * 1.01):
+            with pytest.raises(SettingsError, match=f"'{setting.key}' is .*it must be a"):
+                Settings.default().replace({setting.key: value})
+
+
+def test_whole_and_written_numbers_are_taken_as_the_filter_takes_them() -> None:
+    settings = Settings.default().replace({"filter.map.in_view": 50.0, "filter.pixel.sigma_cs": "2e0"})
+    assert settings["filter.map.in_view"] == 50
+    assert isinstance(settings["filter.map.in_view"], int)
+    assert settings["filter.pixel.sigma_cs"] == pytest.approx(2.0)
+
+
 def test_assignments_are_read_as_yaml() -> None:
     assert parse_assignments(["a.b=0.5", "c=true", "d=hohct"]) == {"a.b": 0.5, "c": True, "d": "hohct"}
     for bad in ("a.b", "=3", "a=[1"):

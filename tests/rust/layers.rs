@@ -50,23 +50,13 @@ const CRATE: Table = &[
 /// Files of the filter.
 const FILTER: Table = &[
     ("candidate", &[]),
-    ("innovation_window", &[]),
     ("measurements", &[]),
     ("snapshot", &[]),
     ("visibility", &[]),
-    ("record", &["innovation_window"]),
+    ("record", &[]),
     ("sources", &["measurements"]),
     ("undo", &["candidate", "record"]),
-    (
-        "ekf",
-        &[
-            "candidate",
-            "innovation_window",
-            "record",
-            "sources",
-            "undo",
-        ],
-    ),
+    ("ekf", &["candidate", "record", "sources", "undo"]),
     ("births", &["candidate", "ekf"]),
     ("checkpoint", &["undo", "ekf"]),
     ("checks", &["measurements", "sources", "ekf"]),
@@ -84,14 +74,13 @@ const FILTER: Table = &[
     ("relocalisation", &["measurements", "sources", "ekf"]),
     ("scale", &["ekf"]),
     ("restart", &["measurements", "sources", "known_map", "ekf"]),
-    ("validation", &["innovation_window", "measurements", "ekf"]),
+    ("validation", &["measurements", "ekf"]),
     ("working_set", &["measurements", "ekf"]),
     ("worn_error", &["measurements", "ekf"]),
     (
         "snapshot_image",
         &[
             "candidate",
-            "innovation_window",
             "snapshot",
             "record",
             "sources",

@@ -9,7 +9,6 @@ mod cameras;
 mod conditional_prediction;
 mod gauge;
 mod guards;
-mod innovation_window;
 mod jacobians;
 mod layers;
 mod local;

@@ -99,7 +99,6 @@ fn kinds() -> Vec<Vec<(&'static str, Value)>> {
             ("calibration.focal_sd", Value::Float(0.005)),
             ("worn.bias_share", Value::Float(0.4)),
         ],
-        vec![("validate.lasting_level", Value::Float(0.6))],
     ]
 }
 

@@ -96,10 +96,12 @@ impl Setting for usize {
         Value::Int(*self as i64)
     }
     fn from_value(value: &Value, min: Option<f64>, max: Option<f64>) -> Result<Self, String> {
-        let Value::Int(i) = value else {
-            return Err("a whole number is needed".into());
+        let whole = match value {
+            Value::Int(i) => *i as f64,
+            Value::Float(x) if x.fract() == 0.0 => *x,
+            _ => return Err("a whole number is needed".into()),
         };
-        in_range(*i as f64, Some(min.unwrap_or(0.0).max(0.0)), max).map(|()| *i as usize)
+        in_range(whole, Some(min.unwrap_or(0.0).max(0.0)), max).map(|()| whole as usize)
     }
 }
 
@@ -282,6 +284,19 @@ macro_rules! settings {
                 Ok(settings)
             }
 
+            /// A value as the setting of this key takes it: whole numbers as real ones where it is real.
+            ///
+            /// # Errors
+            /// As [`Self::set`].
+            pub fn accepted(key: &str, value: &Value) -> Result<Value, EkfError> {
+                let invalid = |why: String| EkfError::InvalidSetting { key: key.into(), why };
+                match key {
+                    $( $( concat!(stringify!($group), ".", stringify!($field)) =>
+                        <$ty as Setting>::from_value(value, $min, $max).map(|own| own.to_value()).map_err(invalid), )* )*
+                    _ => Err(invalid("there is no such setting".into())),
+                }
+            }
+
             /// Sets one value by its dotted key, a switch of the lab's as well.
             ///
             /// # Errors
@@ -400,14 +415,9 @@ settings! {
             User("Raise it where right matches are left out though noise is stated well; lower it where many things move.");
         /// Level of the gate that each match passes given all the others, after the batch was tested; 1 for none.
         conditional_level: f64 = 0.9999, "", Some(0.5), Some(1.0), Lab;
-        /// Level at which a feature is left out that the others contradicted in the sum of its last 8 to 16 frames, each
-        /// of them within that gate; 1 for never.
-        lasting_level: f64 = 1.0, "", Some(0.5), Some(1.0),
-            User("Lower it to 0.999 where things in view move slowly.");
         /// Largest number of hypotheses that are looked at before leaving out greedily; the frame says so then. One takes
         /// about 0.15 ms for 100 matches and a tenth of that for 40, and a frame may be tested up to three times.
-        max_nodes: usize = 100, "", Some(1.0), Some(1e9),
-            User("Raise it where a frame may take longer and half of what is seen moves.");
+        max_nodes: usize = 100, "", Some(1.0), Some(1e9), Lab;
     }
     /// Upkeep of the map (METHOD 7, step 8).
     map: MapSettings {
@@ -427,8 +437,7 @@ settings! {
         linearity_index: f64 = 0.0, "", Some(0.0), Some(10.0),
             User("Set it to 0.1 for large maps, which then take less time and memory.");
         /// A candidate that has not been born after so many seconds is dropped.
-        candidate_age: f64 = 4.0, "s", Some(0.01), Some(1e4),
-            User("Raise it for a camera that moves so slowly that parallax takes longer.");
+        candidate_age: f64 = 4.0, "s", Some(0.01), Some(1e4), Lab;
     }
     /// When the camera counts as lost.
     lost: LostSettings {
@@ -436,10 +445,7 @@ settings! {
         /// pose's six, so that 8 leave ten to check it with.
         min_matches: usize = 8, "", Some(4.0), Some(1000.0),
             User("Raise it where a wrong pose costs more than a lost one; lower it where little is in view.");
-        /// The camera is lost after so many frames in a row that are not OK.
-        frames: usize = 3, "", Some(1.0), Some(1000.0),
-            User("Raise it at a high frame rate, where three frames are a blink.");
-        /// It is lost after so many seconds without a frame that is OK.
+        /// The camera is lost after so many seconds without a frame that is OK, if not after three failed frames in a row.
         seconds: f64 = 1.0, "s", Some(0.0), Some(3600.0),
             User("Raise it at a low frame rate or where images pause; lower it where the camera moves fast.");
     }

@@ -8,8 +8,8 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 
 const STEPS: usize = 3;
 const LONGEST: f64 = 0.5; // pixels, a step
-pub(crate) const LEAST_GAIN: f64 = 0.1; // contrast of the image over the template's below which a step says nothing
-pub(crate) const DAMPING: f64 = 1e-6; // of each diagonal element
+const LEAST_GAIN: f64 = 0.1; // contrast of the image over the template's below which a step says nothing
+const DAMPING: f64 = 1e-6; // of each diagonal element
 const REACH: f64 = 1.0; // pixels from the start that are believed
 
 /// Where the template's middle is, from a position to within about half a pixel; the same position if the steps lead

@@ -1,5 +1,5 @@
 //! Inner loops of the front end (METHOD sections 6 and 7): corners ([`corners`]); what a landmark's patch looks like from
-//! elsewhere ([`warp`]), where it is in an image ([`search`]) and where exactly ([`align`], [`affine`]); descriptors of windows
+//! elsewhere ([`warp`]), where it is in an image ([`search`]) and where exactly ([`align`]); descriptors of windows
 //! ([`describe`]), which of them may belong together ([`pairs`]); and the pose that the matches of two views agree on
 //! ([`consensus`]).
 //!
@@ -8,7 +8,6 @@
 
 use nalgebra::Vector2;
 
-pub mod affine;
 pub mod align;
 pub mod consensus;
 pub mod corners;

@@ -32,8 +32,6 @@ mod _core {
         PyMapRelocalisation, PyOutcomes, PyOverlap, PyPrediction, PyUpdateReport,
     };
     #[pymodule_export]
-    use crate::frontend::align::{Alignment, align_templates};
-    #[pymodule_export]
     use crate::frontend::consensus::{
         Consensus, EpipolarResiduals, MatchNoise, epipolar_residuals, find_consensus,
     };
@@ -60,5 +58,5 @@ mod _core {
         skew, tangent_to_fixed,
     };
     #[pymodule_export]
-    use crate::settings::{SettingInfo, settings_schema};
+    use crate::settings::{SettingInfo, accepted_value, settings_schema};
 }

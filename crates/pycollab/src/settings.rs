@@ -74,6 +74,42 @@ pub(crate) fn settings_schema(py: Python<'_>) -> PyResult<Vec<SettingInfo>> {
     .collect()
 }
 
+/// A Python value; None if no setting can have it.
+fn of_python(value: &Bound<'_, PyAny>) -> Option<Value> {
+    if value.is_instance_of::<PyBool>() {
+        value.extract().ok().map(Value::Bool)
+    } else if value.is_instance_of::<PyInt>() {
+        value.extract().ok().map(Value::Int)
+    } else if value.is_instance_of::<PyFloat>() {
+        value.extract().ok().map(Value::Float)
+    } else {
+        let text = value.cast::<PyString>().ok()?;
+        text.extract().ok().map(Value::Name)
+    }
+}
+
+/// A value as the filter takes it for a setting or a switch.
+///
+/// Parameters
+/// ----------
+/// key : str
+///     Dotted name.
+/// value : object
+///
+/// Returns
+/// -------
+/// bool, int, float, str or None
+///     None if the setting cannot have this value, or there is no such setting.
+#[pyfunction]
+pub(crate) fn accepted_value(
+    py: Python<'_>,
+    key: &str,
+    value: &Bound<'_, PyAny>,
+) -> PyResult<Option<Py<PyAny>>> {
+    let accepted = of_python(value).and_then(|value| Settings::accepted(key, &value).ok());
+    accepted.map(|value| to_value(py, value)).transpose()
+}
+
 /// Settings from flat dictionaries over the defaults: a user's settings, and the lab's switches.
 pub(crate) fn from_dicts(
     values: Option<&Bound<'_, PyDict>>,
@@ -104,15 +140,7 @@ fn set(
             let why = "settings are given as `settings`, switches of the lab as `switches`".into();
             return Err(to_python(EkfError::InvalidSetting { key, why }));
         }
-        let value = if value.is_instance_of::<PyBool>() {
-            Value::Bool(value.extract()?)
-        } else if value.is_instance_of::<PyInt>() {
-            Value::Int(value.extract()?)
-        } else if value.is_instance_of::<PyFloat>() {
-            Value::Float(value.extract()?)
-        } else if value.is_instance_of::<PyString>() {
-            Value::Name(value.extract()?)
-        } else {
+        let Some(value) = of_python(&value) else {
             return Err(to_python(EkfError::InvalidSetting {
                 key,
                 why: "a number, a switch or a name is needed".into(),

@@ -9,8 +9,7 @@ Cf lie on a point's epipolar line and in front of both cameras, and how wide tha
 4. a consensus: the correction of T_CF that most matches agree on, under the prior of its covariance;
 5. the same again for all points under the corrected pose, whose gate is far narrower; points of known depth
    are searched with their own patch where they must be;
-6. each match located to sub-pixel by correlating the warped patch (with ``worn.fitted_score`` also stretched
-   to what Cf shows, which its depth alone does not tell), and the consensus once more with these.
+6. each match located to sub-pixel by correlating the warped patch, and the consensus once more with these.
 
 The corrected pose only vets the matches: the filter uses the measured one, or the images would count twice.
 """
@@ -30,7 +29,6 @@ from collabslam._core import (
     PairOptions,
     PairPoints,
     affine_at,
-    align_templates,
     find_consensus,
     match_pairs,
     sample_templates,
@@ -313,12 +311,7 @@ class _Matcher:
             peak_test(self.options.min_score, ambiguity=1.0),
         )
         found = result.code == FOUND
-        index, place, score = index[found], result.uv[found], result.score[found]
-        if self.options.fitted_score == 0.0:
-            return index, place, score
-        fitted = align_templates(self.image_f, templates[found], place)
-        fits = fitted.score >= self.options.fitted_score
-        return index[fits], fitted.uv[fits], fitted.score[fits]
+        return index[found], result.uv[found], result.score[found]
 
 
 def _focal(camera: Camera) -> float:

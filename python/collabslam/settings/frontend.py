@@ -46,7 +46,6 @@ class DetectSettings:
         0.2,
         "image width",
         "Least distance between corners, and from existing points, as a share of the image's width.",
-        "Lower it where texture fills a small part of the picture only.",
     )
     cells: int = _number(
         8, 1, 64, "", "Cells along the image's longer side; the emptiest cell is served first."
@@ -138,15 +137,6 @@ class WornSettings:
     )
     min_score: float = _number(
         0.7, -1, 1, "", "Least correlation of the warped patch of Cs at the match in Cf."
-    )
-    fitted_score: float = _number(
-        0.0,
-        0,
-        1,
-        "",
-        "Least correlation once the patch was stretched by an affine map to fit Cf, which also says where it "
-        "is exactly; 0 fits nothing.",
-        "Set it to 0.8 where both cameras look at walls along the way, at a slant.",
     )
     max_residual: float = _number(
         1.5,

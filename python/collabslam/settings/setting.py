@@ -65,23 +65,27 @@ class Setting:
         SettingsError
             If the type is wrong or the value is not allowed.
         """
-        if self.kind == "bool" and isinstance(value, bool):
-            return value
-        if self.kind == "enum" and isinstance(value, str) and value in self.choices:
-            return value
-        number = _number(value)
-        if self.kind in ("int", "float") and number is not None and self._in_range(number):
-            if self.kind == "float":
-                return number
-            if number.is_integer():
-                return int(number)
-        unit = f" {self.unit}" if self.unit and self.kind in ("int", "float") else ""
+        numeric = self.kind in ("int", "float")
+        accepted = self.accepted(_number(value) if numeric else value)
+        if accepted is not None:
+            return accepted
+        unit = f" {self.unit}" if self.unit and numeric else ""
         wanted = {"int": "a whole number, ", "float": "a number, ", "enum": "one of "}.get(self.kind, "")
         raise SettingsError(f"'{self.key}' is {shown(value)}; it must be {wanted}{self.allowed()}{unit}.")
 
-    def _in_range(self, x: float) -> bool:
-        low, high = self.low, self.high
-        return math.isfinite(x) and (low is None or x >= low) and (high is None or x <= high)
+    def accepted(self, value: Any) -> Value | None:
+        """``value`` as this setting's type, None if it is not allowed; numbers are given as floats."""
+        if self.kind == "bool":
+            return value if isinstance(value, bool) else None
+        if self.kind == "enum":
+            return value if isinstance(value, str) and value in self.choices else None
+        if value is None or not math.isfinite(value):
+            return None
+        if (self.low is not None and value < self.low) or (self.high is not None and value > self.high):
+            return None
+        if self.kind == "float":
+            return float(value)
+        return int(value) if value.is_integer() else None
 
 
 def find(known: Mapping[str, Setting], key: str) -> Setting:

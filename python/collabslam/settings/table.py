@@ -1,7 +1,7 @@
 """The settings file: one YAML with a section for each part, every value known by its dotted key.
 
-The parts own their settings: the filter lists its own through the extension, the front end in
-``settings/frontend.py``.  Here they are read, checked, written and hashed.  A full key is
+The parts own their settings and say what they may be: the filter in Rust (``settings/filter.py``), the front
+end in ``settings/frontend.py``.  Here they are read, written and hashed.  A full key is
 ``section.key``, as in ``filter.process.acceleration_density``.
 
 Each part also has switches: they take a step of the method away, or put another in its place, so that the lab
@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
@@ -27,9 +27,6 @@ from collabslam.formats.schema import any_of, fields, flag, number, table, text,
 from collabslam.formats.yaml_text import load_yaml
 from collabslam.settings.frontend import FRONTEND, FrontendSettings
 from collabslam.settings.setting import Setting, Value, find, shown
-
-if TYPE_CHECKING:
-    from collabslam._core import SettingInfo
 
 Flat = dict[str, Value]
 
@@ -54,20 +51,14 @@ def switches() -> dict[str, Setting]:
 
 @cache
 def _all() -> dict[str, Setting]:
-    from collabslam import _core
+    from collabslam.settings.filter import FILTER
 
-    lists = {"filter": [_of_filter(item) for item in _core.settings_schema()], "frontend": FRONTEND}
+    lists = {"filter": FILTER, "frontend": FRONTEND}
     return {
         f"{section}.{setting.key}": replace(setting, key=f"{section}.{setting.key}")
         for section in SECTIONS
         for setting in lists[section]
     }
-
-
-def _of_filter(item: SettingInfo) -> Setting:
-    """A setting of the filter's own list."""
-    limits, choices = (item.min, item.max), tuple(item.choices)
-    return Setting(item.key, item.type, item.default, *limits, item.unit, choices, item.doc, item.when or "")
 
 
 @dataclass(frozen=True)

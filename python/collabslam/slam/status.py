@@ -15,6 +15,8 @@ _MIN_SHARE = 0.15
 """Least share of the features searched that is accepted in a frame that is used: a few wrong matches pass any
 test.  In sight of the map a third and more are accepted, even in blurred frames; after a jump a twentieth.
 """
+_FAILED_FRAMES = 3
+"""Frames that fail in a row before the camera is lost."""
 _FRESH = 0.1 - 1e-6  # seconds; a frame at 10 Hz is not
 
 
@@ -39,7 +41,6 @@ class StatusMonitor(PersistentState):
 
     def __init__(self, settings: Mapping[str, Value], *, lost: bool = False) -> None:
         self._min_matches = int(settings["lost.min_matches"])
-        self._frames = int(settings["lost.frames"])
         self._seconds = float(settings["lost.seconds"])
         self._last_ok: float | None = None
         self._failed = 0
@@ -89,5 +90,5 @@ class StatusMonitor(PersistentState):
         if accepted and inliers >= self._min_matches:
             self._last_ok, self.lost, self.found = t, False, True
             return Status.OK
-        self.lost = self.lost or self._failed >= self._frames or t - self._last_ok > self._seconds
+        self.lost = self.lost or self._failed >= _FAILED_FRAMES or t - self._last_ok > self._seconds
         return Status.LOST if self.lost else Status.COASTING

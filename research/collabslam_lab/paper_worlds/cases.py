@@ -23,7 +23,6 @@ from collabslam.version import version
 from collabslam_lab.paper_worlds.poses import sensed
 from collabslam_lab.paper_worlds.variants import Variant, varied
 from collabslam_lab.processes import spawning, use_one_thread
-from collabslam_lab.switches import with_switches
 from collabslam_lab.worlds import WorldRecording, world_recording
 
 Row = dict[str, Any]
@@ -32,15 +31,6 @@ SENSORS, UNCALIBRATED, DIRECT = "sensors", "sensors-uncalibrated", "direct"
 """Where the worn camera's pose comes from: laser and AHRS with a person who first walked towards a board, the
 same with a person of whom no more than the height is known, or measured directly with Table C1's errors."""
 MODES = ("mono", "mono-undelayed", "collab-init", "collab", "collab-tight")
-CHANGES: dict[str, Any] = {
-    "filter.process.velocity": "body",
-    "frontend.worn.fitted_score": 0.8,
-    "frontend.worn.body_radius": 0.3,
-    "filter.validate.lasting_level": 0.999,
-}
-"""All that differs from the default settings, in every mode: the robot is on wheels; walls along the way
-look to Cf other than their depth tells, and one brick looks like the next; a person wears Cf, 0.44 m wide;
-a depth may be wrong and believed."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +53,7 @@ class Case:
 
     def key(self, seed: int) -> str:
         """Changes with everything that the result depends on."""
-        text = f"{self!r} {seed} {version()} {_settings({}).hash()}"
+        text = f"{self!r} {seed} {version()} {Settings.default().hash()}"
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
@@ -144,7 +134,7 @@ def _scored(
     """One run: its row, and its positions in the truth's frame."""
     row: Row = {"sequence": world.name, "mode": mode, "poses": poses}
     try:
-        result = run(recording, mode=mode, start="worn", settings=_settings(changes))
+        result = run(recording, mode=mode, start="worn", settings=Settings.default().replace(changes))
     except CollabslamError as error:
         return {**row, "error": str(error)}, []
     row.update(_numbers(result, mode))
@@ -152,10 +142,6 @@ def _scored(
     first = world.truth[start] @ np.linalg.inv(result.record.poses[start])
     positions = result.record.poses[:, :3, 3] @ first[:3, :3].T + first[:3, 3]
     return row, _rounded(positions[:, :2])
-
-
-def _settings(changes: dict[str, Any]) -> Settings:
-    return with_switches(Settings.default(), {**CHANGES, **changes})
 
 
 def _numbers(result: RunResult, mode: str) -> Row:

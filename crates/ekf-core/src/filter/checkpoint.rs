@@ -33,7 +33,6 @@ impl Filter {
             camera: _,
             worn_camera: _,
             test: _,
-            windows: _,
             in_view: _,
             scratch: _,
             buffers: _,

@@ -1,7 +1,6 @@
 //! The filter itself: its parts, and what can be read from it at any time.
 
 use super::candidate::Candidate;
-use super::innovation_window::PendingWindows;
 use super::record::FeatureRecord;
 use super::sources::Scratch;
 use super::undo::Undo;
@@ -38,7 +37,6 @@ pub struct Filter {
     pub(super) placed: Placed,
     pub(super) misfit: Misfit,
     pub(super) gauge: Gauge,
-    pub(super) windows: PendingWindows,
     pub(super) scratch: Scratch,
     /// Room for the next list of features that the gauge follows.
     pub(super) in_view: Vec<u64>,
@@ -83,7 +81,6 @@ impl Filter {
             placed: Placed::default(),
             misfit: Misfit::default(),
             gauge: Gauge::default(),
-            windows: PendingWindows::default(),
             scratch: Scratch::default(),
             in_view: Vec::new(),
             outside: None,

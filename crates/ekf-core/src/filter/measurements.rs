@@ -90,7 +90,7 @@ pub enum Outcome {
     RejectedGate,
     /// Rejected by the batch test.
     RejectedBatch,
-    /// Rejected given the other accepted matches, by the conditional gate or the innovation window test.
+    /// Rejected given the other accepted matches, by the conditional gate.
     RejectedConditional,
     /// A new feature with this id.
     Born(u64),

@@ -13,7 +13,6 @@ mod checkpoint;
 mod checks;
 mod conditional_prediction;
 mod ekf;
-mod innovation_window;
 mod known_map;
 mod landmarks;
 mod map;

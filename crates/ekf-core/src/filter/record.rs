@@ -1,6 +1,5 @@
 //! The record of a feature: how often it was searched and found.
 
-use super::innovation_window::InnovationWindow;
 use serde::{Deserialize, Serialize};
 
 /// How often a feature was searched and found.
@@ -12,6 +11,4 @@ pub(super) struct FeatureRecord {
     pub found: usize,
     /// Time of the last accepted match, seconds.
     pub last_found: f64,
-    /// Its disagreement with the others over the last frames.
-    pub window: InnovationWindow,
 }

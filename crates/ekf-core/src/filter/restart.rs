@@ -61,7 +61,6 @@ impl Filter {
         self.gauge = Gauge::default();
         self.records.clear();
         self.candidates.clear();
-        self.windows = Default::default();
         self.started = false;
     }
 

@@ -3,7 +3,6 @@
 
 use super::candidate::{Candidate, CandidateImage};
 use super::ekf::Filter;
-use super::innovation_window::PendingWindows;
 use super::prediction::LAST_TIME;
 use super::record::FeatureRecord;
 use super::snapshot::{open, seal};
@@ -123,7 +122,6 @@ impl Filter {
             outside,
             // Buffers, and what is worked out again when it is asked for.
             test: _,
-            windows: _,
             in_view: _,
             scratch: _,
             buffers: _,
@@ -220,7 +218,6 @@ impl Filter {
             placed: Placed(placed),
             misfit: Misfit { nis, dof },
             gauge: Gauge::following(followed),
-            windows: PendingWindows::default(),
             in_view: Vec::new(),
             scratch: Scratch::default(),
             outside,
@@ -253,7 +250,7 @@ fn records_of(
     let inside: BTreeSet<u64> = layout.features().map(|b| b.id).collect();
     let count = records.len();
     let mut records_alone = records.iter().map(|(_, r)| r);
-    let sane = records_alone.all(|r| r.last_found.is_finite() && r.window.is_sane());
+    let sane = records_alone.all(|r| r.last_found.is_finite());
     let records: BTreeMap<u64, FeatureRecord> = records.into_iter().collect();
     let known = |id: &u64| inside.contains(id) != outside.contains(id);
     if !sane

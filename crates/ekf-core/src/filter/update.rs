@@ -138,7 +138,6 @@ impl Filter {
         let gauge = carries.then_some(&mut self.gauge);
         self.batch.apply(&mut self.state, gauge);
         self.misfit.add(report.nis, report.dof);
-        self.keep_windows();
         self.state.normalise_quaternions();
         if carries {
             self.gauge.mark_carried(&mut self.state);

@@ -1,7 +1,6 @@
 //! The tests that the matches of a frame must pass before they are used (METHOD 8).
 
 use super::ekf::Filter;
-use super::innovation_window::PendingWindows;
 use super::measurements::{Outcome, UpdateReport};
 use crate::settings::BatchTestKind;
 use crate::validate;
@@ -19,7 +18,7 @@ impl Filter {
         Self::poorly_predicted,
         Self::gated,
         Self::batch_test,
-        Self::conditional_tests,
+        Self::conditional_gate,
     ];
 
     /// Matches whose predicted pixel has a standard deviation as wide as the image: no linearisation holds there.
@@ -75,13 +74,10 @@ impl Filter {
         Outcome::RejectedBatch
     }
 
-    /// Matches that disagree with the other accepted ones: in this frame (conditional gate), or in the sum over several
-    /// (innovation window).
-    fn conditional_tests(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
+    /// Matches that disagree with the other accepted ones.
+    fn conditional_gate(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
         gone.clear();
         let options = &self.settings.validate;
-        let PendingWindows { updated, quantiles } = &mut self.windows;
-        updated.clear();
         if options.test == BatchTestKind::None || options.conditional_level >= 1.0 {
             return Outcome::RejectedConditional;
         }
@@ -96,35 +92,6 @@ impl Filter {
             &mut self.test,
         );
         gone.extend_from_slice(self.test.rejected());
-        if options.lasting_level >= 1.0 {
-            return Outcome::RejectedConditional;
-        }
-        let blocks = self.batch.blocks().iter().zip(self.test.conditional_d2());
-        for (u, (block, &d2)) in blocks.enumerate() {
-            let Some(record) = self.records.get(&block.id) else {
-                continue;
-            };
-            let rows = block.rows.count;
-            // A match that the gate rejects counts as the largest distance that it lets pass.
-            let d2 = d2.min(quantiles.get(options.conditional_level, rows));
-            let mut window = record.window;
-            window.add(d2, rows);
-            if window.exceeds(options.lasting_level, quantiles) {
-                gone.push(u);
-            }
-            updated.push((block.id, window));
-        }
-        gone.sort_unstable();
-        gone.dedup();
         Outcome::RejectedConditional
-    }
-
-    /// Stores the updated windows, once the frame's update is made.
-    pub(super) fn keep_windows(&mut self) {
-        for (id, window) in self.windows.updated.drain(..) {
-            if let Some(record) = self.records.get_mut(&id) {
-                record.window = window;
-            }
-        }
     }
 }

@@ -14,7 +14,7 @@ use super::workspace::Workspace;
 ///
 /// `l` is the Cholesky factor of `S` (lower triangle, column-major, leading dimension `ld`), `g` the innovation. At most
 /// `max_share` of the blocks are left out; the verdict says whether the rest passed. Without an offender this costs the
-/// inverse of `l`. [`Workspace::conditional_d2`] has the distances.
+/// inverse of `l`.
 pub fn conditional_gate(
     l: &[f64],
     ld: usize,
@@ -25,14 +25,12 @@ pub fn conditional_gate(
     ws: &mut Workspace,
 ) -> Verdict {
     check(l, ld, g, blocks);
-    let n = blocks.len();
     ws.rejected.clear();
-    ws.conditional_d2.clear();
     if blocks.is_empty() {
         return Verdict::joint(0, 0.0, 0, true);
     }
     let d2 = whiten(l, ld, g, &mut ws.whitened);
-    let most = (max_share * n as f64) as usize;
+    let most = (max_share * blocks.len() as f64) as usize;
     let scratch = &mut ws.hohct;
     scratch.prepare_z(l, ld, &ws.whitened, blocks);
     scratch.greedy.start(&scratch.z, blocks);
@@ -51,16 +49,8 @@ pub fn conditional_gate(
         ws.rejected.push(block);
         dof -= blocks.count(block);
     };
-    let scratch = &ws.hohct;
-    ws.conditional_d2.extend((0..n).map(|block| {
-        if scratch.greedy.taken[block] {
-            f64::INFINITY
-        } else {
-            conditional_d2(scratch, blocks, block)
-        }
-    }));
-    ws.rejected.sort_unstable();
     let left = (d2 - scratch.greedy.reduction).max(0.0);
+    ws.rejected.sort_unstable();
     Verdict::joint(ws.rejected.len(), left, dof, passed)
 }
 

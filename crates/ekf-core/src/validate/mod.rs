@@ -36,5 +36,4 @@ pub(crate) use hohct::MAX_SHARE;
 pub use hohct::{HohctSettings, hohct};
 pub use jcbb::{JcbbSettings, jcbb};
 pub use one_point::{OnePointSettings, one_point};
-pub(crate) use quantiles::Quantiles;
 pub use workspace::Workspace;

@@ -10,7 +10,6 @@ use nalgebra::Matrix3;
 #[derive(Clone, Debug, Default)]
 pub struct Workspace {
     pub(super) rejected: Vec<usize>,
-    pub(super) conditional_d2: Vec<f64>,
     pub(super) whitened: Vec<f64>,
     pub(super) quantiles: Quantiles,
     pub(super) joint: Joint,
@@ -46,11 +45,6 @@ impl Workspace {
     /// Blocks that the last test rejected, in increasing order.
     pub fn rejected(&self) -> &[usize] {
         &self.rejected
-    }
-
-    /// After [`conditional_gate`](super::conditional_gate): the squared distance of each block given all the others, infinite for those left out.
-    pub fn conditional_d2(&self) -> &[f64] {
-        &self.conditional_d2
     }
 
     pub(super) fn reject_all(&mut self, blocks: Blocks) {

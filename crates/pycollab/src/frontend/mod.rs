@@ -1,6 +1,5 @@
 //! Inner loops of the front end: the binding of the crate `frontend`, a file for each of its modules.
 
-pub(crate) mod align;
 pub(crate) mod consensus;
 pub(crate) mod corners;
 pub(crate) mod describe;
