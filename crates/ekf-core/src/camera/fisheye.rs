@@ -17,7 +17,7 @@ const SMALL: f64 = 1e-4;
 
 /// Largest valid angle from the optical axis, radians.
 pub(super) fn angle_limit(k: &[f64; 4]) -> f64 {
-    super::smallest_positive_root(&[1.0, 3.0 * k[0], 5.0 * k[1], 7.0 * k[2], 9.0 * k[3]])
+    super::roots::smallest_positive_root(&[1.0, 3.0 * k[0], 5.0 * k[1], 7.0 * k[2], 9.0 * k[3]])
         .sqrt()
         .min(FRAC_PI_2)
 }
@@ -76,7 +76,7 @@ pub(super) fn distort_jac(
 /// Unit ray of distorted coordinates; `None` past the limit.
 pub(super) fn undistort(k: &[f64; 4], limit: f64, d: &Vector2<f64>) -> Option<Vector3<f64>> {
     let theta_d = d.norm();
-    let theta = super::invert_growing(|theta| angle(k, theta), theta_d, limit)?;
+    let theta = super::roots::invert_growing(|theta| angle(k, theta), theta_d, limit)?;
     // sin(theta) / theta_d -> 1 on the axis
     let scale = if theta_d < 1e-9 {
         1.0

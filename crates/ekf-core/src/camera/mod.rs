@@ -16,14 +16,14 @@
 //!
 //! Not handled: rolling shutter, skew, and fields of view of 180 degrees and more.
 
+mod calibration;
 mod fisheye;
 mod radtan;
+mod roots;
 mod warp;
 mod wideangle;
 
 use nalgebra::{Matrix2x3, Matrix3, Matrix3x2, Vector2, Vector3};
-
-use crate::error::EkfError;
 
 /// Least depth in front of the camera that projects, metres.
 const MIN_DEPTH: f64 = 1e-6;
@@ -78,124 +78,7 @@ pub struct Camera {
     limit: f64,
 }
 
-/// Least focal length, and largest focal length and coordinate of the principal point, pixels.
-const LEAST_FOCAL: f64 = 1e-3;
-const LARGEST_PIXEL: f64 = 1e7;
-/// Largest distortion parameter, whose products with pixels stay finite.
-const LARGEST_DISTORTION: f64 = 1e6;
-
 impl Camera {
-    /// Checks a calibration and builds the camera.
-    ///
-    /// `model` is `"pinhole"`, `"radtan"`, `"fisheye"` or `"wideangle"`; `intrinsics` is `(fx, fy, cx, cy)` in pixels;
-    /// `distortion` holds nothing, `k1 k2 p1 p2 [k3]`, `k1 k2 k3 k4` or `K`.
-    ///
-    /// # Errors
-    /// `InvalidInput` for an unknown model, an empty image or numbers that are no camera's, `NonFinite` for
-    /// infinite or missing numbers, `BadShape` for the wrong number of distortion parameters.
-    pub fn new(
-        model: &str,
-        width: u32,
-        height: u32,
-        intrinsics: [f64; 4],
-        distortion: &[f64],
-    ) -> Result<Self, EkfError> {
-        let distortion = match (model, distortion) {
-            ("pinhole", []) => Distortion::None,
-            ("radtan", &[k1, k2, p1, p2]) => Distortion::RadTan([k1, k2, p1, p2, 0.0]),
-            ("radtan", &[k1, k2, p1, p2, k3]) => Distortion::RadTan([k1, k2, p1, p2, k3]),
-            ("fisheye", &[k1, k2, k3, k4]) => Distortion::Fisheye([k1, k2, k3, k4]),
-            ("wideangle", &[k]) => Distortion::WideAngle(k),
-            ("pinhole" | "radtan" | "fisheye" | "wideangle", given) => {
-                return Err(EkfError::BadShape {
-                    what: "camera distortion",
-                    expected: match model {
-                        "pinhole" => "no parameters for pinhole".into(),
-                        "radtan" => "4 or 5 parameters for radtan".into(),
-                        "fisheye" => "4 parameters for fisheye".into(),
-                        _ => "1 parameter for wideangle".into(),
-                    },
-                    got: given.len().to_string(),
-                });
-            }
-            (other, _) => {
-                return Err(EkfError::InvalidInput {
-                    what: "camera model",
-                    why: format!(
-                        "`{other}` is not known; use pinhole, radtan, fisheye or wideangle"
-                    ),
-                });
-            }
-        };
-        Self::with_distortion(width, height, intrinsics, distortion)
-    }
-
-    /// As [`Camera::new`], from a [`Distortion`] value.
-    ///
-    /// # Errors
-    /// As [`Camera::new`].
-    pub fn with_distortion(
-        width: u32,
-        height: u32,
-        intrinsics: [f64; 4],
-        distortion: Distortion,
-    ) -> Result<Self, EkfError> {
-        let [fx, fy, cx, cy] = intrinsics;
-        if !intrinsics.iter().all(|value| value.is_finite()) {
-            return Err(EkfError::NonFinite {
-                what: "camera intrinsics",
-            });
-        }
-        let parameters = distortion.parameters();
-        if !parameters.iter().all(|value| value.is_finite()) {
-            return Err(EkfError::NonFinite {
-                what: "camera distortion",
-            });
-        }
-        if parameters.iter().any(|v| v.abs() > LARGEST_DISTORTION) {
-            return Err(EkfError::InvalidInput {
-                what: "camera distortion",
-                why: format!(
-                    "{parameters:?} are no lens's; give the parameters of the calibration"
-                ),
-            });
-        }
-        if fx <= 0.0 || fy <= 0.0 {
-            return Err(EkfError::InvalidInput {
-                what: "camera intrinsics",
-                why: format!("focal lengths must be positive, got fx = {fx}, fy = {fy}"),
-            });
-        }
-        let sizes = intrinsics.map(f64::abs);
-        if fx < LEAST_FOCAL || fy < LEAST_FOCAL || sizes.iter().any(|v| *v > LARGEST_PIXEL) {
-            return Err(EkfError::InvalidInput {
-                what: "camera intrinsics",
-                why: format!("{intrinsics:?} are no camera's; give (fx, fy, cx, cy) in pixels"),
-            });
-        }
-        if width == 0 || height == 0 {
-            return Err(EkfError::InvalidInput {
-                what: "camera image size",
-                why: format!("width and height must be positive, got {width} x {height}"),
-            });
-        }
-        let limit = match &distortion {
-            Distortion::RadTan(k) => radtan::radius_squared_limit(k),
-            Distortion::Fisheye(k) => fisheye::angle_limit(k),
-            Distortion::None | Distortion::WideAngle(_) => f64::INFINITY,
-        };
-        Ok(Self {
-            width,
-            height,
-            fx,
-            fy,
-            cx,
-            cy,
-            distortion,
-            limit,
-        })
-    }
-
     /// Name of the model, as [`Camera::new`] takes it.
     pub fn model(&self) -> &'static str {
         match self.distortion {
@@ -329,95 +212,4 @@ impl Camera {
 /// False for points behind the camera, and for NaN.
 fn in_front(p_c: &Vector3<f64>) -> bool {
     p_c.z > MIN_DEPTH && p_c.x.is_finite() && p_c.y.is_finite() && p_c.z.is_finite()
-}
-
-/// Smallest positive root of `c[0] + c[1] s + c[2] s^2 + ...` with `c[0] > 0`; infinite if there is none.
-///
-/// Between two neighbouring critical points a polynomial is monotone, so its sign changes bracket the roots: the
-/// critical points come from the same search one degree lower.
-fn smallest_positive_root(c: &[f64]) -> f64 {
-    positive_roots(c).first().copied().unwrap_or(f64::INFINITY)
-}
-
-/// Positive roots with a sign change, in increasing order.
-fn positive_roots(c: &[f64]) -> Vec<f64> {
-    let degree = match c.iter().rposition(|&value| value != 0.0) {
-        Some(degree) if degree > 0 => degree,
-        _ => return Vec::new(),
-    };
-    let c = &c[..=degree];
-    let value = |s: f64| c.iter().rev().fold(0.0, |sum, &a| sum * s + a);
-    let derivative: Vec<f64> = (1..=degree).map(|i| i as f64 * c[i]).collect();
-    // Cauchy's bound on the roots.
-    let bound = 1.0
-        + c[..degree]
-            .iter()
-            .fold(0.0_f64, |m, a| m.max((a / c[degree]).abs()));
-    let mut ends = positive_roots(&derivative);
-    ends.retain(|&s| s < bound);
-    ends.push(bound);
-    let mut roots = Vec::new();
-    let mut low = 0.0;
-    for &end in &ends {
-        let (mut a, mut b) = (low, end);
-        let sign = value(a) >= 0.0;
-        if (value(b) >= 0.0) != sign {
-            for _ in 0..2000 {
-                let mid = 0.5 * (a + b);
-                if mid <= a || mid >= b {
-                    break;
-                }
-                if (value(mid) >= 0.0) == sign {
-                    a = mid;
-                } else {
-                    b = mid;
-                }
-            }
-            roots.push(a);
-        }
-        low = end;
-    }
-    roots
-}
-
-/// Solves `f(r) = target` for `r` in `[0, limit]`, where `f` (returned with its derivative) grows from `f(0) = 0`.
-///
-/// Newton's iteration kept inside a shrinking bracket. `None` if `target` is out of reach.
-fn invert_growing(f: impl Fn(f64) -> (f64, f64), target: f64, limit: f64) -> Option<f64> {
-    let (mut low, mut high) = (0.0, limit);
-    if !high.is_finite() {
-        high = 1.0_f64.max(target);
-        while f(high).0 < target {
-            high *= 2.0;
-            if high > 1e12 {
-                return None;
-            }
-        }
-    } else if f(high).0 < target {
-        return None;
-    }
-    let mut r = target.clamp(low, high);
-    for _ in 0..200 {
-        let (value, slope) = f(r);
-        let error = value - target;
-        if error.abs() <= 1e-15 * (1.0 + target) {
-            return Some(r);
-        }
-        if error > 0.0 {
-            high = r;
-        } else {
-            low = r;
-        }
-        let newton = r - error / slope;
-        let next = if newton > low && newton < high {
-            newton
-        } else {
-            0.5 * (low + high)
-        };
-        if next == r {
-            return Some(r);
-        }
-        r = next;
-    }
-    ((f(r).0 - target).abs() <= 1e-12 * (1.0 + target)).then_some(r)
 }

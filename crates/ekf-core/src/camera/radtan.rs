@@ -14,7 +14,7 @@ use nalgebra::{Matrix2, Vector2};
 
 /// `r2` at which the radial part folds over; infinite if it never does.
 pub(super) fn radius_squared_limit(k: &[f64; 5]) -> f64 {
-    super::smallest_positive_root(&[1.0, 3.0 * k[0], 5.0 * k[1], 7.0 * k[4]])
+    super::roots::smallest_positive_root(&[1.0, 3.0 * k[0], 5.0 * k[1], 7.0 * k[4]])
 }
 
 /// Distorted coordinates `(x_d, y_d)`; `None` past the fold.
@@ -50,7 +50,7 @@ pub(super) fn undistort(k: &[f64; 5], limit: f64, d: &Vector2<f64>) -> Option<Ve
         )
     };
     let edge = limit.sqrt();
-    let mut p = match super::invert_growing(radial, target, edge) {
+    let mut p = match super::roots::invert_growing(radial, target, edge) {
         Some(r) if target > 0.0 => d * (r / target),
         Some(_) => Vector2::zeros(),
         // Only the tangential part can bring such a point back into reach.

@@ -1,13 +1,15 @@
 //! HOHCT's search: depth first over all sets, see the page of [`hohct`](super).
 
+mod bounds;
+
+use super::best_set::BestSet;
 use super::greedy::Greedy;
-use super::level::{Level, PerTheta, Sums, THETAS, sum_of_largest};
+use super::level::{Level, Sums, THETAS};
 use super::pigeonhole::{Pigeonhole, Rows};
 use super::scratch::Scratch;
-use super::thresholds::Thresholds;
-use crate::chi2;
 use crate::validate::batch::Blocks;
 use crate::validate::quantiles::Quantiles;
+use bounds::Outlook;
 
 /// Most groups that are looked at together.
 const MOST_INTACT: usize = 6;
@@ -26,29 +28,12 @@ pub(super) struct Search<'a> {
     levels: &'a mut Vec<Level>,
     pigeonhole: &'a mut Pigeonhole,
     sums: &'a mut Sums,
-    thresholds: &'a mut Thresholds,
-    best: &'a mut Vec<usize>,
-    quantiles: &'a mut Quantiles,
+    pub(super) best: BestSet<'a>,
     d2: f64,
-    level: f64,
     least_rows: usize,
-    /// Largest order of interest: that of the best set so far.
-    order: usize,
     pub(super) nodes: usize,
     max_nodes: usize,
     pub(super) struck: bool,
-    /// `f` of the best set so far.
-    pub(super) found: Option<f64>,
-}
-
-/// What the bounds say about a node.
-enum Outlook {
-    /// No set below it can win.
-    Refuted,
-    /// Decide next whether this candidate is added.
-    Decide(usize),
-    /// Decide next which block of `G` is brought back first.
-    BringBack,
 }
 
 impl<'a> Search<'a> {
@@ -56,9 +41,7 @@ impl<'a> Search<'a> {
         scratch: &'a mut Scratch,
         batch: Rows<'a>,
         d2: f64,
-        level: f64,
         max_nodes: usize,
-        quantiles: &'a mut Quantiles,
     ) -> Self {
         let blocks = batch.blocks;
         let counts = (0..blocks.len()).map(|block| blocks.count(block));
@@ -73,30 +56,38 @@ impl<'a> Search<'a> {
             levels: &mut scratch.levels,
             pigeonhole: &mut scratch.pigeonhole,
             sums: &mut scratch.sums,
-            thresholds: &mut scratch.thresholds,
-            best: &mut scratch.best,
-            quantiles,
+            best: BestSet {
+                blocks: &mut scratch.best,
+                thresholds: &mut scratch.thresholds,
+                rows: scratch.z.len(),
+                d2,
+                least_rows,
+                order: 0,
+                found: None,
+            },
             d2,
-            level,
             least_rows,
-            order: 0,
             nodes: 0,
             max_nodes,
             struck: false,
-            found: None,
         }
     }
 
-    /// Searches all sets of at most `max_order` blocks.
-    pub(super) fn run(&mut self, max_order: usize, greedy_passes: bool) {
+    /// Searches all sets of at most `max_order` blocks for the best one that passes `level`.
+    pub(super) fn run(
+        &mut self,
+        max_order: usize,
+        greedy_passes: bool,
+        level: f64,
+        quantiles: &mut Quantiles,
+    ) {
         let greedy = self.greedy;
         let size = greedy.blocks.len();
-        self.order = max_order.min(size);
-        self.set_level_thresholds();
+        self.best.start(max_order.min(size), level, quantiles);
         if greedy_passes {
             let extra = greedy.blocks.iter().map(|&u| self.extra_rows(u)).sum();
-            self.best.clone_from(&greedy.blocks);
-            self.accept(size, greedy.reduction, extra);
+            self.best.blocks.clone_from(&greedy.blocks);
+            self.best.accept(size, greedy.reduction, extra);
         }
         if size == 0 {
             return;
@@ -115,7 +106,7 @@ impl<'a> Search<'a> {
         self.pigeonhole.sort(self.batch, &self.levels[0].universe);
         for left in 0..=most {
             // The order may fall on the way.
-            if left > self.order || self.struck {
+            if left > self.best.order || self.struck {
                 break;
             }
             let root = &mut self.levels[0];
@@ -145,10 +136,10 @@ impl<'a> Search<'a> {
         for back in 0..=size {
             // By bringing back `back` blocks and adding at least `low` the order becomes, at least,
             let order = (size + low).saturating_sub(back);
-            let allowed = if order == 0 || order > self.order {
+            let allowed = if order == 0 || order > self.best.order {
                 f64::NEG_INFINITY
             } else {
-                self.d2 - self.thresholds.least(order)
+                self.d2 - self.best.thresholds.least(order)
             };
             // A margin for rounding.
             self.pigeonhole.allowed.push(allowed + 1e-9 * allowed.abs());
@@ -189,10 +180,10 @@ impl<'a> Search<'a> {
             let order = level.blocks.len() + 1;
             let reduction = level.reduction + level.gains[0][block];
             let extra = level.extra + self.extra_rows(block);
-            if self.improves(order, reduction, extra) {
-                self.best.clone_from(&level.blocks);
-                self.best.push(block);
-                self.accept(order, reduction, extra);
+            if self.best.is_beaten_by(order, reduction, extra) {
+                self.best.blocks.clone_from(&level.blocks);
+                self.best.blocks.push(block);
+                self.best.accept(order, reduction, extra);
             }
             let penalty = self.penalty(block);
             let gains = self.levels[depth]
@@ -230,11 +221,11 @@ impl<'a> Search<'a> {
                 let order = level.blocks.len() - 1;
                 let reduction = level.reduction - own;
                 let extra = level.extra - self.extra_rows(block);
-                if self.improves(order, reduction, extra) {
-                    self.best.clear();
+                if self.best.is_beaten_by(order, reduction, extra) {
+                    self.best.blocks.clear();
                     let rest = level.blocks.iter().filter(|&&other| other != block);
-                    self.best.extend(rest);
-                    self.accept(order, reduction, extra);
+                    self.best.blocks.extend(rest);
+                    self.best.accept(order, reduction, extra);
                 }
                 fewest = 2;
             }
@@ -244,127 +235,6 @@ impl<'a> Search<'a> {
                 self.explore(depth + 1, at + 1, left);
             }
         }
-    }
-
-    /// Bounds the sets below a node, see [`Search::explore`], and chooses how to go on.
-    fn outlook(&mut self, depth: usize, position: usize, left: usize) -> Outlook {
-        self.work_out_losses(depth, position);
-        if left == 0 {
-            return if self.can_win(depth, position, left, 1, [0.0; THETAS.len()], 0.0) {
-                Outlook::BringBack
-            } else {
-                Outlook::Refuted
-            };
-        }
-        self.levels[depth].work_out_gains(self.a, self.blocks);
-        // As if candidates were not coupled, and X and F neither: no bound, but the branch to follow.
-        let level = &self.levels[depth];
-        let mut best = (f64::NEG_INFINITY, level.candidates[0]);
-        self.sums.terms.clear();
-        for &block in &level.candidates {
-            let gain = level.gains[0][block] - self.penalty(block);
-            self.sums.terms.push(gain);
-            if gain > best.0 {
-                best = (gain, block);
-            }
-        }
-        let hope = sum_of_largest(&mut self.sums.terms, left);
-        let must = level_order(&self.levels[depth], left) > self.order;
-        if self.can_win(depth, position, left, 0, [hope; THETAS.len()], 0.0) {
-            return if must {
-                Outlook::BringBack
-            } else {
-                Outlook::Decide(best.1)
-            };
-        }
-        if left > 1 {
-            self.levels[depth].work_out_couplings(self.a, self.blocks);
-        }
-        // Each share bounds by itself; as a rule the first one is enough.
-        let mut gains = [f64::INFINITY; THETAS.len()];
-        let mut worst = 0;
-        for k in if must { 1 } else { 0 }..THETAS.len() {
-            (gains[k], worst) = self.bounded_gain(depth, left, k);
-            if !self.can_win(depth, position, left, 0, gains, 0.0) {
-                return Outlook::Refuted;
-            }
-        }
-        if must {
-            gains[0] = self.bounded_gain(depth, left, 0).0;
-        }
-        // Is it Young's inequality that is too loose, or the couplings?
-        let exact = [gains[0]; THETAS.len()];
-        if must && !self.can_win(depth, position, left, 0, exact, 0.0) {
-            Outlook::BringBack
-        } else {
-            Outlook::Decide(worst)
-        }
-    }
-
-    /// Bound on what `left` candidates add for the share `k` (the first if nothing is brought back), and the candidate
-    /// whose couplings loosen it most.
-    fn bounded_gain(&mut self, depth: usize, left: usize, k: usize) -> (f64, usize) {
-        let n = self.blocks.len();
-        let level = &self.levels[depth];
-        let mut worst = (f64::NEG_INFINITY, f64::NEG_INFINITY, usize::MAX);
-        self.sums.terms.clear();
-        for &block in &level.candidates {
-            let mut coupling = 0.0;
-            if left > 1 {
-                let row = &level.gain_coupling[k][block * n..(block + 1) * n];
-                // A block is not coupled to itself: its own entry is zero.
-                self.sums.picked.clear();
-                self.sums
-                    .picked
-                    .extend(level.candidates.iter().map(|&other| row[other]));
-                coupling = sum_of_largest(&mut self.sums.picked, left - 1);
-            }
-            let bounded = if coupling < 1.0 {
-                level.gains[k][block] / (1.0 - coupling)
-            } else {
-                f64::INFINITY
-            };
-            let excess = bounded - level.gains[0][block];
-            if excess > worst.0 || (excess == worst.0 && coupling > worst.1) {
-                worst = (excess, coupling, block);
-            }
-            self.sums.terms.push(bounded - self.penalty(block));
-        }
-        (sum_of_largest(&mut self.sums.terms, left), worst.2)
-    }
-
-    /// Whether a set below a node may win that brings back at least `fewest` blocks and gains at most `gains` (if
-    /// nothing, if something is brought back), `own` being the loss of a block that is brought back for certain.
-    fn can_win(
-        &self,
-        depth: usize,
-        position: usize,
-        left: usize,
-        fewest: usize,
-        gains: PerTheta<f64>,
-        own: f64,
-    ) -> bool {
-        let level = &self.levels[depth];
-        let base = level.reduction - self.thresholds.tau * level.extra as f64;
-        let largest = level_order(level, left);
-        let available = self.greedy.blocks.len() - position;
-        let rows = self.thresholds.tau * self.thresholds.spread as f64;
-        (fewest.max(largest.saturating_sub(self.order))..=available.min(largest.saturating_sub(1)))
-            .any(|number| {
-                let loss = |k: usize, share: f64| {
-                    level.losses[k][number].max(share * own - rows * number as f64)
-                };
-                let bound = if number == 0 {
-                    base + gains[0]
-                } else if left == 0 {
-                    base - loss(0, 1.0)
-                } else {
-                    let best = (1..THETAS.len()).map(|k| gains[k] - loss(k, 1.0 - THETAS[k]));
-                    base + best.fold(f64::INFINITY, f64::min)
-                };
-                // A margin for rounding.
-                bound + 1e-10 * bound.abs() >= self.thresholds.target[largest - number]
-            })
     }
 
     /// Makes the next level from this one; false if the budget has struck.
@@ -402,15 +272,6 @@ impl<'a> Search<'a> {
         blocks.map(|&block| self.blocks.count(block)).sum()
     }
 
-    fn work_out_losses(&mut self, depth: usize, position: usize) {
-        let first = self.first_index(depth, position);
-        let available = self.greedy.blocks.len() - position;
-        let (tau, blocks, least) = (self.thresholds.tau, self.blocks, self.least_rows);
-        let penalty = |block| tau * (blocks.count(block) - least) as f64;
-        let range = first..first + available;
-        self.levels[depth].work_out_losses(blocks, position, range, penalty, self.sums);
-    }
-
     /// Index in the level's `X` of the block of `G` at `position`; all from there on are in `X`.
     fn first_index(&self, depth: usize, position: usize) -> usize {
         let level = &self.levels[depth];
@@ -422,80 +283,11 @@ impl<'a> Search<'a> {
     }
 
     fn penalty(&self, block: usize) -> f64 {
-        self.thresholds.tau * self.extra_rows(block) as f64
-    }
-
-    /// Thresholds that the level sets, for all orders up to `self.order`.
-    fn set_level_thresholds(&mut self) {
-        let table = &mut *self.thresholds;
-        table.values.clear();
-        table.target.clear();
-        table.target.resize(self.order + 1, f64::INFINITY);
-        table.tau = f64::INFINITY;
-        for order in 0..=self.order {
-            let start = table.values.len();
-            for extra in 0..=order * table.spread {
-                let gone = order * self.least_rows + extra;
-                let value = match self.z.len().checked_sub(gone) {
-                    Some(dof) => self.d2 - self.quantiles.get(self.level, dof),
-                    None => f64::INFINITY,
-                };
-                table.values.push(value);
-                if extra > 0 {
-                    let slope = (value - table.values[start]) / extra as f64;
-                    table.tau = table.tau.min(slope);
-                }
-            }
-        }
-        if table.tau == f64::INFINITY {
-            table.tau = 0.0;
-        }
-        for order in 0..=self.order {
-            table.update_target(order);
-        }
-    }
-
-    /// Whether a set beats the best so far: a smaller one must pass the level, one of the same order must be better.
-    fn improves(&self, order: usize, reduction: f64, extra: usize) -> bool {
-        if order == 0 || order > self.order {
-            return false;
-        }
-        let threshold = self.thresholds.at(order, extra);
-        if order == self.order && self.found.is_some() {
-            reduction > threshold
-        } else {
-            reduction >= threshold
-        }
-    }
-
-    /// Takes a set as the best so far; from now on sets of its order must have a larger tail probability.
-    fn accept(&mut self, order: usize, reduction: f64, extra: usize) {
-        self.found = Some(reduction);
-        self.order = order;
-        let table = &mut *self.thresholds;
-        let start = table.start(order);
-        if table.spread > 0 {
-            let dof = |extra: usize| self.z.len().checked_sub(order * self.least_rows + extra);
-            let rest = (self.d2 - reduction).max(0.0);
-            let ln_tail = chi2::ln_survival(rest, dof(extra).unwrap_or(0) as f64);
-            for other in 0..=order * table.spread {
-                table.values[start + other] = match dof(other) {
-                    Some(dof) => self.d2 - chi2::inverse_ln_survival(ln_tail, dof as f64),
-                    None => f64::INFINITY,
-                };
-            }
-        }
-        table.values[start + extra] = reduction;
-        table.update_target(order);
+        self.best.thresholds.tau * self.extra_rows(block) as f64
     }
 }
 
 /// `n` choose `k`.
 fn choices(n: usize, k: usize) -> usize {
     (0..k).fold(1, |product, i| product * (n - i) / (i + 1))
-}
-
-/// Order of the sets below a level if nothing is brought back.
-fn level_order(level: &Level, left: usize) -> usize {
-    level.blocks.len() + left
 }
