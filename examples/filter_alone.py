@@ -19,7 +19,7 @@ def main() -> None:
 
     slam = Filter(camera, settings={"pixel.sigma_cs": PIXEL})
     slam.predict(0.0)
-    uv, _ = camera.project(points)
+    uv = camera.project(points).uv
     depth = points[:, 2] * (1.0 + 0.03 * generator.standard_normal(len(points)))
     nobody = np.empty(0, np.int64)
     new = np.full(len(points), -1)
@@ -31,9 +31,9 @@ def main() -> None:
         slam.predict(0.1 * k)
         expected = slam.predict_pixels()
         seen = points[[point_of[i] for i in expected.ids.tolist()]] - [SPEED * k, 0.0, 0.0]
-        uv, ok = camera.project(seen)
-        ids = expected.ids[ok]
-        slam.update(expected.ids, ids, uv[ok] + PIXEL * generator.standard_normal((len(ids), 2)))
+        there = camera.project(seen)
+        ids, uv = expected.ids[there.visible], there.uv[there.visible]
+        slam.update(expected.ids, ids, uv + PIXEL * generator.standard_normal((len(ids), 2)))
         slam.manage_map()
 
     p, blocks = slam.covariance, slam.blocks

@@ -26,6 +26,7 @@ __all__ = [
     "PairPoints",
     "PeakTest",
     "Prediction",
+    "ProjectedPoints",
     "SampledTemplates",
     "SearchResult",
     "SearchWindow",
@@ -85,6 +86,23 @@ class _Patch(Protocol):
     def inside(self) -> _Array: ...
 
 @final
+class ProjectedPoints:
+    """Where points lie in an image.
+
+    Attributes
+    ----------
+    uv : (N, 2) float64
+        Pixels; NaN where the point has none.
+    visible : (N,) bool
+        In front of the camera, within the model's range, and inside the image.
+    """
+
+    @property
+    def uv(self) -> _Array: ...
+    @property
+    def visible(self) -> _Mask: ...
+
+@final
 class Camera:
     """A calibrated camera.
 
@@ -132,7 +150,7 @@ class Camera:
     @property
     def matrix(self) -> _Array:
         """The (3, 3) matrix K, px."""
-    def project(self, points: ArrayLike) -> tuple[_Array, _Mask]:
+    def project(self, points: ArrayLike) -> ProjectedPoints:
         """Pixels of points.
 
         Parameters
@@ -142,10 +160,7 @@ class Camera:
 
         Returns
         -------
-        uv : (N, 2) float64
-            Pixels; NaN where the point has none.
-        ok : (N,) bool
-            In front of the camera, within the model's range, and inside the image.
+        ProjectedPoints
 
         Raises
         ------

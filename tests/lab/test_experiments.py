@@ -180,5 +180,6 @@ def test_a_variant_changes_one_thing() -> None:
     assert view is not None
     assert whole is not None
     point = np.array([[0.1, 0.1, 4.0]])
-    assert np.allclose(small.worn_camera.project(point)[0] + [180, 120], world.worn_camera.project(point)[0])
+    moved = small.worn_camera.project(point).uv + np.array([180, 120])
+    assert np.allclose(moved, world.worn_camera.project(point).uv)
     assert np.array_equal(view.image, whole.image[120:360, 180:540])

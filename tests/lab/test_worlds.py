@@ -104,8 +104,8 @@ def test_the_person_hides_what_is_behind() -> None:
     full = world.renderer.render(world.robot(t), world.camera, world._movers(0, t))
     changed = cv2.erode((np.abs(empty.astype(int) - full) > 8).astype(np.uint8), np.ones((3, 3)))
     columns = np.flatnonzero(changed.any(axis=0))
-    uv, _ = world.camera.project((world.person(t)[:3, 3] - [0, 0, 0.5] - world.robot(t)[:3, 3])[None]
-                                 @ world.robot(t)[:3, :3])  # fmt: skip
+    waist = world.person(t)[:3, 3] - [0, 0, 0.5] - world.robot(t)[:3, 3]
+    uv = world.camera.project(waist[None] @ world.robot(t)[:3, :3]).uv
     assert columns.min() - 20 < uv[0, 0] < columns.max() + 20
     assert 0.03 < changed.mean() < 0.4
 
@@ -137,7 +137,7 @@ def test_a_glossy_floor_mirrors_the_scene() -> None:
     pose = camera_pose([0.0, 0.0, 1.0], 0.0, -0.2, 0.0)
     dull, shining = (Renderer([wall, floor(g)]).render(pose, PINHOLE).astype(int) for g in (0.0, 0.5))
     mirrored = np.array([[4.0, 0.0, -0.5]]) - [0.0, 0.0, 1.0]
-    (u, v), *_ = np.rint(PINHOLE.project(mirrored @ pose[:3, :3])[0]).astype(int)
+    (u, v), *_ = np.rint(PINHOLE.project(mirrored @ pose[:3, :3]).uv).astype(int)
     assert shining[v, u] - dull[v, u] > 40
     assert abs(shining[v, 5] - dull[v, 5]) < 3
 

@@ -58,6 +58,11 @@ def _search(image: Any, templates: Any) -> list[Any]:
     return [found.uv, found.score, found.second, found.code]
 
 
+def _project(points: Any) -> list[Any]:
+    there = CAMERA.project(points)
+    return [there.uv, there.visible]
+
+
 def _pairs(described: Any, described_f: Any) -> list[Any]:
     ranges = np.tile([0.0, 2.0], (5, 1))
     points = _core.PairPoints(RAYS, ranges, np.zeros(5, np.bool_), described, [0.0, 0.5])
@@ -87,7 +92,7 @@ READERS: dict[str, tuple[Callable[..., list[Any]], tuple[Any, ...]]] = {
     "capture": (lambda image: [*_core.capture_windows(image, UV, 7).windows], (IMAGE,)),
     "describe": (lambda image: [_core.describe_windows(image, UV, SAME, 2.0)], (IMAGE,)),
     "corners": (lambda r: [_core.corner_peaks(r, 2, 3, 0.1, 0.0)], (IMAGE.astype(np.float32),)),
-    "project": (lambda points: [*CAMERA.project(points)], (RAYS,)),
+    "project": (_project, (RAYS,)),
     "affine": (
         lambda uv, t, rho: [_core.affine_maps(CAMERA, uv, CAMERA, t, rho).affine],
         (UV, np.tile(T_CF, (3, 1, 1)), np.array([0.1, 0.5, 1.0])),

@@ -40,7 +40,7 @@ def _started() -> Filter:
     core = Filter(CS, CF)
     core.predict(0.0)
     new = np.full(COUNT, -1)
-    uv, uv_f = CS.project(POINTS)[0], CF.project(POINTS - T_CF[:3, 3])[0]
+    uv, uv_f = CS.project(POINTS).uv, CF.project(POINTS - T_CF[:3, 3]).uv
     core.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(ids=new, uv=uv, uv_f=uv_f))
     core.add_candidates(np.array([[50.0, 60.0], [500.0, 300.0]]))
     core.predict(0.1)
@@ -217,14 +217,14 @@ def test_bad_start_from_points(name: str) -> None:
 
 def test_a_candidate_given_twice_does_not_panic_at_its_birth() -> None:
     core = Filter(CS, settings={"birth.min_parallax": 0.5}, switches={"birth.min_baseline": 0.01})
-    start, step = CS.project(POINTS)[0], np.array([0.05, 0.0, 0.0])
+    start, step = CS.project(POINTS).uv, np.array([0.05, 0.0, 0.0])
     ids = _points(
         core, points=POINTS, noise=np.tile(1e-4 * np.eye(3), (COUNT, 1, 1)), shared=np.zeros((COUNT, 3, 6))
     )
     core.predict(0.0)
     candidates = core.add_candidates(start[:1])
     core.predict(0.1)
-    uv = CS.project(POINTS - step)[0]
+    uv = CS.project(POINTS - step).uv
     core.update(ids, ids, uv)
     with pytest.raises(InputError, match="twice"):
         core.observe_candidates(np.repeat(candidates, 2), np.repeat(uv[:1], 2, axis=0))
@@ -296,7 +296,7 @@ def test_arrays_of_other_types_are_converted() -> None:
     assert _state(a) == _state(b)
     assert a.add_undelayed([[100, 200]]).tolist() == b.add_undelayed(np.array([[100.0, 200.0]])).tolist()
     assert a.add_candidates(np.empty((0, 2), bool)).tolist() == []
-    np.testing.assert_array_equal(CS.project([[0, 0, 1]])[0], CS.project(np.array([[0.0, 0.0, 1.0]]))[0])
+    np.testing.assert_array_equal(CS.project([[0, 0, 1]]).uv, CS.project(np.array([[0.0, 0.0, 1.0]])).uv)
 
 
 def test_measurements_without_a_name_are_refused() -> None:
@@ -331,20 +331,20 @@ class TestCamera:
             CS.unproject(np.zeros((2, 3)))
 
     def test_points_without_a_pixel_are_nan(self) -> None:
-        uv, ok = CS.project(np.array([[0.0, 0.0, -1.0], [np.nan, 0.0, 1.0], [0.0, 0.0, 1.0]]))
-        assert ok.tolist() == [False, False, True]
-        np.testing.assert_array_equal(np.isfinite(uv).all(axis=1), ok)
+        there = CS.project(np.array([[0.0, 0.0, -1.0], [np.nan, 0.0, 1.0], [0.0, 0.0, 1.0]]))
+        assert there.visible.tolist() == [False, False, True]
+        np.testing.assert_array_equal(np.isfinite(there.uv).all(axis=1), there.visible)
         assert np.isnan(CS.unproject(NAN_UV)).all()
 
     def test_it_takes_any_memory_layout(self) -> None:
         spread = np.repeat(POINTS, 2, axis=0)[::2]
-        expected = CF.project(POINTS)[0]
+        expected = CF.project(POINTS).uv
         for points in (spread, np.asfortranarray(POINTS)):
-            np.testing.assert_array_equal(CF.project(points)[0], expected)
+            np.testing.assert_array_equal(CF.project(points).uv, expected)
 
     @pytest.mark.parametrize("camera", [CS, CF])
     def test_it_pickles_and_copies(self, camera: Camera) -> None:
         for again in (pickle.loads(pickle.dumps(camera)), copy.copy(camera), copy.deepcopy(camera)):
             assert again == camera
-            np.testing.assert_array_equal(again.project(POINTS)[0], camera.project(POINTS)[0])
+            np.testing.assert_array_equal(again.project(POINTS).uv, camera.project(POINTS).uv)
         assert CS != CF

@@ -294,8 +294,8 @@ def test_the_focal_length_from_images_alone(monkeypatch: pytest.MonkeyPatch, fac
         t = g.se3_exp(
             [0.3 * k, 0.8 * np.sin(k), 0.0, 0.2 * np.cos(k), -0.05 * k + 0.5, 0.3 * np.sin(0.7 * k)]
         )
-        uv, inside = camera.project((points - t[:3, 3]) @ t[:3, :3])
-        return uv + noise[k], inside
+        there = camera.project((points - t[:3, 3]) @ t[:3, :3])
+        return there.uv + noise[k], there.visible
 
     def match(a: int, b: int) -> matching.Matches:
         (uv_a, in_a), (uv_b, in_b) = see(a), see(b)

@@ -62,7 +62,7 @@ def overlap(recording: DemoRecording, i: int) -> float:
     rays = coarse.unproject(np.stack([u.ravel(), v.ravel()], axis=1).astype(float))
     depth = recording.renderer.depth(recording.truth[i], coarse).reshape(-1, 1)
     in_f = to_camera(recording.true_t_cf(i), rays / rays[:, 2:] * depth)
-    return float(recording.worn_camera.project(in_f)[1].mean())
+    return float(recording.worn_camera.project(in_f).visible.mean())
 
 
 @pytest.mark.parametrize("camera", [RADTAN, WIDE], ids=["radtan", "wideangle"])
@@ -79,8 +79,11 @@ def test_corners_appear_where_the_camera_projects_them(camera: Camera, pose: Arr
     image, corners = checker(2.0, 1.6, 0.2)
     board = panel((3.0, 1.0, 0.8), (0.0, -2.0, 0.0), (0.0, 0.0, -1.6), image)
     world = board.origin + corners[:, :1] * board.u / 2.0 + corners[:, 1:] * board.v / 1.6
-    expected, seen = camera.project(to_camera(pose, world))
-    seen &= ((expected > 12) & (expected < np.array([camera.width, camera.height]) - 13)).all(axis=1)
+    there = camera.project(to_camera(pose, world))
+    expected = there.uv
+    seen = there.visible & ((expected > 12) & (expected < np.array([camera.width, camera.height]) - 13)).all(
+        axis=1
+    )
     assert seen.sum() >= 20
     found = expected[seen].astype(np.float32).reshape(-1, 1, 2) + np.float32(0.7)
     picture = Renderer([board]).render(pose, camera)
@@ -101,7 +104,7 @@ def test_depth_is_that_of_the_nearest_surface() -> None:
         renderer = Renderer(panels)
         depth = renderer.depth(pose, RADTAN)
         point = near.origin + 0.37 * near.u + 0.6 * near.v
-        uv, _ = RADTAN.project(to_camera(pose, point[None]))
+        uv = RADTAN.project(to_camera(pose, point[None])).uv
         ray = RADTAN.unproject(np.rint(uv))[0]
         normal = np.cross(near.u, near.v)
         ray_w = pose[:3, :3] @ (ray / ray[2])
@@ -141,7 +144,7 @@ def test_a_floor_that_reaches_behind_the_camera_is_clipped_not_mirrored() -> Non
     assert picture[:380].max() == 0  # the floor's far edge is 620 / 4 pixels below the horizon
     assert picture[400:, 360].min() > 20
     point = np.array([[2.75, 0.25, 0.0], [2.75, -0.25, 0.0], [3.25, -0.25, 0.0]])
-    (u, v), (u2, v2), (u3, v3) = np.rint(RADTAN.project(to_camera(pose, point))[0]).astype(int)
+    (u, v), (u2, v2), (u3, v3) = np.rint(RADTAN.project(to_camera(pose, point)).uv).astype(int)
     assert abs(int(picture[v, u]) - int(picture[v2, u2])) > 150
     assert abs(int(picture[v2, u2]) - int(picture[v3, u3])) > 150
 
@@ -152,7 +155,7 @@ def test_fine_stripes_far_away_melt_into_grey() -> None:
     camera = Camera("pinhole", 720, 480, (620.0, 620.0, 359.5, 239.5), ())
     pose = camera_pose([0.0, 0.0, 0.0], 0.0, 0.0, 0.0)
     points = np.array([[x, 1.0, z] for x in np.linspace(12.0, 20.0, 40) for z in (-0.3, 0.0, 0.3)])
-    uv, _ = camera.project(to_camera(pose, points))
+    uv = camera.project(to_camera(pose, points)).uv
     seen = Renderer([wall]).render(pose, camera)[np.rint(uv[:, 1]).astype(int), np.rint(uv[:, 0]).astype(int)]
     assert np.abs(seen.astype(float) - 127.5).max() < 12
 

@@ -339,11 +339,11 @@ def test_affine_map_agrees_with_projection(model):
     rays = camera.unproject(uv)
     far = np.where(np.isfinite(rho) & (rho > 0), rho, 1e-9)
     seen = rays / far[:, None] @ motion[:3, :3].T + motion[:3, 3]
-    assert np.allclose(camera.project(seen)[0], predicted, atol=1e-5)
+    assert np.allclose(camera.project(seen).uv, predicted, atol=1e-5)
     for k, step in enumerate(np.eye(2)):  # a small step on the plane that faces the camera
         moved_rays = camera.unproject(uv + 0.01 * step)
         on_plane = moved_rays / (moved_rays * rays).sum(axis=1, keepdims=True) / far[:, None]
-        change = (camera.project(on_plane @ motion[:3, :3].T + motion[:3, 3])[0] - predicted) / 0.01
+        change = (camera.project(on_plane @ motion[:3, :3].T + motion[:3, 3]).uv - predicted) / 0.01
         assert np.allclose(affine[:, :, k], change, atol=0.03)
 
 

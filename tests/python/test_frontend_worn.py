@@ -73,8 +73,8 @@ def scene():
     z = depth[np.rint(uv[:, 1]).astype(int), np.rint(uv[:, 0]).astype(int)]
     rays = CAMERA.unproject(uv)
     points = rays * (z / rays[:, 2])[:, None]
-    true, seen = CAMERA.project((points - T_CF[:3, 3]) @ T_CF[:3, :3])
-    return image_s, image_f, uv, np.linalg.norm(points, axis=1), true, seen
+    there = CAMERA.project((points - T_CF[:3, 3]) @ T_CF[:3, :3])
+    return image_s, image_f, uv, np.linalg.norm(points, axis=1), there.uv, there.visible
 
 
 def measured(seed: int) -> np.ndarray:
@@ -173,7 +173,7 @@ def _pairs(count: int, wrong: int, seed: int, noise: float = 0.5):
     uv = rng.uniform([20, 20], [620, 460], (count, 2))
     rays = CAMERA.unproject(uv)
     ranges = rng.uniform(1.5, 6.0, count)
-    uv_f, _ = CAMERA.project((rays * ranges[:, None] - T_CF[:3, 3]) @ T_CF[:3, :3])
+    uv_f = CAMERA.project((rays * ranges[:, None] - T_CF[:3, 3]) @ T_CF[:3, :3]).uv
     uv_f = uv_f + noise * rng.standard_normal((count, 2))
     uv_f[:wrong] = rng.uniform([20, 20], [620, 460], (wrong, 2))
     return rays, CAMERA.unproject(uv_f), ranges
@@ -311,9 +311,9 @@ def test_pose_from_points_and_its_covariance(model):
     rng = np.random.Generator(np.random.PCG64(0))
     points = rng.uniform([-1, -0.8, 2.0], [1, 0.8, 4.0], (20, 3))
     true = se3_exp([0.2, -0.1, 0.3, 0.1, 0.15, -0.2])
-    clean, ok = camera.project((points - true[:3, 3]) @ true[:3, :3])
-    assert ok.sum() >= 10
-    points, clean = points[ok], clean[ok]
+    there = camera.project((points - true[:3, 3]) @ true[:3, :3])
+    assert there.visible.sum() >= 10
+    points, clean = points[there.visible], there.uv[there.visible]
     exact, _ = pose_from_points(points, clean, camera, 0.5)
     assert np.allclose(exact, true, atol=1e-7)
     distance = []
@@ -328,7 +328,7 @@ def test_pose_from_points_and_its_covariance(model):
 
 def test_pose_from_points_refuses_degenerate_input():
     line = np.c_[np.linspace(-1, 1, 6), np.zeros(6), np.full(6, 3.0)]
-    uv, _ = CAMERA.project(line)
+    uv = CAMERA.project(line).uv
     with pytest.raises(InputError, match="line"):
         pose_from_points(line, uv, CAMERA, 0.5, np.eye(4))
     with pytest.raises(InputError, match="at least four"):

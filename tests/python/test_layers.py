@@ -57,7 +57,7 @@ LAB_ALLOWED: dict[str, set[str]] = {
     "worlds": {"worn_sensors"},
     "benchmark": {"report", "processes", "switches"},
     "paper_simulation": {"figures", "processes", "switches", "worn_sensors"},
-    "paper_worlds": {"figures", "processes", "switches", "worlds"},
+    "paper_worlds": {"figures", "processes", "worlds"},
     "reliability": {"report", "benchmark"},
     "cli": {"benchmark", "paper_simulation", "paper_worlds", "reliability", "worlds"},
     "__main__": {"cli"},

@@ -129,7 +129,7 @@ def test_views_of_another_camera(clip: Clip) -> None:
     recording, pose = clip.recording, clip.recording.truth[0]
     uv = np.array([[200.0, 150.0], [352.3, 240.6], [500.7, 333.1]])
     clean = recording.renderer.render(pose, recording.camera).astype(np.uint8)
-    there, _ = OTHER.project(recording.camera.unproject(uv))
+    there = OTHER.project(recording.camera.unproject(uv)).uv
     expected = capture(recording.renderer.render(pose, OTHER).astype(np.uint8), there, pose)
     found = in_other_camera(capture(clean, uv, pose), recording.camera, OTHER)
     for patch, wanted in zip(found, expected, strict=True):

@@ -8,6 +8,20 @@ use ekf_core::Camera;
 use nalgebra::{Vector2, Vector3};
 use pyo3::prelude::*;
 
+/// Where points lie in an image.
+///
+/// Attributes
+/// ----------
+/// uv : (N, 2) float64
+///     Pixels; NaN where the point has none.
+/// visible : (N,) bool
+///     In front of the camera, within the model's range, and inside the image.
+#[pyclass(module = "collabslam._core", frozen, get_all)]
+pub(crate) struct ProjectedPoints {
+    uv: Table,
+    visible: Column<bool>,
+}
+
 /// A calibrated camera.
 ///
 /// Parameters
@@ -91,19 +105,16 @@ impl PyCamera {
     ///
     /// Returns
     /// -------
-    /// uv : (N, 2) float64
-    ///     Pixels; NaN where the point has none.
-    /// ok : (N,) bool
-    ///     In front of the camera, within the model's range, and inside the image.
+    /// ProjectedPoints
     ///
     /// Raises
     /// ------
     /// InputError
     ///     For a wrong shape.
-    fn project(&self, py: Python<'_>, points: Argument<'_>) -> PyResult<(Table, Column<bool>)> {
+    fn project(&self, py: Python<'_>, points: Argument<'_>) -> PyResult<ProjectedPoints> {
         let points = rows::<3>("points", &points)?;
         let nan = Vector2::repeat(f64::NAN);
-        let (uv, ok): (Vec<Vector2<f64>>, Vec<bool>) = gate::compute(py, || {
+        let (uv, visible): (Vec<Vector2<f64>>, Vec<bool>) = gate::compute(py, || {
             let pixels = points.iter().map(|p| self.0.project(p));
             let pixels = pixels.map(|uv| {
                 let inside = uv.is_some_and(|uv| self.0.in_image(&uv, 0.0));
@@ -111,7 +122,10 @@ impl PyCamera {
             });
             pixels.unzip()
         });
-        Ok((vectors(py, uv.into_iter()), column(py, ok)))
+        Ok(ProjectedPoints {
+            uv: vectors(py, uv.into_iter()),
+            visible: column(py, visible),
+        })
     }
 
     /// Unit rays of pixels.

@@ -23,7 +23,7 @@ mod _core {
     }
 
     #[pymodule_export]
-    use crate::camera::PyCamera;
+    use crate::camera::{ProjectedPoints, PyCamera};
     #[pymodule_export]
     use crate::filter::measurements::{PyDepthMeasurement, PyWornMeasurement};
     #[pymodule_export]

@@ -27,12 +27,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Write the recording."""
+    recording = options.source_with_worn(arguments).open()
+    return write_folder(recording, arguments) if arguments.bag is None else _write_bag(recording, arguments)
+
+
+def write_folder(recording: Recording, arguments: argparse.Namespace) -> int:
+    """Write a recording in our own layout into the folder ``arguments.out``."""
     from collabslam.datasets import write_recording
     from collabslam.runs.progress import Progress
 
-    recording = options.source_with_worn(arguments).open()
-    if arguments.bag is not None:
-        return _write_bag(recording, arguments)
     with Progress(len(recording), f"{recording.name} writing") as bar:
         folder = write_recording(
             recording, arguments.out, overwrite=arguments.overwrite, progress=lambda done, total: bar.update()

@@ -232,8 +232,8 @@ def locate(
 def _near(camera: Camera, corners: Array, points: Array, pose: Array, radius: float) -> NDArray[np.bool_]:
     """(C, L) whether a corner lies where a pose puts a landmark, within a share of the image's width."""
     seen = np.ascontiguousarray((points - pose[:3, 3]) @ pose[:3, :3])
-    uv, ok = camera.project(seen)
-    uv[~ok | (seen[:, 2] <= 0.0)] = np.inf
+    there = camera.project(seen)
+    uv = np.where((there.visible & (seen[:, 2] > 0.0))[:, None], there.uv, np.inf)
     distance = np.linalg.norm(corners[:, None] - uv, axis=2)
     return np.asarray(distance < radius * camera.width)
 
@@ -269,10 +269,10 @@ def _search_from(
     """Searches all patches where a pose says: landmarks found, their pixels, and how many could be found."""
     points = views.points
     seen = np.ascontiguousarray((points - pose[:3, 3]) @ pose[:3, :3])
-    uv, ok = camera.project(seen)
-    inside = ok & (seen[:, 2] > 0.0) & np.all((uv >= 0.0) & (uv < [camera.width, camera.height]), axis=1)
+    there = camera.project(seen)
+    uv, visible = there.uv, there.visible & (seen[:, 2] > 0.0)
     nearest = views.nearest(pose)
-    index = np.flatnonzero(inside)
+    index = np.flatnonzero(visible)
     warped = warp_templates(camera, [nearest[i] for i in index], pose, points[index], settings.patch)
     index, templates = index[warped.ok], warped.templates[warped.ok]
     spread = (_RADIUS / GATE) ** 2 * np.eye(2)
@@ -301,7 +301,7 @@ def _refined(
         except InputError:
             return None
         seen = np.ascontiguousarray((points[kept] - pose[:3, 3]) @ pose[:3, :3])
-        residual = np.linalg.norm(camera.project(seen)[0] - uv[kept], axis=1)
+        residual = np.linalg.norm(camera.project(seen).uv - uv[kept], axis=1)
         worst = int(np.argmax(residual))
         if residual[worst] <= tolerance:
             return pose, kept

@@ -193,7 +193,7 @@ def _project(points: Array, camera: Camera, t_tc: Array) -> tuple[Array, Array]:
     poses = [t_tc] + [t_tc @ se3_exp(_STEP * axis) for axis in np.eye(6)]
     seen = np.stack([(points - pose[:3, 3]) @ pose[:3, :3] for pose in poses])
     front = seen[..., 2] > 1e-6
-    uv, _ = camera.project(np.where(front[..., None], seen, [0.0, 0.0, 1.0]).reshape(-1, 3))
+    uv = camera.project(np.where(front[..., None], seen, [0.0, 0.0, 1.0]).reshape(-1, 3)).uv
     uv = np.where(front[..., None], uv.reshape(7, len(points), 2), np.nan)
     return uv[0], ((uv[1:] - uv[0]) / _STEP).transpose(1, 2, 0)
 

@@ -285,8 +285,8 @@ class _Matcher:
         directions += list(-rho[:, None] * root[:3].T[:, None] + seen @ skews(root[3:]))
         stack = np.stack([seen, *(seen + 1e-3 * d for d in directions)])
         front = seen[:, 2] > 1e-3 * scale[:, 0]
-        uv, _ = self.camera_f.project(np.where(front[None, :, None], stack, [0.0, 0.0, 1.0]).reshape(-1, 3))
-        uv = uv.reshape(len(directions) + 1, len(index), 2)
+        in_front = np.where(front[None, :, None], stack, [0.0, 0.0, 1.0])
+        uv = self.camera_f.project(in_front.reshape(-1, 3)).uv.reshape(len(directions) + 1, len(index), 2)
         change = (uv[1:] - uv[0]) / 1e-3
         spread = np.einsum("kni,knj->nij", change, change) + SIGMA**2 * np.eye(2)
         ok = front & np.all(np.isfinite(uv), axis=(0, 2))

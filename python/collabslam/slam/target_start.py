@@ -111,9 +111,10 @@ class TargetStart(PersistentState):
         if not self._patches:
             return float("nan")
         seen = (self._points_w - pose[:3, 3]) @ pose[:3, :3]
-        uv, ok = self._camera.project(np.ascontiguousarray(seen))
+        expected = self._camera.project(np.ascontiguousarray(seen))
+        uv = expected.uv
         warped = warp_templates(self._camera, self._patches, pose, self._points_w, self._options.patch)
         spread = np.broadcast_to((RADIUS / 3.0) ** 2 * np.eye(2), (len(uv), 2, 2))
         found = active_search(image, warped.templates, uv, spread, None, self._options.search)
-        hit = ok & warped.ok & (found.code == FOUND)
+        hit = expected.visible & warped.ok & (found.code == FOUND)
         return float(np.linalg.norm(found.uv - uv, axis=1)[hit].max()) if hit.any() else float("nan")

@@ -111,8 +111,8 @@ class _Look:
         known = np.isfinite(rho) & (rho > 0.0)
         points = self._rays / np.where(known, rho, 1.0)[:, None]
         t_fc = pose_inverse(self._pair.t_cf)
-        uv, visible = self._scene.other.camera.project(points @ t_fc[:3, :3].T + t_fc[:3, 3])
-        return np.where(known[:, None], uv, np.nan), np.asarray(known & np.asarray(visible))
+        there = self._scene.other.camera.project(points @ t_fc[:3, :3].T + t_fc[:3, 3])
+        return np.where(known[:, None], there.uv, np.nan), known & there.visible
 
     def parallax(self) -> float:
         """Median angle, degrees, at which both cameras see the points of known depth; NaN without any."""

@@ -146,8 +146,7 @@ def _known(poses: Array) -> list[int]:
 
 def _share(points: Array, camera: Camera, t_cf: Array) -> float:
     """Share of points of C, at plausible depths, that another camera sees."""
-    _, seen = camera.project((points - t_cf[:3, 3]) @ t_cf[:3, :3])
-    return float(np.mean(seen))
+    return float(np.mean(camera.project((points - t_cf[:3, 3]) @ t_cf[:3, :3]).visible))
 
 
 def true_inverse_ranges(scene: Scene, i: int, uv: Array, options: FrontendSettings) -> Array:

@@ -27,9 +27,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """List the worlds, or write one."""
-    from collabslam.datasets import write_recording
+    from collabslam.cli.record import write_folder
     from collabslam.errors import InputError
-    from collabslam.runs.progress import Progress
     from collabslam_lab.worlds import SETS, world_recording
 
     if arguments.name is None:
@@ -41,12 +40,7 @@ def main(arguments: argparse.Namespace) -> int:
     world = world_recording(arguments.name, arguments.seed)
     if arguments.bag is not None:
         return _write_bag(world, arguments)
-    with Progress(len(world), f"{world.name} writing") as bar:
-        folder = write_recording(
-            world, arguments.out, overwrite=arguments.overwrite, progress=lambda done, total: bar.update()
-        )
-    print(f"{len(world)} frames are in {folder}")
-    return OK
+    return write_folder(world, arguments)
 
 
 def _write_bag(world: WorldRecording, arguments: argparse.Namespace) -> int:

@@ -141,8 +141,8 @@ def _frame(
 
 def _pixels(camera: Camera, in_camera: Array, noise: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Noisy pixels (N, 2), and which points are in front and in the image with and without noise."""
-    uv, good = camera.project(in_camera)
-    measured = uv + noise
-    for pixels in (uv, measured):
+    true = camera.project(in_camera)
+    measured, good = true.uv + noise, true.visible
+    for pixels in (true.uv, measured):
         good = good & (pixels >= 0.0).all(axis=1) & (pixels <= np.array(_SIZE) - 1.0).all(axis=1)
     return np.where(np.isfinite(measured), measured, 0.0), good & (in_camera[:, 2] > 0.0)

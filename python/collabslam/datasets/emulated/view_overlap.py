@@ -50,10 +50,10 @@ def view_overlap(points: Array, worn_camera: Camera, t_cf: Array) -> float:
     if rotation[2, 2] < np.cos(_MOST_AXIS_ANGLE):
         return 0.0
     in_f = (points - centre) @ rotation
-    _, seen = worn_camera.project(in_f)
+    seen = worn_camera.project(in_f).visible
     to_c = np.linalg.norm(points, axis=1)
     to_f = np.linalg.norm(in_f, axis=1)
     cosine = np.sum(points * (points - centre), axis=1) / np.maximum(to_c * to_f, 1e-12)
     parallax = np.arccos(np.clip(cosine, -1.0, 1.0))
-    useful = np.asarray(seen) & (parallax >= _PARALLAX[0]) & (parallax <= _PARALLAX[1])
+    useful = seen & (parallax >= _PARALLAX[0]) & (parallax <= _PARALLAX[1])
     return float(np.mean(useful))
