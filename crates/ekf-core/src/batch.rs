@@ -1,6 +1,6 @@
-//! One frame's measurements as a batch (METHOD 7, steps 5-7): grad H built once, S, its factor, the update.
+//! One frame's measurements as a batch (METHOD 7, steps 5-7): `P H^T`, S, its Cholesky factor, the update.
 //!
-//! `P H^T` costs O(n) per row, because a row touches 13 to 19 columns; S is gathered from it; the gain is never
+//! A row of H touches 13 to 19 columns, so a row of `P H^T` costs O(n), and S is gathered from `P H^T`. The gain is never
 //! formed: with `S = L L^T` and `V = P H^T L^-T`, the update is `x += V L^-1 g`, `P -= V V^T` (B1-B5).
 
 use crate::error::EkfError;
@@ -23,12 +23,12 @@ pub struct Workspace {
     blocks: Vec<MeasurementBlock>,
     offsets: Vec<usize>,
     kept_rows: Vec<usize>,
-    /// `P H^T`, and `V` in the end.
+    /// `P H^T`; after `solve`, `V`.
     pht: Panels,
     packed: Vec<f64>,
-    /// `V y`, and with the gauge `V C`.
+    /// `V y`, followed by `V C` if there is a gauge.
     moved: Vec<f64>,
-    /// `y`, and with the gauge `C = L^-1 H P B`.
+    /// `y`, followed by `C = L^-1 H P B` if there is a gauge.
     along: Vec<f64>,
     /// Diagonal of `V V^T`.
     squares: Vec<f64>,
@@ -50,7 +50,7 @@ impl std::fmt::Debug for Workspace {
 }
 
 impl Clone for Workspace {
-    /// Buffers carry nothing over: a copy starts empty.
+    /// An empty workspace: nothing in the buffers outlives a step.
     fn clone(&self) -> Self {
         Self::default()
     }
@@ -102,18 +102,18 @@ impl Workspace {
         &self.y
     }
 
-    /// By how much the last update moved the camera, in its largest number. Rows stored first are the pose's.
+    /// Largest change that the last update made to a number of the camera's pose, whose rows are stored first.
     pub(crate) fn moved_by(&self) -> f64 {
         let pose = self.moved.iter().take(POSE_DIM);
         pose.fold(0.0, |largest, x| largest.max(x.abs()))
     }
 
-    /// Takes over what [`Self::moved_by`] said of an update that another filter made.
+    /// Sets what [`Self::moved_by`] returns, for a restored filter.
     pub(crate) fn remember_move(&mut self, largest: f64) {
         self.moved = vec![largest];
     }
 
-    /// What a test may look at, once S is factored.
+    /// The batch as the validation tests see it. Valid after the factorisation.
     pub fn as_batch(&self) -> Batch<'_> {
         Batch {
             s: &self.s,
@@ -151,8 +151,8 @@ impl Workspace {
         self.noise.extend(self.blocks.iter().map(|u| u.rows.noise));
     }
 
-    /// `S = H P H^T + R`, column by column: column `j`, whose row of H is that of `j`, from the rows of `P H^T` that it
-    /// touches.
+    /// `S = H P H^T + R` and the innovation. Column `j` of S is row `j` of H times `P H^T`, summed over the entries of that
+    /// row that are not zero.
     fn gather_s(&mut self, m: usize, slots: &[usize]) {
         resize(&mut self.s, m * m);
         resize(&mut self.g, m);
@@ -227,8 +227,8 @@ impl Workspace {
         Ok(())
     }
 
-    /// Leaves out blocks (increasing indices): their rows go from `P H^T`, S and g. S of the rest is factored anew
-    /// by the caller, which at these sizes costs less than deleting rows from the factor one by one.
+    /// Removes blocks, given by increasing indices, and their rows of `P H^T`, S and g. The caller has to factor S again:
+    /// at these sizes that is cheaper than deleting rows from the factor.
     pub(crate) fn leave_out(&mut self, gone: &[usize]) {
         if gone.is_empty() {
             return;
@@ -265,12 +265,12 @@ impl Workspace {
         }
     }
 
-    /// Works out the update, `V = P H^T L^-T` and `V y`, and whether it may be made. To be called once, after
-    /// [`Self::factor`] and before [`Self::apply`]. A gauge carries P along in the same pass: it needs `P B` after the
-    /// update, `P B - V C` with `C = L^-1 H P B`.
+    /// Computes the update, `V = P H^T L^-T` and `V y`, and checks it before anything changes. Call it once, after
+    /// [`Self::factor`] and before [`Self::apply`]. With a gauge it also computes `V C`, `C = L^-1 H P B`, in the same
+    /// pass: the gauge needs `P B` after the update, which is `P B - V C`.
     ///
     /// # Errors
-    /// `Unsound` if the state would not be one afterwards.
+    /// `Unsound` if mean or covariance would be impossible after the update.
     pub(crate) fn solve(
         &mut self,
         state: &State,
@@ -294,8 +294,8 @@ impl Workspace {
         guard::update_is_sane(state, &self.moved, &self.squares)
     }
 
-    /// The update itself: `x += V y`, `P -= V V^T`, with the gauge that [`Self::solve`] had; quaternions are left to be
-    /// normalised.
+    /// Makes the update, `x += V y`, `P -= V V^T`, with the same gauge as [`Self::solve`]. The caller normalises the
+    /// quaternions afterwards.
     pub(crate) fn apply(&mut self, state: &mut State, gauge: Option<&mut Gauge>) {
         if self.rows() == 0 {
             return;

@@ -11,9 +11,9 @@
 //! ```
 //!
 //! `alpha_u`, the least useful parallax, is `PARALLAX_SIGMAS` standard deviations of the parallax. A point's parallax is the
-//! angle between its two rays, so its variance comes from the rotation of T_CF (about an axis at right angles to the baseline;
-//! the smaller variance, since `d_max` is an upper bound and each point is gated by itself later) and from one
-//! pixel error in each view; the length of `t` does not enter it.
+//! angle between its two rays. Its variance comes from the rotation of T_CF about an axis normal to the baseline, and from one
+//! pixel error in each view; the length of `t` does not enter it. Of the rotations about such axes the one with the smallest
+//! variance is taken, because `d_max` is an upper bound: each point is gated by itself later.
 //!
 //! The region of interest of a view is the bounding box of its own body cut with the *other* view's body, the
 //! latter grown by `GROW_SIGMAS` standard deviations of T_CF: its sides open by the angle and move out by the distance.

@@ -112,9 +112,9 @@ settings! {
     estimator: EstimatorSettings {
         /// What the worn camera is used for and how features are born.
         mode: Mode = Mode::CollabTight, "", None, None,
-            User("Take mono to see what the worn camera adds, collab for the paper's way to use it.");
+            User("Take mono to see what the worn camera adds, collab to use it as the paper does.");
         /// What keeps the filter from gaining information that no measurement holds: gauge (the covariance moves with
-        /// the directions that no camera can see, rotation and scale) or none (the plain EKF).
+        /// rotation and scale, the directions that no camera can see) or none (the plain EKF).
         consistency: Consistency = Consistency::Gauge, "", None, None, Lab;
     }
     /// The motion model: constant velocity with white acceleration (METHOD 3).
@@ -122,15 +122,15 @@ settings! {
         /// Whether the velocity is constant in W, or along the camera's own axes, as on a robot with wheels.
         velocity: MotionModel = MotionModel::World, "", None, None,
             User("Take body for a camera on wheels or rails, whose velocity turns with it in a bend.");
-        /// Density of the camera's acceleration.
+        /// Spectral density (its root) of the camera's random acceleration.
         acceleration_density: f64 = 1.0, "m/s^1.5", Some(0.0), Some(1e3),
-            User("Raise it for jerkier motion than a hand's, which then finds features again; lower it for a smooth, slow robot.");
-        /// Density of its angular acceleration.
+            User("Raise it where features are lost in motion jerkier than a hand's; lower it for a smooth, slow robot.");
+        /// The same of its angular acceleration.
         angular_acceleration_density: f64 = 2.0, "rad/s^1.5", Some(0.0), Some(1e3),
             User("Raise it where the camera is turned abruptly; lower it on a mount that turns smoothly.");
         /// Standard deviation of each component of the velocity at the start.
         start_velocity_sd: f64 = 10.0, "m/s", Some(0.0), Some(1e3),
-            User("Lower it where the camera is known to start slowly or at rest, so that it searches less at first.");
+            User("Lower it where the camera starts slowly or at rest, which makes the first searches smaller.");
         /// Standard deviation of each component of the angular velocity at the start.
         start_angular_velocity_sd: f64 = 1.0, "rad/s", Some(0.0), Some(1e2), Lab;
         /// Drift of the position that no measurement shows (calibration, patches, linearisation), by distance travelled,
@@ -160,10 +160,10 @@ settings! {
     pixel: PixelSettings {
         /// Standard deviation of a feature's measured pixel in Cs, per axis.
         sigma_cs: f64 = 1.0, "px", Some(0.01), Some(100.0),
-            User("Raise it for a blurred or poorly calibrated Cs, lower it for a sharp and well calibrated one, until NIS is near 1.");
+            User("Raise it for a blurred or poorly calibrated Cs, lower it for a sharp and well calibrated one, until NIS per degree of freedom is near 1.");
         /// Standard deviation of a matched pixel in Cf, per axis.
         sigma_cf: f64 = 1.0, "px", Some(0.01), Some(100.0),
-            User("Raise it for a blurred, poorly calibrated or high-resolution Cf, in which matches err by more pixels.");
+            User("Raise it for a blurred, poorly calibrated or high-resolution Cf, where matches are off by more pixels.");
     }
     /// How features are born (METHOD 5).
     birth: BirthSettings {
@@ -173,15 +173,15 @@ settings! {
         min_baseline: f64 = 0.02, "m", Some(0.0), Some(100.0), Lab;
         /// Least parallax for a delayed birth.
         min_parallax: f64 = 1.0, "deg", Some(0.1), Some(90.0),
-            User("Lower it where all that is seen is far beside the way travelled, so that features are born before they leave the view.");
-        /// Largest sd(rho)/rho of a birth from two views; a worse match waits.
+            User("Lower it where everything in view is far away, so that features are born before they leave the view.");
+        /// Largest sd(rho)/rho of a birth from two views; while it is larger the candidate waits.
         max_rho_ratio: f64 = 0.3333333333333333, "", Some(0.01), Some(10.0), Lab;
         /// Inverse depth of an undelayed birth.
         undelayed_rho: f64 = 0.5, "1/m", Some(1e-3), Some(1e3), Lab;
         /// Standard deviation of the inverse depth of an undelayed birth.
         undelayed_rho_sd: f64 = 0.5, "1/m", Some(1e-3), Some(1e3), Lab;
-        /// Where fewer features than this share of `map.in_view` are tracked, as in a turn, candidates that wait are born
-        /// with a vague inverse depth, as seen from their first view; 0 for never, and so in mono, which has no other scale.
+        /// Where fewer features than this share of `map.in_view` are tracked, as in a turn, waiting candidates are born with a
+        /// vague inverse depth from their first view. 0 for never; never in mono either, whose scale would come from that prior.
         vague_below: f64 = 0.6, "", Some(0.0), Some(1.0), Lab;
     }
     /// The worn camera Cf and the error of its pose (METHOD 6).
@@ -205,51 +205,51 @@ settings! {
         test: BatchTestKind = BatchTestKind::Hohct, "", None, None, Lab;
         /// Confidence level of the chi-square tests.
         level: f64 = 0.95, "", Some(0.5), Some(0.999999),
-            User("Raise it where right matches are left out though noise is stated well; lower it where many things move.");
-        /// Level of the gate that each match passes given all the others, after the batch was tested; 1 for none.
+            User("Raise it where correct matches are rejected although the noise sizes are right; lower it where much moves.");
+        /// Level of the gate for each match given all the others, after the batch test; 1 for none.
         conditional_level: f64 = 0.9999, "", Some(0.5), Some(1.0), Lab;
-        /// Largest number of hypotheses that are looked at before leaving out greedily; the frame says so then. One takes
-        /// about 0.15 ms for 100 matches and a tenth of that for 40, and a frame may be tested up to three times.
+        /// Largest number of hypotheses of a batch test. Past it the best set so far stands, and the frame's report says so.
+        /// One takes about 0.15 ms for 100 matches and a tenth of that for 40, and a frame is tested up to three times.
         max_nodes: usize = 100, "", Some(1.0), Some(1e9), Lab;
     }
     /// Upkeep of the map (METHOD 7, step 8).
     map: MapSettings {
-        /// Features that the map should hold in view.
+        /// Number of features that the map keeps in view.
         in_view: usize = 40, "", Some(4.0), Some(1000.0),
-            User("Lower it for a slower computer, raise it for accuracy; time goes with its square and more.");
-        /// Candidates followed beside them, as a share of that number: not all will be born, and births take time.
+            User("Lower it for a slower computer, raise it for accuracy; the time for a frame grows faster than its square.");
+        /// Candidates tracked beside them, as a share of that number: births take time, and not every candidate is born.
         reserve: f64 = 0.6, "", Some(0.0), Some(10.0), Lab;
         /// Largest number of features in the map.
         max_features: usize = 120, "", Some(4.0), Some(10000.0),
-            User("Raise it to remember more of a larger place, for memory and time that go with its square.");
-        /// Size of the map from which features out of view are touched only when they come back into view or the state is
-        /// asked for: the same result, faster for large maps.
+            User("Raise it to remember more of a larger place; memory and time grow with its square.");
+        /// Size of the map from which features out of view are updated only when they come back into view or somebody asks
+        /// for the whole state: the same result, faster for large maps.
         local_from: usize = 150, "", Some(0.0), Some(1e9), Lab;
-        /// Linearity index below which a feature in view shrinks from inverse depth (six numbers) to a point (three), 0 for
-        /// never: how far its depth is from linear in the pixels. 0.1 is the index of Civera, Davison and Montiel (2008).
+        /// Linearity index below which a feature in view shrinks from inverse depth (six numbers) to a point (three); 0 for
+        /// never. The index tells how nonlinear the depth is in the pixels; Civera, Davison and Montiel (2008) take 0.1.
         linearity_index: f64 = 0.0, "", Some(0.0), Some(10.0),
-            User("Set it to 0.1 for large maps, which then take less time and memory.");
+            User("Set it to 0.1 for large maps, to save time and memory.");
         /// A candidate that has not been born after so many seconds is dropped.
         candidate_age: f64 = 4.0, "s", Some(0.01), Some(1e4), Lab;
     }
     /// When the camera counts as lost.
     lost: LostSettings {
-        /// Accepted matches that make a frame OK, and that it takes to find a lost camera: each gives two numbers for the
-        /// pose's six, so that 8 leave ten to check it with.
+        /// Accepted matches that a frame needs to be OK, and a lost camera to be found. Each gives two equations for the six
+        /// numbers of the pose, so 8 leave ten to check it.
         min_matches: usize = 8, "", Some(4.0), Some(1000.0),
             User("Raise it where a wrong pose costs more than a lost one; lower it where little is in view.");
-        /// The camera is lost after so many seconds without a frame that is OK, if not after three failed frames in a row.
+        /// The camera is lost after this long without an OK frame, or after three failed frames in a row.
         seconds: f64 = 1.0, "s", Some(0.0), Some(3600.0),
-            User("Raise it at a low frame rate or where images pause; lower it where the camera moves fast.");
+            User("Raise it at a low frame rate or where images arrive with pauses; lower it where the camera moves fast.");
     }
     /// Prediction of the overlap of both views (METHOD 9).
     overlap: OverlapSettings {
-        /// Distance at which a view begins.
+        /// Least depth at which either camera is taken to see anything.
         near: f64 = 0.3, "m", Some(0.001), Some(100.0),
-            User("Lower it where things nearer than this are to be mapped, as on a table.");
-        /// Distance at which it ends at most.
+            User("Lower it to map nearer things, as on a table.");
+        /// Largest depth at which Cf is used.
         far: f64 = 60.0, "m", Some(0.1), Some(1e5),
-            User("Raise it outdoors where Cf is worn far from Cs and things farther off help; lower it indoors to search less.");
+            User("Raise it outdoors where Cf is far from Cs, so that distant things help; lower it indoors to search less.");
     }
 }
 

@@ -1,8 +1,8 @@
 """Settings of the front end: names, defaults, ranges, units and when to change them, all in this one place.
 
-A group is a frozen dataclass; each of its fields says all about itself.  :data:`FRONTEND` lists them by
-their keys (``search.min_score``) for settings files, help texts and documentation.  A field without ``when``
-is a switch of the lab.
+A group is a frozen dataclass whose fields carry their own description.  :data:`FRONTEND` lists them by their
+keys (``search.min_score``) for settings files, help texts and documentation.  A field without ``when`` is a
+switch of the lab.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class DetectSettings:
         1,
         "",
         "Least corner response (smaller eigenvalue) as a share of the image's best.",
-        "Lower it where corners in plain sight are not found, raise it where noise is taken for some.",
+        "Lower it where clear corners are not found, raise it where noise is taken for corners.",
     )
     min_distance: float = _number(
         0.0125,
@@ -48,22 +48,22 @@ class DetectSettings:
         "Least distance between corners, and from existing points, as a share of the image's width.",
     )
     cells: int = _number(
-        8, 1, 64, "", "Cells along the image's longer side; the emptiest cell is served first."
+        8, 1, 64, "", "Cells along the image's longer side; new corners go to the emptiest cell first."
     )
     subpixel: bool = _flag(True, "Refine corners to sub-pixel precision.")
 
 
 @dataclass(frozen=True)
 class BlankImageSettings:
-    """Images that show nothing new are not searched: the frame is only predicted."""
+    """Blank images are not searched: the frame is only predicted."""
 
     min_contrast: float = _number(
         1.5,
         0,
         255,
         "grey levels",
-        "Least standard deviation of an image averaged over squares of 8 pixels; others are black or white.",
-        "Lower it where dim or foggy pictures, in which features are still found, are taken for blank ones.",
+        "Least standard deviation of an image averaged over squares of 8 pixels; blank below it.",
+        "Lower it where dim or foggy images, in which features are still found, count as blank.",
     )
 
 
@@ -91,8 +91,8 @@ class SearchSettings:
         4,
         400,
         "pixel",
-        "Cap of the search window's half side, which bounds the cost of a poor prediction.",
-        "Raise it for large images or a low frame rate, where features jump farther than this.",
+        "Largest half side of the search window, which bounds the cost of a poor prediction.",
+        "Raise it for large images or a low frame rate, where features move farther between frames.",
     )
     min_score: float = _number(
         0.78,
@@ -100,7 +100,7 @@ class SearchSettings:
         1,
         "",
         "Least correlation of the peak (1 is a perfect match).",
-        "Lower it for noisy or compressed images in which features are lost.",
+        "Lower it for noisy or compressed images, where features are lost.",
     )
 
 
@@ -119,7 +119,7 @@ class WornSettings:
         "warped-sift",
         ("warped-sift", "sift", "orb", "surf"),
         "Descriptor: SIFT on windows warped as Cf sees them, OpenCV's SIFT, ORB, or SURF (extra surf).",
-        "Take orb where time is short and both cameras look the same way, surf to compare with the paper.",
+        "Take orb to save time where both cameras look the same way, surf to compare with the paper.",
     )
     ratio: float = _number(
         0.85,
@@ -133,7 +133,7 @@ class WornSettings:
         0,
         1,
         "",
-        "Least relative standard deviation of a known inverse range: maps are off by more than they say.",
+        "Least relative sd of a known inverse range, as maps are off by more than they claim.",
     )
     min_score: float = _number(
         0.7, -1, 1, "", "Least correlation of the warped patch of Cs at the match in Cf."
@@ -150,18 +150,18 @@ class WornSettings:
         0,
         1,
         "",
-        "Least share of the matches tried that agree on a pose; fewer agree by chance, and are dropped.",
+        "Least share of the matches that must agree on a pose; a smaller share may agree by chance.",
     )
     min_matches: int = _number(
-        8, 1, 100, "", "Fewest matches that agree on a pose; fewer vouch for nothing and are dropped."
+        8, 1, 100, "", "Fewest matches that must agree on a pose; with fewer all are dropped."
     )
     body_radius: float = _number(
         0.0,
         0,
         2,
         "metre",
-        "Radius of the body of whoever wears Cf: where Cs sees it, nothing is searched and nothing is born "
-        "(0: nobody wears it).",
+        "Radius of the body of the person who wears Cf. Where Cs sees it, nothing is searched and nothing is "
+        "born. 0 if nobody wears it.",
         "Set it to 0.3 where the person who wears Cf walks in view of Cs.",
     )
 
@@ -178,7 +178,7 @@ class TargetSettings:
         0,
         100,
         "target size",
-        "Corners inside the target's outline, grown by this factor, are taken to lie on its plane.",
+        "Corners within the target's outline, grown by this factor, are taken to lie on its plane.",
         "Lower it to 1 for a target that stands free, raise it for one on a large flat wall.",
     )
 

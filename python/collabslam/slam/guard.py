@@ -1,8 +1,7 @@
-"""Who may use an engine, and what is left of a call that breaks off: one thread at a time, all or nothing.
+"""One thread at a time may use an engine, and a call that breaks off leaves it as it was.
 
-An interrupt (Ctrl-C) may come between any two lines, also between those that undo what was done.  So what
-was kept when a call began is never changed and can be taken again: whoever uses the engine next undoes it
-first, should the undoing itself have been interrupted.
+An interrupt (Ctrl-C) can come between any two lines, even while a broken call is being undone.  So the state
+kept at the start of a call is never changed: if undoing was itself interrupted, the next call undoes again.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ R = TypeVar("R")
 
 
 class Guard:
-    """The lock of one engine, and what its filter and its parts were when a call began.
+    """The lock of one engine, and the state of its filter and its parts when the last call began.
 
     Parameters
     ----------
@@ -37,12 +36,12 @@ class Guard:
         """Whether the engine is to be undone before anybody uses it."""
 
     def begin(self) -> None:
-        """Keeps what `undo` needs."""
+        """Keeps what `repair` needs."""
         self._filter.checkpoint()
         self._kept = [part.attributes() for part in self._parts]
 
     def repair(self) -> None:
-        """Makes the engine what it was when the last call began, if that one broke off."""
+        """Takes the engine back to where the last call began, if that call broke off."""
         if self.broken:
             self._filter.rollback()
             for part, kept in zip(self._parts, self._kept, strict=True):
@@ -50,7 +49,7 @@ class Guard:
             self.broken = False
 
     def ask(self) -> None:
-        """Raises BusyError if somebody is at work."""
+        """Raises BusyError if a call is running in another thread."""
         if self.lock.locked():
             raise BusyError(
                 "The engine is at work in another thread; give each thread its own Slam, or let them take "
@@ -59,7 +58,7 @@ class Guard:
 
 
 class Guarded(Protocol):
-    """Something with a guard."""
+    """An engine that has a guard."""
 
     _guard: Guard
 
@@ -69,7 +68,7 @@ Method = Callable[Concatenate[Engine, P], R]
 
 
 def alone(method: Method[Engine, P, R]) -> Method[Engine, P, R]:
-    """A method that no other thread may come between; raises BusyError if one is at work already."""
+    """A method that runs alone; raises BusyError if another thread is in the engine."""
 
     @functools.wraps(method)
     def guarded(engine: Engine, /, *arguments: P.args, **options: P.kwargs) -> R:
@@ -83,7 +82,7 @@ def alone(method: Method[Engine, P, R]) -> Method[Engine, P, R]:
 
 
 def all_or_nothing(method: Method[Engine, P, R]) -> Method[Engine, P, R]:
-    """As `alone`; whatever the method raises, the engine is what it was before the call."""
+    """As `alone`; if the method raises anything, the engine is as it was before the call."""
 
     @functools.wraps(method)
     def guarded(engine: Engine, /, *arguments: P.args, **options: P.kwargs) -> R:

@@ -1,5 +1,4 @@
-//! A feature about to enter the state, as a linear function of what is already there plus new noise (Eq. 8):
-//! `y = f(x_v, other parts of x, new noise)`.
+//! A feature that is about to enter the state: `y = f(x_v, other parts of x, new noise)`, linearised (Eq. 8).
 
 use super::two_view::TwoView;
 use crate::camera::Camera;
@@ -45,8 +44,8 @@ impl NewFeature {
         }
     }
 
-    /// Two views (METHOD 5), the present pixel's `warp` being that of [`Camera::warp_jacobian`]. `rho` is measured; its dependence on the state beyond the direction (delayed case: the
-    /// present pose and the first one; instant case: the error of T_CF) is added by the caller.
+    /// A feature seen in two views (METHOD 5). `warp` is [`Camera::warp_jacobian`] at the present pixel. The caller adds how
+    /// `rho` depends on the rest of the state: on both poses in a delayed birth, on the error of T_CF in an instant one.
     pub fn from_two_views(
         pose: &CameraPose,
         view: &TwoView,
@@ -94,8 +93,8 @@ impl NewFeature {
         Some(new)
     }
 
-    /// A point of known position in C, metres, with its 3x3 covariance; `shared` is the derivative of the point by
-    /// a 6-number error that sits in the state at the given offset.
+    /// A point of known position in C, metres, with its 3x3 covariance. `shared` is the offset in the state of an error of six
+    /// numbers on which the point depends, and the point's derivative by it.
     pub fn from_point(
         pose: &CameraPose,
         point: &Vector3<f64>,
@@ -127,13 +126,13 @@ impl NewFeature {
         self.by_other = Some((offset, by, 6));
     }
 
-    /// Lets rho depend on the calibration's error through the other view's pixel as well, where that is one of Cs.
+    /// Lets rho depend on the error of Cs's calibration through the other view's pixel too, where that view is one of Cs.
     pub fn share_calibration(&mut self, view: &TwoView, other_warp: &SMatrix<f64, 2, 6>) {
         let mut rho = self.by_calibration.fixed_view_mut::<1, 6>(5, 0);
         rho -= view.rho_by_other_pixel * other_warp;
     }
 
-    /// Lets a feature of one view depend on the pose of a candidate's first view instead of the camera's present one.
+    /// Makes a feature seen in one view depend on the pose of the candidate's first view, not on the present pose.
     pub fn seen_from_first_pose(&mut self, first_pose: FirstPoseCovariance<'_>) {
         let by = std::mem::replace(&mut self.by_pose, SMatrix::zeros());
         match first_pose {

@@ -117,12 +117,12 @@ impl TwoView {
         j
     }
 
-    /// The same measurement, its point taken by linearisation at a predicted one (metres in C): the range at which
-    /// the pixel counts, and the direction in which an error of rho moves it. At the measured ones, near errors would
-    /// weigh more than far ones, and a range error times the angle to the predicted ray would pass for a lateral one.
+    /// The same measurement with its point linearised at a predicted one (metres in C), which gives the range at which the
+    /// pixel counts and the direction in which an error of rho moves the point. Linearised at the measured point, near errors
+    /// would weigh more than far ones, and a range error times the angle to the predicted ray would look like a lateral one.
     ///
-    /// Along the baseline the derivative is the secant to the predicted rho, which is exact: rho goes as 1 / |t|. The
-    /// tangent at the measured rho is steeper for short baselines, and gives them too little weight.
+    /// Along the baseline the derivative is the secant to the predicted rho. That is exact, as rho goes as 1 / |t|; the
+    /// tangent at the measured rho is steeper for short baselines and gives them too little weight.
     pub fn at_point(mut self, predicted: &Vector3<f64>) -> Self {
         let excess = self.rho - 1.0 / predicted.norm();
         self.rho_by_t += self.translation.transpose() * (excess / self.translation.norm_squared());

@@ -13,8 +13,8 @@
 //! points in view from it. Translations need none of this: their direction is the same everywhere.
 //!
 //! Only rows that a measurement may touch need to follow at once: those of the camera, of the clones, and of the
-//! features in view. A feature that leaves the view keeps its direction as it was (`State::reference` has the mean that belongs to it)
-//! and is carried to the present mean when it comes back. So nothing of this touches what is out of view.
+//! features in view. A feature that leaves the view keeps its direction (`State::reference` has the mean that belongs to it) and
+//! is carried to the present mean when it comes back, so none of this touches what is out of view.
 
 mod directions;
 

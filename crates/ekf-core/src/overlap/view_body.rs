@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 /// Widest slope `x / z` of a body: 85 degrees off the axis.
 const MAX_SLOPE: f64 = 11.43;
 
-/// A field of view between two depths, or its grown form: a convex body with 8 corners and 6 faces.
+/// A field of view between two depths, possibly grown: a convex body with 8 corners and 6 faces.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewBody {
     /// Least and largest `x / z`, then `y / z`, of the faces before they are moved outwards.
@@ -63,7 +63,8 @@ impl ViewBody {
         Self::from_slopes(slopes, [near, far], 0.0)
     }
 
-    /// The body after turning by up to `angle` (radians) about the camera and moving by up to `offset` (metres), together.
+    /// A body that holds this one turned by up to `angle` (radians) about the camera and moved by up to
+    /// `offset` (metres).
     pub(super) fn grown(&self, angle: f64, offset: f64) -> Self {
         let open =
             |slope: f64, sign: f64| (slope.atan() + sign * angle).tan_within(-MAX_SLOPE, MAX_SLOPE);
@@ -92,7 +93,7 @@ impl ViewBody {
             let at = |slope: f64, sign: usize| slope * z + out(sign) * side(slope);
             Vector3::new(at(sx, x), at(sy, y), z)
         };
-        // Where opposite sides meet behind the camera the body ends.
+        // The body ends where opposite sides meet behind the camera.
         let apex = [(x0, x1), (y0, y1)]
             .map(|(a, b)| -(side(a) + side(b)) / (b - a))
             .into_iter()
@@ -140,7 +141,7 @@ impl ViewBody {
             .all(|(normal, d)| normal.dot(p) <= d + 1e-9 * (1.0 + d.abs()))
     }
 
-    /// Calls `visit` with each face of `self`, as far as it lies in `other`: its corners in order.
+    /// Calls `visit` with the part of each face of `self` that lies in `other`, as its corners in order.
     pub(super) fn clipped_faces(&self, other: &Self, mut visit: impl FnMut(&[Vector3<f64>])) {
         let mut polygon = Vec::with_capacity(12);
         let mut clipped = Vec::with_capacity(12);

@@ -41,9 +41,9 @@ pub struct SettingInfo {
 /// Who may have a reason to change a setting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Audience {
-    /// Whoever runs the filter, in the case that this sentence tells.
+    /// Anybody who runs the filter; the sentence says when.
     User(&'static str),
-    /// The comparisons of the paper and the ablation alone: it switches a part of the method off, or to what others do.
+    /// Only the lab, for the ablation and the paper's comparisons: it switches a part of the method off or to an alternative.
     Lab,
 }
 

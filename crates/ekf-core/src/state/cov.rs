@@ -1,4 +1,4 @@
-//! The covariance P: the only writer of its entries, but for `local` where it puts a whole P together.
+//! The covariance P. Nothing else writes its entries, except `local` where it puts a whole P together.
 //!
 //! Only the LOWER triangle is stored meaningfully (column-major, with spare capacity, so that growing by a
 //! feature copies nothing). Reading an entry above the diagonal reads its mirror image. Keeping one triangle
@@ -14,9 +14,9 @@ use std::ops::Range;
 
 /// Rows of a feature's anchor, which come first.
 const ANCHOR: usize = 3;
-/// What leaves less than this share of a variance has lost digits of it...
+/// A downdate that leaves less than this share of a variance loses digits of it.
 const LEAST_SHARE: f64 = 1e-2;
-/// ...at most this share of what it was, which the variance is then raised by.
+/// Largest loss, as a share of the variance before; the variance is raised by it.
 const LOST_DIGITS: f64 = 1e-11;
 
 /// A linear map from one stretch of the state, used to append rows that are linear in the state.
@@ -148,7 +148,7 @@ impl Covariance {
         self.data[i + j * self.ld] = value;
     }
 
-    /// Makes the stored rows from `n` on, half of all, the auxiliary rows of those before: 1 where a auxiliary row meets its own,
+    /// Makes the stored rows from `n` on, half of all, the auxiliary rows of those before: 1 where an auxiliary row meets its own,
     /// else 0.
     pub(crate) fn clear_auxiliary(&mut self, n: usize) {
         debug_assert!(self.n == 2 * n);
@@ -195,7 +195,7 @@ impl Covariance {
     }
 
     /// Appends `width` stored rows with these covariances (one column each, of the rows before; `own` among
-    /// themselves), and as many auxiliary rows: 1 where a auxiliary row meets its own, else 0.
+    /// themselves), and as many auxiliary rows: 1 where an auxiliary row meets its own, else 0.
     pub(crate) fn append_stored(
         &mut self,
         before: &[f64],

@@ -28,7 +28,7 @@ pub struct State {
     pub(crate) p: Covariance,
     /// The mean at which P holds the gauge's direction, row by row, see [`gauge`](crate::gauge).
     pub(crate) reference: Vec<f64>,
-    /// Who lives where.
+    /// The blocks and where each of them is.
     pub(crate) layout: Layout,
     /// Stationary covariance of the worn camera's bias, if there is one.
     pub(crate) bias_stationary: SMatrix<f64, 6, 6>,
@@ -37,14 +37,13 @@ pub struct State {
 }
 
 /// Six numbers of mean zero that are considered, not estimated (Schmidt's filter): the slowly varying part of T_CF's error,
-/// and the error of Cs's calibration. Images show hardly any of the first along the baseline, where it is the scale's
-/// error, and of the second what the scene and the motion happen to allow; what an update would find there is an error of
-/// linearisation.
+/// and the error of Cs's calibration. Images say hardly anything about the first along the baseline, where it is an error of
+/// scale, and about the second only what scene and motion happen to allow; an update would mostly fit errors of linearisation.
 #[derive(Clone, Debug)]
 pub(crate) struct Considered {
-    /// Of its block.
+    /// Offset of its block.
     pub(crate) offset: usize,
-    /// Its covariance; of the bias, along C's axes.
+    /// Its covariance; that of the bias is along C's axes.
     pub(crate) covariance: SMatrix<f64, 6, 6>,
 }
 
@@ -72,7 +71,7 @@ impl State {
         }
     }
 
-    /// Becomes a copy of another state, in the memory that there is.
+    /// Copies another state into the memory of this one.
     pub(crate) fn copy_from(&mut self, other: &Self) {
         let Self {
             x,
@@ -257,7 +256,7 @@ impl State {
         self.reference.extend_from_slice(reference);
     }
 
-    /// What blocks that are appended from here on change beside the end of the state, for [`Self::take_back`].
+    /// Records what appending blocks changes besides the end of the state, for [`Self::take_back`].
     pub(crate) fn mark(&self) -> Mark {
         Mark {
             dim: self.layout.dim(),
@@ -267,7 +266,7 @@ impl State {
         }
     }
 
-    /// Takes away what was appended since `mark`, ids included; nothing else may have changed since.
+    /// Removes what was appended since `mark` and frees its ids; nothing else may have changed since.
     pub(crate) fn take_back(&mut self, mark: &Mark) {
         self.remove(|b| b.offset >= mark.dim);
         self.layout.set_next_id(mark.next_id);
@@ -284,7 +283,7 @@ impl State {
         self.layout.push(kind).id
     }
 
-    /// To be called when the camera has moved or the state was corrected: what is born next has another anchor.
+    /// Call it when the camera has moved or the state was corrected: the next feature born gets a new anchor.
     pub(crate) fn camera_moved(&mut self) {
         self.newborn = None;
     }
@@ -314,8 +313,8 @@ impl State {
         self.layout.remove(gone);
     }
 
-    /// Makes points of the features in inverse depth with these ids, increasing, in one compaction: their mean is that of
-    /// the point, their covariance what it is to first order. P must hold the gauge's direction at their present mean.
+    /// Turns the inverse-depth features with these ids (increasing) into points, in one compaction, with mean and covariance
+    /// to first order. P must hold the gauge's direction at their present mean.
     pub(crate) fn shrink(&mut self, ids: &[u64]) {
         let mut keep: Vec<usize> = (0..CAMERA_DIM).collect();
         for block in self.layout.blocks() {
@@ -389,8 +388,8 @@ impl State {
         })
     }
 
-    /// Puts what is considered back to what it was before an update: all else has been corrected with it in mind, and
-    /// stays correlated with it.
+    /// Restores what is considered to its value before an update. Everything else was corrected with it in mind and stays
+    /// correlated with it.
     pub(crate) fn keep_considered(&mut self, considered: &[Option<Considered>; 2]) {
         for block in considered.iter().flatten() {
             self.set_part(block.offset, &Vector6::zeros());
@@ -398,13 +397,13 @@ impl State {
                 .set_block(block.offset, block.offset, &block.covariance);
         }
         if let [Some(a), Some(b)] = considered {
-            // They have nothing to do with each other, whatever an update finds.
+            // The two are independent, whatever an update finds.
             self.p
                 .set_block(a.offset, b.offset, &SMatrix::<f64, 6, 6>::zeros());
         }
     }
 
-    /// Error of T_CF as the state has it: the frame's own, else zero.
+    /// The frame's error of T_CF as estimated in the state; zero if it is not part of it.
     pub(crate) fn worn_error(&self) -> Vector6<f64> {
         self.layout
             .of_kind(BlockKind::WornError)

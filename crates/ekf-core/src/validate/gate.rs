@@ -27,7 +27,7 @@ pub fn individual_gate(
     Verdict::joint(ws.rejected.len(), ws.joint.d2(), ws.joint.len(), accepted)
 }
 
-/// Rejects the blocks that [`individual_gate`] rejects, and asks no more of the others: O(m) in place of O(m^3).
+/// Rejects the same blocks as [`individual_gate`] without the joint distance of the others: O(m) instead of O(m^3).
 pub(crate) fn reject_each(
     s: &[f64],
     ld: usize,

@@ -14,7 +14,7 @@
 //! Buffers live in the workspace and only grow: a warm call allocates nothing. Every search is bounded by a number of
 //! nodes and never by a clock, so equal input gives equal output on every machine.
 //!
-//! Slices that do not fit each other are a fault of the caller and panic; numbers are the caller's to check.
+//! Slices whose sizes disagree are a fault of the caller and panic. The caller also checks the numbers.
 
 mod batch;
 mod choice;

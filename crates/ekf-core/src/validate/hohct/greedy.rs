@@ -1,4 +1,4 @@
-//! The greedy set `G` of HOHCT: the best single block given those already out, again and again.
+//! The greedy set `G` of HOHCT: blocks are left out one at a time, each the best choice given those already out.
 
 use crate::chi2;
 use crate::validate::batch::{Blocks, MAX_ROWS};

@@ -160,8 +160,8 @@ impl Level {
         }
     }
 
-    /// Least losses of bringing back blocks with these indices in `X`, those of `G` from `position` on, less
-    /// `penalty` for each.
+    /// Least losses of bringing back blocks with these indices in `X`, which are those of `G` from `position` on, with
+    /// `penalty` taken off for each.
     pub(super) fn work_out_losses(
         &mut self,
         blocks: Blocks,

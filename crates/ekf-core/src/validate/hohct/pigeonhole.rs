@@ -26,7 +26,7 @@ pub(super) struct Pigeonhole {
     covariance: Vec<f64>,
     innovation: Vec<f64>,
     offsets: Vec<usize>,
-    /// Largest distance that a set may keep which brings back so many blocks; negative if it cannot.
+    /// By the number of blocks brought back, the largest distance that a set may keep; negative if no set can pass.
     pub(super) allowed: Vec<f64>,
     groups: Vec<usize>,
     /// Rows before each group taken.
@@ -37,7 +37,7 @@ pub(super) struct Pigeonhole {
 }
 
 impl Pigeonhole {
-    /// Takes the blocks outside of `G`; dealing them out in this order makes the groups alike.
+    /// Takes the blocks outside of `G`, sorted so that groups dealt out in turn are alike.
     pub(super) fn sort(&mut self, rows: Rows, outside: &[usize]) {
         let spread = |block: usize| {
             let start = rows.blocks.start(block);
@@ -54,7 +54,7 @@ impl Pigeonhole {
     /// Whether every set with at most `most` blocks from outside of `G` keeps a larger distance than allowed.
     ///
     /// Of `most + intact` disjoint groups `F` hits at most `most`, so that `intact` of them are kept, and with them `Y`.
-    /// Each choice of groups takes of `budget` what it works: rows of `G` times all its rows squared; once that is spent the
+    /// Each choice of groups takes its work from `budget`, rows of `G` times all its rows squared; once that is spent the
     /// answer is no.
     pub(super) fn refutes(
         &mut self,

@@ -15,7 +15,7 @@ use bounds::Outlook;
 const MOST_INTACT: usize = 6;
 /// Most choices of groups that are looked at for one size.
 const MOST_CHOICES: usize = 600;
-/// Rows out times rows squared that make one more node for the budget.
+/// Work, rows left out times rows squared, that counts as one more node of the budget.
 const WORK_PER_NODE: usize = 250_000;
 
 /// Depth-first search over all sets.
@@ -157,8 +157,8 @@ impl<'a> Search<'a> {
         refuted
     }
 
-    /// All sets that follow from the level's `X` by adding exactly `left` of its candidates and bringing back blocks of
-    /// `G` at positions from `position` on.
+    /// Visits all sets made from the level's `X` by adding exactly `left` of its candidates and bringing back blocks of `G` at
+    /// positions from `position` on.
     fn explore(&mut self, depth: usize, position: usize, left: usize) {
         while !self.struck && self.levels[depth].candidates.len() >= left {
             match self.outlook(depth, position, left) {
@@ -172,11 +172,11 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Sets with `block`, which was a candidate until now.
+    /// Visits the sets that contain `block`, which was a candidate until now.
     fn add(&mut self, depth: usize, position: usize, left: usize, block: usize) {
         let level = &self.levels[depth];
         if left == 1 {
-            // Its gain is known exactly. The set needs to be worked out only for what may be brought back as well.
+            // The gain of a single block is known exactly. The set is worked out only for what may also be brought back.
             let order = level.blocks.len() + 1;
             let reduction = level.reduction + level.gains[0][block];
             let extra = level.extra + self.extra_rows(block);
@@ -199,7 +199,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Sets without some of the blocks of `G` at positions from `position` on, by the first of them.
+    /// Visits the sets that bring back blocks of `G` at positions from `position` on, by the first one brought back.
     fn bring_back(&mut self, depth: usize, position: usize, left: usize) {
         let mut gains = [0.0; THETAS.len()];
         if left > 0 {

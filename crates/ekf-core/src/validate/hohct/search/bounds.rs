@@ -25,7 +25,7 @@ impl Search<'_> {
             };
         }
         self.levels[depth].work_out_gains(self.a, self.blocks);
-        // As if candidates were not coupled, and X and F neither: no bound, but the branch to follow.
+        // Without any couplings. That is no bound, but it says which branch to follow first.
         let level = &self.levels[depth];
         let mut best = (f64::NEG_INFINITY, level.candidates[0]);
         self.sums.terms.clear();
@@ -48,7 +48,7 @@ impl Search<'_> {
         if left > 1 {
             self.levels[depth].work_out_couplings(self.a, self.blocks);
         }
-        // Each share bounds by itself; as a rule the first one is enough.
+        // Each share gives a bound of its own, and usually the first one is enough.
         let mut gains = [f64::INFINITY; THETAS.len()];
         let mut worst = 0;
         for k in if must { 1 } else { 0 }..THETAS.len() {
@@ -69,8 +69,8 @@ impl Search<'_> {
         }
     }
 
-    /// Bound on what `left` candidates add for the share `k` (the first if nothing is brought back), and the candidate
-    /// whose couplings loosen it most.
+    /// Bound on what `left` candidates add, for the share `k` (the first if nothing is brought back), and the candidate whose
+    /// couplings make it loosest.
     pub(super) fn bounded_gain(&mut self, depth: usize, left: usize, k: usize) -> (f64, usize) {
         let n = self.blocks.len();
         let level = &self.levels[depth];
@@ -101,8 +101,9 @@ impl Search<'_> {
         (sum_of_largest(&mut self.sums.terms, left), worst.2)
     }
 
-    /// Whether a set below a node may win that brings back at least `fewest` blocks and gains at most `gains` (if
-    /// nothing, if something is brought back), `own` being the loss of a block that is brought back for certain.
+    /// Whether a set below a node could still be the best, if it brings back at least `fewest` blocks. `gains` bounds what
+    /// it adds: the first entry if nothing is brought back, the others if something is. `own` is the loss of a block that
+    /// is certainly brought back.
     pub(super) fn can_win(
         &self,
         depth: usize,
