@@ -282,6 +282,8 @@ def test_the_command(place: Path, tmp_path: Path, capsys: pytest.CaptureFixture[
     assert lab.main(["evaluate", str(place), "--dry-run", "--only", "walk", "--out", str(tmp_path)]) == 0
     assert "to do  walk collab seed 1 independent" in capsys.readouterr().out
     assert not (tmp_path / "evaluate.json").exists()
+    assert lab.main(["evaluate", str(place), "--dry-run", "--blackout", "--out", str(tmp_path)]) == 2
+    assert "leave it out" in capsys.readouterr().err
     assert lab.main(["evaluate", str(place), "--only", "broken", "--jobs", "1", "--out", str(tmp_path)]) == 1
     assert "2 of 2 runs failed" in capsys.readouterr().err
 

@@ -87,6 +87,10 @@ def evaluate(data: Path, out: Path, choice: Choice | None = None) -> list[Row]:
         If the plan or an option is not allowed.
     """
     choice = choice or Choice()
+    if choice.dry and choice.study not in (None, ABLATION):
+        raise SettingsError(
+            f"--dry-run counts the plan's runs, and --{choice.study} makes others; leave it out."
+        )
     if not data.is_dir():
         raise DataError(f"The data folder {data} does not exist; give the folder that holds the recordings.")
     plan = chosen(find_plan(data, choice.plan), choice)
