@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from collabslam import _core
+from collabslam._core import accepted_value, settings_schema
 from collabslam.settings.setting import Setting, Value
 
 
@@ -13,7 +13,7 @@ class FilterSetting(Setting):
 
     def accepted(self, value: Any) -> Value | None:
         """``value`` as the filter takes it; None if it does not."""
-        return _core.accepted_value(self.key.removeprefix("filter."), value)
+        return accepted_value(self.key.removeprefix("filter."), value)
 
 
 FILTER: list[Setting] = [
@@ -28,6 +28,6 @@ FILTER: list[Setting] = [
         item.doc,
         item.when or "",
     )
-    for item in _core.settings_schema()
+    for item in settings_schema()
 ]
 """Every setting and switch, in the order of the groups and their fields."""
