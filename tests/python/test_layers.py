@@ -36,11 +36,12 @@ ALLOWED: dict[str, set[str]] = {
     "slam": BASE | {"images", "settings", "formats", "frontend"},
     "datasets": BASE | {"images", "formats", "worn_pose"},
     "runs": BASE | {"version", "settings", "formats", "evaluation", "slam", "datasets"},
+    "live": BASE | {"images", "settings", "formats", "slam", "datasets", "runs"},
     "viz": BASE | {"formats", "evaluation", "slam", "runs"},
     "checks": BASE | {"frontend", "datasets", "runs"},
     "demo": BASE | {"settings", "formats", "datasets", "runs", "viz"},
     "cli": BASE
-    | {"version", "settings", "formats", "worn_pose", "datasets", "runs", "viz", "checks", "demo"},
+    | {"version", "settings", "formats", "worn_pose", "datasets", "runs", "live", "viz", "checks", "demo"},
     "__main__": {"cli"},
     "__init__": {"_core", "errors", "types", "images", "settings", "slam", "datasets", "runs"},
 }

@@ -1,0 +1,177 @@
+"""The robot's side without threads and network: what comes goes in, in order, and poses come out.
+
+The same events in the same order give the same poses to the last bit; no clock is asked.  That is what makes
+a live run the same as its record.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from collabslam._core import Camera
+from collabslam.errors import DataError, InputError
+from collabslam.geometry import pose_inverse
+from collabslam.live.clock import Exchange
+from collabslam.live.decoding import view_image
+from collabslam.live.views import BROKEN, LATEST, REFUSED, LiveView, TimedView, WaitingViews
+from collabslam.slam.engine import Slam
+from collabslam.slam.results import StepResult
+from collabslam.types import Array, Image, WornView
+
+PATIENCE = 1
+"""A frame whose view may still be on its way waits until so many newer frames have come."""
+EXPECTING = 10
+"""Frames after a sign of a sender during which a view is expected."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobotFrame:
+    """A frame of the robot's camera: ``t`` seconds by its own clock, ``image`` (H, W) uint8."""
+
+    t: float
+    image: Image
+
+
+@dataclass(frozen=True, eq=False)
+class ClockReading:
+    """What a sender's clock said."""
+
+    session: str
+    exchange: Exchange
+
+
+Event = RobotFrame | LiveView | ClockReading
+"""What can reach the filter."""
+
+
+@dataclass(frozen=True, eq=False)
+class LivePose:
+    """A frame's answer.
+
+    Attributes
+    ----------
+    step : StepResult
+        Pose, covariance, status and diagnostics.
+    link : str
+        ``collab`` if a view reached the filter within the last second, else ``mono``.
+    session : str or None
+        Whose view was used in this frame.
+    image : (H, W) uint8
+        Of Cs.
+    worn : WornView or None
+        What was used of Cf.
+    """
+
+    step: StepResult
+    link: str
+    session: str | None
+    image: Image
+    worn: WornView | None
+
+
+class LiveCore:
+    """An engine that is fed by events.
+
+    A frame waits for a view of its instant only while a sender gives signs of life, and then until the view
+    is there or `PATIENCE` newer frames are.
+
+    Parameters
+    ----------
+    slam : Slam
+    worn_camera : Camera or None
+        The calibration that views are sent with.
+    same_clock : bool
+        Whether views are stamped in the robot's time.
+    """
+
+    def __init__(self, slam: Slam, worn_camera: Camera | None, *, same_clock: bool = False) -> None:
+        self.slam = slam
+        self.views = WaitingViews(same_clock=same_clock)
+        self.refused: Counter[str] = Counter()
+        """Frames of Cs that could not be used, by the error's text."""
+        self._worn_camera = worn_camera
+        self._frames: deque[RobotFrame] = deque()
+        self._expecting = 0
+        self._collab = -float("inf")
+
+    def handle(self, event: Event) -> list[LivePose]:
+        """Take one event; the poses of the frames that it completes.
+
+        Raises
+        ------
+        FilterError
+            If the filter meets a numerical state from which it cannot go on.
+        """
+        if isinstance(event, ClockReading):
+            self.views.exchange(event.session, event.exchange)
+            self._expecting = EXPECTING
+        elif isinstance(event, LiveView):
+            if self._worn_camera is not None:
+                now = self._frames[-1].t if self._frames else self.slam.filter.time
+                self._expecting = EXPECTING
+                self.views.add(event, now)
+        else:
+            self._frames.append(event)
+            self._expecting = max(0, self._expecting - 1)
+        return self._ready()
+
+    def flush(self) -> list[LivePose]:
+        """The poses of the frames that wait, without what they wait for."""
+        self._expecting = 0
+        return self._ready()
+
+    def _ready(self) -> list[LivePose]:
+        poses: list[LivePose] = []
+        patience = PATIENCE if self._expecting else 0
+        while self._frames and (len(self._frames) > patience or self.views.holds(self._frames[0].t)):
+            pose = self._step(self._frames.popleft())
+            poses += [] if pose is None else [pose]
+        return poses
+
+    def _step(self, frame: RobotFrame) -> LivePose | None:
+        timed = self.views.take(frame.t)
+        worn = None if timed is None else self._worn_view(timed)
+        try:
+            step = self.slam.step(frame.t, frame.image, worn)
+        except InputError as error:
+            if worn is None:
+                self.refused[str(error)] += 1
+                return None
+            self.views.refuse(REFUSED)
+            return self._step(frame)
+        if worn is not None:
+            self._collab = frame.t
+        link = "collab" if frame.t - self._collab <= LATEST else "mono"
+        session = timed.view.session if timed is not None and worn is not None else None
+        return LivePose(step, link, session, frame.image, worn)
+
+    def _worn_view(self, timed: TimedView) -> WornView | None:
+        """The view for the filter, or None if it is none."""
+        view = timed.view
+        assert self._worn_camera is not None
+        try:
+            image = view_image(view.image, self._worn_camera)
+            worn = WornView(image, view.t_cf, view.covariance, view.bias)
+            return self._with_clock_error(worn, timed.t_sd)
+        except (DataError, InputError):
+            self.views.refuse(BROKEN)
+            return None
+
+    def _with_clock_error(self, worn: WornView, t_sd: float) -> WornView:
+        """T_CF as uncertain as the view's instant makes it: the robot moves on while the view stands."""
+        if t_sd == 0.0:
+            return worn
+        rate = _drift_of_view(worn.t_cf, self.slam)
+        return replace(worn, covariance=worn.covariance + t_sd**2 * np.outer(rate, rate))
+
+
+def _drift_of_view(t_cf: Array, slam: Slam) -> Array:
+    """(6,) change of T_CF per second for a Cf that stands still in W, tangent on the right, m/s and rad/s."""
+    core = slam.filter
+    velocity = pose_inverse(core.pose)[:3, :3] @ core.velocity
+    turn = core.angular_velocity
+    back = t_cf[:3, :3].T
+    return -np.concatenate([back @ (velocity + np.cross(turn, t_cf[:3, 3])), back @ turn])

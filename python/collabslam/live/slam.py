@@ -1,0 +1,254 @@
+"""`LiveSlam`: frames and views from any thread, poses from a thread of its own."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter, deque
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from collabslam._core import Camera
+from collabslam.errors import CollabslamError, InputError
+from collabslam.live.clock import Exchange
+from collabslam.live.core import ClockReading, Event, LiveCore, LivePose, RobotFrame
+from collabslam.live.views import SURPLUS, LiveView
+from collabslam.settings.table import Settings
+from collabslam.slam.engine import Slam
+from collabslam.slam.saved_map import SavedMap
+from collabslam.types import Image, Target
+
+BOUNDS: dict[type, int] = {RobotFrame: 4, LiveView: 16, ClockReading: 32}
+"""Events of each kind that wait for the filter at most; the oldest of a kind gives way."""
+
+
+class LiveSlam:
+    """Collaborative monocular SLAM while it happens; a context manager.
+
+    ``push_robot``, ``push_worn`` and ``push_clock`` take what comes and return at once, whatever thread calls
+    them and whatever the filter does; ``on_pose`` is called from a thread of the filter's own.  What waits is
+    bounded by counts (`BOUNDS`): a filter that is slower than the camera loses frames, never falls behind.
+
+    Parameters
+    ----------
+    camera : Camera
+        Cs.
+    worn_camera : Camera, optional
+        Cf.
+    on_pose : callable, optional
+        Is given the `LivePose` of each frame.  It may use ``slam``.  What it raises ends nothing and is
+        kept as ``callback_error``; but a `CollabslamError` ends the filter.
+    on_event : callable, optional
+        Is given each event before the filter takes it, in that order: what a record needs.
+    same_clock : bool
+        Whether both cameras are stamped by one clock; otherwise `push_clock` must say what the worn one's is.
+    slam : Slam, optional
+        An engine that goes on, in place of a new one.
+    settings, mode, start, target, map
+        As of `collabslam.Slam`.
+
+    Attributes
+    ----------
+    slam : Slam
+        The engine; only ``on_pose`` may use it before `close`.
+    callback_error : Exception or None
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        worn_camera: Camera | None = None,
+        *,
+        on_pose: Callable[[LivePose], None] | None = None,
+        on_event: Callable[[Event], None] | None = None,
+        same_clock: bool = False,
+        slam: Slam | None = None,
+        settings: Settings | None = None,
+        mode: str | None = None,
+        start: str = "worn",
+        target: Target | None = None,
+        map: SavedMap | None = None,
+    ) -> None:
+        self.slam = slam or Slam(
+            camera, worn_camera, settings=settings, mode=mode, start=start, target=target, map=map
+        )
+        self.callback_error: Exception | None = None
+        self._core = LiveCore(self.slam, worn_camera, same_clock=same_clock)
+        self._on_pose, self._on_event = on_pose, on_event
+        self._change = threading.Condition()
+        self._events: deque[Event] = deque()
+        self._waiting: Counter[type] = Counter()
+        self._lost: Counter[type] = Counter()
+        self._closing, self._flush = False, True
+        self._error: BaseException | None = None
+        self._worker = threading.Thread(target=self._work, name="collabslam", daemon=True)
+        self._worker.start()
+
+    def push_robot(self, t: float, image: Image) -> None:
+        """A frame of Cs: ``t`` seconds by the robot's clock, ``image`` (H, W) uint8, not to be changed later.
+
+        Raises
+        ------
+        InputError
+            If it is closed.
+        CollabslamError
+            Whatever ended the filter.
+        """
+        self._push(RobotFrame(float(t), image))
+
+    def push_worn(
+        self,
+        t: float,
+        image: Image | bytes,
+        t_cf: ArrayLike,
+        covariance: ArrayLike,
+        *,
+        bias: ArrayLike | None = None,
+        session: str = "worn",
+    ) -> None:
+        """A view of Cf.
+
+        Parameters
+        ----------
+        t : float
+            Seconds by the sender's clock.
+        image : (H, W) uint8, or bytes
+            Grey, or a JPEG or PNG of it.
+        t_cf, covariance, bias
+            As in `collabslam.WornView`.
+        session : str
+            Who sends, as ``anna/17``: another one each time that the sender starts.
+
+        Raises
+        ------
+        InputError
+            For arrays of another shape, or if it is closed.
+        CollabslamError
+            Whatever ended the filter.
+        """
+        self._push(live_view(session, t, image, t_cf, covariance, bias))
+
+    def push_clock(self, session: str, exchange: Exchange) -> None:
+        """What a sender's clock said; raises as `push_robot` does."""
+        self._push(ClockReading(session, exchange))
+
+    def push(self, event: Event) -> None:
+        """Any of the three; raises as `push_robot` does."""
+        self._push(event)
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Views that were dropped, by reason (`collabslam.live.views.REASONS`), and ``frames`` of Cs."""
+        counts = Counter(self._core.views.dropped)
+        with self._change:
+            counts[SURPLUS] += self._lost[LiveView]
+            counts["frames"] = self._lost[RobotFrame] + sum(self._core.refused.values())
+        return {reason: count for reason, count in counts.items() if count}
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """Why frames of Cs were refused, in words, and how often."""
+        return dict(self._core.refused)
+
+    @property
+    def session(self) -> str | None:
+        """The session whose views are used."""
+        return self._core.views.session
+
+    def close(self, *, flush: bool = True) -> None:
+        """Ends the thread, after all that waits was done, or at once without ``flush``.
+
+        Raises
+        ------
+        CollabslamError
+            Whatever ended the filter.
+        """
+        with self._change:
+            self._closing, self._flush = True, flush
+            self._change.notify_all()
+        self._worker.join()
+        if self._error is not None:
+            raise self._error
+
+    def __enter__(self) -> LiveSlam:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close(flush=error is None)
+
+    def _push(self, event: Event) -> None:
+        kind = type(event)
+        with self._change:
+            if self._error is not None:
+                raise self._error
+            if self._closing:
+                raise InputError("This LiveSlam is closed; make another one.")
+            if self._waiting[kind] >= BOUNDS[kind]:
+                self._events.remove(next(e for e in self._events if type(e) is kind))
+                self._lost[kind] += 1
+            else:
+                self._waiting[kind] += 1
+            self._events.append(event)
+            self._change.notify()
+
+    def _next(self) -> Event | None:
+        """The next event; None when there is none left and none will come."""
+        with self._change:
+            while not self._events and not self._closing:
+                self._change.wait()
+            if not self._events or (self._closing and not self._flush):
+                return None
+            event = self._events.popleft()
+            self._waiting[type(event)] -= 1
+            return event
+
+    def _work(self) -> None:
+        try:
+            while (event := self._next()) is not None:
+                if self._on_event is not None:
+                    self._on_event(event)
+                self._tell(self._core.handle(event))
+            self._tell(self._core.flush())
+        except BaseException as error:
+            with self._change:
+                self._error = error
+
+    def _tell(self, poses: list[LivePose]) -> None:
+        for pose in poses:
+            self._tell_one(pose)
+
+    def _tell_one(self, pose: LivePose) -> None:
+        try:
+            if self._on_pose is not None:
+                self._on_pose(pose)
+        except CollabslamError:
+            raise
+        except Exception as error:
+            self.callback_error = error
+
+
+def live_view(
+    session: str,
+    t: float,
+    image: Image | bytes,
+    t_cf: Any,
+    covariance: Any,
+    bias: Any = None,
+) -> LiveView:
+    """A view whose arrays have their shapes; raises InputError otherwise."""
+    shapes = {"T_CF": (t_cf, (4, 4)), "covariance": (covariance, (6, 6)), "bias": (bias, (6, 6))}
+    arrays = {}
+    for name, (value, shape) in shapes.items():
+        array = None if value is None else np.array(value, np.float64)
+        if array is not None and array.shape != shape:
+            raise InputError(f"The view's {name} has the shape {array.shape}; give {shape}.")
+        arrays[name] = array
+    first, second = arrays["T_CF"], arrays["covariance"]
+    if first is None or second is None:
+        raise InputError("A view needs T_CF and its covariance; give both.")
+    return LiveView(session, float(t), image, first, second, arrays["bias"])
