@@ -9,7 +9,13 @@ from importlib.util import find_spec
 
 from collabslam.errors import DataError
 
-_LIBRARIES = {"ros": "rosbags", "viz": "rerun-sdk", "plot": "matplotlib", "surf": "mahotas"}
+_LIBRARIES = {
+    "ros": "rosbags",
+    "viz": "rerun-sdk",
+    "plot": "matplotlib",
+    "surf": "mahotas",
+    "live": "eclipse-zenoh, cryptography and rosbags",
+}
 
 
 def drawing() -> bool:

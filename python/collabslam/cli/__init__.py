@@ -22,5 +22,6 @@ COMMANDS = {
     "export": "write a run's trajectory or map in another format",
     "settings": "list, write or check settings",
     "record": "write a recording in the two-camera layout",
+    "live": "robot and worn camera on a network, the pose while the robot drives",
 }
 """Every command with its help, in the order of ``collabslam --help``."""

@@ -56,11 +56,24 @@ def write_odometry(
     with Writer(path, version=Writer.VERSION_LATEST, storage_plugin=plugin) as bag:
         connection = bag.add_connection(TOPIC, kind, typestore=store)
         for t, t_wc, covariance in zip(times, poses, covariances, strict=True):
-            message = _message(store.types, round(float(t) * _NANOSECONDS), t_wc, covariance)
+            message = odometry_message(store.types, round(float(t) * _NANOSECONDS), t_wc, covariance)
             bag.write(connection, round(float(t) * _NANOSECONDS), store.serialize_cdr(message, kind))
 
 
-def _message(types: Any, stamp: int, t_wc: Array, covariance: Array) -> Any:
+def odometry_message(types: Any, stamp: int, t_wc: Array, covariance: Array) -> Any:
+    """One pose as ``nav_msgs/Odometry``.
+
+    Parameters
+    ----------
+    types
+        The types of a rosbags store.
+    stamp : int
+        Nanoseconds.
+    t_wc : (4, 4) array
+    covariance : (6, 6) array
+        Over (translation, rotation), tangent on the right.
+    """
+
     def make(name: str, *values: Any) -> Any:
         return types[name](*values)
 

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from collabslam.errors import CollabslamError, DataError
-from collabslam.evaluation.record import Landmarks, RunRecord, status_name
+from collabslam.evaluation.record import Landmarks, RunRecord, Step, status_name
 from collabslam.formats.files import LineFile, remove_parts, write_text
 from collabslam.formats.landmarks import write_ply
 from collabslam.formats.trajectory import (
@@ -156,8 +156,8 @@ class ResultWriter:
         step = record.steps[index]
         if not self._columns:
             self._columns = frame_columns(step.diagnostics)
-            self._frames.append(_csv_line(self._columns))
-        self._frames.append(_csv_line(_frame_cells(record, index, self._columns)))
+            self._frames.append(csv_line(self._columns))
+        self._frames.append(csv_line(_frame_cells(record, index, self._columns)))
         if record.valid_at(index):
             self._covariances.append(covariance_line(step.t, step.covariance))
             self._poses.append(tum_line(step.t, step.pose))
@@ -203,7 +203,7 @@ class ResultWriter:
         record = self._record
         columns = frame_columns(record.steps[0].diagnostics) if record.steps else ()
         rows = (_frame_cells(record, i, columns) for i in range(len(record)))
-        text = "".join(_csv_line(row) + "\n" for row in ((columns, *rows) if columns else ()))
+        text = "".join(csv_line(row) + "\n" for row in ((columns, *rows) if columns else ()))
         write_text(self.folder / FRAMES, text)
         write_trajectory(self.folder, record, self._unit)
         return columns
@@ -254,10 +254,12 @@ def frame_columns(diagnostics: Mapping[str, Any]) -> tuple[str, ...]:
     return (*LEADING, *POSE_COLUMNS, *DIAGNOSTICS, *(k for k in diagnostics if k not in known))
 
 
-def _frame_cells(record: RunRecord, index: int, columns: Iterable[str]) -> list[str]:
-    step = record.steps[index]
-    row: dict[str, Any] = dict(step.diagnostics)
-    row.update(index=index, t=f"{step.t:.9f}", status=status_name(step.status), worn=record.worn[index])
+def frame_cells(
+    step: Step, index: int, *, worn: bool, more: Mapping[str, Any], columns: Iterable[str]
+) -> list[str]:
+    """Cells of a line of ``frames.csv``: the step's own, and ``more`` by column."""
+    row: dict[str, Any] = dict(more)
+    row.update(index=index, t=f"{step.t:.9f}", status=status_name(step.status), worn=worn)
     row.update(valid=bool(step.valid), started=bool(step.started))
     finite = bool(np.isfinite(step.pose).all())
     numbers = [f"{v:.9f}" for v in position_quaternion(step.pose)] if finite else [""] * len(POSE_COLUMNS)
@@ -265,7 +267,13 @@ def _frame_cells(record: RunRecord, index: int, columns: Iterable[str]) -> list[
     return [_cell(row.get(column)) for column in columns]
 
 
-def _csv_line(cells: Iterable[str]) -> str:
+def _frame_cells(record: RunRecord, index: int, columns: Iterable[str]) -> list[str]:
+    step = record.steps[index]
+    return frame_cells(step, index, worn=record.worn[index], more=step.diagnostics, columns=columns)
+
+
+def csv_line(cells: Iterable[str]) -> str:
+    """Cells as a line of CSV."""
     line = io.StringIO()
     csv.writer(line, lineterminator="").writerow(cells)
     return line.getvalue()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -135,6 +135,20 @@ class Bag:
                 f"The bag {self.path} is broken (its index tells of messages of {topic}, there are none); "
                 "record it again or reindex it."
             )
+
+    def all_messages(self, topics: Iterable[str]) -> Iterator[tuple[str, Any]]:
+        """(topic, message) of several topics in order of recording; of those that the bag has."""
+        found = [self._reader.topics[name] for name in topics if name in self._reader.topics]
+        connections = [c for info in found for c in info.connections]
+        try:
+            for connection, _, data in self._reader.messages(connections):
+                yield connection.topic, self._reader.deserialize(data, connection.msgtype)
+        except DataError:
+            raise
+        except Exception as error:  # rosbags raises many kinds for broken files
+            raise DataError(
+                f"The bag {self.path} is broken ({error}); record it again or reindex it."
+            ) from error
 
     def stamped(self, topic: str, *types: str) -> Iterator[tuple[float, Any]]:
         """(stamp in seconds, message): the header's stamp, or the time of recording where it has none."""

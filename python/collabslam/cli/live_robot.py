@@ -1,0 +1,82 @@
+"""``collabslam live robot``."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from collabslam.cli import OK, options
+from collabslam.cli.live_options import add_camera, add_link
+from collabslam.settings.modes import MODES
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    add_camera(parser)
+    parser.add_argument(
+        "--worn-camera",
+        metavar="FILE",
+        type=Path,
+        help="calibration of Cf; without it the run begins when a worn camera has told its own",
+    )
+    parser.add_argument("--listen", metavar="HOST:PORT", help="where devices connect (default 0.0.0.0:7447)")
+    add_link(parser)
+    parser.add_argument("--mode", choices=MODES, help="default: the setting's")
+    parser.add_argument(
+        "--start",
+        choices=("worn", "scale-free"),
+        default="worn",
+        help="where the scale comes from (default: the first overlap)",
+    )
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        type=Path,
+        default=Path("results/live"),
+        help=options.OUT_HELP + options.KEPT_HELP,
+    )
+    parser.add_argument("--overwrite", action="store_true", help=options.OVERWRITE_HELP)
+    parser.add_argument(
+        "--resume", action="store_true", help="go on with the run in the result folder, which was killed"
+    )
+    parser.add_argument(
+        "--record", metavar="DIR", type=Path, help="keep all that reaches the filter as a ROS 2 bag (MCAP)"
+    )
+    options.add_settings(parser)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Run until the camera ends or Ctrl-C."""
+    from collabslam.datasets.calibration import load_camera
+    from collabslam.live import link
+    from collabslam.live.cameras import open_camera
+    from collabslam.live.robot import RobotNode, RobotOptions
+
+    keys = link.keys_of(arguments.keys, insecure=arguments.insecure)
+    default = "127.0.0.1" if keys is None else "0.0.0.0"
+    address = link.Address.parse(arguments.listen or default)
+    asked = RobotOptions(
+        arguments.out,
+        options.read_settings(arguments),
+        mode=arguments.mode,
+        start=arguments.start,
+        worn_camera=None if arguments.worn_camera is None else load_camera(arguments.worn_camera),
+        record=arguments.record,
+        overwrite=arguments.overwrite,
+        resume=arguments.resume,
+    )
+    camera = open_camera(arguments.source, arguments.camera)
+    with link.open_robot(address, keys) as session:
+        summary = RobotNode(session, camera, asked).run()
+    print(report(summary))
+    return OK
+
+
+def report(summary: dict[str, Any]) -> str:
+    """What came out, in a few lines."""
+    lines = [f"{summary['frames']} frames"]
+    for name in ("statuses", "links"):
+        lines[0] += ", " + ", ".join(f"{v} {k}" for k, v in sorted(summary[name].items()))
+    lines += [f"  {k}: {v}" for k, v in sorted(summary.items()) if k.startswith("dropped ")]
+    return "\n".join([*lines, f"  results are in {summary['folder']}"])

@@ -1,0 +1,62 @@
+"""``collabslam live worn``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+
+from collabslam.cli import OK
+from collabslam.cli.live_options import add_camera, add_link
+
+PATIENCE = 5.0
+"""Seconds without the robot after which the reasons are named."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    add_camera(parser)
+    parser.add_argument(
+        "--robot", metavar="HOST:PORT", default="127.0.0.1", help="where the robot is (default %(default)s)"
+    )
+    parser.add_argument("--name", metavar="NAME", help="of this device (default: its certificate's, or worn)")
+    add_link(parser)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Send until the camera ends or Ctrl-C."""
+    from collabslam.live import link
+    from collabslam.live.cameras import PlayedRecording, open_camera
+    from collabslam.live.sending import send_all
+    from collabslam.live.steady import SteadyClock
+    from collabslam.live.worn import WornDevice
+
+    keys = link.keys_of(arguments.keys, insecure=arguments.insecure)
+    address = link.Address.parse(arguments.robot)
+    camera = open_camera(arguments.source, arguments.camera)
+    calibration = camera.camera
+    if isinstance(camera, PlayedRecording):
+        camera.clock = SteadyClock()
+        calibration = camera.recording.worn_camera or calibration
+    name = arguments.name or (keys.name if keys is not None else "worn")
+    with (
+        link.open_device(address, keys) as session,
+        WornDevice(session, name, calibration, camera.clock) as device,
+    ):
+        if not device.wait_for_robot(PATIENCE):
+            _say(
+                f"no robot answers at {address.host}:{address.port}. Is 'collabslam live robot' running "
+                "there, is the port open, are both ends' keys of one authority, and was the robot started "
+                "after this device's keys were made? Trying on."
+            )
+        try:
+            send_all(device, camera, lambda: False)
+            time.sleep(0.2)
+        except KeyboardInterrupt:
+            pass
+        _say(f"{device.sent} images sent")
+    return OK
+
+
+def _say(text: str) -> None:
+    print(f"collabslam: {text}", file=sys.stderr, flush=True)

@@ -1,0 +1,117 @@
+"""What the robot publishes: pose with covariance in every frame; status, map and picture now and then."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import cv2
+import numpy as np
+
+from collabslam.live import link, messages, names
+from collabslam.live.core import LivePose
+from collabslam.slam.engine import Slam
+
+STATUS_EVERY, MAP_EVERY, VIEW_EVERY = 0.5, 2.0, 0.3
+"""Seconds between two messages of a kind."""
+VIEW_WIDTH = 480
+"""Pixels of the picture for whoever watches."""
+_USED, _UNUSED = (80, 200, 80), (60, 60, 220)
+
+
+class Downlink:
+    """Publishes a robot's poses; only `frame` may use the engine.
+
+    Parameters
+    ----------
+    session
+        An open Zenoh session.
+    """
+
+    def __init__(self, session: Any) -> None:
+        self._out = {
+            key: link.publisher(session, key, urgent=key in (names.POSE, names.STATUS))
+            for key in (names.POSE, names.ODOMETRY, names.STATUS, names.MAP, names.VIEW)
+        }
+        self._due = {key: -float("inf") for key in self._out}
+
+    def frame(self, pose: LivePose, slam: Slam, facts: Mapping[str, Any], devices: Mapping[str, Any]) -> None:
+        """A frame is done.
+
+        Parameters
+        ----------
+        pose : LivePose
+        slam : Slam
+        facts : mapping
+            Further values for the robot's status.
+        devices : mapping
+            Values for the status of each device.
+        """
+        step = pose.step
+        if step.valid and np.isfinite(step.covariance).all():
+            self._out[names.POSE].put(messages.robot_pose(step.t, step.pose, step.covariance))
+            self._out[names.ODOMETRY].put(messages.odometry(step.t, step.pose, step.covariance))
+        if self._is_due(names.STATUS, STATUS_EVERY):
+            self._out[names.STATUS].put(status_of(pose, facts, devices))
+        if self._is_due(names.MAP, MAP_EVERY) and step.started and self._wanted(names.MAP):
+            self._out[names.MAP].put(messages.cloud(step.t, slam.landmarks().points))
+        if self._is_due(names.VIEW, VIEW_EVERY) and self._wanted(names.VIEW):
+            picture = view_picture(pose)
+            self._out[names.VIEW].put(messages.compressed_image(step.t, "cs_optical", picture))
+
+    def _wanted(self, key: str) -> bool:
+        return bool(self._out[key].matching_status.matching)
+
+    def _is_due(self, key: str, every: float) -> bool:
+        now = time.monotonic()
+        if now - self._due[key] < every:
+            return False
+        self._due[key] = now
+        return True
+
+
+def status_of(pose: LivePose, facts: Mapping[str, Any], devices: Mapping[str, Any]) -> bytes:
+    """The robot's status and that of each device as one message."""
+    step = pose.step
+    sd = np.sqrt(np.clip(np.diag(step.covariance), 0.0, None))
+    values = {
+        "link": pose.link,
+        "started": step.started,
+        "metric": step.metric,
+        "scale_sd": f"{step.scale_sd:.4f}",
+        "position_sd_m": f"{np.linalg.norm(sd[:3]):.4f}",
+        "attitude_sd_deg": f"{np.degrees(np.linalg.norm(sd[3:])):.4f}",
+        "map_size": step.diagnostics.get("map_size", 0),
+        "accepted": step.diagnostics.get("accepted", 0),
+        "cf_matches": step.diagnostics.get("cf_matches", 0),
+        "ms": f"{step.diagnostics.get('ms_total', 0.0):.1f}",
+        **facts,
+    }
+    entries = {"robot": (step.status.value, step.status.value, values)}
+    for name, report in devices.items():
+        rounded = {k: f"{v:.6g}" if isinstance(v, float) else v for k, v in report.items()}
+        entries[name] = ("OK", pose.link, rounded)
+    return messages.status(step.t, entries)
+
+
+def view_picture(pose: LivePose) -> bytes:
+    """Cs with the features of the frame, and Cf beside it where it was used, as a small JPEG."""
+    left = cv2.cvtColor(pose.image, cv2.COLOR_GRAY2BGR)
+    features = pose.step.features
+    for predicted, found, state in zip(features.predicted, features.found, features.states, strict=True):
+        used = state == "accepted"
+        u, v = found if used else predicted
+        cv2.circle(left, (round(float(u)), round(float(v))), 4, _USED if used else _UNUSED, 2)
+    picture = _scaled(left)
+    if pose.worn is not None:
+        right = cv2.cvtColor(pose.worn.image, cv2.COLOR_GRAY2BGR)
+        height = picture.shape[0]
+        right = cv2.resize(right, (right.shape[1] * height // right.shape[0], height))
+        picture = np.concatenate([picture, right], axis=1)
+    return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 60])[1])
+
+
+def _scaled(image: Any) -> Any:
+    scale = min(1.0, VIEW_WIDTH / image.shape[1])
+    return cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

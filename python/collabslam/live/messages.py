@@ -1,0 +1,218 @@
+"""What goes over the link and into the record: ROS 2 messages as CDR, made and read by rosbags."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from collabslam._core import Camera
+from collabslam.datasets.readers.collab import stable_quaternion
+from collabslam.datasets.ros.messages import camera_of, pose_and_covariance_of
+from collabslam.errors import CollabslamError, DataError
+from collabslam.extras import needs
+from collabslam.formats.ros_odometry import WORLD, odometry_message
+from collabslam.geometry import tangent_to_fixed
+from collabslam.live.clock import Exchange
+from collabslam.live.steady import nanoseconds, seconds
+from collabslam.types import Array, Image
+
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
+IMAGE = "sensor_msgs/msg/Image"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+ODOMETRY = "nav_msgs/msg/Odometry"
+CLOUD = "sensor_msgs/msg/PointCloud2"
+STATUS = "diagnostic_msgs/msg/DiagnosticArray"
+TIMES = "std_msgs/msg/Int64MultiArray"
+TEXT = "std_msgs/msg/String"
+
+_MODELS = {"pinhole": ("plumb_bob", 5), "radtan": ("plumb_bob", 5), "fisheye": ("equidistant", 4)}
+"""What ROS calls a camera's model, and how many coefficients it has there."""
+LEVELS = {"OK": b"\0", "COASTING": b"\1", "LOST": b"\2"}
+
+
+@cache
+def store() -> Any:
+    """The types of ROS 2, as rosbags has them."""
+    with needs("ros"):
+        from rosbags.typesys import Stores, get_typestore
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
+def encoded(kind: str, message: Any) -> bytes:
+    """A message as CDR."""
+    return bytes(store().serialize_cdr(message, kind))
+
+
+def decoded(kind: str, data: bytes) -> Any:
+    """The message of a type in CDR; raises DataError for anything else, whatever it is."""
+    try:
+        return store().deserialize_cdr(data, kind)
+    except CollabslamError:
+        raise
+    except Exception as error:  # rosbags raises many kinds for broken data
+        raise DataError(f"The message is no {kind} ({type(error).__name__}); send CDR of ROS 2.") from error
+
+
+def make(kind: str, *values: Any) -> Any:
+    """A message of its fields' values."""
+    return store().types[kind](*values)
+
+
+def header(t: float, frame: str) -> Any:
+    """A header: ``t`` seconds."""
+    stamp = make("builtin_interfaces/msg/Time", *divmod(nanoseconds(t), 10**9))
+    return make("std_msgs/msg/Header", stamp, frame)
+
+
+def stamp_of(message: Any) -> float:
+    """Seconds of a message's header."""
+    stamp = message.header.stamp
+    return seconds(int(stamp.sec) * 10**9 + int(stamp.nanosec))
+
+
+def compressed_image(t: float, frame: str, data: bytes) -> bytes:
+    """A JPEG or PNG as CompressedImage."""
+    form = "png" if data.startswith(b"\x89PNG") else "jpeg"
+    return encoded(COMPRESSED, make(COMPRESSED, header(t, frame), form, np.frombuffer(data, np.uint8)))
+
+
+def raw_image(t: float, frame: str, image: Image) -> bytes:
+    """A (H, W) uint8 grey image as Image."""
+    h, w = image.shape
+    data = np.ascontiguousarray(image).ravel()
+    return encoded(IMAGE, make(IMAGE, header(t, frame), h, w, "mono8", 0, w, data))
+
+
+def camera_info(t: float, frame: str, camera: Camera) -> bytes:
+    """A calibration as CameraInfo; raises DataError for a model that has no name in ROS."""
+    if camera.model not in _MODELS:
+        raise DataError(
+            f"The camera's model '{camera.model}' has no name in ROS; give a pinhole, radtan or fisheye one."
+        )
+    model, coefficients = _MODELS[camera.model]
+    fx, fy, cx, cy = camera.intrinsics
+    k = np.array([fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0])
+    d = np.zeros(coefficients)
+    d[: len(camera.distortion)] = camera.distortion
+    p = np.concatenate([k.reshape(3, 3), np.zeros((3, 1))], axis=1).ravel()
+    roi = make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
+    values = (camera.height, camera.width, model, d, k, np.eye(3).ravel(), p, 0, 0, roi)
+    return encoded(CAMERA_INFO, make(CAMERA_INFO, header(t, frame), *values))
+
+
+def camera_from(data: bytes, where: str) -> Camera:
+    """The calibration of a CameraInfo; raises DataError."""
+    return camera_of(decoded(CAMERA_INFO, data), where)
+
+
+def pose(t: float, frame: str, matrix: Array, covariance: Array) -> bytes:
+    """A pose (4, 4) with covariance (6, 6), tangent on the right, as PoseWithCovarianceStamped.
+
+    The message's covariance is along the fixed axes of ``frame``, as ROS has it.
+    """
+    w, x, y, z = stable_quaternion(matrix[:3, :3])
+    point = make("geometry_msgs/msg/Point", *(float(v) for v in matrix[:3, 3]))
+    value = make("geometry_msgs/msg/Pose", point, make("geometry_msgs/msg/Quaternion", x, y, z, w))
+    fixed = tangent_to_fixed(matrix, covariance).ravel()
+    full = make("geometry_msgs/msg/PoseWithCovariance", value, fixed)
+    return encoded(POSE, make(POSE, header(t, frame), full))
+
+
+def pose_from(data: bytes, where: str) -> tuple[float, Array, Array]:
+    """Stamp, pose (4, 4) and covariance (6, 6), tangent on the right; raises DataError."""
+    message = decoded(POSE, data)
+    return stamp_of(message), *pose_and_covariance_of(message, where)
+
+
+def odometry(t: float, t_wc: Array, covariance: Array) -> bytes:
+    """The robot's pose as Odometry; see `collabslam.formats.ros_odometry`."""
+    return encoded(ODOMETRY, odometry_message(store().types, nanoseconds(t), t_wc, covariance))
+
+
+def robot_pose(t: float, t_wc: Array, covariance: Array) -> bytes:
+    """The robot's pose as PoseWithCovarianceStamped."""
+    return pose(t, WORLD, t_wc, covariance)
+
+
+def exchange(session: str, found: Exchange) -> bytes:
+    """Four stamps as Int64MultiArray: sent, received, answered, returned, nanoseconds."""
+    return times(session, [found.sent, found.received, found.answered, found.returned])
+
+
+def times(label: str, stamps: Sequence[float]) -> bytes:
+    """Stamps (seconds) as whole nanoseconds with a label."""
+    values = np.array([nanoseconds(t) for t in stamps], np.int64)
+    dimension = make("std_msgs/msg/MultiArrayDimension", label, len(values), len(values))
+    layout = make("std_msgs/msg/MultiArrayLayout", [dimension], 0)
+    return encoded(TIMES, make(TIMES, layout, values))
+
+
+def times_from(data: bytes, count: int) -> tuple[str, list[float]]:
+    """Label and stamps (seconds) of `times`; raises DataError if they are not so many."""
+    return times_of(decoded(TIMES, data), count)
+
+
+def times_of(message: Any, count: int) -> tuple[str, list[float]]:
+    """The same of the message itself."""
+    if len(message.layout.dim) != 1 or len(message.data) != count:
+        raise DataError(f"The message has {len(message.data)} stamps; send {count} with one label.")
+    return str(message.layout.dim[0].label), [seconds(int(v)) for v in message.data]
+
+
+def exchange_from(data: bytes) -> tuple[str, Exchange]:
+    """Session and exchange of an `exchange`; raises DataError."""
+    return exchange_of(decoded(TIMES, data))
+
+
+def exchange_of(message: Any) -> tuple[str, Exchange]:
+    """The same of the message itself."""
+    session, stamps = times_of(message, 4)
+    return session, Exchange(*stamps)
+
+
+def status(t: float, entries: Mapping[str, tuple[str, str, Mapping[str, Any]]]) -> bytes:
+    """DiagnosticArray: by name, a status, a message and values."""
+    rows = []
+    for name, (state, text, values) in entries.items():
+        pairs = [make("diagnostic_msgs/msg/KeyValue", str(k), str(v)) for k, v in values.items()]
+        level = LEVELS.get(state, b"\0")
+        rows.append(
+            make(
+                "diagnostic_msgs/msg/DiagnosticStatus", int.from_bytes(level, "little"), name, text, "", pairs
+            )
+        )
+    return encoded(STATUS, make(STATUS, header(t, WORLD), rows))
+
+
+def status_from(data: bytes) -> dict[str, dict[str, str]]:
+    """Values of each status by its name, with its message as ``message``; raises DataError."""
+    rows = decoded(STATUS, data).status
+    return {
+        str(r.name): {"message": str(r.message)} | {str(v.key): str(v.value) for v in r.values} for r in rows
+    }
+
+
+def cloud(t: float, points: Array) -> bytes:
+    """Points (N, 3), metres in W, as PointCloud2 of float32 x, y, z."""
+    data = np.ascontiguousarray(points, "<f4").view(np.uint8).ravel()
+    fields = [make("sensor_msgs/msg/PointField", name, 4 * k, 7, 1) for k, name in enumerate(("x", "y", "z"))]
+    count = len(points)
+    message = make(CLOUD, header(t, WORLD), 1, count, fields, False, 12, 12 * count, data, True)
+    return encoded(CLOUD, message)
+
+
+def cloud_from(data: bytes) -> Array:
+    """Points (N, 3) of a `cloud`; raises DataError."""
+    message = decoded(CLOUD, data)
+    if message.point_step != 12 or len(message.data) % 12:
+        raise DataError("The cloud has other fields than x, y and z; send float32 of these.")
+    return np.frombuffer(bytes(message.data), "<f4").reshape(-1, 3).astype(np.float64)
+
+
+def text(value: str) -> bytes:
+    """A text as String."""
+    return encoded(TEXT, make(TEXT, value))

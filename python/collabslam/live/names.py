@@ -1,0 +1,51 @@
+"""Keys of the link, and who writes them: ``collabslam/worn/NAME/...`` the device NAME, the rest the robot.
+
+Each key is the name of a ROS topic, and each payload a ROS message in CDR, so that a bridge between Zenoh and
+ROS 2 needs to be told nothing.
+"""
+
+from __future__ import annotations
+
+import re
+import secrets
+
+from collabslam.errors import SettingsError
+
+ROBOT = "collabslam/robot"
+WORN = "collabslam/worn"
+POSE, ODOMETRY, STATUS, MAP, CLOCK, VIEW = (
+    f"{ROBOT}/{part}" for part in ("pose", "odometry", "status", "map", "clock", "view")
+)
+"""What the robot writes; ``clock`` answers questions."""
+IMAGE, CAMERA_INFO, T_CF, EXCHANGE = "image", "camera_info", "pose", "clock"
+PARTS = (IMAGE, CAMERA_INFO, T_CF, EXCHANGE)
+"""What a device writes, below its own name."""
+
+PORT = 7447
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
+
+
+def device_name(name: str) -> str:
+    """``name`` if a device can be called so; raises SettingsError."""
+    if not _NAME.fullmatch(name) or name == "robot":
+        raise SettingsError(
+            f"A device cannot be called '{name}'; take up to 32 of a-z, 0-9 and _, beginning with a letter, "
+            "and not 'robot'."
+        )
+    return name
+
+
+def key(device: str, part: str) -> str:
+    """The key of a device's ``part``."""
+    return f"{WORN}/{device}/{part}"
+
+
+def device_of(expression: str) -> tuple[str, str]:
+    """Device and part of a key that `key` made."""
+    *_, device, part = expression.split("/")
+    return device, part
+
+
+def new_session(device: str) -> str:
+    """A name for a device's session that no other has."""
+    return f"{device}/{secrets.token_hex(4)}"

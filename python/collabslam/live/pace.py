@@ -1,0 +1,80 @@
+"""How much a worn camera sends: small grey JPEGs, smaller and then fewer when the robot gets them late."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from collabslam.types import Image
+
+OLD, FRESH = 0.150, 0.075
+"""Seconds: images that reach the robot older than the first are too much for the link; all is well below the
+second."""
+PATIENCE, COURAGE = 2, 20
+"""Reports of old images running after which less is sent, and of fresh ones after which more is."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """Bytes of an image, and images per second."""
+
+    size: int
+    rate: float
+
+
+LEVELS = (Level(10_000, 10.0), Level(7_000, 10.0), Level(5_000, 10.0), Level(5_000, 5.0), Level(5_000, 2.5))
+"""From what is sent at first to the least."""
+SCALES = (1.0, 0.75, 0.5, 0.375, 0.25)
+LOWEST, HIGHEST = 20.0, 90.0
+"""JPEG quality; below the first a smaller image shows more."""
+
+
+class Pace:
+    """Chooses size and rate by what the robot reports."""
+
+    def __init__(self) -> None:
+        self._level = 0
+        self._run = 0
+
+    @property
+    def level(self) -> Level:
+        """What is to be sent now."""
+        return LEVELS[self._level]
+
+    def report(self, age: float) -> None:
+        """The robot got images so many seconds after they were taken."""
+        if age > OLD:
+            self._run = min(self._run, 0) - 1
+        elif age < FRESH:
+            self._run = max(self._run, 0) + 1
+        else:
+            self._run = 0
+        if self._run <= -PATIENCE:
+            self._level, self._run = min(self._level + 1, len(LEVELS) - 1), 0
+        elif self._run >= COURAGE:
+            self._level, self._run = max(self._level - 1, 0), 0
+
+
+class Encoder:
+    """Makes JPEGs of about a size: quality first, then scale."""
+
+    def __init__(self) -> None:
+        self._quality, self._scale = 50.0, 0
+
+    def encode(self, image: Image, size: int) -> bytes:
+        """A (H, W) uint8 grey image as a JPEG of about ``size`` bytes, learned from those before."""
+        scale = SCALES[self._scale]
+        if scale < 1.0:
+            image = np.asarray(
+                cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8
+            )
+        data = bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, round(self._quality)])[1])
+        self._quality *= (size / len(data)) ** 0.7
+        if self._quality < LOWEST and self._scale < len(SCALES) - 1:
+            self._scale, self._quality = self._scale + 1, 50.0
+        elif self._quality > HIGHEST and self._scale > 0:
+            self._scale, self._quality = self._scale - 1, 50.0
+        self._quality = min(max(self._quality, LOWEST), HIGHEST)
+        return data

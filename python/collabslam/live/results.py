@@ -1,0 +1,125 @@
+"""The result folder of a live run: it grows line by line, whatever ends the run, and holds nothing back."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from collabslam.formats.files import LineFile, read_text, write_text
+from collabslam.formats.landmarks import write_ply
+from collabslam.formats.trajectory import covariance_line, tum_line, write_covariances, write_tum
+from collabslam.live.core import LivePose
+from collabslam.runs.folder import CONFIG
+from collabslam.runs.results import (
+    COVARIANCE,
+    FRAMES,
+    MAP,
+    SUMMARY,
+    TRAJECTORY,
+    csv_line,
+    frame_cells,
+    frame_columns,
+    write_summary,
+)
+from collabslam.settings.table import Settings
+from collabslam.slam.engine import Slam
+from collabslam.version import version
+
+ENGINE = "engine.bin"
+"""The checkpoint: the engine after some frame."""
+CHECKPOINT_EVERY = 50
+"""Frames between two checkpoints."""
+_LINES = (FRAMES, TRAJECTORY, COVARIANCE)
+
+
+class LiveResults:
+    """Writes the files of one live run into its folder.
+
+    ``frames.csv``, ``trajectory.tum`` and ``trajectory.cov`` as a run's, with the columns ``link`` and
+    ``session``; ``engine.bin``, from which a run that was killed goes on; at the end ``map.ply`` and
+    ``summary.json``.
+
+    Parameters
+    ----------
+    folder : Path
+        Claimed for this run.
+    settings : Settings
+    unit : str
+        Of lengths.
+    resumed : bool
+        Whether to go on with the lines that are there.
+    """
+
+    def __init__(self, folder: Path, settings: Settings, unit: str, *, resumed: bool = False) -> None:
+        self.folder = folder
+        self._unit = unit
+        self._columns: tuple[str, ...] = ()
+        self.frames, self.statuses, self.links = 0, Counter[str](), Counter[str]()
+        if resumed:
+            self._take_up()
+        else:
+            write_text(folder / CONFIG, settings.dump(title="as used by a live run"))
+            write_text(folder / FRAMES, "")
+            none = np.empty(0)
+            write_tum(folder / TRAJECTORY, none, np.empty((0, 4, 4)), unit=unit)
+            write_covariances(folder / COVARIANCE, none, np.empty((0, 6, 6)), unit)
+        self._frames, self._poses, self._covariances = (LineFile(folder / name) for name in _LINES)
+
+    def frame(self, pose: LivePose) -> None:
+        """Add a frame; raises DataError if the disk is full."""
+        step = pose.step
+        diagnostics = {**step.diagnostics, "link": pose.link, "session": pose.session or ""}
+        if not self._columns:
+            self._columns = frame_columns(diagnostics)
+            self._frames.append(csv_line(self._columns))
+        worn = pose.worn is not None
+        cells = frame_cells(step, self.frames, worn=worn, more=diagnostics, columns=self._columns)
+        self._frames.append(csv_line(cells))
+        if step.valid and np.isfinite(step.pose).all() and np.isfinite(step.covariance).all():
+            self._covariances.append(covariance_line(step.t, step.covariance))
+            self._poses.append(tum_line(step.t, step.pose))
+        self.frames += 1
+        self.statuses[step.status.value] += 1
+        self.links[pose.link] += 1
+
+    def checkpoint(self, slam: Slam) -> None:
+        """Keep the engine as it is, if it is time; raises DataError if it cannot be written."""
+        if self.frames % CHECKPOINT_EVERY == 0:
+            slam.save(self.folder / ENGINE)
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What was counted."""
+        return {
+            "version": version(),
+            "unit": self._unit,
+            "frames": self.frames,
+            "statuses": dict(self.statuses),
+            "links": dict(self.links),
+        }
+
+    def finish(self, slam: Slam, facts: dict[str, Any]) -> None:
+        """What needs the whole run: map, summary and the last checkpoint."""
+        write_ply(self.folder / MAP, slam.landmarks(), self._unit)
+        slam.save(self.folder / ENGINE)
+        write_summary(self.folder / SUMMARY, {**self.facts, **facts})
+
+    def close(self) -> None:
+        """Close the files."""
+        for lines in (self._frames, self._poses, self._covariances):
+            lines.close()
+
+    def _take_up(self) -> None:
+        """Count the lines that are there; one that a killed process left unfinished is cut off."""
+        for name in _LINES:
+            path = self.folder / name
+            text = read_text(path)
+            if text and not text.endswith("\n"):
+                write_text(path, text[: text.rfind("\n") + 1])
+        rows = read_text(self.folder / FRAMES).splitlines()
+        if rows:
+            self._columns = tuple(rows[0].split(","))
+            self.frames = len(rows) - 1

@@ -1,0 +1,208 @@
+"""The robot's end: its camera and what devices send go into the filter, poses and files come out."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from collabslam._core import Camera
+from collabslam.errors import CollabslamError, DataError
+from collabslam.formats.trajectory import ARBITRARY, METRES
+from collabslam.live import link, messages, names
+from collabslam.live.cameras import LiveCamera
+from collabslam.live.core import Event, LivePose
+from collabslam.live.downlink import Downlink
+from collabslam.live.record import EventWriter, LivePlan
+from collabslam.live.results import ENGINE, LiveResults
+from collabslam.live.slam import LiveSlam
+from collabslam.live.uplink import Uplink
+from collabslam.runs.folder import claim, locked
+from collabslam.runs.plan import MODE_KEY
+from collabslam.settings.table import Settings
+from collabslam.slam.engine import Slam
+
+
+@dataclass(frozen=True)
+class RobotOptions:
+    """What a live run is asked for.
+
+    Attributes
+    ----------
+    out : Path
+        Result folder.
+    settings : Settings
+    mode : str or None
+        The settings' if None.
+    start : str
+        ``worn`` or ``scale-free``.
+    worn_camera : Camera or None
+        Calibration of Cf; the one that the first device tells if None.
+    record : Path or None
+        New folder for all that reaches the filter.
+    overwrite, resume : bool
+        Take the result folder of an earlier run anew, or go on with that run.
+    """
+
+    out: Path
+    settings: Settings
+    mode: str | None = None
+    start: str = "worn"
+    worn_camera: Camera | None = None
+    record: Path | None = None
+    overwrite: bool = False
+    resume: bool = False
+
+
+class RobotNode:
+    """One live run.
+
+    Parameters
+    ----------
+    session
+        An open Zenoh session.
+    camera : LiveCamera
+    options : RobotOptions
+    """
+
+    def __init__(self, session: Any, camera: LiveCamera, options: RobotOptions) -> None:
+        self._zenoh, self._camera, self._options = session, camera, options
+        self._live: LiveSlam | None = None
+        self.uplink = Uplink(self._push, lambda: camera.clock.now())
+        self._downlink = Downlink(session)
+
+    def run(self) -> dict[str, Any]:
+        """Until the camera ends or Ctrl-C; returns the summary.
+
+        Raises
+        ------
+        DataError
+            If the camera breaks off, or a file cannot be written; everything before is written.
+        FilterError
+            If the filter meets a numerical state from which it cannot go on; likewise.
+        """
+        options = self._options
+        with contextlib.ExitStack() as stack:
+            folder = _folder(options, stack)
+            heard = link.subscriber(self._zenoh, f"{names.WORN}/**", self.uplink.take)
+            stack.callback(heard.undeclare)
+            worn_camera = options.worn_camera or self._calibration()
+            if worn_camera is not None:
+                self.uplink.use(worn_camera)
+            slam = self._engine(folder, worn_camera)
+            unit = METRES if options.start == "worn" else ARBITRARY
+            results = LiveResults(folder, options.settings, unit, resumed=options.resume)
+            stack.callback(results.close)
+            recorder = self._recorder(worn_camera)
+            stack.callback(recorder.close)
+            self._camera.begin()
+            live = LiveSlam(
+                self._camera.camera,
+                worn_camera,
+                slam=slam,
+                on_pose=lambda pose: self._done(pose, slam, results),
+                on_event=lambda event: recorder.write(event, self._camera.clock.now()),
+            )
+            self._live = live
+            clock = self._zenoh.declare_queryable(names.CLOCK, self._tell_time)
+            stack.callback(clock.undeclare)
+            error, interrupted = self._drive(live)
+            facts = {**self._counts(), "interrupted": interrupted, "folder": str(folder)}
+            results.finish(slam, facts)
+        if error is not None:
+            raise error
+        return {**results.facts, **facts}
+
+    def _drive(self, live: LiveSlam) -> tuple[CollabslamError | None, bool]:
+        """Images until there are no more; what ended them, and whether that was Ctrl-C."""
+        error, interrupted = None, False
+        try:
+            for shot in self._camera.shots(lambda: False):
+                live.push_robot(shot.t, shot.image)
+        except KeyboardInterrupt:
+            interrupted = True
+        except CollabslamError as fault:
+            error = fault
+        try:
+            live.close()
+        except CollabslamError as fault:
+            error = error or fault
+        return error, interrupted
+
+    def _push(self, event: Event) -> None:
+        if self._live is not None:
+            self._live.push(event)
+
+    def _tell_time(self, query: Any) -> None:
+        """Answers a device that asks for the robot's time."""
+        received = self._camera.clock.now()
+        query.reply(names.CLOCK, messages.times("robot", [received, self._camera.clock.now()]))
+
+    def _done(self, pose: LivePose, slam: Slam, results: LiveResults) -> None:
+        """A frame is done: publish first, then write."""
+        self._downlink.frame(pose, slam, self._counts(), self.uplink.reports())
+        results.frame(pose)
+        results.checkpoint(slam)
+
+    def _counts(self) -> dict[str, Any]:
+        """Everything that was dropped, by reason."""
+        before = {f"dropped {k}": v for k, v in self.uplink.dropped.items() if v}
+        live = {} if self._live is None else self._live.dropped
+        return {**before, **{f"dropped {k}": v for k, v in live.items()}}
+
+    def _calibration(self) -> Camera | None:
+        """The calibration of the first device that tells one; None where no worn camera is used."""
+        if _mode(self._options).startswith("mono") and self._options.start != "worn":
+            return None
+        _say("waiting for a worn camera, which tells its calibration (--worn-camera FILE does without)")
+        while (camera := self.uplink.calibration(0.2)) is None:
+            pass
+        return camera
+
+    def _engine(self, folder: Path, worn_camera: Camera | None) -> Slam:
+        options = self._options
+        if options.resume:
+            return Slam.load(folder / ENGINE)
+        return Slam(
+            self._camera.camera,
+            worn_camera,
+            settings=options.settings,
+            mode=_mode(options),
+            start=options.start,
+        )
+
+    def _recorder(self, worn_camera: Camera | None) -> EventWriter | NoRecord:
+        options = self._options
+        if options.record is None:
+            return NoRecord()
+        plan = LivePlan(_mode(options), options.start, dict(options.settings.values))
+        return EventWriter(options.record, plan, self._camera.camera, worn_camera)
+
+
+class NoRecord:
+    """In the place of a record, where none is wanted."""
+
+    def write(self, event: Event, now: float) -> None:
+        """Nothing."""
+
+    def close(self) -> None:
+        """Nothing."""
+
+
+def _mode(options: RobotOptions) -> str:
+    return options.mode or str(options.settings[MODE_KEY])
+
+
+def _folder(options: RobotOptions, stack: contextlib.ExitStack) -> Path:
+    if not options.resume:
+        return claim(options.out, stack, overwrite=options.overwrite)
+    if not (options.out / ENGINE).is_file():
+        raise DataError(f"The folder {options.out} holds no live run to go on with; leave --resume out.")
+    stack.enter_context(locked(options.out))
+    return options.out
+
+
+def _say(text: str) -> None:
+    print(f"collabslam: {text}", file=sys.stderr, flush=True)

@@ -1,0 +1,114 @@
+"""The wearable's end: images of Cf go to the robot, small and stamped, with Cf's pose where it is known."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from collabslam._core import Camera
+from collabslam.errors import DataError, InputError
+from collabslam.live import link, messages, names
+from collabslam.live.clock import ClockEstimator, Exchange
+from collabslam.live.pace import Encoder, Pace
+from collabslam.live.steady import SteadyClock
+from collabslam.types import Array, Image
+
+ASK_EVERY, ASK_FIRST, SOON = 0.5, 0.1, 20
+"""Seconds between two questions for the robot's time, and between the first `SOON` of them."""
+
+
+class WornDevice:
+    """Sends views; a context manager that opens its threads and closes them.
+
+    Parameters
+    ----------
+    session
+        An open Zenoh session.
+    name : str
+        Of the device, as in its certificate.
+    camera : Camera
+        Calibration of Cf.
+    clock : SteadyClock
+        By which views are stamped.
+    """
+
+    def __init__(self, session: Any, name: str, camera: Camera, clock: SteadyClock) -> None:
+        self.pace = Pace()
+        self.robot_clock = ClockEstimator()
+        self.sent = 0
+        self.session = names.new_session(names.device_name(name))
+        self._zenoh, self._name, self._camera, self._clock = session, name, camera, clock
+        self._encoder = Encoder()
+        self._info = messages.camera_info(0.0, self.session, camera)
+        self._ended = threading.Event()
+        self._known = threading.Event()
+        urgent = (names.EXCHANGE,)
+        self._out = {
+            part: link.publisher(session, names.key(name, part), urgent=part in urgent)
+            for part in names.PARTS
+        }
+        self._status = link.subscriber(session, names.STATUS, self._heard)
+        self._thread = threading.Thread(target=self._ask, name="clock", daemon=True)
+
+    def __enter__(self) -> WornDevice:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def send(self, t: float, image: Image, pose: tuple[Array, Array] | None = None) -> None:
+        """An image of Cf taken at ``t`` seconds by the clock; T_CF and its covariance where known."""
+        jpeg = self._encoder.encode(image, self.pace.level.size)
+        if pose is not None:
+            self._out[names.T_CF].put(messages.pose(t, "cs_optical", *pose))
+        self._out[names.IMAGE].put(messages.compressed_image(t, self.session, jpeg))
+        self.sent += 1
+
+    def behind(self, t: float) -> float:
+        """Seconds by which the robot's time is past ``t``; InputError before anything is known of it."""
+        found = self.robot_clock.robot_time(self._clock.now())
+        if found is None:
+            raise InputError("The robot's time is not known yet; wait for it with wait_for_robot.")
+        return found[0] - t
+
+    def wait_for_robot(self, seconds: float) -> bool:
+        """Whether the robot's time is known, waited for so long."""
+        return self._known.wait(seconds)
+
+    def _ask(self) -> None:
+        """Asks for the robot's time for as long as the device is open, and tells what came back."""
+        asked = 0
+        while not self._ended.is_set():
+            self._out[names.CAMERA_INFO].put(self._info) if asked % SOON < 2 else None
+            exchange = self._exchange()
+            if exchange is not None:
+                self.robot_clock.add(exchange)
+                self._out[names.EXCHANGE].put(messages.exchange(self.session, exchange))
+                self._known.set()
+            asked += 1
+            self._ended.wait(ASK_FIRST if asked < SOON else ASK_EVERY)
+
+    def _exchange(self) -> Exchange | None:
+        """One question and its answer; None if there was none."""
+        sent = self._clock.now()
+        found = None
+        for reply in self._zenoh.get(names.CLOCK, timeout=1.0):
+            returned = self._clock.now()
+            if reply.ok is not None and found is None:
+                try:
+                    _, (received, answered) = messages.times_from(bytes(reply.ok.payload.to_bytes()), 2)
+                except DataError:
+                    continue
+                found = Exchange(sent, received, answered, returned)
+        return found
+
+    def _heard(self, key: str, payload: bytes) -> None:
+        """The robot's status: how old this device's images are."""
+        try:
+            own = messages.status_from(payload).get(self._name)
+            if own is not None:
+                self.pace.report(float(own["age_median_ms"]) / 1e3)
+        except (DataError, KeyError, ValueError):
+            pass  # a robot of another version: the pace stays
