@@ -14,6 +14,7 @@ import pytest
 from conftest import Clip
 
 pytest.importorskip("zenoh", reason="the extra live is not installed")
+pytest.importorskip("cryptography", reason="the extra live is not installed")
 
 from collabslam import DataError, Settings, SettingsError
 from collabslam.datasets.wrapped import WrappedRecording

@@ -206,7 +206,7 @@ def _opened(config: dict[str, Any], fault: str) -> Iterator[Any]:
     for name, value in config.items():
         made.insert_json5(name, json.dumps(value))
     try:
-        session = zenoh.open(made)
+        session: Any = zenoh.open(made)
     except zenoh.ZError as error:
         raise DataError(
             f"{fault} ({str(error).splitlines()[0][:200]}); check address, port and keys."
@@ -214,7 +214,7 @@ def _opened(config: dict[str, Any], fault: str) -> Iterator[Any]:
     try:
         yield session
     finally:
-        session.close()  # type: ignore[no-untyped-call]
+        session.close()
 
 
 def keys_of(folder: Path | None, *, insecure: bool) -> Keys | None:
