@@ -26,6 +26,7 @@ def commands() -> str:
     """The help of every command."""
     from collabslam.cli import COMMANDS
     from collabslam.cli import main as cli
+    from collabslam.cli.live import COMMANDS as LIVE
 
     os.environ["COLUMNS"] = "100"
     lines = [
@@ -33,10 +34,10 @@ def commands() -> str:
         "",
         "Exit status: 0 fine, 1 finished but lost the camera, 2 bad input, 130 interrupted.",
     ]
-    for name, text in COMMANDS.items():
+    for name, text in (COMMANDS | {f"live {name}": text for name, text in LIVE.items()}).items():
         shown = io.StringIO()
         with redirect_stdout(shown), suppress(SystemExit):
-            cli.main([name, "--help"])
+            cli.main([*name.split(), "--help"])
         lines += ["", f"## `collabslam {name}`", "", text[0].upper() + text[1:] + ".", "", "```text"]
         lines += [shown.getvalue().rstrip(), "```"]
     return "\n".join(lines) + "\n"

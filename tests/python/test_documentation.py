@@ -32,6 +32,8 @@ ROOT = Path(__file__).parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
 TOOLS = {"evo_ape", "smfeval", "rerun"}
 COMMAND_LINES = {"collabslam": cli.main, "collabslam-lab": lab.main}
+BESIDE: list[subprocess.Popen[bytes]] = []
+"""What a page started with an ``&`` and waits for with ``wait``."""
 FRAMES = 9
 START = 1_700_000_000_000_000_000
 
@@ -118,8 +120,16 @@ def there(place: Path, clip: Clip, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def play(words: list[str], folder: Path) -> None:
     name, *rest = words
-    if name in COMMAND_LINES:
-        for option in ("--out", "--animation"):  # runs of one page do not stand in another's way
+    if words[-1] == "&":
+        command = [sys.executable, "-m", "collabslam", *rest[:-1]]
+        BESIDE.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE))
+    elif name == "wait":
+        while BESIDE:
+            process = BESIDE.pop()
+            _, said = process.communicate(timeout=60.0)
+            assert process.returncode == 0, said
+    elif name in COMMAND_LINES:
+        for option in ("--out", "--record", "--animation"):  # runs of one page do not stand in another's way
             if option in rest and "results" not in rest[rest.index(option) + 1]:
                 shutil.rmtree(folder / rest[rest.index(option) + 1], ignore_errors=True)
         try:
@@ -132,7 +142,11 @@ def play(words: list[str], folder: Path) -> None:
     elif name == "make":
         assert f"\n{rest[0]}:" in (ROOT / "Makefile").read_text()
     elif words[:2] == ["pip", "install"]:
-        assert rest[1] in ("collabslam[plot]", "collabslam")  # the test of the wheel installs it
+        assert rest[1] in (
+            "collabslam[plot]",
+            "collabslam[live]",
+            "collabslam",
+        )  # the test of the wheel installs it
     elif name == "cargo":
         assert rest[0] == "bench"
     else:

@@ -36,7 +36,7 @@ ALLOWED: dict[str, set[str]] = {
     "slam": BASE | {"images", "settings", "formats", "frontend"},
     "datasets": BASE | {"images", "formats", "worn_pose"},
     "runs": BASE | {"version", "settings", "formats", "evaluation", "slam", "datasets"},
-    "live": BASE | {"images", "settings", "formats", "slam", "datasets", "runs"},
+    "live": BASE | {"version", "images", "settings", "formats", "slam", "datasets", "runs"},
     "viz": BASE | {"formats", "evaluation", "slam", "runs"},
     "checks": BASE | {"frontend", "datasets", "runs"},
     "demo": BASE | {"settings", "formats", "datasets", "runs", "viz"},

@@ -91,8 +91,9 @@ class DeviceCamera:
                         f"The camera {self._source} delivers no more images; check its cable or link."
                     )
                 if image is not None and there:
-                    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-                    grey = np.asarray(np.ascontiguousarray(grey), np.uint8)
+                    grey: Image = np.asarray(
+                        image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8
+                    )
                     check_resolution(self.camera, grey, f"of {self._source}")
                     yield Shot(t, grey)
         finally:

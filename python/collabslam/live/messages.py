@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.readers.collab import stable_quaternion
+from collabslam.datasets.recording_writer import stable_quaternion
 from collabslam.datasets.ros.messages import camera_of, pose_and_covariance_of
 from collabslam.errors import CollabslamError, DataError
 from collabslam.extras import needs

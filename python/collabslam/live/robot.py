@@ -12,7 +12,7 @@ from collabslam._core import Camera
 from collabslam.errors import CollabslamError, DataError
 from collabslam.formats.trajectory import ARBITRARY, METRES
 from collabslam.live import link, messages, names
-from collabslam.live.cameras import LiveCamera
+from collabslam.live.cameras import LiveCamera, PlayedRecording
 from collabslam.live.core import Event, LivePose
 from collabslam.live.downlink import Downlink
 from collabslam.live.record import EventWriter, LivePlan
@@ -153,7 +153,12 @@ class RobotNode:
         return {**before, **{f"dropped {k}": v for k, v in live.items()}}
 
     def _calibration(self) -> Camera | None:
-        """The calibration of the first device that tells one; None where no worn camera is used."""
+        """Cf's calibration: the recording's own, or that of the first device that tells one.
+
+        None where no worn camera is used.
+        """
+        if isinstance(self._camera, PlayedRecording) and self._camera.recording.worn_camera is not None:
+            return self._camera.recording.worn_camera
         if _mode(self._options).startswith("mono") and self._options.start != "worn":
             return None
         _say("waiting for a worn camera, which tells its calibration (--worn-camera FILE does without)")
