@@ -14,7 +14,7 @@ _LIBRARIES = {
     "viz": "rerun-sdk",
     "plot": "matplotlib",
     "surf": "mahotas",
-    "live": "eclipse-zenoh, cryptography and rosbags",
+    "live": "eclipse-zenoh, cryptography, rosbags and websockets",
 }
 
 

@@ -18,7 +18,7 @@ from collabslam.live.names import device_name
 if TYPE_CHECKING:
     from cryptography.x509 import Certificate, GeneralName
 
-ROBOT = "robot"
+ROBOT, WEB = "robot", "web"
 AUTHORITY, AUTHORITY_KEY, CERTIFICATE, KEY, DEVICES = (
     "authority.pem",
     "authority.key",
@@ -89,7 +89,9 @@ class Keys:
         }
 
 
-def make_keys(folder: Path, *, hosts: Sequence[str], devices: Sequence[str]) -> list[Path]:
+def make_keys(
+    folder: Path, *, hosts: Sequence[str], devices: Sequence[str], web_hosts: Sequence[str] = ()
+) -> list[Path]:
     """Makes what is missing: the authority, the robot's folder and one for each device.
 
     Parameters
@@ -100,6 +102,8 @@ def make_keys(folder: Path, *, hosts: Sequence[str], devices: Sequence[str]) -> 
         Names or addresses by which devices reach the robot.  A robot that has a certificate gets a new one.
     devices : sequence of str
         Names of devices; those that have keys keep them.
+    web_hosts : sequence of str
+        Names or addresses by which browsers reach the pages, which get the device `WEB`.
 
     Returns
     -------
@@ -126,6 +130,9 @@ def make_keys(folder: Path, *, hosts: Sequence[str], devices: Sequence[str]) -> 
         if not (folder / device / CERTIFICATE).is_file():
             authority.issue(folder / device, device, [x509.DNSName(device)])
             made.append(folder / device)
+    if web_hosts:
+        authority.issue(folder / WEB, WEB, [_general(h) for h in (*web_hosts, *LOCAL)])
+        made.append(folder / WEB)
     known = sorted(p.parent.name for p in folder.glob(f"*/{CERTIFICATE}") if p.parent.name != ROBOT)
     write_text(folder / ROBOT / DEVICES, "".join(f"{name}\n" for name in known))
     return made

@@ -30,13 +30,27 @@ WAITING, DEVICES = 8, 16
 """Images, and poses, of a device that wait for each other; devices that are listened to."""
 RATES = {names.IMAGE: 60.0, names.T_CF: 200.0, names.CAMERA_INFO: 5.0, names.EXCHANGE: 20.0}
 """Messages per second of each kind that a device may write."""
-AGES = 100
-"""Ages of images that are remembered of each device."""
+REMEMBERED = 1000
+"""Arrivals of images that are remembered of each device."""
 BURST = 30.0
 """Messages of each kind that may come at once, after the network held them back."""
 
 
 Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """An image's stamp by the device's clock; when it was taken and when it came, by the robot's, seconds."""
+
+    stamp: float
+    taken: float
+    came: float
+
+    @property
+    def age(self) -> float:
+        """Seconds that it had on its way."""
+        return self.came - self.taken
 
 
 @dataclass(frozen=True)
@@ -56,7 +70,7 @@ class _Device:
     allowed: dict[str, tuple[float, float]] = field(default_factory=dict)  # messages left, at a time
     clock: ClockEstimator = field(default_factory=ClockEstimator)
     session: str = ""
-    ages: deque[float] = field(default_factory=lambda: deque(maxlen=AGES))
+    arrivals: deque[Arrival] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
     images_received: int = 0
 
 
@@ -94,18 +108,23 @@ class Uplink:
         with self._lock:
             return next((d.camera for d in self._devices.values() if d.camera is not None), None)
 
+    def arrivals(self, name: str) -> list[Arrival]:
+        """The last images of a device."""
+        with self._lock:
+            return list(self._devices[name].arrivals) if name in self._devices else []
+
     def reports(self) -> dict[str, dict[str, float]]:
         """Of each device: images received, their last age and the median of the last ten, milliseconds."""
         with self._lock:
             return {
                 name: {
                     "images": device.images_received,
-                    "age_ms": 1e3 * device.ages[-1],
-                    "age_median_ms": 1e3 * statistics.median(list(device.ages)[-10:]),
+                    "age_ms": 1e3 * device.arrivals[-1].age,
+                    "age_median_ms": 1e3 * statistics.median(a.age for a in list(device.arrivals)[-10:]),
                     "clock_drift_ppm": 1e6 * device.clock.drift,
                 }
                 for name, device in self._devices.items()
-                if device.ages
+                if device.arrivals
             }
 
     def take(self, key: str, payload: bytes) -> None:
@@ -153,7 +172,7 @@ class Uplink:
             image = _Image(session, stamp, message.data.tobytes())
             device.images_received += 1
             if (taken := device.clock.robot_time(stamp)) is not None:
-                device.ages.append(self._now() - taken[0])
+                device.arrivals.append(Arrival(stamp, taken[0], self._now()))
             self.dropped[UNPAIRED] += _keep(device.images, stamp, image)
         else:
             stamp, t_cf, covariance = messages.pose_from(payload, f"the device {name}")

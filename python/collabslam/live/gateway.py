@@ -1,0 +1,228 @@
+"""Between the pages and the robot's link: a phone becomes a device, the robot's messages become facts."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from collabslam._core import Camera
+from collabslam.errors import DataError
+from collabslam.live import link, messages, names
+from collabslam.live.clock import ClockEstimator, Exchange
+from collabslam.live.pace import Pace
+from collabslam.live.steady import SteadyClock
+from collabslam.types import Array
+
+WIDTHS = {10_000: (480, 0.5), 7_000: (400, 0.45), 5_000: (320, 0.4)}
+"""What a browser is asked for to make images of about so many bytes: width in pixels, JPEG quality."""
+MAP_POINTS, WAY = 400, 2000
+"""Points of the map, and of the way, that a page is told."""
+BEAT = 0.5
+"""Seconds after which a page is told something even if nothing has changed."""
+
+
+class Gateway:
+    """A device of the link that pages use.
+
+    Parameters
+    ----------
+    session
+        An open Zenoh session.
+    name : str
+        Of the device, as in its certificate.
+    camera : Camera or None
+        The phone's calibration; without it phones are refused.
+    """
+
+    def __init__(self, session: Any, name: str, camera: Camera | None) -> None:
+        self._zenoh, self._name, self._camera = session, names.device_name(name), camera
+        self._out = {part: link.publisher(session, names.key(name, part)) for part in names.PARTS}
+        self.pace = Pace()
+        self.robot_clock = ClockEstimator()
+        self.clock = SteadyClock()
+        self._taken = threading.Lock()
+        self._change = threading.Condition()
+        self._facts: dict[str, Any] = {}
+        self._way: list[list[float]] = []
+        self._count = 0
+        self._picture: tuple[int, bytes] = (0, b"")
+        self._heard = [
+            link.subscriber(session, key, take)
+            for key, take in (
+                (names.STATUS, self._status),
+                (names.POSE, self._pose),
+                (names.MAP, self._map),
+                (names.VIEW, self._view),
+            )
+        ]
+
+    @contextlib.contextmanager
+    def phone(self, width: Any, height: Any) -> Iterator[Phone]:
+        """A phone that sends; only one at a time."""
+        mine = self._taken.acquire(blocking=False)
+        try:
+            yield Phone(self, self._why_not(width, height, mine=mine))
+        finally:
+            if mine:
+                self._taken.release()
+
+    @contextlib.contextmanager
+    def watching(self) -> Iterator[Watch]:
+        """What a page is told from now on."""
+        yield Watch(self)
+
+    def publish(self, part: str, payload: bytes) -> None:
+        """Write below the device's own name."""
+        self._out[part].put(payload)
+
+    @property
+    def camera_info(self) -> Camera | None:
+        """The phone's calibration."""
+        return self._camera
+
+    def new_session(self) -> str:
+        """A name for a phone that has just connected."""
+        return names.new_session(self._name)
+
+    def ask(self) -> None:
+        """One question for the robot's time, of the gateway's own clock."""
+        sent = self.clock.now()
+        for reply in self._zenoh.get(names.CLOCK, timeout=1.0):
+            returned = self.clock.now()
+            if reply.ok is not None:
+                with contextlib.suppress(DataError):
+                    _, (received, answered) = messages.times_from(bytes(reply.ok.payload.to_bytes()), 2)
+                    self.robot_clock.add(Exchange(sent, received, answered, returned))
+                return
+
+    def _why_not(self, width: Any, height: Any, *, mine: bool) -> str:
+        if not mine:
+            return "Another phone is the worn camera; close its page first."
+        if self._camera is None:
+            return "The phone's calibration is missing; start 'collabslam live web' with --camera FILE."
+        wide, high = self._camera.width, self._camera.height
+        if not (isinstance(width, int) and isinstance(height, int) and width * high == height * wide):
+            return (
+                f"The phone's images are {width} x {height}, its calibration is for {wide} x {high}: hold the "
+                "phone as it was calibrated, or calibrate this size."
+            )
+        return ""
+
+    def _status(self, key: str, payload: bytes) -> None:
+        with contextlib.suppress(DataError, KeyError, ValueError):
+            found = messages.status_from(payload)
+            robot = found["robot"]
+            own = found.get(self._name, {})
+            if "age_median_ms" in own:
+                self.pace.report(float(own["age_median_ms"]) / 1e3)
+            facts = {k.replace("_", " "): v for k, v in robot.items() if k != "message"}
+            for name in sorted(found.keys() - {"robot"}):
+                facts |= {
+                    f"{name}: {k.replace('_', ' ')}": v for k, v in found[name].items() if k != "message"
+                }
+            self._tell(facts=facts, status=robot["message"], link=robot["link"])
+
+    def _pose(self, key: str, payload: bytes) -> None:
+        with contextlib.suppress(DataError):
+            _, pose, covariance = messages.pose_from(payload, key)
+            with self._change:
+                self._count += 1
+                self._way = [*self._way[-WAY:], seen_from_above(pose, covariance)]
+                self._change.notify_all()
+
+    def _map(self, key: str, payload: bytes) -> None:
+        with contextlib.suppress(DataError):
+            points = messages.cloud_from(payload)[:MAP_POINTS]
+            self._tell(map=np.round(points[:, [0, 2]], 3).tolist())
+
+    def _view(self, key: str, payload: bytes) -> None:
+        with contextlib.suppress(DataError):
+            data = messages.decoded(messages.COMPRESSED, payload).data.tobytes()
+            with self._change:
+                self._picture = (self._picture[0] + 1, data)
+                self._change.notify_all()
+
+    def _tell(self, **facts: Any) -> None:
+        with self._change:
+            self._facts |= facts
+            self._count += 1
+            self._change.notify_all()
+
+
+class Watch:
+    """What one page has been told, and what it has not."""
+
+    def __init__(self, gateway: Gateway) -> None:
+        self._of = gateway
+        self._count, self._picture = -1, 0
+
+    def next(self) -> tuple[dict[str, Any], bytes | None]:
+        """Waits for something new, at most `BEAT` seconds; facts and the picture if it is another one."""
+        of, until = self._of, time.monotonic() + BEAT
+        with of._change:
+            while of._count == self._count and of._picture[0] == self._picture:
+                left = until - time.monotonic()
+                if left <= 0.0 or not of._change.wait(left):
+                    break
+            facts: dict[str, Any] = dict(of._facts)
+            if of._way:
+                facts |= {"way": list(of._way)} if self._count < 0 else {"point": of._way[-1]}
+            self._count = of._count
+            number, data = of._picture
+        picture = data if number != self._picture else None
+        self._picture = number
+        return facts, picture
+
+
+class Phone:
+    """A phone while its page is open.
+
+    Attributes
+    ----------
+    refused : str
+        Why it cannot be the worn camera; empty if it can.
+    """
+
+    def __init__(self, gateway: Gateway, refused: str) -> None:
+        self.refused = refused
+        self._of = gateway
+        self._session = gateway.new_session()
+        self._asked = 0
+
+    def image(self, t: float, jpeg: bytes) -> None:
+        """A JPEG taken at ``t`` seconds by the phone's clock."""
+        self._of.publish(names.IMAGE, messages.compressed_image(t, self._session, jpeg))
+
+    def exchange(self, found: Exchange, now: float) -> None:
+        """What the phone's clock said to the gateway's; the robot is told it in its own time."""
+        of = self._of
+        if self._asked % 10 == 0 and of.camera_info is not None:
+            of.publish(names.CAMERA_INFO, messages.camera_info(0.0, self._session, of.camera_info))
+        self._asked += 1
+        of.ask()
+        there, back = (of.robot_clock.robot_time(t) for t in (found.received, found.answered))
+        if found.possible and there is not None and back is not None:
+            whole = Exchange(found.sent, there[0], back[0], found.returned)
+            of.publish(names.EXCHANGE, messages.exchange(self._session, whole))
+
+    def level(self) -> Mapping[str, float]:
+        """What the browser is to send now."""
+        level = self._of.pace.level
+        width, quality = WIDTHS[level.size]
+        return {"width": width, "quality": quality, "rate": level.rate}
+
+
+def seen_from_above(pose: Array, covariance: Array) -> list[float]:
+    """x and z of a position in W (metres), then the standard deviations along their axes and their angle."""
+    turn = pose[:3, :3]
+    flat = (turn @ covariance[:3, :3] @ turn.T)[np.ix_([0, 2], [0, 2])]
+    values, vectors = np.linalg.eigh(flat)
+    sd = np.sqrt(np.clip(values, 0.0, None))
+    angle = float(np.arctan2(vectors[1, 1], vectors[0, 1]))
+    numbers = (pose[0, 3], pose[2, 3], sd[1], sd[0], angle)
+    return [round(float(v), 4) for v in numbers]

@@ -1,0 +1,50 @@
+// Both pictures, the way from above with its uncertainty, the map, and what there is to say of it.
+import { connect, facts, say } from "/link.js";
+
+const canvas = document.getElementById("map"), pen = canvas.getContext("2d");
+let way = [], points = [], heard = 0;
+
+function take(message) {
+  if (message.refused) { say(message.refused, false); return; }
+  heard = performance.now();
+  if (message.way) way = message.way;
+  if (message.point) { way.push(message.point); if (way.length > 5000) way.shift(); }
+  if (message.map) points = message.map;
+  if (message.facts) facts(message.facts);
+  if (message.status) say(`${message.status} · ${message.link}`, message.status === "OK");
+}
+
+// W's x to the right and z upwards, both in metres; everything fits.
+function draw() {
+  requestAnimationFrame(draw);
+  if (performance.now() - heard > 3000 && heard) say("the robot is silent", false);
+  const style = getComputedStyle(document.body).color;
+  const { width, height } = canvas;
+  pen.clearRect(0, 0, width, height);
+  if (!way.length) return;
+  const xs = way.map((p) => p[0]), zs = way.map((p) => p[1]);
+  const left = Math.min(...xs) - 2, right = Math.max(...xs) + 2, low = Math.min(...zs) - 2, high = Math.max(...zs) + 2;
+  const scale = Math.min(width / (right - left), height / (high - low));
+  const at = (x, z) => [width / 2 + (x - (left + right) / 2) * scale, height / 2 - (z - (low + high) / 2) * scale];
+  pen.fillStyle = "#8a8a8a";
+  for (const [x, z] of points) { const [u, v] = at(x, z); pen.fillRect(u - 1.5, v - 1.5, 3, 3); }
+  pen.strokeStyle = style;
+  pen.lineWidth = 2;
+  pen.beginPath();
+  way.forEach(([x, z], k) => pen[k ? "lineTo" : "moveTo"](...at(x, z)));
+  pen.stroke();
+  const [x, z, a, b, turn] = way[way.length - 1];
+  pen.strokeStyle = "#2f7de1";
+  pen.beginPath();
+  pen.ellipse(...at(x, z), Math.max(2, 3 * a * scale), Math.max(2, 3 * b * scale), -turn, 0, 2 * Math.PI);
+  pen.stroke();
+  const metre = 10 ** Math.floor(Math.log10((right - left) / 3));
+  pen.fillStyle = style;
+  pen.font = "20px system-ui";
+  pen.fillRect(20, height - 24, metre * scale, 3);
+  pen.fillText(`${metre} ${unit}`, 20, height - 32);
+}
+
+const unit = "m";
+connect("view", () => ({}), take, () => {});
+draw();

@@ -1,0 +1,228 @@
+"""Two pages over HTTPS: a phone as the worn camera, and a live view; both end at a device of the robot's link."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hmac
+import http
+import json
+import math
+import secrets
+import ssl
+import struct
+from collections.abc import AsyncIterator, Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from collabslam.errors import DataError
+from collabslam.extras import needs
+from collabslam.live.clock import Exchange
+from collabslam.live.gateway import Gateway
+
+TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
+PAGES = {"/": "phone.html", "/view": "view.html"} | {
+    f"/{name}": name for name in ("page.css", "phone.js", "view.js", "link.js")
+}
+LARGEST, CONNECTIONS = 300_000, 16
+"""Bytes of a message, and connections at once."""
+HELLO = 5.0
+"""Seconds in which a connection must show its token."""
+REFUSED = 1008
+"""The socket's code for who may not come in."""
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": (
+        "default-src 'self'; img-src 'self' blob:; connect-src 'self' wss:; frame-ancestors 'none'"
+    ),
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+
+
+@dataclass(frozen=True)
+class Tokens:
+    """What opens the two pages; they stand in the addresses after the ``#``, which browsers do not send."""
+
+    phone: str
+    view: str
+
+    @classmethod
+    def new(cls) -> Tokens:
+        """Tokens that nobody guesses."""
+        return cls(secrets.token_urlsafe(16), secrets.token_urlsafe(16))
+
+
+class WebServer:
+    """Serves the pages.
+
+    Parameters
+    ----------
+    gateway : Gateway
+    tokens : Tokens
+    """
+
+    def __init__(self, gateway: Gateway, tokens: Tokens) -> None:
+        self._gateway, self._tokens = gateway, tokens
+        self._open = 0
+        self._clock = gateway.clock
+
+    @contextlib.asynccontextmanager
+    async def serving(self, host: str, port: int, keys: Path) -> AsyncIterator[int]:
+        """Serves until the block is left; gives the port.
+
+        Parameters
+        ----------
+        host, port
+            Where to listen; any free port if it is 0.
+        keys : Path
+            Folder with ``certificate.pem`` and ``key.pem``.
+
+        Raises
+        ------
+        DataError
+            If the address is in use, the certificate cannot be read, or the extra ``live`` is missing.
+        """
+        with needs("live"):
+            from websockets.asyncio.server import serve
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.minimum_version = ssl.TLSVersion.TLSv1_2
+        try:
+            context.load_cert_chain(keys / "certificate.pem", keys / "key.pem")
+            server = await serve(
+                self._connection,
+                host,
+                port,
+                ssl=context,
+                process_request=self._page,
+                max_size=LARGEST,
+                max_queue=4,
+                compression=None,
+            )
+        except OSError as error:
+            raise DataError(
+                f"The pages cannot be served on {host}:{port} ({error}); check address, port and keys."
+            ) from error
+        async with server:
+            yield int(next(iter(server.sockets)).getsockname()[1])
+
+    def _page(self, connection: Any, request: Any) -> Any:
+        """A page, or None for a socket that may be opened."""
+        from websockets.datastructures import Headers
+        from websockets.http11 import Response
+
+        path = request.path.partition("?")[0]
+        if path in ("/phone", "/view") and "websocket" in request.headers.get("Upgrade", "").lower():
+            origin, host = request.headers.get("Origin", ""), request.headers.get("Host", "")
+            if origin != f"https://{host}":
+                return connection.respond(http.HTTPStatus.FORBIDDEN, "open the page first\n")
+            if self._open >= CONNECTIONS:
+                return connection.respond(http.HTTPStatus.SERVICE_UNAVAILABLE, "too many connections\n")
+            return None
+        name = PAGES.get(path)
+        if name is None:
+            return connection.respond(http.HTTPStatus.NOT_FOUND, "the pages are / and /view\n")
+        body = files("collabslam.live").joinpath("pages", name).read_bytes()
+        kind = f"{TYPES[Path(name).suffix]}; charset=utf-8"
+        return Response(
+            200, "OK", Headers({**_HEADERS, "Content-Type": kind, "Content-Length": str(len(body))}), body
+        )
+
+    async def _connection(self, socket: Any) -> None:
+        """One page's socket, from its token to its end."""
+        from websockets.exceptions import ConnectionClosed
+
+        role = socket.request.path.partition("?")[0].removeprefix("/")
+        self._open += 1
+        try:
+            hello = await self._hello(socket, getattr(self._tokens, role))
+            if hello is None:
+                await socket.close(REFUSED, "The token is wrong; open the address that was printed.")
+            elif role == "view":
+                await self._show(socket)
+            else:
+                await self._phone(socket, hello)
+        except ConnectionClosed:
+            pass
+        finally:
+            self._open -= 1
+
+    async def _hello(self, socket: Any, token: str) -> Mapping[str, Any] | None:
+        """The first message if it shows the token."""
+        try:
+            hello = _object(await asyncio.wait_for(socket.recv(), HELLO))
+        except TimeoutError:
+            return None
+        shown = hello.get("token")
+        good = isinstance(shown, str) and hmac.compare_digest(shown.encode(), token.encode())
+        return hello if good else None
+
+    async def _show(self, socket: Any) -> None:
+        """The live view: what changed, twice a second and more."""
+        with self._gateway.watching() as watch:
+            while True:
+                facts, picture = await asyncio.to_thread(watch.next)
+                if picture is not None:
+                    await socket.send(picture)
+                if facts:
+                    await socket.send(json.dumps(facts))
+
+    async def _phone(self, socket: Any, hello: Mapping[str, Any]) -> None:
+        """A phone's images, and what it is told."""
+        width, height = hello.get("width"), hello.get("height")
+        with self._gateway.phone(width, height) as phone:
+            if phone.refused:
+                await socket.send(json.dumps({"refused": phone.refused}))
+                await socket.close(REFUSED, phone.refused[:120])
+                return
+            await socket.send(json.dumps({"ready": True}))
+            told = asyncio.create_task(self._tell(socket, phone))
+            try:
+                async for message in socket:
+                    if isinstance(message, bytes):
+                        _image(phone, message)
+                    else:
+                        await self._answer(socket, phone, _object(message))
+            finally:
+                told.cancel()
+
+    async def _tell(self, socket: Any, phone: Any) -> None:
+        """What the robot sees, how images come, and how many of which size are wanted."""
+        with self._gateway.watching() as watch:
+            while True:
+                facts, picture = await asyncio.to_thread(watch.next)
+                if picture is not None:
+                    await socket.send(picture)
+                await socket.send(json.dumps({"level": phone.level(), "facts": facts.get("facts", {})}))
+
+    async def _answer(self, socket: Any, phone: Any, message: Mapping[str, Any]) -> None:
+        received = self._clock.now()
+        asked, exchange = message.get("ask"), message.get("exchange")
+        if _is_time(asked):
+            answer = {"asked": asked, "received": received, "answered": self._clock.now()}
+            await socket.send(json.dumps(answer))
+        elif isinstance(exchange, list) and len(exchange) == 4 and all(map(_is_time, exchange)):
+            phone.exchange(Exchange(*(float(t) for t in exchange)), self._clock.now())
+
+
+def _image(phone: Any, message: bytes) -> None:
+    if len(message) > 8:
+        (t,) = struct.unpack(">d", message[:8])
+        if _is_time(t):
+            phone.image(t, message[8:])
+
+
+def _object(message: Any) -> dict[str, Any]:
+    """A message's JSON object; empty for anything else."""
+    try:
+        found = json.loads(message) if isinstance(message, str) else {}
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _is_time(value: Any) -> bool:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and math.isfinite(value) and abs(value) < 1e11

@@ -1,0 +1,84 @@
+"""One end of a link in a process of its own: ``python ends.py robot|worn OPTIONS`` tells what it saw."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import collabslam
+from collabslam.live import link
+from collabslam.live.cameras import PlayedRecording
+from collabslam.live.keys import Keys
+from collabslam.live.robot import RobotNode, RobotOptions
+from collabslam.live.sending import send_all
+from collabslam.live.steady import SteadyClock
+from collabslam.live.worn import WornDevice
+
+
+class OtherClock(SteadyClock):
+    """A clock that is ``offset`` seconds off and runs ``drift`` too fast."""
+
+    def __init__(self, offset: float, drift: float) -> None:
+        super().__init__()
+        self._offset, self._drift = offset, drift
+        self._first = time.monotonic()
+
+    def now(self) -> float:
+        return super().now() + self._offset + self._drift * (time.monotonic() - self._first)
+
+    def monotonic(self, stamp: float) -> float:
+        """The machine's own time at which it showed ``stamp``."""
+        return time.monotonic() - (self.now() - stamp) / (1.0 + self._drift)
+
+
+class Listed(WornDevice):
+    """Keeps each view's stamp, and the machine's time of it."""
+
+    seen: list[tuple[float, float]]
+
+    def send(self, t: float, image: Any, pose: Any = None) -> None:
+        assert isinstance(self._clock, OtherClock)
+        self.seen.append((t, self._clock.monotonic(t)))
+        super().send(t, image, pose)
+
+
+def worn(asked: dict[str, Any]) -> dict[str, Any]:
+    recording = collabslam.open_recording(asked["recording"])
+    camera = PlayedRecording(recording)
+    camera.clock = clock = OtherClock(asked["offset"], asked["drift"])
+    keys = Keys.read(Path(asked["keys"]))
+    assert recording.worn_camera is not None
+    with link.open_device(link.Address(asked["host"]), keys) as session:
+        device = Listed(session, keys.name, recording.worn_camera, clock)
+        device.seen = []
+        with device:
+            send_all(device, camera, lambda: False)
+            time.sleep(0.5)
+    return {"seen": device.seen, "level": device.pace.level.size}
+
+
+def robot(asked: dict[str, Any]) -> dict[str, Any]:
+    recording = collabslam.open_recording(asked["recording"])
+    camera = PlayedRecording(recording)
+    record = Path(asked["record"]) if asked.get("record") else None
+    options = RobotOptions(Path(asked["out"]), collabslam.Settings.default(), record=record)
+    with link.open_robot(link.Address(asked["host"]), Keys.read(Path(asked["keys"]))) as session:
+        node = RobotNode(session, camera, options)
+        summary = node.run()
+    offset = time.monotonic() - camera.clock.now()
+    arrivals = [(a.stamp, a.taken, a.came) for a in node.uplink.arrivals("anna")]
+    return {
+        "summary": summary,
+        "arrivals": arrivals,
+        "monotonic": offset,
+        "received": dict(node.uplink.received),
+    }
+
+
+if __name__ == "__main__":
+    asked = json.loads(sys.argv[2])
+    told = {"robot": robot, "worn": worn}[sys.argv[1]](asked)
+    Path(asked["tell"]).write_text(json.dumps(told))
