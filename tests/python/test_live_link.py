@@ -88,7 +88,7 @@ def test_live_over_the_link_and_its_record_again(
             poses: list[bytes] = []
             heard = link.subscriber(at_device, names.POSE, lambda key, data: poses.append(data))
             with WornDevice(at_device, "anna", clip.recording.worn_camera, camera.clock) as device:
-                send_all(device, camera, lambda: False)
+                send_all(device, camera, lambda: not robot.is_alive())
                 robot.join(20.0)
             heard.undeclare()
     (summary,) = summaries

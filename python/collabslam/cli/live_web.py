@@ -44,9 +44,9 @@ def main(arguments: argparse.Namespace) -> int:
         raise SettingsError("The pages need a certificate; make one with 'live keys DIR --web HOST'.")
     camera = None if arguments.camera is None else load_camera(arguments.camera)
     name = WEB if keys is None else keys.name
-    with link.open_device(link.Address.parse(arguments.robot), keys) as session:
-        with contextlib.suppress(KeyboardInterrupt):
-            asyncio.run(_serve(Gateway(session, name, camera), arguments.listen, certificate))
+    robot = link.Address.parse(arguments.robot)
+    with link.open_device(robot, keys) as session, contextlib.suppress(KeyboardInterrupt):
+        asyncio.run(_serve(Gateway(session, name, camera), arguments.listen, certificate))
     return OK
 
 

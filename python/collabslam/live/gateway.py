@@ -108,8 +108,8 @@ class Gateway:
         wide, high = self._camera.width, self._camera.height
         if not (isinstance(width, int) and isinstance(height, int) and width * high == height * wide):
             return (
-                f"The phone's images are {width} x {height}, its calibration is for {wide} x {high}: hold the "
-                "phone as it was calibrated, or calibrate this size."
+                f"The phone's images are {width} x {height}, its calibration is for {wide} x {high}: hold "
+                "the phone as it was calibrated, or calibrate this size."
             )
         return ""
 

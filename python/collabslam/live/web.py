@@ -1,4 +1,4 @@
-"""Two pages over HTTPS: a phone as the worn camera, and a live view; both end at a device of the robot's link."""
+"""Two pages over HTTPS: a phone as the worn camera, and a live view, through a device of the link."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ class WebServer:
         name = PAGES.get(path)
         if name is None:
             return connection.respond(http.HTTPStatus.NOT_FOUND, "the pages are / and /view\n")
-        body = files("collabslam.live").joinpath("pages", name).read_bytes()
+        body = files("collabslam.live").joinpath("pages").joinpath(name).read_bytes()
         kind = f"{TYPES[Path(name).suffix]}; charset=utf-8"
         return Response(
             200, "OK", Headers({**_HEADERS, "Content-Type": kind, "Content-Length": str(len(body))}), body
