@@ -1,0 +1,279 @@
+"""The pages' server: who gets in, what a phone sends to the robot, what a page is told."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import ssl
+import struct
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("zenoh", reason="the extra live is not installed")
+pytest.importorskip("cryptography", reason="the extra live is not installed")
+pytest.importorskip("websockets", reason="the extra live is not installed")
+
+from websockets.asyncio.client import connect
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from collabslam import Camera
+from collabslam.live import link, messages, names
+from collabslam.live.gateway import Gateway, seen_from_above
+from collabslam.live.keys import make_keys
+from collabslam.live.steady import SteadyClock
+from collabslam.live.web import Tokens, WebServer
+
+TOKENS = Tokens("phone-token", "view-token")
+SIZE = (640, 480)
+CAMERA = Camera("pinhole", *SIZE, (500.0, 500.0, 320.0, 240.0))
+
+
+class Robot:
+    """What a robot hears and answers, without a filter."""
+
+    def __init__(self, session: Any) -> None:
+        self.clock = SteadyClock(50.0)
+        self.heard: list[tuple[str, bytes]] = []
+        self._kept = [
+            link.subscriber(session, f"{names.WORN}/**", lambda key, data: self.heard.append((key, data))),
+            session.declare_queryable(names.CLOCK, self._tell),
+        ]
+        self.status = link.publisher(session, names.STATUS)
+        self.pose = link.publisher(session, names.POSE)
+        self.view = link.publisher(session, names.VIEW)
+
+    def _tell(self, query: Any) -> None:
+        query.reply(names.CLOCK, messages.times("robot", [self.clock.now(), self.clock.now()]))
+
+    def of(self, part: str) -> list[bytes]:
+        return [data for key, data in self.heard if key == names.key("web", part)]
+
+
+@pytest.fixture(scope="module")
+def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("keys")
+    make_keys(folder, hosts=[], devices=[], web_hosts=["127.0.0.1"])
+    return folder
+
+
+@pytest.fixture
+def robot() -> Iterator[tuple[Robot, Gateway]]:
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        address = link.Address("127.0.0.1", s.getsockname()[1])
+    with link.open_robot(address, None) as session, link.open_device(address, None) as device:
+        robot = Robot(session)
+        gateway = Gateway(device, "web", CAMERA)
+        end = time.monotonic() + 5.0
+        while not link.connected(device) and time.monotonic() < end:
+            time.sleep(0.02)
+        yield robot, gateway
+
+
+def trusting(keys: Path) -> ssl.SSLContext:
+    return ssl.create_default_context(cafile=str(keys / "web" / "authority.pem"))
+
+
+def served(gateway: Gateway, keys: Path, visit: Any) -> Any:
+    """What ``visit(port, context)`` gives while the pages are served."""
+
+    async def both() -> Any:
+        async with WebServer(gateway, TOKENS).serving("127.0.0.1", 0, keys / "web") as port:
+            return await asyncio.wait_for(visit(port, trusting(keys)), 20.0)
+
+    return asyncio.run(both())
+
+
+def open_socket(port: int, context: ssl.SSLContext, role: str, origin: str | None = None) -> Any:
+    return connect(
+        f"wss://127.0.0.1:{port}/{role}", ssl=context, origin=origin or f"https://127.0.0.1:{port}"
+    )
+
+
+def picture(size: tuple[int, int] = SIZE) -> bytes:
+    noise = np.random.default_rng(0).integers(0, 255, (size[1] // 8, size[0] // 8), np.uint8)
+    return bytes(cv2.imencode(".jpg", cv2.resize(noise, size))[1])
+
+
+def test_a_phone_is_a_worn_camera(robot: tuple[Robot, Gateway], keys: Path) -> None:
+    there, gateway = robot
+    off = 1000.0  # the phone's clock is so much ahead of the gateway's
+
+    async def visit(port: int, context: ssl.SSLContext) -> float:
+        async with open_socket(port, context, "phone") as page:
+            await page.send(json.dumps({"token": TOKENS.phone, "width": SIZE[0], "height": SIZE[1]}))
+            assert json.loads(await page.recv()) == {"ready": True}
+            for _ in range(8):
+                await page.send(json.dumps({"ask": gateway.clock.now() + off}))
+                answer = {}
+                while "asked" not in answer:
+                    answer = json.loads(await page.recv())
+                back = gateway.clock.now() + off
+                times = [answer["asked"], answer["received"], answer["answered"], back]
+                await page.send(json.dumps({"exchange": times}))
+            taken = gateway.clock.now() + off
+            await page.send(struct.pack(">d", taken) + picture())
+            await page.send("no object")
+            await page.send(b"short")
+            await asyncio.sleep(0.5)
+            return taken
+
+    taken = served(gateway, keys, visit)
+    (image,) = [messages.decoded(messages.COMPRESSED, data) for data in there.of(names.IMAGE)]
+    assert messages.stamp_of(image) == pytest.approx(taken, abs=1e-6)
+    assert image.data.tobytes() == picture()
+    exchanges = [messages.exchange_from(data) for data in there.of(names.EXCHANGE)]
+    assert len(exchanges) >= 7
+    assert {session for session, _ in exchanges} == {image.header.frame_id}
+    offsets = [e.offset for _, e in exchanges]
+    now_at_robot, now_at_gateway = there.clock.now(), gateway.clock.now()
+    assert np.median(offsets) == pytest.approx(now_at_robot - (now_at_gateway + off), abs=0.01)
+    assert messages.camera_from(there.of(names.CAMERA_INFO)[0], "test").width == SIZE[0]
+
+
+def test_a_page_is_told_what_the_robot_says(robot: tuple[Robot, Gateway], keys: Path) -> None:
+    there, gateway = robot
+
+    def speak() -> None:
+        for k in range(20):
+            pose = np.eye(4)
+            pose[:3, 3] = (0.1 * k, 0.0, 0.2 * k)
+            there.pose.put(messages.robot_pose(float(k), pose, np.diag([1e-4] * 6)))
+            entries = {
+                "robot": ("OK", "OK", {"link": "collab", "map_size": 7}),
+                "web": ("OK", "", {"age_ms": 12}),
+            }
+            there.status.put(messages.status(float(k), entries))
+            there.view.put(messages.compressed_image(float(k), "cs", picture((64, 48))))
+            time.sleep(0.05)
+
+    async def visit(port: int, context: ssl.SSLContext) -> tuple[dict[str, Any], list[bytes]]:
+        told: dict[str, Any] = {}
+        pictures: list[bytes] = []
+        async with open_socket(port, context, "view") as page:
+            await page.send(json.dumps({"token": TOKENS.view}))
+            thread = threading.Thread(target=speak)
+            thread.start()
+            while not pictures or told.get("point", [0.0])[0] < 1.0:
+                message = await page.recv()
+                if isinstance(message, bytes):
+                    pictures.append(message)
+                else:
+                    told |= json.loads(message)
+            await asyncio.to_thread(thread.join)
+        return told, pictures
+
+    told, pictures = served(gateway, keys, visit)
+    assert told["status"] == "OK"
+    assert told["link"] == "collab"
+    assert told["facts"] == {"link": "collab", "map size": "7", "web: age ms": "12"}
+    assert told["point"][1] == pytest.approx(2.0 * told["point"][0])
+    assert pictures[0] == picture((64, 48))
+
+
+@pytest.mark.parametrize(
+    ("role", "hello"),
+    [
+        ("phone", {"token": TOKENS.view}),
+        ("view", {"token": TOKENS.phone}),
+        ("view", {"token": 7}),
+        ("view", {}),
+        ("view", ["token"]),
+    ],
+)
+def test_without_its_token_a_page_gets_nothing(
+    robot: tuple[Robot, Gateway], keys: Path, role: str, hello: Any
+) -> None:
+    async def visit(port: int, context: ssl.SSLContext) -> int | None:
+        async with open_socket(port, context, role) as page:
+            await page.send(json.dumps(hello))
+            with pytest.raises(ConnectionClosed):
+                await page.recv()
+            return page.close_code
+
+    assert served(robot[1], keys, visit) == 1008
+
+
+def test_another_site_and_large_messages_are_refused(robot: tuple[Robot, Gateway], keys: Path) -> None:
+    async def visit(port: int, context: ssl.SSLContext) -> int | None:
+        with pytest.raises(InvalidStatus, match="403"):
+            async with open_socket(port, context, "view", origin="https://elsewhere.example"):
+                pass
+        async with open_socket(port, context, "phone") as page:
+            await page.send(json.dumps({"token": TOKENS.phone, "width": SIZE[0], "height": SIZE[1]}))
+            await page.recv()
+            await page.send(bytes(1_000_000))
+            await page.wait_closed()
+            return page.close_code
+
+    there, gateway = robot
+    assert served(gateway, keys, visit) == 1009
+    assert there.of(names.IMAGE) == []
+
+
+def test_a_phone_of_another_size_or_a_second_one_is_told_why(
+    robot: tuple[Robot, Gateway], keys: Path
+) -> None:
+    async def visit(port: int, context: ssl.SSLContext) -> list[str]:
+        said = []
+        async with open_socket(port, context, "phone") as first:
+            await first.send(json.dumps({"token": TOKENS.phone, "width": SIZE[0], "height": SIZE[1]}))
+            await first.recv()
+            async with open_socket(port, context, "phone") as second:
+                await second.send(json.dumps({"token": TOKENS.phone, "width": SIZE[0], "height": SIZE[1]}))
+                said.append(json.loads(await second.recv())["refused"])
+        async with open_socket(port, context, "phone") as turned:
+            await turned.send(json.dumps({"token": TOKENS.phone, "width": SIZE[1], "height": SIZE[0]}))
+            said.append(json.loads(await turned.recv())["refused"])
+        return said
+
+    second, turned = served(robot[1], keys, visit)
+    assert "Another phone" in second
+    assert "480 x 640" in turned
+
+
+def test_the_pages_are_served_with_their_rules(robot: tuple[Robot, Gateway], keys: Path) -> None:
+    async def visit(port: int, context: ssl.SSLContext) -> dict[str, tuple[str, str]]:
+        found = {}
+        for path in (
+            "/",
+            "/view",
+            "/page.css",
+            "/phone.js",
+            "/view.js",
+            "/link.js",
+            "/key.pem",
+            "/../web.py",
+        ):
+            reader, writer = await asyncio.open_connection("127.0.0.1", port, ssl=context)
+            writer.write(
+                f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nConnection: close\r\n\r\n".encode()
+            )
+            head, _, body = (await reader.read()).decode().partition("\r\n\r\n")
+            found[path] = (head, body)
+            writer.close()
+        return found
+
+    found = served(robot[1], keys, visit)
+    status = {path: head.split()[1] for path, (head, _) in found.items()}
+    assert set(status.values()) == {"200", "404"}
+    assert {path for path, s in status.items() if s == "404"} == {"/key.pem", "/../web.py"}
+    assert "Content-Security-Policy: default-src 'self'" in found["/"][0]
+    assert "requestVideoFrameCallback" in found["/phone.js"][1]
+
+
+def test_the_ellipse_lies_along_the_larger_deviation() -> None:
+    pose = np.eye(4)
+    covariance = np.diag([0.01, 1.0, 0.04, 1.0, 1.0, 1.0])
+    x, z, a, b, angle = seen_from_above(pose, covariance)
+    assert (x, z) == (0.0, 0.0)
+    assert (a, b) == (0.2, 0.1)
+    assert abs(angle) == pytest.approx(np.pi / 2, abs=1e-3)
