@@ -1,9 +1,9 @@
 //! Undoing: a checkpoint of the filter in memory, and the way back to it.
 //!
-//! A frame takes several calls, and whoever makes them may be interrupted between any two. The copy costs one pass over
-//! the stored triangle of P, into memory that is there already. What `map.local` holds outside of the working set is not
-//! copied: a frame only adds rows to it, which an earlier state does not read; and where another set takes its place, the
-//! old one is put by until the next checkpoint.
+//! A frame takes several calls, and the caller may be interrupted between any two. The copy costs one pass over the stored
+//! triangle of P, into memory that is already there. What is outside of the working set is not copied: a frame only adds
+//! rows to it, which an earlier state does not read; if another set replaces it, the old one is kept until the next
+//! checkpoint.
 
 use super::ekf::Filter;
 use super::undo::Kept;

@@ -13,7 +13,7 @@ impl Filter {
     /// ranges from the camera, each weighted with the inverse of its variance. With `b` its derivative by the state,
     /// `b^T N = 1` along the scale's direction `N(x)` (see [`gauge`](crate::gauge)), the variance is `b^T P b`. An error
     /// that all features share is in it as it is; errors of single depths average out. Features outside of the working
-    /// set of `map.local` do not count. O(n^2), one pass over P.
+    /// set do not count. O(n^2), one pass over P.
     ///
     /// It says what P says. In a map of arbitrary unit P holds how far the unit has drifted since the start, which is no
     /// statement about metres.

@@ -1,5 +1,5 @@
-//! What a snapshot holds. Every struct is taken apart field by field: one that grows does not compile until it says here
-//! whether the new field is kept.
+//! What a snapshot holds. Every struct is destructured field by field, so a new field does not compile until somebody decides
+//! here whether it is kept.
 
 use super::candidate::{Candidate, CandidateImage};
 use super::ekf::Filter;

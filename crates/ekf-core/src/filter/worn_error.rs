@@ -12,8 +12,8 @@ use crate::state::{BlockKind, LinearPart};
 use nalgebra::{Matrix6, Vector2, Vector6};
 
 impl Filter {
-    /// Appends the frame's error of T_CF, `xi = J b + white`. The bias `b` is along C's axes: it comes from what both cameras
-    /// travel along, and must not turn with F's axes when the wearer's head does.
+    /// Appends the frame's error of T_CF, `xi = J b + white`. The bias `b` is along C's axes: its causes lie along the way
+    /// that both cameras travel, so it must not turn with F's axes when the wearer's head does.
     pub(super) fn open_worn_error(&mut self, worn: &WornObservation) {
         let share = self.settings.worn.bias_share;
         let bias_covariance = worn.bias.unwrap_or(worn.covariance * share);

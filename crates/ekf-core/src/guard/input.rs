@@ -1,4 +1,4 @@
-//! Measured numbers: finite, of sizes that a robot can meet, and what they claim to be.
+//! Measured numbers: finite, of plausible sizes, and valid as a pixel, a depth, a rotation or a covariance.
 
 use crate::error::EkfError;
 use crate::guard;
@@ -18,7 +18,7 @@ pub(super) const LEAST_DEPTH: f64 = 1e-3;
 
 const LEAST_DEPTH_SD: f64 = 1e-6;
 
-/// A finite pixel, not farther off than any image is large.
+/// A finite pixel, within the size of the largest image.
 pub(crate) fn pixel(uv: &Vector2<f64>) -> Result<(), EkfError> {
     let largest = uv.abs().max();
     if !(uv.x.is_finite() && uv.y.is_finite()) {

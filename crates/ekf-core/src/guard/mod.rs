@@ -1,6 +1,6 @@
-//! What may enter the filter: finite numbers of sizes that a robot can meet, and updates after which P is still one.
+//! What may enter the filter: finite numbers of plausible sizes, and updates after which P is still a covariance.
 //!
-//! Everything is asked before anything changes. The bounds are far beyond any use, and far within f64: products of
+//! All checks come before any change. The bounds are far beyond any use, and far within f64: products of
 //! three such numbers are finite, so what passes here cannot turn into an infinity later.
 
 mod input;

@@ -23,10 +23,10 @@ const UNIT: f64 = 1e-9;
 /// Least norm of a quaternion after an update, before it is normalised.
 const LEAST_QUATERNION: f64 = 0.1;
 
-/// By how much, relative to what it was, rounding may take a variance below zero (METHOD 3)...
+/// How far below zero rounding may take a variance, relative to its value before (METHOD 3).
 pub(crate) const ROUNDING: f64 = 1e-10;
 
-/// ...and absolutely: a quaternion's direction, and an anchor just born, have none.
+/// The same, absolutely: the variance along a quaternion, and that of an anchor just born, are zero.
 const SLACK: f64 = 1e-15;
 
 /// Whether the numbers of a newborn feature may join the state.
@@ -40,8 +40,8 @@ pub(crate) fn newborn_is_sane(new: &NewFeature) -> bool {
         && within(new.noise.iter().copied(), LARGEST * LARGEST)
 }
 
-/// Whether it is known well enough where a newborn feature is, once it is in the state. One that is born while the camera
-/// hardly knows where it looks is not.
+/// Whether the direction of a newborn feature is known well enough to linearise, asked once it is in the state. It is not if
+/// the camera hardly knows where it looks.
 pub(crate) fn newborn_is_located(state: &State, block: &Block) -> bool {
     let variance = |i: usize| state.p.get(block.offset + i, block.offset + i);
     variance(3) <= LARGEST_ANGLE_VARIANCE

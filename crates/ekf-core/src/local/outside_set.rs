@@ -33,11 +33,11 @@ pub(crate) struct OutsideSet {
 pub(super) struct OutsideFeature {
     /// Its block of `then`.
     pub(super) block: Block,
-    /// Its point when the points were last worked out: good enough to tell whether it may be in view.
+    /// Its point when the points were last computed, which is good enough to tell whether it may be in view.
     pub(super) last_point: Vector3<f64>,
 }
 
-/// Where an outside set stands: what calls after it change, but for rows that only it would read.
+/// What later calls change in an outside set, except for rows that an earlier state never reads.
 #[derive(Debug)]
 pub(crate) struct OutsideMark {
     features: Vec<OutsideFeature>,
@@ -137,7 +137,8 @@ impl OutsideSet {
         self.clear_at = *clear_at;
     }
 
-    /// Works out the last points anew when they are too old. To be called in each frame; `jumped` if the last update moved the camera by much, and the map maybe as well.
+    /// Computes the points again when they are too old. Call it in each frame; `jumped` if the last update moved the camera
+    /// by much, and with it perhaps the map.
     pub(crate) fn refresh_points(&mut self, working: &State, jumped: bool) {
         self.age += 1;
         if self.age < OLDEST && !jumped {

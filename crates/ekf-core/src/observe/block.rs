@@ -12,12 +12,12 @@ pub struct MeasurementBlock {
     pub id: u64,
     /// Offset of its feature in the state.
     pub feature: usize,
-    /// Offset of what [`Rows::by_shared`] is by, if that is in the state.
+    /// Offset of the six numbers that [`Rows::by_shared`] belongs to, if they are in the state.
     pub shared: Option<usize>,
 }
 
 impl MeasurementBlock {
-    /// Where the feature's numbers are stored, which come in threes: the anchor's and its own, or the point's alone.
+    /// Where the feature's numbers are stored, in threes: the anchor's and its own, or only the point's.
     pub(crate) fn slots(&self, slots: &[usize]) -> (usize, Option<usize>) {
         let own = match self.rows.form {
             Form::InverseDepth => Some(slots[self.feature + 3]),

@@ -1,14 +1,14 @@
 //! A landmark as the state holds it (METHOD 2): in inverse depth, six numbers, or as a point, three.
 //!
-//! A feature is born in inverse depth, since a bearing says next to nothing about its depth and is nearly linear in
-//! the inverse. Once the depth is known, three numbers say the same: the point. It is the one owner of what differs
-//! between both forms; derivatives have six columns, of which a point leaves the last three zero.
+//! A feature is born in inverse depth, since a bearing says next to nothing about its depth and is nearly linear in the
+//! inverse. Once the depth is known, the three numbers of the point say the same. All differences between the two forms are
+//! in this file; derivatives have six columns, of which a point leaves the last three zero.
 
 use crate::math::inverse_depth;
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
-/// Range beyond which there are no points, metres: a millimetre there is all that f64 can hold beside its square.
+/// Range beyond which a feature has no point, metres: there a millimetre is the last digit of f64 beside its square.
 pub const FARTHEST: f64 = 1e6;
 
 /// How a feature is parametrised.

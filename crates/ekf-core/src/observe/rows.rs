@@ -1,7 +1,8 @@
 //! Rows of grad H for one measurement: 2 for a pixel, 3 for a point with depth (METHOD 4, 6, 7).
 //!
-//! A row touches the camera's pose (7 columns), one feature (6, or 3 if it is a point) and, for what came through the worn camera, the
-//! frame's error of T_CF (6). Nothing else: that is the sparsity the update lives on.
+//! A row touches the camera's pose (7 columns), one feature (6, or 3 if it is a point) and six numbers that matches share: the
+//! error of T_CF for what came through the worn camera, the error of the calibration for a pixel in Cs. All other columns are
+//! zero, which makes the update cheap.
 
 use super::feature::{FeatureState, Form};
 use super::point::{CameraPose, PointInCamera};
@@ -20,12 +21,12 @@ pub struct Rows {
     pub noise: Matrix3<f64>,
     /// Derivative of the prediction with respect to `[r q]`.
     pub by_pose: SMatrix<f64, 3, 7>,
-    /// ... the feature, as [`FeatureState`] says: of its six columns as many as it has numbers.
+    /// Derivative of the prediction with respect to the feature; a point uses the first three columns.
     pub by_feature: SMatrix<f64, 3, 6>,
-    /// What the feature is.
+    /// Whether the feature is in inverse depth or a point.
     pub form: Form,
-    /// ... six numbers that matches share: the error of Cs's calibration for a pixel in Cs, of the frame's T_CF for what
-    /// came through the worn camera.
+    /// Derivative of the prediction with respect to six numbers that matches share: the error of Cs's calibration for a pixel
+    /// in Cs, the frame's error of T_CF for what came through the worn camera.
     pub by_shared: Option<SMatrix<f64, 3, 6>>,
 }
 
@@ -49,7 +50,7 @@ impl Rows {
         self.count == PIXEL
     }
 
-    /// The columns of [`Self::by_feature`] that there are, three numbers each.
+    /// The columns of [`Self::by_feature`] in use, three numbers each.
     pub(crate) fn by_numbers(&self) -> &[f64] {
         &self.by_feature.as_slice()[..3 * self.form.dim()]
     }
