@@ -5,7 +5,13 @@ BIN := $(VENV)/bin
 MANYLINUX := $(if $(filter Linux,$(shell uname)),--zig --compatibility manylinux2014)
 SOURCES := $(shell find crates -name '*.rs' -o -name 'Cargo.toml') Cargo.toml Cargo.lock pyproject.toml research/pyproject.toml
 
-.PHONY: demo test check docs wheel bench bench-frames reliability mutants audit clean
+# No path of this machine gets into what is built: two builds give the same bytes, wherever they are made.
+CARGO_HOME ?= $(HOME)/.cargo
+CRATES = $(shell ls -d $(CARGO_HOME)/registry/src/* 2> /dev/null)
+GIVEN := $(RUSTFLAGS)
+export RUSTFLAGS = $(GIVEN) --remap-path-prefix=$(CURDIR)=. $(CRATES:%=--remap-path-prefix=%=crates)
+
+.PHONY: demo test check docs wheel wheel-twice bench bench-frames reliability mutants audit clean
 
 # The main job on its embedded default: renders the corridor, runs it with and without Cf.
 demo: $(VENV)/.built
@@ -40,14 +46,25 @@ reliability: $(VENV)/.built
 check: $(VENV)/.built
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets --locked -- -D warnings
-	$(BIN)/ruff check python research tests benches examples docs
-	$(BIN)/ruff format --check python research tests benches examples docs
+	$(BIN)/ruff check python research tests benches examples docs packaging
+	$(BIN)/ruff format --check python research tests benches examples docs packaging
 	$(BIN)/mypy
 
 # For any Linux since 2014: zig links against the old C library, whatever this machine has.
-wheel: $(VENV)/.installed
+wheel: $(VENV)/.installed $(VENV)/.fetched
 	rm -f dist/*.whl
-	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/maturin build --release --locked --out dist $(MANYLINUX)
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/maturin build --release --locked --out dist $(MANYLINUX)
+
+# The wheel of the last commit, made in two folders, and whether both are the same to the byte. Two builds: minutes.
+SAME_VENV = VENV=$(abspath $(VENV)) --old-file $(abspath $(VENV))/.installed --old-file $(abspath $(VENV))/.fetched
+wheel-twice: $(VENV)/.installed $(VENV)/.fetched
+	rm -rf target/twice
+	git clone --quiet . target/twice/one
+	git clone --quiet . target/twice/the-other
+	$(MAKE) --directory target/twice/one wheel $(SAME_VENV)
+	$(MAKE) --directory target/twice/the-other wheel $(SAME_VENV)
+	sha256sum target/twice/*/dist/*.whl
+	cmp target/twice/*/dist/*.whl
 
 # The documentation site, in site/: Python and Rust references included.
 docs: $(VENV)/.built
@@ -61,7 +78,13 @@ $(VENV)/.installed: pyproject.toml
 	$(BIN)/pip install --quiet 'maturin[zig]>=1.9,<2'
 	touch $@
 
-$(VENV)/.built: $(VENV)/.installed $(SOURCES)
+# The crates' sources must be there before it is said where they are (RUSTFLAGS above).
+$(VENV)/.fetched: Cargo.lock
+	cargo fetch --locked
+	mkdir -p $(VENV)
+	touch $@
+
+$(VENV)/.built: $(VENV)/.installed $(VENV)/.fetched $(SOURCES)
 	$(BIN)/pip install --quiet --no-build-isolation --editable '.[dev]'
 	$(BIN)/pip install --quiet --editable research
 	touch $@
@@ -75,10 +98,12 @@ mutants:
 	cargo mutants --package ekf-core --profile mutants --output target \
 		$(foreach file,$(MATHS),--file 'crates/ekf-core/src/$(file)') -- --lib --test main
 
-# Known weaknesses, licences and sources of all dependencies. Needs the network: advisories are fetched.
+# Licences, sources and known weaknesses of all dependencies. The last need the network: no registry has a list of them that
+# is kept up to date, so they are fetched.
 audit: $(VENV)/.built
 	command -v cargo-deny > /dev/null || cargo install --locked cargo-deny
-	cargo deny --workspace check
+	cargo deny --workspace --offline check licenses bans sources
+	cargo deny --workspace check advisories
 	$(BIN)/pip install --quiet pip-audit
 	$(BIN)/pip freeze --exclude-editable > target/requirements.txt
 	$(BIN)/pip-audit --strict --no-deps --disable-pip --requirement target/requirements.txt

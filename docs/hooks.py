@@ -32,7 +32,8 @@ def commands() -> str:
     lines = [
         "# Commands",
         "",
-        "Exit status: 0 fine, 1 finished but lost the camera, 2 bad input, 130 interrupted.",
+        "Exit status: 0 fine, 1 finished but not to be trusted, 2 bad input, 3 our fault, 130 and 143 "
+        "stopped by a signal.",
     ]
     for name, text in (COMMANDS | {f"live {name}": text for name, text in LIVE.items()}).items():
         shown = io.StringIO()
