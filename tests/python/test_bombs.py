@@ -143,6 +143,15 @@ def test_only_regular_files_are_opened(
     assert "no regular file" in str(seen[0])
 
 
+@pytest.mark.parametrize(("name", "read"), PIPES, ids=[name for name, _ in PIPES])
+def test_a_file_may_not_be_endless(tmp_path: Path, name: str, read: Callable[[Path], object]) -> None:
+    path = tmp_path / "file"
+    path.touch()
+    os.truncate(path, 5_000_000_000)  # it takes no room on the disk
+    with pytest.raises(DataError, match="has 4768 MB, more than"):
+        read(path)
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
 def test_a_pipe_among_the_images(tmp_path: Path) -> None:
     for k in range(3):

@@ -35,6 +35,7 @@ def test_a_repeated_stamp_in_a_file_is_left_out_and_counted(
     # whatever stood beside a frame stands there still
     np.testing.assert_array_equal(recording.times[3:], [s / 1e9 for s in stamps[4:]])
     np.testing.assert_array_equal(recording.image(3), picture(4))
+    np.testing.assert_array_equal(recording.image(2), picture(2))  # the first of both had its own stamp
     assert recording.rig is not None
     assert recording.rig.paths[4].name == f"{stamps[5]}.png"
     assert attach_worn(recording, "rig").frame(4).worn is not None

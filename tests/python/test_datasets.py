@@ -234,7 +234,7 @@ def test_a_folder_needs_a_camera_and_times(tmp_path: Path) -> None:
     write_images(folder, ["a1.png", "a2.png", "a3.png"])
     camera = tmp_path / "cam.yaml"
     camera.write_text(PLAIN)
-    with pytest.raises(DataError, match=r"EuRoC.*7-Scenes.*--camera"):
+    with pytest.raises(DataError, match=rf"EuRoC.*7-Scenes.*--camera.*collabslam init {folder}'"):
         open_recording(folder)
     with pytest.raises(DataError, match="--times"):
         open_recording(folder, camera=camera)

@@ -112,10 +112,11 @@ def test_a_library_run_is_stopped_by_ctrl_c_alone(monkeypatch: pytest.MonkeyPatc
         signal.signal(signal.SIGTERM, before)
 
 
-@pytest.mark.parametrize("place", ["file/below.map", "folder"])
+@pytest.mark.parametrize("place", ["file/below.map", "folder", "pipe"])
 def test_places_are_tried_before_the_first_frame(clip: Clip, tmp_path: Path, place: str) -> None:
     (tmp_path / "file").write_text("mine")
     (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "pipe")
     seen: list[int] = []
     with pytest.raises(DataError, match="cannot be written"):
         run(
@@ -124,6 +125,22 @@ def test_places_are_tried_before_the_first_frame(clip: Clip, tmp_path: Path, pla
             watch=lambda frame, *_: seen.append(frame.index),
         )
     assert seen == []
+    assert (tmp_path / "pipe").is_fifo()
+
+
+@pytest.mark.parametrize("words", [["run", "LONG"], ["info", "LONG"], ["run", "WALK", "--out", "LONG"],
+                                   ["run", "WALK", "--save-map", "LONG"], ["record", "WALK", "LONG"],
+                                   ["run", "--resume", "LONG"], ["init", "LONG"]])  # fmt: skip
+def test_what_the_system_refuses_is_no_fault_of_ours(
+    walk: Path, tmp_path: Path, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    long = str(tmp_path / ("a" * 5000))
+    words = [{"WALK": str(walk), "LONG": long}.get(word, word) for word in words]
+    out = (
+        [] if "--out" in words or words[0] != "run" or "--resume" in words else ["--out", str(tmp_path / "o")]
+    )
+    assert cli.main([*words, *out]) == 2
+    assert "File name too long" in capsys.readouterr().err
 
 
 def test_the_checkpoint_goes_last(clip: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -210,3 +227,19 @@ def test_closed_pipes_are_quiet(words: list[str]) -> None:
         assert done.returncode == expected
         assert "Traceback" not in f"{done.stdout}{done.stderr}"
         assert "Broken" not in f"{done.stdout}{done.stderr}"
+
+
+@pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="needs a full device")
+def test_output_that_cannot_be_written_is_told() -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [*PROGRAM, "settings", "show"], check=False, stdout=full, stderr=subprocess.PIPE
+        )
+        assert done.returncode == 2
+        assert b"The output cannot be written (No space left on device)" in done.stderr
+        quiet = subprocess.run(
+            [*PROGRAM, "settings", "show"], check=False, stdout=subprocess.PIPE, stderr=full
+        )
+        assert quiet.returncode == 0
+        bad = subprocess.run([*PROGRAM, "settings", "check", "/nowhere"], check=False, stderr=full)
+        assert bad.returncode == 2

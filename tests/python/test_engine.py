@@ -170,8 +170,8 @@ class TestBadInput:
         assert _state(run.slam) == before
         assert run.slam.step(frame.t, frame.image).status is Status.OK
 
-    @pytest.mark.parametrize("t", [0.1, 0.05, -1.0, float("nan"), float("inf")])
-    def test_time(self, clip: Clip, t: float) -> None:
+    @pytest.mark.parametrize("t", [0.1, 0.05, -1.0, float("nan"), float("inf"), "now", None])
+    def test_time(self, clip: Clip, t: Any) -> None:
         run = Run(clip, "mono", 2)
         before = _state(run.slam)
         with pytest.raises(InputError, match="time"):

@@ -91,6 +91,16 @@ def test_smfeval_tells_an_honest_covariance_from_one_that_is_not(run: Path, tmp_
     assert too_small[1] == pytest.approx(25.0 * too_small[0], rel=1e-6)
 
 
+def test_an_export_replaces_nothing(run: Path, tmp_path: Path) -> None:
+    for name, kind in (("a.csv", "euroc"), ("a.csv", "csv"), ("b.txt", "kitti"), ("b.times.txt", "kitti")):
+        mine = tmp_path / name
+        mine.write_text("mine")
+        out = tmp_path / name.replace(".times", "")
+        assert cli.main(["export", str(run), str(out), "--to", kind]) == 2
+        assert mine.read_text() == "mine"
+        mine.unlink()
+
+
 def test_evo_reads_euroc_and_kitti(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     euroc, kitti = tmp_path / "run.csv", tmp_path / "run.txt"
     assert cli.main(["export", str(run), str(euroc), "--to", "euroc"]) == 0

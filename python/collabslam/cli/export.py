@@ -27,11 +27,15 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Write one format."""
+    from collabslam.errors import DataError
     from collabslam.formats import landmarks, trajectory
     from collabslam.formats import ros_odometry as rosbag
     from collabslam.runs.run_folder import RunFolder
 
     run, out, kind = RunFolder(arguments.run), arguments.out, arguments.to
+    for place in (out, trajectory.kitti_stamps(out)) if kind == "kitti" else (out,):
+        if place.exists():
+            raise DataError(f"The file {place} exists already; give another place.")
     if kind == "csv":
         points = run.landmarks()
         landmarks.write_csv(out, points)

@@ -15,6 +15,7 @@ from collabslam.cli.fault import tell_fault
 from collabslam.cli.pipes import quiet_pipes
 from collabslam.errors import CollabslamError, FilterError, Terminated
 
+LONGEST_NAME = 200
 DESCRIPTION = "Metric monocular SLAM for a robot, helped now and then by a camera that a person wears."
 
 
@@ -33,6 +34,7 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
             arguments = parser.parse_args(argv)
             debug = arguments.debug
             status: int = arguments.main(arguments)
+            sys.stdout.flush()
         except CollabslamError as error:
             print(f"{parser.prog}: error: {error}", file=sys.stderr)
             return NOT_TRUSTED if isinstance(error, FilterError) else BAD_INPUT
@@ -42,9 +44,21 @@ def run_command(parser: argparse.ArgumentParser, argv: Sequence[str] | None = No
         except KeyboardInterrupt:
             print(f"{parser.prog}: interrupted", file=sys.stderr)
             return INTERRUPTED
+        except OSError as error:
+            if error.filename is None:
+                return tell_fault(error, parser.prog, debug=debug)
+            print(f"{parser.prog}: error: {_told_by_the_system(error)}", file=sys.stderr)
+            return BAD_INPUT
         except Exception as error:
             return tell_fault(error, parser.prog, debug=debug)
     return status
+
+
+def _told_by_the_system(error: OSError) -> str:
+    """What the system says of a file when it is opened: a name too long, no room, no permission."""
+    name = str(error.filename)
+    shown = name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}..."
+    return f"The system refuses {shown} ({error.strerror}); give another place or name."
 
 
 def _terminate(number: int, frame: object) -> NoReturn:

@@ -1,4 +1,8 @@
-"""Output into a pipe that nobody reads any more, as in ``collabslam ... | head``, is dropped silently."""
+"""Output into a pipe that nobody reads any more, as in ``collabslam ... | head``, is dropped silently.
+
+Standard output that cannot be written for another reason (a full disk) is an error; standard error has nobody
+to tell it to.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +12,21 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
+from collabslam.errors import DataError
+
 
 class _Quiet:
-    """A text stream that goes on as if nothing had happened when its reader is gone."""
+    """A text stream that goes on as if nothing had happened when its reader is gone.
 
-    def __init__(self, stream: Any) -> None:
-        self._stream = stream
+    Parameters
+    ----------
+    stream : file
+    told : bool
+        Raise DataError when it cannot be written for another reason.
+    """
+
+    def __init__(self, stream: Any, *, told: bool) -> None:
+        self._stream, self._told = stream, told
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
@@ -22,29 +35,39 @@ class _Quiet:
         """As of any text stream."""
         try:
             self._stream.write(text)
-        except BrokenPipeError:
-            self._drop()
+        except OSError as error:
+            self._drop(error)
         return len(text)
 
     def flush(self) -> None:
         """As of any text stream."""
         try:
             self._stream.flush()
-        except BrokenPipeError:
-            self._drop()
+        except OSError as error:
+            self._drop(error)
 
-    def _drop(self) -> None:
+    def _drop(self, error: OSError) -> None:
         """From now on, and with what is held back, into nothing; the interpreter's last flush too."""
         nothing = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nothing, self._stream.fileno())
         os.close(nothing)
+        if self._told and not isinstance(error, BrokenPipeError):
+            raise DataError(
+                f"The output cannot be written ({error.strerror}); send it to another place."
+            ) from error
 
 
 @contextlib.contextmanager
 def quiet_pipes() -> Iterator[None]:
-    """Closed pipes are no error while the block runs: work goes on, and its exit status is its own."""
+    """Closed pipes are no error while the block runs: work goes on, and its exit status is its own.
+
+    Raises
+    ------
+    DataError
+        From printing, if standard output cannot be written for another reason; further output is dropped.
+    """
     before = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = _Quiet(before[0]), _Quiet(before[1])
+    sys.stdout, sys.stderr = _Quiet(before[0], told=True), _Quiet(before[1], told=False)
     try:
         yield
     finally:

@@ -114,7 +114,7 @@ def _resume(arguments: argparse.Namespace) -> int:
 
     out: Path = arguments.resume
     _check_alone(arguments)
-    if (out / SUMMARY).is_file() and not (out / CHECKPOINT).is_file():
+    if (out / SUMMARY).is_file() and not (out / CHECKPOINT).exists():
         print(f"The run in {out} is finished; nothing is left to do.", file=sys.stderr)
         return _report(RunFolder(out).summary(), out)
     source = Checkpoint.read(out).source()

@@ -24,6 +24,8 @@ IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".t
 DEPTHS = (8, 10, 12, 14, 16)
 """Bits that cameras deliver."""
 _SAMPLED = 5
+_LARGEST = 1 << 28
+"""Bytes of an image's file."""
 
 
 def decode_grey(path: Path, camera: Camera | None = None) -> Image:
@@ -136,7 +138,7 @@ def depth_of(largest: int) -> int:
 
 def _content(path: Path) -> bytes:
     try:
-        return read_bytes(path)
+        return read_bytes(path, _LARGEST)
     except OSError as error:
         raise DataError(
             f"The image {path} cannot be read ({error.strerror}); restore the file or take it out of the "

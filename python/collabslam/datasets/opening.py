@@ -85,8 +85,12 @@ def recognise(path: Path, given: Given) -> Reader:
     for reader in _READERS:
         if reader.matches(path) and (reader.layout != folder.LAYOUT or given.camera is not None):
             return reader
+    remedy = ""
+    if folder.matches(path):
+        remedy = f" 'collabslam init {path}' writes a calibration to fill in for the images there."
     raise DataError(
         f"The layout of {path} is not recognised; the known ones are: {'; '.join(recognised_layouts())}."
+        f"{remedy}"
     )
 
 

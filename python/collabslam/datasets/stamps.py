@@ -72,7 +72,10 @@ def _set_back(stamps: Array, chosen: Indices) -> int | None:
 
 
 def _longest_increasing(stamps: Array) -> Indices:
-    """The longest choice of frames whose stamps increase."""
+    """The longest choice of frames whose stamps increase; of two with one stamp the first.
+
+    A stamp that repeats is most often one that was not renewed: it was true of the first.
+    """
     ends: list[float] = []  # ends[k]: least stamp with which a choice of k + 1 frames can end
     last: list[int] = []  # its frame
     before = [-1] * len(stamps)
@@ -84,7 +87,7 @@ def _longest_increasing(stamps: Array) -> Indices:
         if k == len(ends):
             ends.append(t)
             last.append(i)
-        else:
+        elif t < ends[k]:
             ends[k], last[k] = t, i
     chosen = []
     i = last[-1] if last else -1

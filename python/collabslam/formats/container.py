@@ -30,6 +30,8 @@ MAGIC = b"CLABBOX\n"
 VERSION = 1
 _HEAD = struct.Struct("<8sIQ")
 _CHECKSUM = 32
+_LARGEST = 1 << 32
+"""Bytes of a file: a checkpoint has about a kilobyte for each frame that was done."""
 _DTYPES = ("|b1", "|u1", "<i4", "<i8", "<f4", "<f8")
 _ARRAY, _BYTES, _TUPLE, _DICT, _CLASS = "array", "bytes", "tuple", "dict", "class"
 
@@ -75,7 +77,7 @@ def read_container(path: Path, kind: str, version: int, classes: Sequence[type] 
         If the file cannot be read, is cut short, altered, of another kind or version.
     """
     try:
-        data = read_bytes(path)
+        data = read_bytes(path, _LARGEST)
     except OSError as error:
         raise DataError(f"The file {path} cannot be read ({error.strerror}); give another one.") from error
     try:

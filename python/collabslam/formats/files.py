@@ -14,24 +14,38 @@ from pathlib import Path
 
 from collabslam.errors import DataError
 
+LARGEST = 1 << 30
+"""Bytes that a file may have which is read as a whole; a day of frames has fewer."""
 PART = ".part"
 """How the name of a file ends that is being written; one that stays was left by a process that was killed."""
 
 
-def read_bytes(path: Path) -> bytes:
+def read_bytes(path: Path, most: int = LARGEST) -> bytes:
     """The content of a regular file.
+
+    Parameters
+    ----------
+    path : Path
+    most : int
+        Bytes that it may have; a sparse file promises any number.
 
     Raises
     ------
     OSError
         If it cannot be read.
     DataError
-        If it is a pipe, a socket, a device or a folder; it is not waited for.
+        If it is larger, or a pipe, a socket, a device or a folder; it is not waited for.
     """
     # Without O_NONBLOCK a pipe that nobody writes to would hold us here.
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     try:
-        require_regular(path, os.fstat(handle).st_mode)
+        found = os.fstat(handle)
+        require_regular(path, found.st_mode)
+        if found.st_size > most:
+            raise DataError(
+                f"{path} has {found.st_size >> 20} MB, more than the {most >> 20} MB that such a file may "
+                "have; give the file that is meant."
+            )
         with os.fdopen(handle, "rb", closefd=False) as file:
             return file.read()
     finally:
@@ -79,12 +93,11 @@ def try_place(path: Path) -> None:
     Raises
     ------
     DataError
-        If there is a folder in its place, or its folder can neither be made nor written.
+        If a folder, a pipe or a device is in its place, or its folder can neither be made nor written.
     """
-    if path.is_dir():
-        raise DataError(f"The file {path} cannot be written (a folder is in its place); give another place.")
     beside = _beside(path)
     try:
+        _check_replaceable(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         beside.touch()
         beside.unlink()
@@ -110,10 +123,11 @@ def write_bytes(path: Path, data: bytes, *, durable: bool = False) -> None:
     Raises
     ------
     DataError
-        If the file cannot be written.
+        If the file cannot be written, or a folder, a pipe or a device is in its place: none is replaced.
     """
     beside = _beside(path)
     try:
+        _check_replaceable(path)
         path.parent.mkdir(parents=True, exist_ok=True)
         with beside.open("wb") as file:
             file.write(data)
@@ -171,6 +185,15 @@ class LineFile:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+def _check_replaceable(path: Path) -> None:
+    """Raises DataError if something that is no regular file is in a file's place."""
+    if path.exists() and not path.is_file():
+        raise DataError(
+            f"The file {path} cannot be written (a folder, a pipe or a device is in its place); give another "
+            "place."
+        )
 
 
 def _beside(path: Path) -> Path:

@@ -79,6 +79,11 @@ def write_euroc(path: Path, times: ArrayLike, poses: ArrayLike) -> None:
     write_text(path, "\n".join(lines) + "\n")
 
 
+def kitti_stamps(path: Path) -> Path:
+    """The file of stamps beside a file of KITTI poses."""
+    return path.with_name(f"{path.stem}.times.txt")
+
+
 def write_kitti(path: Path, times: ArrayLike, poses: ArrayLike) -> Path:
     """Poses (N, 4, 4) as KITTI's 12 numbers a line, the upper 3x4 row by row.
 
@@ -88,7 +93,7 @@ def write_kitti(path: Path, times: ArrayLike, poses: ArrayLike) -> Path:
         ``poses.times.txt`` beside ``poses.txt``: the stamps, which the format has no place for.
     """
     rows = _finite(times, poses)
-    stamps = path.with_name(f"{path.stem}.times.txt")
+    stamps = kitti_stamps(path)
     write_text(path, "".join(" ".join(f"{v:.9e}" for v in t_wc[:3].ravel()) + "\n" for _, t_wc in rows))
     write_text(stamps, "".join(f"{t:.9f}\n" for t, _ in rows))
     return stamps

@@ -121,7 +121,7 @@ class Checkpoint:
             If there is none, or it is cut short, altered, or of another version.
         """
         path = folder / CHECKPOINT
-        if not path.is_file():
+        if not path.exists():
             done = "its run is finished" if (folder / SUMMARY).is_file() else "run it with --checkpoint-every"
             raise DataError(f"The folder {folder} holds no checkpoint to go on from; {done}.")
         content = read_container(path, KIND, VERSION, CLASSES)

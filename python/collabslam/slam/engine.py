@@ -12,6 +12,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from collabslam._core import Camera, Filter, Prediction, UpdateReport
+from collabslam.errors import InputError
 from collabslam.frontend.detect import Corners
 from collabslam.frontend.patch import SIZE
 from collabslam.images import check_grey
@@ -144,7 +145,7 @@ class Slam(EngineParts):
 
         Whatever is raised, KeyboardInterrupt included, the engine is what it was before the call.
         """
-        image = check_grey(image, self._camera, "image")
+        t, image = _stamp(t), check_grey(image, self._camera, "image")
         worn = self._worn.checked(worn)
         times = StageTimes()
         self.filter.predict(t)
@@ -276,3 +277,11 @@ def _matched(found: Found, report: UpdateReport) -> ImagePoints:
 def _inliers(view: View, seen: ImagePoints, change: MapChange) -> int:
     """Measurements that the pose rests on; a start without depth has none but its features."""
     return len(seen) + change.with_depth + (0 if view.started else len(change.undelayed))
+
+
+def _stamp(t: Any) -> float:
+    """A time stamp as a float; raises InputError if it is no number."""
+    try:
+        return float(t)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"The time stamp is {t!r}; give seconds, a number.") from error

@@ -121,6 +121,8 @@ def _map_of(content: Any) -> SavedMap:
     CONTENT(content, "map")
     owner, pixels = content["owner"], content["pixels"]
     count, views = len(content["landmarks"]), len(owner)
+    if not count or not (content["landmarks"][:, 5] > 0.0).all():
+        refuse("map.landmarks", "at least one, each with an inverse depth above zero")
     for name in ("pixels", "uv", "t_wc", "inside"):
         if len(content[name]) != views:
             refuse(f"map.{name}", f"one for each of {views} views")
