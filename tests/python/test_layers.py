@@ -59,7 +59,7 @@ LAB_ALLOWED: dict[str, set[str]] = {
     "benchmark": {"report", "processes", "switches"},
     "paper_simulation": {"figures", "processes", "switches", "worn_sensors"},
     "paper_worlds": {"figures", "processes", "worlds"},
-    "reliability": {"report", "benchmark"},
+    "reliability": {"report", "processes", "benchmark"},
     "cli": {"benchmark", "paper_simulation", "paper_worlds", "reliability", "worlds"},
     "__main__": {"cli"},
 }

@@ -15,8 +15,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         metavar="PART",
         nargs="*",
         default="all",
-        choices=["faults", "readers", "core", "endurance", "kills", "all"],
-        help="faults, readers (of files), core, endurance, kills or all (the default)",
+        choices=["attacks", "faults", "readers", "core", "endurance", "kills", "all"],
+        help="attacks, faults, readers (of files), core, endurance, kills or all (the default)",
     )
     parser.add_argument(
         "--out",
@@ -27,6 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--full", action="store_true", help="the full amounts, which take an hour or more")
     parser.add_argument("--seed", metavar="N", type=int, default=0, help="of everything random (default 0)")
+    parser.add_argument("--jobs", metavar="N", type=int, default=2, help="attacks at a time (default 2)")
     parser.add_argument(
         "--driver",
         metavar="PROGRAM",
@@ -37,8 +38,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Measure, write the file, print the page's tables."""
+    from collabslam.errors import SettingsError
     from collabslam_lab.reliability.measure import PARTS, measure
 
     parts = list(PARTS) if "all" in arguments.parts else list(dict.fromkeys(arguments.parts))
-    good = measure(parts, arguments.out, full=arguments.full, seed=arguments.seed, driver=arguments.driver)
+    if arguments.jobs < 1:
+        raise SettingsError(f"--jobs is {arguments.jobs}; give 1 or more.")
+    good = measure(
+        parts,
+        arguments.out,
+        full=arguments.full,
+        seed=arguments.seed,
+        jobs=arguments.jobs,
+        driver=arguments.driver,
+    )
     return OK if good else NOT_TRUSTED

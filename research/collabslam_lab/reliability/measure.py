@@ -12,13 +12,14 @@ from typing import Any
 
 from collabslam.errors import DataError
 from collabslam.runs.results import write_summary
+from collabslam_lab.reliability.attacks.table import attacks_markdown, measure_attacks
 from collabslam_lab.reliability.endurance import endure_session, many_dropped
 from collabslam_lab.reliability.kills import run_kills
 from collabslam_lab.reliability.readers import fuzz_readers
 from collabslam_lab.reliability.table import faults_markdown, measure_faults
 from collabslam_lab.report import markdown_table
 
-PARTS = ("faults", "readers", "core", "endurance", "kills")
+PARTS = ("attacks", "faults", "readers", "core", "endurance", "kills")
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,13 @@ FULL = Amounts(5, 10_000_000, 200_000, 1_000_000, 3600.0, 50)
 
 
 def measure(
-    parts: Sequence[str], out: Path, *, full: bool = False, seed: int = 0, driver: Path | None = None
+    parts: Sequence[str],
+    out: Path,
+    *,
+    full: bool = False,
+    seed: int = 0,
+    jobs: int = 1,
+    driver: Path | None = None,
 ) -> bool:
     """Measures the parts, and adds them to the results in ``out``.
 
@@ -65,13 +72,15 @@ def measure(
     full : bool
         `FULL` amounts in place of the `SHORT` ones.
     seed : int
+    jobs : int
+        Attacks that are made at the same time.
     driver : Path, optional
         The built ``fuzz`` program; without it the core is not fuzzed and no filter runs alone.
 
     Returns
     -------
     bool
-        Whether nothing was found and P was sound.
+        Whether no attack succeeded, nothing was found and P was sound.
 
     Raises
     ------
@@ -81,13 +90,14 @@ def measure(
     amounts = FULL if full else SHORT
     results = _known(out)
     for part in parts:
-        for found in _measured(part, amounts, seed, driver):
+        for found in _measured(part, amounts, seed, jobs, driver):
             results.update(found)
             results.update(_totals(results))
             write_summary(out, results)
     print(figures_markdown(results))
     print(f"results are in {out}")
-    return not results.get("fuzz_findings") and results.get("endurance_sound", True) is True
+    failed = results.get("fuzz_findings") or results.get("attacks_succeeded")
+    return not failed and results.get("endurance_sound", True) is True
 
 
 def _known(out: Path) -> dict[str, Any]:
@@ -105,9 +115,13 @@ def _known(out: Path) -> dict[str, Any]:
     return results
 
 
-def _measured(part: str, amounts: Amounts, seed: int, driver: Path | None) -> Iterator[dict[str, Any]]:
+def _measured(
+    part: str, amounts: Amounts, seed: int, jobs: int, driver: Path | None
+) -> Iterator[dict[str, Any]]:
     """Results of a part, as they come."""
-    if part == "faults":
+    if part == "attacks":
+        yield _attacks(jobs)
+    elif part == "faults":
         yield _faults(amounts, seed)
     elif part == "readers":
         yield {"fuzz_readers": _readers(amounts, seed)}
@@ -137,6 +151,16 @@ def _totals(results: dict[str, Any]) -> dict[str, Any]:
         totals["endurance_sound"] = totals.get("endurance_sound", True) and bool(alone["threads_equal"])
     finite = [float(g) for g in growth if g is not None and math.isfinite(g)]
     return totals | ({"memory_growth_mb": max(finite)} if finite else {})
+
+
+def _attacks(jobs: int) -> dict[str, Any]:
+    results = measure_attacks(jobs=jobs, progress=True)
+    print(attacks_markdown(results))
+    return {
+        "attacks": [result.jsonable() for result in results],
+        "attacks_made": len(results),
+        "attacks_succeeded": sum(not result.good for result in results),
+    }
 
 
 def _faults(amounts: Amounts, seed: int) -> dict[str, Any]:
@@ -176,6 +200,8 @@ def figures_markdown(results: dict[str, Any]) -> str:
     session, alone = results.get("session", {}), results.get("filter_alone", {})
     readers, core = results.get("fuzz_readers", {}), results.get("fuzz_core", {})
     rows = [
+        ("attacks", results.get("attacks_made")),
+        ("attacks that succeeded", results.get("attacks_succeeded")),
         ("kills survived", results.get("kills_survived")),
         ("inputs to the core's targets", core.get("executions")),
         ("promises broken by them", core.get("findings")),

@@ -1,0 +1,176 @@
+"""Performs an attack in a process of its own, under limits, and tells what became of it."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from collabslam.cli import BAD_INPUT, FAULT, INTERRUPTED, NOT_TRUSTED, OK, TERMINATED
+from collabslam_lab.reliability.attacks.attack import Attack, Deed, Outcome, Result
+from collabslam_lab.reliability.attacks.scene import Ground, Scene, program
+
+SECONDS, MEGABYTES = 60.0, 1500.0
+"""An attack that takes longer, or more memory, has succeeded."""
+WRONG_SHARE = 0.02
+"""Largest share of frames that may say OK further than 5 sigma from the truth."""
+CHANGED = 4
+"""Exit status of a child whose engine is not as before a refused call."""
+_ERROR = re.compile(r"(collabslam[\w -]*: )?error: ")
+_ADDRESSES_KB = 8_000_000
+_FRAMES = 3
+_UNCATCHABLE = (signal.SIGKILL, signal.SIGHUP)
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a process ended."""
+
+    status: int
+    seconds: float
+    memory_mb: float
+    said: str
+    printed: str
+    hung: bool
+
+
+def perform(attack: Attack, ground: Ground, seconds: float = SECONDS) -> Result:
+    """Performs an attack in a new folder, which is removed.
+
+    Parameters
+    ----------
+    attack : Attack
+    ground : Ground
+    seconds : float
+        After which it hangs.
+    """
+    with tempfile.TemporaryDirectory(prefix="collabslam-attack-") as name:
+        scene = Scene(Path(name).resolve(), ground)
+        deed = attack.make(scene)
+        before = scene.protected()
+        ending = _watched(deed, scene.out, seconds)
+        lost = _lost(before, scene.protected())
+        summary = _summary(scene.out)
+        outcome = judge(attack, ending, lost, summary)
+        said = ending.said.replace(str(scene.folder), "...").replace(str(ground.walk.parent), "...")
+    return Result(
+        attack,
+        outcome,
+        ending.status,
+        ending.seconds,
+        ending.memory_mb,
+        " ".join(f"{said}{' lost: ' if lost else ''}{', '.join(lost)}".split())[-400:],
+        summary.get("ok_share"),
+        summary.get("ok_but_wrong_share"),
+    )
+
+
+def judge(attack: Attack, ending: Ending, lost: list[str], summary: dict[str, Any]) -> Outcome:
+    """What became of an attack.
+
+    Parameters
+    ----------
+    attack : Attack
+    ending : Ending
+    lost : list of str
+        Files that were there before and are not, or not as they were.
+    summary : dict
+        Of the run, empty if there is none.
+    """
+    if ending.hung:
+        return Outcome.HANG
+    if "Traceback (most recent call last)" in ending.said + ending.printed or ending.status == FAULT:
+        return Outcome.TRACEBACK
+    if lost:
+        return Outcome.LOST
+    if ending.memory_mb > MEGABYTES:
+        return Outcome.MEMORY
+    if ending.status == CHANGED:
+        return Outcome.CHANGED
+    if ending.status in (INTERRUPTED, TERMINATED) or -ending.status in _UNCATCHABLE:
+        return Outcome.ENDED
+    if ending.status == BAD_INPUT:
+        told = [line for line in ending.said.splitlines() if _ERROR.match(line)]
+        return Outcome.REFUSED if len(told) == 1 and attack.says in told[0] else Outcome.UNNAMED
+    if ending.status not in (OK, NOT_TRUSTED):
+        return Outcome.TRACEBACK
+    wrong = summary.get("ok_but_wrong_share")  # whatever the status: who has no truth sees those frames OK
+    if wrong is not None and wrong > WRONG_SHARE:
+        return Outcome.WRONG
+    return Outcome.HELD if ending.status == OK else Outcome.TOLD
+
+
+def _lost(before: dict[str, str], after: dict[str, str]) -> list[str]:
+    return [name for name, mark in before.items() if after.get(name) != mark]
+
+
+def _summary(out: Path) -> dict[str, Any]:
+    try:
+        found: dict[str, Any] = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _watched(deed: Deed, out: Path, seconds: float) -> Ending:
+    command = program(deed.words, {"v": _ADDRESSES_KB, **deed.limits})
+    with tempfile.TemporaryFile() as printed, tempfile.TemporaryFile() as said:
+        streams = {"stdout": _stream(deed.stdout, printed), "stderr": _stream(deed.stderr, said)}
+        began = time.monotonic()
+        process = subprocess.Popen(
+            command,
+            env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", **deed.environment},
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+            **streams,
+        )
+        for kind, stream in zip((deed.stdout, deed.stderr), streams.values(), strict=True):
+            if kind != "kept":
+                os.close(stream)
+        status, usage, hung = _wait(process, deed, out, began + seconds)
+        took = time.monotonic() - began
+        texts = []
+        for file in (printed, said):
+            file.seek(0)
+            texts.append(file.read().decode(errors="replace"))
+    return Ending(status, took, usage.ru_maxrss / 1024.0, texts[1], texts[0], hung)
+
+
+def _stream(kind: str, kept: Any) -> Any:
+    if kind == "closed":
+        ours, theirs = os.pipe()
+        os.close(ours)
+        return theirs
+    return os.open("/dev/full", os.O_WRONLY) if kind == "full" else kept
+
+
+def _wait(process: subprocess.Popen[bytes], deed: Deed, out: Path, until: float) -> tuple[int, Any, bool]:
+    """Exit status, what it used, and whether it had to be killed; sends what signals the deed asks for."""
+    pending, began, hung = list(deed.signals), time.monotonic(), False
+    while True:
+        gone, status, usage = os.wait4(process.pid, os.WNOHANG)
+        if gone:
+            process.returncode = os.waitstatus_to_exitcode(status)
+            return process.returncode, usage, hung
+        if pending and _due(pending[0][1], out, began):
+            process.send_signal(pending.pop(0)[0])
+        if time.monotonic() > until and not hung:
+            hung = True
+            os.killpg(process.pid, signal.SIGKILL)
+        time.sleep(0.01)
+
+
+def _due(when: float | str, out: Path, began: float) -> bool:
+    if isinstance(when, str):
+        try:
+            return (out / "frames.csv").read_bytes().count(b"\n") > _FRAMES
+        except OSError:
+            return False
+    return time.monotonic() - began > when

@@ -1,0 +1,77 @@
+"""All attacks, and the table of what became of them."""
+
+from __future__ import annotations
+
+import signal
+import tempfile
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from collabslam.runs.progress import Progress
+from collabslam_lab.reliability.attacks import (
+    bags,
+    calls,
+    image_files,
+    places,
+    stores,
+    streams,
+    text_files,
+    words,
+)
+from collabslam_lab.reliability.attacks.attack import Attack, Result
+from collabslam_lab.reliability.attacks.perform import perform
+from collabslam_lab.reliability.attacks.scene import Ground
+from collabslam_lab.report import markdown_table
+
+ATTACKS: tuple[Attack, ...] = (
+    *image_files.ATTACKS,
+    *text_files.ATTACKS,
+    *bags.ATTACKS,
+    *stores.ATTACKS,
+    *words.ATTACKS,
+    *places.ATTACKS,
+    *calls.ATTACKS,
+    *streams.ATTACKS,
+)
+
+
+def measure_attacks(
+    attacks: Sequence[Attack] = ATTACKS, *, jobs: int = 1, progress: bool = False
+) -> list[Result]:
+    """Performs attacks, so many at a time, in their order.
+
+    Parameters
+    ----------
+    attacks : sequence of Attack
+    jobs : int
+    progress : bool
+        Whether to show on standard error how far it is.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # children would ignore Ctrl-C, too
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    with (
+        tempfile.TemporaryDirectory(prefix="collabslam-attacks-") as folder,
+        Progress(len(attacks), "attacks", enabled=progress) as bar,
+        ThreadPoolExecutor(jobs) as pool,
+    ):
+        ground = Ground(Path(folder).resolve())
+        results = []
+        for result in pool.map(lambda attack: perform(attack, ground), attacks):
+            results.append(result)
+            bar.update()
+    return results
+
+
+def attacks_markdown(results: Iterable[Result]) -> str:
+    """The table of the documentation."""
+    rows = [
+        (
+            result.attack.group,
+            f"`{result.attack.name}`",
+            result.attack.what,
+            result.outcome.value if result.good else f"**{result.outcome.value}**",
+        )
+        for result in results
+    ]
+    return markdown_table(("group", "attack", "what is done", "what became of it"), rows)
