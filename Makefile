@@ -11,7 +11,7 @@ CRATES = $(shell ls -d $(CARGO_HOME)/registry/src/* 2> /dev/null)
 GIVEN := $(RUSTFLAGS)
 export RUSTFLAGS = $(GIVEN) --remap-path-prefix=$(CURDIR)=. $(CRATES:%=--remap-path-prefix=%=crates)
 
-.PHONY: demo test check docs wheel wheel-twice bench bench-frames reliability mutants audit clean
+.PHONY: demo test test-live check docs wheel wheel-twice bench bench-frames reliability mutants audit clean
 
 # The main job on its embedded default: renders the corridor, runs it with and without Cf.
 demo: $(VENV)/.built
@@ -25,6 +25,13 @@ test: $(VENV)/.built check
 	rm -f dist/*.whl
 	$(BIN)/maturin build --release --locked --out dist
 	$(BIN)/python -m pytest -m wheel
+
+# Robot and worn camera over bad networks, with a real browser and a real ROS 2: results/live.json. About five minutes.
+# What the machine lacks (root, Chromium, Python 3.11 for the wheels of ROS 2) is left out, and says so.
+ROS2 := ros-rclpy ros-rmw-fastrtps-cpp ros-sensor-msgs ros-nav-msgs ros-geometry-msgs
+test-live: $(VENV)/.built
+	-$(BIN)/pip install --quiet $(ROS2)
+	$(BIN)/python -m pytest -rs tests/live
 
 # One table of times, and results/bench.json. Takes under 5 minutes once built.
 bench: $(VENV)/.built

@@ -9,6 +9,7 @@ COMMANDS = {
     "robot": "run the filter on the robot's camera and what worn cameras send",
     "worn": "send a worn camera's images to the robot",
     "web": "serve two pages: a phone as the worn camera, and a live view",
+    "ros": "run the filter as a node of ROS 2",
     "keys": "make the certificates by which robot and devices know each other",
     "replay": "run a record of a live run again, to the last bit",
 }

@@ -17,9 +17,9 @@ POSE, ODOMETRY, STATUS, MAP, CLOCK, VIEW = (
     f"{ROBOT}/{part}" for part in ("pose", "odometry", "status", "map", "clock", "view")
 )
 """What the robot writes; ``clock`` answers questions."""
-IMAGE, CAMERA_INFO, T_CF, EXCHANGE = "image", "camera_info", "pose", "clock"
-PARTS = (IMAGE, CAMERA_INFO, T_CF, EXCHANGE)
-"""What a device writes, below its own name."""
+IMAGE, CAMERA_INFO, T_CF, EXCHANGE, BEAT = "image", "camera_info", "pose", "clock", "beat"
+PARTS = (IMAGE, CAMERA_INFO, T_CF, EXCHANGE, BEAT)
+"""What a device writes, below its own name; ``beat`` is empty and means nothing (see `worn`)."""
 
 PORT = 7447
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")

@@ -148,7 +148,7 @@ class RobotNode:
 
     def _counts(self) -> dict[str, Any]:
         """Everything that was dropped, by reason."""
-        before = {f"dropped {k}": v for k, v in self.uplink.dropped.items() if v}
+        before = {f"dropped {k}": v for k, v in self.uplink.counts().items()}
         live = {} if self._live is None else self._live.dropped
         return {**before, **{f"dropped {k}": v for k, v in live.items()}}
 

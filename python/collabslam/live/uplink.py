@@ -5,18 +5,17 @@ from __future__ import annotations
 import statistics
 import threading
 import time
-from collections import Counter, OrderedDict, deque
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 from collabslam._core import Camera
 from collabslam.errors import CollabslamError
 from collabslam.live import messages, names
 from collabslam.live.clock import ClockEstimator
 from collabslam.live.core import ClockReading, Event
+from collabslam.live.pairing import Pairing
 from collabslam.live.views import LiveView
-from collabslam.types import Array
 
 UNPAIRED, MALFORMED, FLOOD, CALIBRATION, STRANGER = (
     "no pose",
@@ -26,17 +25,20 @@ UNPAIRED, MALFORMED, FLOOD, CALIBRATION, STRANGER = (
     "too many devices",
 )
 """Why a message was dropped before the filter."""
-WAITING, DEVICES = 8, 16
-"""Images, and poses, of a device that wait for each other; devices that are listened to."""
-RATES = {names.IMAGE: 60.0, names.T_CF: 200.0, names.CAMERA_INFO: 5.0, names.EXCHANGE: 20.0}
+DEVICES = 16
+"""Devices that are listened to."""
+RATES = {
+    names.IMAGE: 60.0,
+    names.T_CF: 200.0,
+    names.CAMERA_INFO: 5.0,
+    names.EXCHANGE: 20.0,
+    names.BEAT: 200.0,
+}
 """Messages per second of each kind that a device may write."""
 REMEMBERED = 1000
 """Arrivals of images that are remembered of each device."""
 BURST = 30.0
 """Messages of each kind that may come at once, after the network held them back."""
-
-
-Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
@@ -53,20 +55,12 @@ class Arrival:
         return self.came - self.taken
 
 
-@dataclass(frozen=True)
-class _Image:
-    session: str
-    stamp: float
-    data: bytes
-
-
 @dataclass
 class _Device:
     """What is known of one device."""
 
     camera: Camera | None = None
-    images: OrderedDict[float, _Image] = field(default_factory=OrderedDict)
-    poses: OrderedDict[float, tuple[Array, Array]] = field(default_factory=OrderedDict)
+    pairing: Pairing = field(default_factory=Pairing)
     allowed: dict[str, tuple[float, float]] = field(default_factory=dict)  # messages left, at a time
     clock: ClockEstimator = field(default_factory=ClockEstimator)
     session: str = ""
@@ -107,6 +101,12 @@ class Uplink:
         self._known.wait(seconds)
         with self._lock:
             return next((d.camera for d in self._devices.values() if d.camera is not None), None)
+
+    def counts(self) -> dict[str, int]:
+        """Everything that was dropped, by reason."""
+        with self._lock:
+            unpaired = sum(d.pairing.unpaired for d in self._devices.values())
+            return {k: v for k, v in (*self.dropped.items(), (UNPAIRED, unpaired)) if v}
 
     def arrivals(self, name: str) -> list[Arrival]:
         """The last images of a device."""
@@ -154,6 +154,8 @@ class Uplink:
                 self.faults.append(str(error))
 
     def _event(self, name: str, device: _Device, part: str, payload: bytes) -> Event | None:
+        if part == names.BEAT:
+            return None
         if part == names.EXCHANGE:
             session, exchange = messages.exchange_from(payload)
             session = _own(name, session)
@@ -169,25 +171,21 @@ class Uplink:
             message = messages.decoded(messages.COMPRESSED, payload)
             stamp = messages.stamp_of(message)
             session = _own(name, str(message.header.frame_id))
-            image = _Image(session, stamp, message.data.tobytes())
             device.images_received += 1
             if (taken := device.clock.robot_time(stamp)) is not None:
                 device.arrivals.append(Arrival(stamp, taken[0], self._now()))
-            self.dropped[UNPAIRED] += _keep(device.images, stamp, image)
+            view = device.pairing.image(session, stamp, message.data.tobytes())
         else:
-            stamp, t_cf, covariance = messages.pose_from(payload, f"the device {name}")
-            _keep(device.poses, stamp, (t_cf, covariance))
-        return self._pair(device, stamp)
+            view = device.pairing.pose(*messages.pose_from(payload, f"the device {name}"))
+        return self._of_calibration(device, view)
 
-    def _pair(self, device: _Device, stamp: float) -> Event | None:
-        """The view of a stamp, when both its image and its pose are there."""
-        if stamp not in device.images or stamp not in device.poses:
-            return None
-        image, (t_cf, covariance) = device.images.pop(stamp), device.poses.pop(stamp)
-        if self._camera is not None and device.camera is not None and not _same(device.camera, self._camera):
-            self.dropped[CALIBRATION] += 1
-            return None
-        return LiveView(image.session, stamp, image.data, t_cf, covariance)
+    def _of_calibration(self, device: _Device, view: LiveView | None) -> LiveView | None:
+        """The view, unless its device's calibration is another than the filter's."""
+        ours, theirs = self._camera, device.camera
+        if view is None or ours is None or theirs is None or _same(theirs, ours):
+            return view
+        self.dropped[CALIBRATION] += 1
+        return None
 
 
 def _same(a: Camera, b: Camera) -> bool:
@@ -206,12 +204,3 @@ def _allowed(device: _Device, part: str, now: float) -> bool:
 def _own(name: str, session: str) -> str:
     """A session's name: whatever a device calls it, it is the device's own."""
     return f"{name}/{session.rpartition('/')[2][:32]}"
-
-
-def _keep(waiting: OrderedDict[float, Value], stamp: float, value: Value) -> bool:
-    """Lets one more wait; True if the oldest had to give way."""
-    waiting[stamp] = value
-    if len(waiting) <= WAITING:
-        return False
-    waiting.popitem(last=False)
-    return True

@@ -13,6 +13,9 @@ from collabslam.live.pace import Encoder, Pace
 from collabslam.live.steady import SteadyClock
 from collabslam.types import Array, Image
 
+BEATS = (0.015, 0.030, 0.060)
+"""Seconds after an image at which empty messages follow it: only when something came after a lost packet does
+TCP know of the loss at once; otherwise it waits for its timer, 0.2 s and more."""
 ASK_EVERY, ASK_FIRST, SOON = 0.5, 0.1, 20
 """Seconds between two questions for the robot's time, and between the first `SOON` of them."""
 
@@ -48,15 +51,23 @@ class WornDevice:
             for part in names.PARTS
         }
         self._status = link.subscriber(session, names.STATUS, self._heard)
-        self._thread = threading.Thread(target=self._ask, name="clock", daemon=True)
+        self._sent_at = threading.Condition()
+        self._threads = [
+            threading.Thread(target=work, name=name, daemon=True)
+            for name, work in (("clock", self._ask), ("beat", self._beat))
+        ]
 
     def __enter__(self) -> WornDevice:
-        self._thread.start()
+        for thread in self._threads:
+            thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._ended.set()
-        self._thread.join()
+        with self._sent_at:
+            self._sent_at.notify_all()
+        for thread in self._threads:
+            thread.join()
 
     def send(self, t: float, image: Image, pose: tuple[Array, Array] | None = None) -> None:
         """An image of Cf taken at ``t`` seconds by the clock; T_CF and its covariance where known."""
@@ -64,7 +75,9 @@ class WornDevice:
         if pose is not None:
             self._out[names.T_CF].put(messages.pose(t, "cs_optical", *pose))
         self._out[names.IMAGE].put(messages.compressed_image(t, self.session, jpeg))
-        self.sent += 1
+        with self._sent_at:
+            self.sent += 1
+            self._sent_at.notify_all()
 
     def behind(self, t: float) -> float:
         """Seconds by which the robot's time is past ``t``; InputError before anything is known of it."""
@@ -76,6 +89,22 @@ class WornDevice:
     def wait_for_robot(self, seconds: float) -> bool:
         """Whether the robot's time is known, waited for so long."""
         return self._known.wait(seconds)
+
+    def _beat(self) -> None:
+        """Empty messages after each image; a newer image makes up for those that are left."""
+        done = 0
+        while not self._ended.is_set():
+            with self._sent_at:
+                if self.sent == done:
+                    self._sent_at.wait(0.5)
+                if self.sent == done:
+                    continue
+                done = self.sent
+            before = 0.0
+            for at in BEATS:
+                self._ended.wait(at - before)
+                before = at
+                self._out[names.BEAT].put(b"")
 
     def _ask(self) -> None:
         """Asks for the robot's time for as long as the device is open, and tells what came back."""

@@ -1,0 +1,49 @@
+"""``collabslam live ros``."""
+
+from __future__ import annotations
+
+import argparse
+
+from collabslam.cli import OK, options
+from collabslam.settings.modes import MODES
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options."""
+    parser.add_argument("--cs", metavar="TOPIC", required=True, help="images of Cs, Image or CompressedImage")
+    parser.add_argument("--cs-info", metavar="TOPIC", required=True, help="CameraInfo of Cs")
+    parser.add_argument("--cf", metavar="TOPIC", help="images of Cf")
+    parser.add_argument("--cf-info", metavar="TOPIC", help="CameraInfo of Cf")
+    parser.add_argument(
+        "--t-cf", metavar="TOPIC", help="T_CF as PoseWithCovarianceStamped, with the stamps of Cf's images"
+    )
+    parser.add_argument(
+        "--out", metavar="NAME", default="/collabslam", help="of published topics (default %(default)s)"
+    )
+    parser.add_argument("--mode", choices=MODES, help="default: the setting's, or mono without --cf")
+    options.add_settings(parser)
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Run until Ctrl-C."""
+    from collabslam.errors import SettingsError
+    from collabslam.live.ros import NAME, RosNode, RosTopics, rclpy_of
+
+    worn = (arguments.cf, arguments.cf_info, arguments.t_cf)
+    if any(worn) and not all(worn):
+        raise SettingsError("A worn camera needs --cf, --cf-info and --t-cf; give all three or none.")
+    rclpy = rclpy_of()
+    topics = RosTopics(arguments.cs, arguments.cs_info, *worn, out=arguments.out)
+    mode, start = (arguments.mode, "worn") if arguments.cf else (arguments.mode or "mono", "scale-free")
+    rclpy.init(args=[])
+    node = rclpy.create_node(NAME)
+    live = RosNode(node, topics, options.read_settings(arguments), mode=mode, start=start)
+    try:
+        rclpy.spin(node)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    live.close()
+    return OK

@@ -1,0 +1,54 @@
+"""Images of Cf and their measured poses come apart, in any order; views are made of those of one stamp."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import TypeVar
+
+from collabslam.live.views import LiveView
+from collabslam.types import Array, Image
+
+WAITING = 8
+"""Images, and poses, that wait for each other."""
+
+Value = TypeVar("Value")
+
+
+class Pairing:
+    """The images and the poses of one sender.
+
+    Attributes
+    ----------
+    unpaired : int
+        Images that gave way before their pose came.
+    """
+
+    def __init__(self) -> None:
+        self.unpaired = 0
+        self._images: OrderedDict[float, tuple[str, Image | bytes]] = OrderedDict()
+        self._poses: OrderedDict[float, tuple[Array, Array]] = OrderedDict()
+
+    def image(self, session: str, stamp: float, image: Image | bytes) -> LiveView | None:
+        """An image; the view, if its pose is there."""
+        self.unpaired += _keep(self._images, stamp, (session, image))
+        return self._view(stamp)
+
+    def pose(self, stamp: float, t_cf: Array, covariance: Array) -> LiveView | None:
+        """A pose; the view, if its image is there."""
+        _keep(self._poses, stamp, (t_cf, covariance))
+        return self._view(stamp)
+
+    def _view(self, stamp: float) -> LiveView | None:
+        if stamp not in self._images or stamp not in self._poses:
+            return None
+        session, image = self._images.pop(stamp)
+        return LiveView(session, stamp, image, *self._poses.pop(stamp))
+
+
+def _keep(waiting: OrderedDict[float, Value], stamp: float, value: Value) -> bool:
+    """Lets one more wait; True if the oldest had to give way."""
+    waiting[stamp] = value
+    if len(waiting) <= WAITING:
+        return False
+    waiting.popitem(last=False)
+    return True

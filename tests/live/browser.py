@@ -1,0 +1,103 @@
+"""A headless Chromium that is told what to do over its debugging socket."""
+
+from __future__ import annotations
+
+import base64
+import json
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+class Browser:
+    """One page of a browser."""
+
+    def __init__(self, socket: Any, session: str) -> None:
+        self._socket, self._session, self._count = socket, session, 0
+
+    def tell(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """A command of the debugging protocol and its answer."""
+        self._count += 1
+        message = {"id": self._count, "method": method, "params": parameters}
+        if self._session:
+            message["sessionId"] = self._session
+        self._socket.send(json.dumps(message))
+        while True:
+            answer = json.loads(self._socket.recv(timeout=20.0))
+            if answer.get("id") == self._count:
+                assert "error" not in answer, answer
+                return dict(answer["result"])
+
+    def open(self, url: str, width: int, height: int) -> None:
+        """A page in a window of so many pixels."""
+        self.tell(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=width < 600,
+        )
+        self.tell("Page.navigate", url="about:blank")
+        self.tell("Page.navigate", url=url)
+
+    def value(self, expression: str) -> Any:
+        """What an expression of JavaScript gives."""
+        found = self.tell("Runtime.evaluate", expression=expression, returnByValue=True)
+        return found["result"].get("value")
+
+    def until(self, expression: str, seconds: float) -> bool:
+        """Whether an expression becomes true in that time."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            if self.value(expression):
+                return True
+            time.sleep(0.1)
+        return False
+
+    def screenshot(self, path: Path) -> None:
+        """The page as PNG."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(base64.b64decode(self.tell("Page.captureScreenshot", format="png")["data"]))
+
+
+@contextmanager
+def browser(video: Path) -> Iterator[Browser]:
+    """A browser whose camera plays a file of JPEGs (``.mjpeg``)."""
+    from websockets.sync.client import connect
+
+    assert CHROMIUM is not None
+    with tempfile.TemporaryDirectory() as folder:
+        command = [
+            CHROMIUM,
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--ignore-certificate-errors",
+            "--use-fake-ui-for-media-stream",
+            "--use-fake-device-for-media-stream",
+            f"--use-file-for-fake-video-capture={video}",
+            f"--user-data-dir={folder}",
+            "--remote-debugging-port=0",
+            "about:blank",
+        ]
+        process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+        try:
+            assert process.stderr is not None
+            line = next(text for text in process.stderr if "DevTools listening on" in text)
+            with connect(line.split()[-1], max_size=None) as socket:
+                whole = Browser(socket, "")
+                target = whole.tell("Target.createTarget", url="about:blank")["targetId"]
+                attached = whole.tell("Target.attachToTarget", targetId=target, flatten=True)
+                page = Browser(socket, attached["sessionId"])
+                page._count = 1000
+                yield page
+        finally:
+            process.terminate()
+            process.wait()

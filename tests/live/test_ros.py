@@ -1,0 +1,97 @@
+"""A real node of ROS 2 sends images and receives the pose."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not there: make test-live installs it for Python 3.11")
+
+import cv2
+import rclpy
+
+from collabslam.demo import corridor_recording
+from collabslam.live import messages
+from collabslam.live.ros import _type as message_type
+
+pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the parsers that rclpy brings
+
+TOPICS = {
+    "--cs": "/cs/image_raw",
+    "--cs-info": "/cs/camera_info",
+    "--cf": "/cf/image/compressed",
+    "--cf-info": "/cf/camera_info",
+    "--t-cf": "/t_cf",
+}
+FRAMES = 14
+
+
+def test_images_in_and_the_pose_out() -> None:
+    recording = corridor_recording()
+    frames = [recording.frame(i) for i in range(FRAMES)]
+    command = [
+        sys.executable,
+        "-m",
+        "collabslam",
+        "live",
+        "ros",
+        *(w for pair in TOPICS.items() for w in pair),
+    ]
+    environment = {**os.environ, "ROS_LOCALHOST_ONLY": "1"}
+    os.environ["ROS_LOCALHOST_ONLY"] = "1"
+    rclpy.init(args=[])
+    node = rclpy.create_node("cameras")
+    process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE)
+    poses: list[bytes] = []
+    kept = node.create_subscription(
+        message_type(messages.POSE), "/collabslam/pose", lambda data: poses.append(bytes(data)), 10, raw=True
+    )
+    kinds = {
+        "--cs": messages.IMAGE,
+        "--cs-info": messages.CAMERA_INFO,
+        "--cf": messages.COMPRESSED,
+        "--cf-info": messages.CAMERA_INFO,
+        "--t-cf": messages.POSE,
+    }
+    out: dict[str, Any] = {
+        role: node.create_publisher(message_type(kinds[role]), topic, 10) for role, topic in TOPICS.items()
+    }
+    try:
+        end = time.monotonic() + 20.0
+        while any(p.get_subscription_count() == 0 for p in out.values()) and time.monotonic() < end:
+            rclpy.spin_once(node, timeout_sec=0.1)
+        out["--cs-info"].publish(messages.camera_info(0.0, "cs", recording.camera))
+        out["--cf-info"].publish(messages.camera_info(0.0, "cf", recording.worn_camera))
+        time.sleep(0.5)
+        for frame in frames:
+            t, worn = frame.t + 1.0, frame.worn
+            assert worn is not None
+            jpeg = cv2.imencode(".jpg", worn.image)[1].tobytes()
+            out["--t-cf"].publish(messages.pose(t, "cs", worn.t_cf, worn.covariance))
+            out["--cf"].publish(messages.compressed_image(t, "cf", jpeg))
+            out["--cs"].publish(messages.raw_image(t, "cs", frame.image))
+            until = time.monotonic() + 0.1
+            while time.monotonic() < until:
+                rclpy.spin_once(node, timeout_sec=0.02)
+        end = time.monotonic() + 5.0
+        while len(poses) < FRAMES - 3 and time.monotonic() < end:
+            rclpy.spin_once(node, timeout_sec=0.1)
+    finally:
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=20.0)
+        node.destroy_subscription(kept)
+        node.destroy_node()
+        rclpy.shutdown()
+    assert process.returncode == 0, said.decode()
+    assert len(poses) >= FRAMES - 3
+    t, pose, covariance = messages.pose_from(poses[-1], "test")
+    true = np.linalg.inv(recording.truth[0]) @ recording.truth[round((t - 1.0) * 10.0)]
+    assert np.linalg.norm(pose[:3, 3] - true[:3, 3]) < 0.15
+    assert np.linalg.eigvalsh(covariance)[0] > 0.0
