@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import signal
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -17,12 +20,14 @@ pytest.importorskip("zenoh", reason="the extra live is not installed")
 pytest.importorskip("cryptography", reason="the extra live is not installed")
 
 from collabslam import DataError, Settings, SettingsError
+from collabslam.datasets import write_recording
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.live import link, messages, names
 from collabslam.live.cameras import PlayedRecording
 from collabslam.live.keys import Keys, make_keys
 from collabslam.live.link import Address
 from collabslam.live.replay import replay
+from collabslam.live.results import ENGINE
 from collabslam.live.robot import RobotNode, RobotOptions
 from collabslam.live.sending import send_all
 from collabslam.live.steady import SteadyClock
@@ -201,3 +206,45 @@ def test_private_keys_are_private_and_made_once(folder: Path) -> None:
     assert {p.stat().st_mode & 0o077 for p in folder.rglob("key.pem")} == {0}
     with pytest.raises(SettingsError, match="called"):
         make_keys(folder, hosts=[], devices=["../anna"])
+
+
+def test_a_robot_that_was_killed_goes_on_from_its_checkpoint(
+    clip: Clip, address: Address, tmp_path: Path
+) -> None:
+    walk, out = write_recording(Held(clip), tmp_path / "walk"), tmp_path / "out"
+    command = [sys.executable, "-m", "collabslam", "live", "robot", str(walk), "--insecure"]
+    command += ["--listen", f"127.0.0.1:{address.port}", "--out", str(out), "--start", "scale-free"]
+    command += ["--mode", "mono", "--checkpoint-every", "3"]
+    process = subprocess.Popen(command)
+    assert until(lambda: (out / ENGINE).is_file() and lines(out / "frames.csv") > 7, 20.0)
+    process.kill()
+    process.wait()
+    before = (out / "trajectory.tum").read_text()
+    done = subprocess.run([*command, "--resume"], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    after = (out / "trajectory.tum").read_text()
+    assert after.startswith(before.rpartition("\n")[0])
+    assert lines(out / "frames.csv") >= len(clip.frames) - 3
+    stamps = [line.split()[0] for line in after.splitlines() if not line.startswith("#")]
+    assert float(stamps[-1]) == clip.frames[-1].t
+    assert json.loads((out / "summary.json").read_text())["frames"] == lines(out / "frames.csv") - 1
+
+
+def lines(path: Path) -> int:
+    return path.read_text().count("\n") if path.is_file() else 0
+
+
+def test_ctrl_c_ends_with_everything_written(clip: Clip, address: Address, tmp_path: Path) -> None:
+    walk, out = write_recording(Held(clip), tmp_path / "walk"), tmp_path / "out"
+    command = [sys.executable, "-m", "collabslam", "live", "robot", str(walk), "--insecure"]
+    command += ["--listen", f"127.0.0.1:{address.port}", "--out", str(out), "--record", str(tmp_path / "rec")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert until(lambda: lines(out / "frames.csv") > 3, 20.0)
+    process.send_signal(signal.SIGINT)
+    said, _ = process.communicate(timeout=20.0)
+    assert process.returncode == 0
+    assert str(out) in said
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["interrupted"] is True
+    assert summary["frames"] == lines(out / "frames.csv") - 1
+    assert replay(tmp_path / "rec", tmp_path / "again")["frames"] == summary["frames"]

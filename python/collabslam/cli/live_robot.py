@@ -41,6 +41,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--resume", action="store_true", help="go on with the run in the result folder, which was killed"
     )
     parser.add_argument(
+        "--checkpoint-every",
+        metavar="N",
+        type=int,
+        default=50,
+        help="frames between checkpoints, from which a killed run goes on (default %(default)s)",
+    )
+    parser.add_argument(
         "--record", metavar="DIR", type=Path, help="keep all that reaches the filter as a ROS 2 bag (MCAP)"
     )
     options.add_settings(parser)
@@ -63,6 +70,7 @@ def main(arguments: argparse.Namespace) -> int:
         start=arguments.start,
         worn_camera=None if arguments.worn_camera is None else load_camera(arguments.worn_camera),
         record=arguments.record,
+        checkpoint_every=max(1, arguments.checkpoint_every),
         overwrite=arguments.overwrite,
         resume=arguments.resume,
     )

@@ -30,8 +30,6 @@ from collabslam.version import version
 
 ENGINE = "engine.bin"
 """The checkpoint: the engine after some frame."""
-CHECKPOINT_EVERY = 50
-"""Frames between two checkpoints."""
 _LINES = (FRAMES, TRAJECTORY, COVARIANCE)
 
 
@@ -49,12 +47,16 @@ class LiveResults:
     settings : Settings
     unit : str
         Of lengths.
+    every : int
+        Frames between two checkpoints.
     resumed : bool
         Whether to go on with the lines that are there.
     """
 
-    def __init__(self, folder: Path, settings: Settings, unit: str, *, resumed: bool = False) -> None:
-        self.folder = folder
+    def __init__(
+        self, folder: Path, settings: Settings, unit: str, *, every: int = 50, resumed: bool = False
+    ) -> None:
+        self.folder, self._every = folder, every
         self._unit = unit
         self._columns: tuple[str, ...] = ()
         self.frames, self.statuses, self.links = 0, Counter[str](), Counter[str]()
@@ -87,7 +89,7 @@ class LiveResults:
 
     def checkpoint(self, slam: Slam) -> None:
         """Keep the engine as it is, if it is time; raises DataError if it cannot be written."""
-        if self.frames % CHECKPOINT_EVERY == 0:
+        if self.frames % self._every == 0:
             slam.save(self.folder / ENGINE)
 
     @property

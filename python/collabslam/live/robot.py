@@ -42,6 +42,8 @@ class RobotOptions:
         Calibration of Cf; the one that the first device tells if None.
     record : Path or None
         New folder for all that reaches the filter.
+    checkpoint_every : int
+        Frames.
     overwrite, resume : bool
         Take the result folder of an earlier run anew, or go on with that run.
     """
@@ -52,6 +54,7 @@ class RobotOptions:
     start: str = "worn"
     worn_camera: Camera | None = None
     record: Path | None = None
+    checkpoint_every: int = 50
     overwrite: bool = False
     resume: bool = False
 
@@ -93,7 +96,9 @@ class RobotNode:
                 self.uplink.use(worn_camera)
             slam = self._engine(folder, worn_camera)
             unit = METRES if options.start == "worn" else ARBITRARY
-            results = LiveResults(folder, options.settings, unit, resumed=options.resume)
+            results = LiveResults(
+                folder, options.settings, unit, every=options.checkpoint_every, resumed=options.resume
+            )
             stack.callback(results.close)
             recorder = self._recorder(worn_camera)
             stack.callback(recorder.close)
