@@ -101,3 +101,5 @@ def browser(video: Path) -> Iterator[Browser]:
         finally:
             process.terminate()
             process.wait()
+            if process.stderr is not None:
+                process.stderr.close()

@@ -30,7 +30,9 @@ from collabslam.live.cameras import PlayedRecording
 from collabslam.live.gateway import Gateway
 from collabslam.live.keys import make_keys
 from collabslam.live.robot import RobotNode, RobotOptions
+from collabslam.live.sending import send_all
 from collabslam.live.web import Tokens, WebServer
+from collabslam.live.worn import WornDevice
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")
 
@@ -40,22 +42,12 @@ SIZE = (640, 480)
 SECONDS = 40
 
 
-class Again(HeldRecording):
-    """The corridor's first frames to and fro, so that a browser has time to look."""
+class Slow(HeldRecording):
+    """The corridor's first frames, two a second, so that a browser has time to look."""
 
-    def __init__(self, frames: int, seconds: int) -> None:
+    def __init__(self, frames: int) -> None:
         super().__init__(FirstFrames(corridor_recording(), frames), progress=False)
-        there = list(range(frames))
-        order = [*there, *there[-2:0:-1]]
-        self._order = [order[k % len(order)] for k in range(10 * seconds)]
-        self.times = np.arange(len(self._order)) / 10.0
-        self.truth = None
-
-    def __len__(self) -> int:
-        return len(self._order)
-
-    def frame(self, i: int):  # type: ignore[no-untyped-def]
-        return self._frames[self._order[i]]
+        self.times = np.arange(frames) / 2.0
 
 
 @dataclass(frozen=True)
@@ -69,7 +61,7 @@ class Site:
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     folder = tmp_path_factory.mktemp("site")
     make_keys(folder, hosts=[], devices=[], web_hosts=["127.0.0.1"])
-    recording = Again(12, SECONDS)
+    recording = Slow(2 * SECONDS)
     video = folder / "phone.mjpeg"
     with video.open("wb") as file:
         for i in range(12):
@@ -80,7 +72,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         s.bind(("127.0.0.1", 0))
         address = link.Address("127.0.0.1", s.getsockname()[1])
     with link.open_robot(address, None) as at_robot, link.open_device(address, None) as at_device:
-        options = RobotOptions(folder / "out", Settings.default(), start="scale-free", mode="mono")
+        options = RobotOptions(folder / "out", Settings.default())
         node = RobotNode(at_robot, PlayedRecording(recording), options)
         robot = threading.Thread(target=node.run, daemon=True)
         robot.start()
@@ -99,10 +91,16 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         thread = threading.Thread(target=lambda: loop.run_until_complete(serve()), daemon=True)
         thread.start()
         assert ready.wait(10.0)
-        with browser(video) as page:
-            yield Site(found[0], node, page)
-        loop.call_soon_threadsafe(done.set)
+        played = PlayedRecording(recording)
+        with WornDevice(at_device, "anna", recording.worn_camera, played.clock) as anna:
+            sending = threading.Thread(target=lambda: send_all(anna, played, done.is_set), daemon=True)
+            sending.start()
+            with browser(video) as page:
+                yield Site(found[0], node, page)
+            loop.call_soon_threadsafe(done.set)
+            sending.join(10.0)
         thread.join(10.0)
+        loop.close()
         robot.join(SECONDS)
 
 

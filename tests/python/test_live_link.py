@@ -224,9 +224,9 @@ def test_a_robot_that_was_killed_goes_on_from_its_checkpoint(
     assert done.returncode == 0, done.stderr
     after = (out / "trajectory.tum").read_text()
     assert after.startswith(before.rpartition("\n")[0])
-    assert lines(out / "frames.csv") >= len(clip.frames) - 3
     stamps = [line.split()[0] for line in after.splitlines() if not line.startswith("#")]
     assert float(stamps[-1]) == clip.frames[-1].t
+    assert sorted(set(stamps), key=float) == stamps
     assert json.loads((out / "summary.json").read_text())["frames"] == lines(out / "frames.csv") - 1
 
 

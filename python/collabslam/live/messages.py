@@ -9,28 +9,23 @@ from typing import Any
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.recording_writer import stable_quaternion
+from collabslam.datasets.ros import making
 from collabslam.datasets.ros.messages import camera_of, pose_and_covariance_of
 from collabslam.errors import CollabslamError, DataError
 from collabslam.extras import needs
 from collabslam.formats.ros_odometry import WORLD, odometry_message
-from collabslam.geometry import tangent_to_fixed
 from collabslam.live.clock import Exchange
 from collabslam.live.steady import nanoseconds, seconds
 from collabslam.types import Array, Image
 
+IMAGE, CAMERA_INFO, POSE = making.IMAGE, making.CAMERA_INFO, making.POSE_WITH_COVARIANCE
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
-IMAGE = "sensor_msgs/msg/Image"
-CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
-POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 ODOMETRY = "nav_msgs/msg/Odometry"
 CLOUD = "sensor_msgs/msg/PointCloud2"
 STATUS = "diagnostic_msgs/msg/DiagnosticArray"
 TIMES = "std_msgs/msg/Int64MultiArray"
 TEXT = "std_msgs/msg/String"
 
-_MODELS = {"pinhole": ("plumb_bob", 5), "radtan": ("plumb_bob", 5), "fisheye": ("equidistant", 4)}
-"""What ROS calls a camera's model, and how many coefficients it has there."""
 LEVELS = {"OK": b"\0", "COASTING": b"\1", "LOST": b"\2"}
 
 
@@ -57,15 +52,20 @@ def decoded(kind: str, data: bytes) -> Any:
         raise DataError(f"The message is no {kind} ({type(error).__name__}); send CDR of ROS 2.") from error
 
 
+@cache
+def maker() -> making.Maker:
+    """Makes messages of these types."""
+    return making.Maker(store())
+
+
 def make(kind: str, *values: Any) -> Any:
     """A message of its fields' values."""
-    return store().types[kind](*values)
+    return maker().make(kind, *values)
 
 
 def header(t: float, frame: str) -> Any:
     """A header: ``t`` seconds."""
-    stamp = make("builtin_interfaces/msg/Time", *divmod(nanoseconds(t), 10**9))
-    return make("std_msgs/msg/Header", stamp, frame)
+    return maker().header(nanoseconds(t), frame)
 
 
 def stamp_of(message: Any) -> float:
@@ -82,26 +82,12 @@ def compressed_image(t: float, frame: str, data: bytes) -> bytes:
 
 def raw_image(t: float, frame: str, image: Image) -> bytes:
     """A (H, W) uint8 grey image as Image."""
-    h, w = image.shape
-    data = np.ascontiguousarray(image).ravel()
-    return encoded(IMAGE, make(IMAGE, header(t, frame), h, w, "mono8", 0, w, data))
+    return encoded(IMAGE, maker().image(nanoseconds(t), frame, image))
 
 
 def camera_info(t: float, frame: str, camera: Camera) -> bytes:
     """A calibration as CameraInfo; raises DataError for a model that has no name in ROS."""
-    if camera.model not in _MODELS:
-        raise DataError(
-            f"The camera's model '{camera.model}' has no name in ROS; give a pinhole, radtan or fisheye one."
-        )
-    model, coefficients = _MODELS[camera.model]
-    fx, fy, cx, cy = camera.intrinsics
-    k = np.array([fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0])
-    d = np.zeros(coefficients)
-    d[: len(camera.distortion)] = camera.distortion
-    p = np.concatenate([k.reshape(3, 3), np.zeros((3, 1))], axis=1).ravel()
-    roi = make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
-    values = (camera.height, camera.width, model, d, k, np.eye(3).ravel(), p, 0, 0, roi)
-    return encoded(CAMERA_INFO, make(CAMERA_INFO, header(t, frame), *values))
+    return encoded(CAMERA_INFO, maker().camera_info(nanoseconds(t), frame, camera))
 
 
 def camera_from(data: bytes, where: str) -> Camera:
@@ -114,12 +100,7 @@ def pose(t: float, frame: str, matrix: Array, covariance: Array) -> bytes:
 
     The message's covariance is along the fixed axes of ``frame``, as ROS has it.
     """
-    w, x, y, z = stable_quaternion(matrix[:3, :3])
-    point = make("geometry_msgs/msg/Point", *(float(v) for v in matrix[:3, 3]))
-    value = make("geometry_msgs/msg/Pose", point, make("geometry_msgs/msg/Quaternion", x, y, z, w))
-    fixed = tangent_to_fixed(matrix, covariance).ravel()
-    full = make("geometry_msgs/msg/PoseWithCovariance", value, fixed)
-    return encoded(POSE, make(POSE, header(t, frame), full))
+    return encoded(POSE, maker().pose_with_covariance(nanoseconds(t), frame, matrix, covariance))
 
 
 def pose_from(data: bytes, where: str) -> tuple[float, Array, Array]:

@@ -59,6 +59,7 @@ class LiveResults:
         self.folder, self._every = folder, every
         self._unit = unit
         self._columns: tuple[str, ...] = ()
+        self._last = -float("inf")
         self.frames, self.statuses, self.links = 0, Counter[str](), Counter[str]()
         if resumed:
             self._take_up()
@@ -71,8 +72,11 @@ class LiveResults:
         self._frames, self._poses, self._covariances = (LineFile(folder / name) for name in _LINES)
 
     def frame(self, pose: LivePose) -> None:
-        """Add a frame; raises DataError if the disk is full."""
+        """Add a frame, unless it was written before the run was killed; raises DataError if the disk is full."""
         step = pose.step
+        if step.t <= self._last:
+            return
+        self._last = step.t
         diagnostics = {**step.diagnostics, "link": pose.link, "session": pose.session or ""}
         if not self._columns:
             self._columns = frame_columns(diagnostics)
@@ -125,3 +129,5 @@ class LiveResults:
         if rows:
             self._columns = tuple(rows[0].split(","))
             self.frames = len(rows) - 1
+        if self.frames > 0:
+            self._last = float(rows[-1].split(",")[self._columns.index("t")])

@@ -15,10 +15,16 @@ from typing import Any
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.recording_writer import stable_quaternion
+from collabslam.datasets.ros.making import (
+    CAMERA_INFO,
+    IMAGE,
+    NANOSECONDS,
+    POSE_WITH_COVARIANCE,
+    Maker,
+    check_model,
+)
 from collabslam.errors import DataError
 from collabslam.extras import needs
-from collabslam.geometry import tangent_to_fixed
 from collabslam.types import Array, Image, Recording
 from collabslam.worn_pose import AhrsReading, LaserScan
 from collabslam.worn_pose.readings import Wearer
@@ -28,10 +34,6 @@ TOPICS = {"cs": "/cs/image_raw", "cf": "/cf/image_raw", "t_cf": "/t_cf", "truth"
 SCAN_TOPIC = "/{}/scan"
 AHRS_TOPICS: dict[Wearer, str] = {"robot": "/cs/imu", "worn": "/cf/imu"}
 ROBOT, WORN, WORLD = "cs_optical", "cf_optical", "world"
-
-_NANOSECONDS = 10**9
-_MODELS = {"pinhole": ("plumb_bob", 5), "radtan": ("plumb_bob", 5), "fisheye": ("equidistant", 4)}
-"""What ROS calls a camera's model, and how many coefficients it has there; a pinhole's are zero."""
 
 
 def write_bag(
@@ -71,7 +73,7 @@ def write_bag(
     if path.exists():
         raise DataError(f"The folder {path} exists already; give another one for the bag.")
     for camera in (recording.camera, recording.worn_camera):
-        _check_model(camera)
+        check_model(camera)
     store = get_typestore(Stores.ROS2_HUMBLE)
     plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
     # The bag's files are named after its folder: it is written under its own name, one folder further down.
@@ -111,48 +113,26 @@ def _write_frame(bag: _Bag, recording: Recording, i: int) -> None:
         bag.pose("/truth", stamp, recording.truth[i])
 
 
-def _check_model(camera: Camera | None) -> None:
-    if camera is not None and camera.model not in _MODELS:
-        raise DataError(
-            f"The camera's model '{camera.model}' has no name in ROS; give a pinhole, radtan or fisheye one."
-        )
-
-
 class _Bag:
     """Writes messages; topics appear with their first one."""
 
     def __init__(self, writer: Any, store: Any) -> None:
-        self._writer, self._store = writer, store
+        self._writer, self._store, self._maker = writer, store, Maker(store)
         self._connections: dict[str, Any] = {}
 
     def image(self, above: str, stamp: int, image: Image, frame: str) -> None:
-        h, w = image.shape
-        data = np.ascontiguousarray(image).ravel()
-        header = self._header(stamp, frame)
-        self._write(f"{above}/image_raw", "sensor_msgs/msg/Image", stamp, header, h, w, "mono8", 0, w, data)
+        self._put(f"{above}/image_raw", IMAGE, stamp, self._maker.image(stamp, frame, image))
 
     def camera(self, above: str, stamp: int, camera: Camera, frame: str) -> None:
-        model, coefficients = _MODELS[camera.model]
-        fx, fy, cx, cy = camera.intrinsics
-        k = np.array([fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0])
-        d = np.zeros(coefficients)
-        d[: len(camera.distortion)] = camera.distortion
-        p = np.concatenate([k.reshape(3, 3), np.zeros((3, 1))], axis=1).ravel()
-        roi = self._make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
-        values = (camera.height, camera.width, model, d, k, np.eye(3).ravel(), p, 0, 0, roi)
-        header = self._header(stamp, frame)
-        self._write(f"{above}/camera_info", "sensor_msgs/msg/CameraInfo", stamp, header, *values)
+        self._put(f"{above}/camera_info", CAMERA_INFO, stamp, self._maker.camera_info(stamp, frame, camera))
 
     def pose(self, topic: str, stamp: int, pose: Array) -> None:
-        self._write(
-            topic, "geometry_msgs/msg/PoseStamped", stamp, self._header(stamp, WORLD), self._pose(pose)
-        )
+        values = (self._maker.header(stamp, WORLD), self._maker.pose(pose))
+        self._write(topic, "geometry_msgs/msg/PoseStamped", stamp, *values)
 
     def pose_with_covariance(self, topic: str, stamp: int, pose: Array, covariance: Array) -> None:
-        fixed = tangent_to_fixed(pose, covariance).ravel()
-        value = self._make("geometry_msgs/msg/PoseWithCovariance", self._pose(pose), fixed)
-        kind = "geometry_msgs/msg/PoseWithCovarianceStamped"
-        self._write(topic, kind, stamp, self._header(stamp, ROBOT), value)
+        message = self._maker.pose_with_covariance(stamp, ROBOT, pose, covariance)
+        self._put(topic, POSE_WITH_COVARIANCE, stamp, message)
 
     def scan(self, scan: LaserScan) -> None:
         stamp, beams, topic = _stamp(scan.t), len(scan.ranges), SCAN_TOPIC.format(scan.scanner)
@@ -160,44 +140,33 @@ class _Bag:
         times = (scan.time_increment, scan.time_increment * (beams - 1), scan.range_min, scan.range_max)
         ranges = np.asarray(scan.ranges, np.float32)
         self._write(
-            topic, "sensor_msgs/msg/LaserScan", stamp, self._header(stamp, scan.scanner),
+            topic, "sensor_msgs/msg/LaserScan", stamp, self._maker.header(stamp, scan.scanner),
             *angles, *times, ranges, np.empty(0, np.float32),
         )  # fmt: skip
 
     def attitude(self, reading: AhrsReading) -> None:
         stamp = _stamp(reading.t)
         frame = "cs_ahrs" if reading.where == "robot" else "cf_ahrs"
-        unknown, none = np.zeros(9), self._make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
+        unknown, none = np.zeros(9), self._maker.make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
         unknown[0] = -1.0
         x, y, z, w = (float(v) for v in reading.q_xyzw)
-        quaternion = self._make("geometry_msgs/msg/Quaternion", x, y, z, w)
+        quaternion = self._maker.make("geometry_msgs/msg/Quaternion", x, y, z, w)
         self._write(
-            AHRS_TOPICS[reading.where], "sensor_msgs/msg/Imu", stamp, self._header(stamp, frame),
+            AHRS_TOPICS[reading.where], "sensor_msgs/msg/Imu", stamp, self._maker.header(stamp, frame),
             quaternion, np.zeros(9), none, unknown, none, unknown,
         )  # fmt: skip
 
-    def _pose(self, pose: Array) -> Any:
-        w, x, y, z = stable_quaternion(pose[:3, :3])
-        point = self._make("geometry_msgs/msg/Point", *(float(v) for v in pose[:3, 3]))
-        turn = self._make("geometry_msgs/msg/Quaternion", x, y, z, w)
-        return self._make("geometry_msgs/msg/Pose", point, turn)
-
-    def _header(self, stamp: int, frame: str) -> Any:
-        time = self._make("builtin_interfaces/msg/Time", *divmod(stamp, _NANOSECONDS))
-        return self._make("std_msgs/msg/Header", time, frame)
-
-    def _make(self, kind: str, *values: Any) -> Any:
-        return self._store.types[kind](*values)
-
     def _write(self, topic: str, kind: str, stamp: int, *values: Any) -> None:
+        self._put(topic, kind, stamp, self._maker.make(kind, *values))
+
+    def _put(self, topic: str, kind: str, stamp: int, message: Any) -> None:
         if topic not in self._connections:
             self._connections[topic] = self._writer.add_connection(topic, kind, typestore=self._store)
-        data = self._store.serialize_cdr(self._make(kind, *values), kind)
-        self._writer.write(self._connections[topic], stamp, data)
+        self._writer.write(self._connections[topic], stamp, self._store.serialize_cdr(message, kind))
 
 
 def _stamp(t: float) -> int:
-    stamp = round(float(t) * _NANOSECONDS)
+    stamp = round(float(t) * NANOSECONDS)
     if stamp < 0:
         raise DataError(f"The stamp {t} s is negative; give stamps from zero on.")
     return stamp

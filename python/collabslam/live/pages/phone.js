@@ -4,6 +4,7 @@ import { connect, facts, say } from "/link.js";
 const video = document.getElementById("video");
 const seconds = (ms) => (performance.timeOrigin + ms) / 1000;
 let socket = null, busy = false, last = -Infinity, sent = 0, asking = null;
+const shown = new Set(["link", "started", "cf matches"]);
 let level = { width: 640, quality: 0.5, rate: 10 };
 
 async function start() {
@@ -36,7 +37,10 @@ function take(message, from) {
     from.send(JSON.stringify({ exchange: [message.asked, message.received, message.answered, back] }));
   }
   if (message.level) level = message.level;
-  if (message.facts) facts({ "images sent": sent, ...message.facts });
+  if (message.facts) {
+    const own = Object.entries(message.facts).filter(([name]) => shown.has(name) || name.includes(":"));
+    facts({ "images sent": sent, ...Object.fromEntries(own) });
+  }
 }
 
 function frame(now, data) {
@@ -44,7 +48,8 @@ function frame(now, data) {
   if (!socket || busy || socket.bufferedAmount > 60000 || now - last < 900 / level.rate) return;
   busy = true;
   last = now;
-  send(data.captureTime || now).finally(() => { busy = false; });
+  const known = Math.abs(now - data.captureTime) < 1000; // some cameras count from another beginning, or not at all
+  send(known ? data.captureTime : now).finally(() => { busy = false; });
 }
 
 async function send(taken) {
@@ -56,7 +61,7 @@ async function send(taken) {
   const blob = await canvas.convertToBlob({ type: "image/jpeg", quality: level.quality });
   const jpeg = new Uint8Array(await blob.arrayBuffer());
   const message = new Uint8Array(8 + jpeg.length);
-  new DataView(message.buffer).setFloat64(0, seconds(taken), true);
+  new DataView(message.buffer).setFloat64(0, seconds(taken));
   message.set(jpeg, 8);
   if (socket) { socket.send(message); sent += 1; }
 }
