@@ -7,6 +7,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import cv2
@@ -155,9 +156,9 @@ def play(words: list[str], folder: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
 def test_commands_run(page: Path, there: Path) -> None:
-    if page.stem == "live":
-        pytest.importorskip("zenoh", reason="the extra live is not installed")
     for words in commands(page):
+        if words[:2] == ["collabslam", "live"] and find_spec("zenoh") is None:
+            continue  # the extra live is not installed
         for new in ("copied", "new", "odometry", "odometry-mcap"):
             if new in words:
                 shutil.rmtree(there / new, ignore_errors=True)
