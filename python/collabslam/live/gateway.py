@@ -119,7 +119,7 @@ class Gateway:
             robot = found["robot"]
             own = found.get(self._name, {})
             if "age_median_ms" in own:
-                self.pace.report(float(own["age_median_ms"]) / 1e3)
+                self.pace.report(float(own["age_median_ms"]) / 1e3, float(own["images"]))
             facts = {k.replace("_", " "): v for k, v in robot.items() if k != "message"}
             for name in sorted(found.keys() - {"robot"}):
                 facts |= {

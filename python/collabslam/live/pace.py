@@ -37,14 +37,21 @@ class Pace:
     def __init__(self) -> None:
         self._level = 0
         self._run = 0
+        self._images = 0.0
 
     @property
     def level(self) -> Level:
         """What is to be sent now."""
         return LEVELS[self._level]
 
-    def report(self, age: float) -> None:
-        """The robot got images so many seconds after they were taken."""
+    def report(self, age: float, images: float) -> None:
+        """The robot has so many images, and got the last ones so many seconds after they were taken.
+
+        A report without a new image says nothing new.
+        """
+        if images == self._images:
+            return
+        self._images = images
         if age > OLD:
             self._run = min(self._run, 0) - 1
         elif age < FRESH:

@@ -72,7 +72,7 @@ class LiveResults:
         self._frames, self._poses, self._covariances = (LineFile(folder / name) for name in _LINES)
 
     def frame(self, pose: LivePose) -> None:
-        """Add a frame that was not written before the run was killed; raises DataError if the disk is full."""
+        """Add a frame, unless it was written before a kill; raises DataError if the disk is full."""
         step = pose.step
         if step.t <= self._last:
             return

@@ -138,6 +138,6 @@ class WornDevice:
         try:
             own = messages.status_from(payload).get(self._name)
             if own is not None:
-                self.pace.report(float(own["age_median_ms"]) / 1e3)
+                self.pace.report(float(own["age_median_ms"]) / 1e3, float(own["images"]))
         except (DataError, KeyError, ValueError):
             pass  # a robot of another version: the pace stays

@@ -1,0 +1,71 @@
+"""How much a worn camera sends: less when images come late, more when they are fresh."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from conftest import Clip
+
+from collabslam.live.pace import COURAGE, LEVELS, PATIENCE, SCALES, Encoder, Pace
+
+
+def report(pace: Pace, age: float, times: int) -> None:
+    for _ in range(times):
+        pace.report(age, pace._images + 1)
+
+
+def test_old_images_cost_size_first_and_then_rate() -> None:
+    pace = Pace()
+    seen = [pace.level]
+    for _ in LEVELS:
+        report(pace, 0.5, PATIENCE)
+        seen.append(pace.level)
+    assert tuple(dict.fromkeys(seen)) == LEVELS
+    sizes, rates = [level.size for level in LEVELS], [level.rate for level in LEVELS]
+    assert sizes == sorted(sizes, reverse=True)
+    assert rates == sorted(rates, reverse=True)
+    assert rates[sizes.index(min(sizes))] == max(rates)
+
+
+def test_fresh_images_bring_it_back_and_one_report_changes_nothing() -> None:
+    pace = Pace()
+    report(pace, 0.5, PATIENCE)
+    report(pace, 0.01, COURAGE - 1)
+    assert pace.level == LEVELS[1]
+    report(pace, 0.01, 1)
+    assert pace.level == LEVELS[0]
+    for _ in range(10):
+        report(pace, 0.5, PATIENCE - 1)
+        report(pace, 0.1, 1)
+    assert pace.level == LEVELS[0]
+
+
+def test_a_report_that_is_said_again_counts_once() -> None:
+    pace = Pace()
+    for _ in range(100):
+        pace.report(0.5, 7.0)
+    assert pace.level == LEVELS[0]
+
+
+@pytest.mark.parametrize("size", [5_000, 10_000])
+def test_images_have_about_the_wanted_size(clip: Clip, size: int) -> None:
+    encoder, sizes = Encoder(), []
+    for _ in range(4):
+        for frame in clip.frames[:13]:
+            assert frame.worn is not None
+            data = encoder.encode(frame.worn.image, size)
+            sizes.append(len(data))
+    assert 0.7 * size < np.median(sizes[-13:]) < 1.3 * size
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert image.ndim == 2
+    assert image.shape[1] / 720 in SCALES
+
+
+def test_plain_images_go_out_whole() -> None:
+    encoder = Encoder()
+    plain = np.full((480, 720), 90, np.uint8)
+    for _ in range(5):
+        data = encoder.encode(plain, 10_000)
+    assert len(data) < 10_000
+    assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED).shape == (480, 720)
