@@ -71,6 +71,8 @@ class Outcome:
         Errors of their stamps in the robot's time, seconds.
     rate : float
         Bytes per second that left the worn camera, as counted on the wire.
+    taken, came : (N,) array
+        When images were taken and when they came, seconds since the network was there.
     """
 
     out: Path
@@ -81,6 +83,8 @@ class Outcome:
     rate: float
     bytes_on_wire: int
     bytes_received: int
+    taken: Any
+    came: Any
 
 
 @pytest.fixture(scope="module")
@@ -159,6 +163,7 @@ def play(
         "drift": DRIFT,
     }
     with w.namespaces() as names, w.relay(names, wire, 120.0) as relay:
+        up = time.monotonic()
         worn = end(names[1], "worn", to_worn)
         time.sleep(1.5)
         robot = end(names[0], "robot", to_robot)
@@ -179,16 +184,19 @@ def play(
         (true[stamp], taken, came) for stamp, taken, came in told["robot"]["arrivals"] if stamp in true
     ]
     taken = np.array([t for t, _, _ in arrivals])
+    came = np.array([t + monotonic for _, _, t in arrivals])
     first, last = min(true.values()), max(true.values())
     return Outcome(
         out=folder / "out",
         summary=told["robot"]["summary"],
         error=position_error(folder / "out", *place.truth),
-        ages=np.array([came + monotonic for _, _, came in arrivals]) - taken,
+        ages=came - taken,
         clock=np.array([t + monotonic for _, t, _ in arrivals]) - taken,
         rate=counts.sent[1] / (last - first + 0.1),
         bytes_on_wire=counts.sent[1],
         bytes_received=told["robot"]["received"].get("anna", 0),
+        taken=taken - up,
+        came=came - up,
     )
 
 
@@ -260,12 +268,15 @@ def test_packets_that_overtake_each_other(place: Place, clean: Outcome) -> None:
 
 
 def test_a_blackout_of_three_seconds(place: Place, figures: dict[str, Any]) -> None:
-    found = play(place, "blackout", replace(CLEAN, blackout=(7.0, 10.0)))
+    dark = (5.0, 8.0)
+    found = play(place, "blackout", replace(CLEAN, blackout=dark))
+    assert (found.taken < dark[0]).any()
+    assert (found.taken > dark[1]).any()
     figures["blackout_error_over_mono"] = found.error / place.mono_error
-    links = found.summary["links"]
+    figures["back_after_blackout_s"] = float(found.came[found.came > dark[1]].min() - dark[1])
     assert figures["blackout_error_over_mono"] < 1.0
-    assert links["mono"] >= 10
-    assert links["collab"] >= 100 - 45  # mono for the 3 s, and for less than 1 s after them
+    assert figures["back_after_blackout_s"] < 1.0
+    assert found.summary["links"]["mono"] > 0
 
 
 def test_a_worn_process_that_is_stopped_and_goes_on(place: Place) -> None:
@@ -273,3 +284,16 @@ def test_a_worn_process_that_is_stopped_and_goes_on(place: Place) -> None:
     assert found.summary["links"]["mono"] >= 5
     assert found.summary["links"]["collab"] >= 60
     assert found.summary["statuses"].get("LOST", 0) == 0
+
+
+def test_kept_poses_cost_little(place: Place, figures: dict[str, Any]) -> None:
+    recording = collabslam.open_recording(place.recording)
+    frames = [recording.frame(i) for i in range(len(recording))]
+    late = [None, *(None if f.worn is None else replace(f.worn, t=f.t) for f in frames[:-1])]
+    costs = []
+    for views in ([f.worn for f in frames], late):
+        slam = collabslam.Slam(recording.camera, recording.worn_camera)
+        steps = [slam.step(f.t, f.image, worn) for f, worn in zip(frames, views, strict=True)]
+        costs.append(float(np.median([s.diagnostics["ms_update"] for s in steps])))
+    figures["clones_share_of_update"] = max(0.0, (costs[1] - costs[0]) / costs[1])
+    assert figures["clones_share_of_update"] < 0.10
