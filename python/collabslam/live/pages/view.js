@@ -26,7 +26,7 @@ function draw() {
   const left = Math.min(...xs) - 2, right = Math.max(...xs) + 2, low = Math.min(...zs) - 2, high = Math.max(...zs) + 2;
   const scale = Math.min(width / (right - left), height / (high - low));
   const at = (x, z) => [width / 2 + (x - (left + right) / 2) * scale, height / 2 - (z - (low + high) / 2) * scale];
-  pen.fillStyle = "#8a8a8a";
+  pen.fillStyle = "#d98200";
   for (const [x, z] of points) { const [u, v] = at(x, z); pen.fillRect(u - 1.5, v - 1.5, 3, 3); }
   pen.strokeStyle = style;
   pen.lineWidth = 2;
