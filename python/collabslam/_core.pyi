@@ -485,7 +485,7 @@ class Filter:
         self,
         landmarks: ArrayLike,
         covariance: ArrayLike,
-        drift: ArrayLike,
+        place: ArrayLike,
         pose: ArrayLike,
         index: ArrayLike,
         uv: ArrayLike,
@@ -498,8 +498,8 @@ class Filter:
             ``x y z theta phi rho`` of each in W (METHOD 2): metres, radians, 1/m.
         covariance : (6 M, 6 M) float64
             Their joint covariance.
-        drift : (6, 6) float64
-            Covariance of W's drift, (translation m, rotation rad).
+        place : (6, 6) float64
+            Covariance of the map's place in W, (translation m, rotation rad).
         pose : (4, 4) float64
             T_WC that explains the matches, as PnP gives it, metres.
         index, uv : (N,) int64, (N, 2) float64
@@ -656,7 +656,7 @@ class Filter:
         -------
         KnownMap
         """
-    def start_from_map(self, landmarks: ArrayLike, covariance: ArrayLike, drift: ArrayLike) -> _Ids:
+    def start_from_map(self, landmarks: ArrayLike, covariance: ArrayLike, place: ArrayLike) -> _Ids:
         """Starts in a map, not knowing where the camera is; :meth:`relocalise` is to follow.
 
         Parameters
@@ -665,8 +665,8 @@ class Filter:
             ``x y z theta phi rho`` of each in W (METHOD 2): metres, radians, 1/m.
         covariance : (6 N, 6 N) float64
             Their joint covariance.
-        drift : (6, 6) float64
-            Covariance of W's drift, (translation m, rotation rad).
+        place : (6, 6) float64
+            Covariance of the map's place in W, (translation m, rotation rad).
 
         Returns
         -------
@@ -1014,8 +1014,8 @@ class KnownMap:
         ``x y z theta phi rho`` of each in W (METHOD 2): metres, radians, 1/m.
     covariance : (6 N, 6 N) float64
         Their joint covariance.
-    drift : (6, 6) float64
-        Covariance of W's drift, (translation m, rotation rad).
+    place : (6, 6) float64
+        Covariance of the map's place in W, (translation m, rotation rad).
     """
 
     @property
@@ -1025,7 +1025,7 @@ class KnownMap:
     @property
     def covariance(self) -> _Array: ...
     @property
-    def drift(self) -> _Array: ...
+    def place(self) -> _Array: ...
 
 @final
 class ExpectedPixels:

@@ -16,7 +16,7 @@ from collabslam.datasets import write_recording
 from collabslam.errors import DataError, SettingsError
 from collabslam.evaluation.metrics import ate_rmse
 from collabslam.settings.table import Settings
-from collabslam_lab.benchmark import ablation, accuracy, blackout, descriptors, drift, figures, pairs, running
+from collabslam_lab.benchmark import ablation, accuracy, blackout, descriptors, figures, pairs, running
 from collabslam_lab.benchmark.evaluate import Choice, chosen, evaluate
 from collabslam_lab.benchmark.figures import NAMES
 from collabslam_lab.benchmark.plan import find_plan, parse_plan
@@ -355,38 +355,10 @@ def test_true_depths_need_two_frames_that_agree() -> None:
     np.testing.assert_allclose(pairs._agreed(found), [1.01, np.nan, np.nan])
 
 
-def test_the_drift_that_made_the_errors_is_found_again() -> None:
-    rng = np.random.default_rng(5)
-    own, by_position, by_attitude = (np.tile(np.eye(6) * 1e-4, (400, 1, 1)) for _ in range(3))
-    by_position[:, 3:, 3:], by_attitude[:, :3, :3] = 0.0, 0.0
-    exact = own + 0.03**2 * 1e4 * by_position + 0.5**2 * 1e4 * by_attitude
-    errors = np.einsum("nij,nj->ni", np.linalg.cholesky(exact), rng.standard_normal((400, 6)))
-    parts = drift.Parts(errors, own, 1e4 * by_position, 1e4 * by_attitude)
-    runs = {
-        name: [drift.Parts(*(x[k::40] for x in vars(parts).values())) for k in range(40)] for name in "ab"
-    }
-    position, attitude = drift.fit(runs)
-    assert position == pytest.approx(0.03, rel=0.3)
-    assert attitude == pytest.approx(0.5, rel=0.3)
-    near = drift.honesty(runs["a"], position, attitude)
-    assert near[0] == pytest.approx(3.0, abs=1.5)
-    assert near[1] == pytest.approx(3.0, abs=1.5)
-    assert near[2] == 1.0
-    assert "| a |" in drift.page(runs, drift.fits_of(runs), "collab", "collabslam-lab evaluate DATA --drift")
-
-
-def test_a_run_is_taken_apart_and_calibrations_are_wrong_on_purpose(place: Path, tmp_path: Path) -> None:
+def test_calibrations_are_wrong_on_purpose(place: Path, tmp_path: Path) -> None:
     entry = find_plan(place, None).recordings[0]
     item = Item(replace(entry, calibration_sd=(0.01, 3.0, 0.01)), "collab", 0, place, tmp_path)
     right, wrong = running.open_entry(replace(item, entry=entry)).camera, running.open_entry(item).camera
     assert wrong.intrinsics != right.intrinsics
     assert wrong.intrinsics == running.open_entry(item).camera.intrinsics
     assert item.fingerprint() != replace(item, entry=entry).fingerprint()
-    parts = drift.measure(replace(item, entry=entry))
-    assert parts is not None
-    assert np.trace(parts.by_position[-1]) > 0.0
-    whole = running.run_item(replace(item, entry=entry, lever="whole"))
-    assert whole["status"] == "done"
-    default = Settings.default()
-    sizes = [float(default.switch(k)) for k in (drift.POSITION, drift.ATTITUDE)]
-    assert drift.honesty([parts], *sizes)[0] == pytest.approx(whole["nees_position"], rel=1e-6)

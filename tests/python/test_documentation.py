@@ -115,7 +115,6 @@ def there(place: Path, clip: Clip, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(evaluate, "run_items", lambda items, **_: [])
     monkeypatch.setattr(evaluate.descriptors, "measure_all", lambda *_: ([], []))
     monkeypatch.setattr(evaluate.blackout, "measure_all", lambda *_: ([], []))
-    monkeypatch.setattr(evaluate.drift, "drift_items", lambda items, mode: [])
     return place
 
 

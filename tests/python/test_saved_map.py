@@ -66,7 +66,7 @@ def test_it_holds_all_of_the_map(slam: Slam, file: Path) -> None:
     saved, loaded = slam.saved_map(), SavedMap.load(file)
     assert loaded.camera == slam._camera
     assert loaded.metric
-    for name in ("landmarks", "covariance", "drift"):
+    for name in ("landmarks", "covariance", "place"):
         np.testing.assert_array_equal(getattr(saved, name), getattr(loaded, name))
     assert len(loaded.landmarks) == slam.filter.map_size
     blocks = {b.id: (b.offset, b.size) for b in slam.filter.blocks if b.kind == "Feature"}
@@ -97,9 +97,9 @@ def test_another_camera_finds_itself_in_it(clip: Clip, file: Path) -> None:
     assert sum(s.diagnostics["relocalised"] for s in steps) == 1
     assert np.mean(values) < 12.6  # 95 % of six numbers: all poses rest on one map
     assert second.filter.soundness() > -1e-10
-    # The first run's uncertainty is part of it: no better than the drift of W that came with the map.
-    drift = SavedMap.load(file).drift
-    assert np.trace(steps[-1].covariance[3:, 3:]) > np.trace(drift[3:, 3:])
+    # The first run's uncertainty is part of it: no better than the place of its map.
+    place = SavedMap.load(file).place
+    assert np.trace(steps[-1].covariance[3:, 3:]) > np.trace(place[3:, 3:])
 
 
 def test_it_goes_on_mapping(clip: Clip, file: Path) -> None:
@@ -170,7 +170,7 @@ def test_a_bad_file(
     [
         {"landmarks": np.zeros((3, 5))},
         {"covariance": np.eye(4)},
-        {"drift": np.full((6, 6), np.nan)},
+        {"place": np.full((6, 6), np.nan)},
     ],
 )
 def test_parts_that_do_not_fit(slam: Slam, tmp_path: Path, changes: dict[str, Array]) -> None:

@@ -19,7 +19,7 @@ const CRATE: Table = &[
     ("overlap", &["math", "camera", "settings"]),
     ("validate", &["chi2", "settings"]),
     ("birth", &["math", "camera", "observe"]),
-    ("drift", &["math", "settings", "observe"]),
+    ("misfit", &[]),
     ("placed", &["math", "observe"]),
     ("kernel", &["observe"]),
     ("state", &["error", "math", "observe", "kernel"]),
@@ -42,7 +42,7 @@ const CRATE: Table = &[
         "filter",
         &[
             "error", "math", "camera", "settings", "observe", "overlap", "validate", "birth",
-            "drift", "placed", "kernel", "state", "gauge", "local", "predict", "guard", "batch",
+            "misfit", "placed", "kernel", "state", "gauge", "local", "predict", "guard", "batch",
         ],
     ),
 ];
@@ -50,13 +50,14 @@ const CRATE: Table = &[
 /// Files of the filter.
 const FILTER: Table = &[
     ("candidate", &[]),
+    ("handed", &[]),
     ("measurements", &[]),
     ("snapshot", &[]),
     ("visibility", &[]),
     ("record", &[]),
     ("sources", &["measurements"]),
-    ("undo", &["candidate", "record"]),
-    ("ekf", &["candidate", "record", "sources", "undo"]),
+    ("undo", &["candidate", "handed", "record"]),
+    ("ekf", &["candidate", "handed", "record", "sources", "undo"]),
     ("births", &["candidate", "ekf"]),
     ("checkpoint", &["undo", "ekf"]),
     ("checks", &["measurements", "sources", "ekf"]),
@@ -70,6 +71,7 @@ const FILTER: Table = &[
     ("measurement", &["measurements", "sources", "ekf"]),
     ("metric_births", &["measurements", "ekf"]),
     ("predicted_features", &["visibility", "ekf"]),
+    ("handover", &["handed", "ekf"]),
     ("prediction", &["visibility", "ekf"]),
     ("relocalisation", &["measurements", "sources", "ekf"]),
     ("scale", &["ekf"]),
@@ -81,6 +83,7 @@ const FILTER: Table = &[
         "snapshot_image",
         &[
             "candidate",
+            "handed",
             "snapshot",
             "record",
             "sources",

@@ -21,7 +21,13 @@ pub(crate) struct Pair {
 }
 
 impl Pair {
-    pub(crate) fn new(seed: u64, points: usize, consistency: &str, linearity: f64) -> Self {
+    pub(crate) fn new(
+        seed: u64,
+        points: usize,
+        consistency: &str,
+        linearity: f64,
+        handover: f64,
+    ) -> Self {
         let mut rng = rng(seed);
         let points = (0..points).map(|_| {
             let (angle, distance) = (
@@ -46,6 +52,7 @@ impl Pair {
                 ),
                 ("estimator.consistency", name(consistency)),
                 ("map.linearity_index", Value::Float(linearity)),
+                ("process.handover", Value::Float(handover)),
             ];
             Filter::new(settings(&changes), camera(), None)
         };
@@ -196,7 +203,7 @@ fn the_local_update_is_the_plain_one_while_features_become_points() {
 }
 
 fn walk(consistency: &str, linearity: f64) {
-    let mut pair = Pair::new(31, 120, consistency, linearity);
+    let mut pair = Pair::new(31, 120, consistency, linearity, 10.0);
     let (mut worst, mut apart): (f64, usize) = (0.0, 0);
     for frame in 0..400 {
         pair.step(frame);
@@ -224,8 +231,8 @@ fn walk(consistency: &str, linearity: f64) {
 fn a_restored_working_set_goes_on_bit_for_bit() {
     for (consistency, linearity) in [("none", 0.0), ("gauge", 0.0), ("gauge", 0.1)] {
         let (mut straight, mut restored) = (
-            Pair::new(5, 160, consistency, linearity),
-            Pair::new(5, 160, consistency, linearity),
+            Pair::new(5, 160, consistency, linearity, 10.0),
+            Pair::new(5, 160, consistency, linearity, 10.0),
         );
         let mut worked = 0;
         for frame in 0..90 {

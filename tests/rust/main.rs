@@ -9,6 +9,7 @@ mod cameras;
 mod conditional_prediction;
 mod gauge;
 mod guards;
+mod handover;
 mod jacobians;
 mod layers;
 mod local;

@@ -8,11 +8,8 @@ use ekf_core::settings::Value;
 use ekf_core::{Bearing, EkfError, Filter, KnownMap, Outcome};
 use nalgebra::{DMatrix, Matrix6, Vector2, Vector3, Vector6};
 
-/// The drift of W is no part of these simulations.
-const NO_DRIFT: [(&str, Value); 2] = [
-    ("process.position_drift", Value::Float(0.0)),
-    ("process.attitude_drift", Value::Float(0.0)),
-];
+/// The noise of these simulations is as the settings say: landmarks share no error.
+const WHITE: [(&str, Value); 1] = [("process.handover", Value::Float(0.0))];
 
 /// A filter that has tracked for three seconds, and a camera that is elsewhere then.
 struct Lost {
@@ -116,9 +113,9 @@ fn drawn_map(seed: u64) -> (Filter, Vec<(u64, Vector3<f64>)>, Pose) {
         landmarks: landmarks.collect(),
         covariance: &common * common.transpose()
             + DMatrix::from_diagonal(&own.column(0).map(|s| s * s)),
-        drift: Matrix6::zeros(),
+        place: Matrix6::zeros(),
     };
-    let mut filter = Filter::new(settings(&NO_DRIFT), crate::scene::camera(), None);
+    let mut filter = Filter::new(settings(&WHITE), crate::scene::camera(), None);
     filter.predict(0.0).unwrap();
     let ids = filter.start_from_map(&map).unwrap();
     let points = true_map
@@ -172,7 +169,7 @@ fn the_covariance_after_it_is_honest() {
 fn in_a_map_of_its_own_it_is_as_honest_as_the_map() {
     let (mut sum, mut of_map, mut rows, mut runs) = (0.0, 0.0, 0.0, 0.0);
     for seed in 0..80 {
-        let mut lost = lost(seed, &NO_DRIFT);
+        let mut lost = lost(seed, &WHITE);
         if lost.matches.len() < 10 {
             continue;
         }
@@ -214,7 +211,7 @@ fn what_was_believed_of_the_camera_counts_for_nothing() {
 
 #[test]
 fn the_start_of_the_linearisation_hardly_matters() {
-    let lost = lost(4, &NO_DRIFT);
+    let lost = lost(4, &WHITE);
     let from = |pose: &Pose| {
         let mut filter = lost.warm.filter.clone();
         assert!(filter.relocalise(pose, &lost.matches).unwrap().accepted);
@@ -232,7 +229,7 @@ fn the_start_of_the_linearisation_hardly_matters() {
 
 #[test]
 fn wrong_matches_leave_the_filter_as_it_was() {
-    let mut lost = lost(5, &NO_DRIFT);
+    let mut lost = lost(5, &WHITE);
     let before = state(&lost.warm.filter);
     let mut rng = rng(1);
     for m in &mut lost.matches {
@@ -260,7 +257,7 @@ fn wrong_matches_leave_the_filter_as_it_was() {
 
 #[test]
 fn some_wrong_ones_are_left_out() {
-    let many = |seed| Some(lost(seed, &NO_DRIFT)).filter(|lost| lost.matches.len() >= 15);
+    let many = |seed| Some(lost(seed, &WHITE)).filter(|lost| lost.matches.len() >= 15);
     let mut lost = (6..).find_map(many).unwrap();
     for m in lost.matches.iter_mut().take(3) {
         m.uv += Vector2::new(25.0, -30.0);
@@ -278,7 +275,7 @@ fn some_wrong_ones_are_left_out() {
 
 #[test]
 fn bad_input_is_refused() {
-    let mut lost = lost(7, &NO_DRIFT);
+    let mut lost = lost(7, &WHITE);
     let before = state(&lost.warm.filter);
     let good = lost.matches.clone();
     let filter = &mut lost.warm.filter;
@@ -446,13 +443,13 @@ mod known_map {
             EkfError::InvalidInput { .. }
         ));
         assert!(matches!(
-            refused(&|m| m.drift = -Matrix6::identity()),
+            refused(&|m| m.place = -Matrix6::identity()),
             EkfError::InvalidInput { .. }
         ));
         let empty = KnownMap {
             landmarks: Vec::new(),
             covariance: DMatrix::zeros(0, 0),
-            drift: Matrix6::zeros(),
+            place: Matrix6::zeros(),
         };
         assert!(matches!(
             filter.start_from_map(&empty),

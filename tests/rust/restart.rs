@@ -10,10 +10,9 @@ use std::collections::BTreeMap;
 
 /// A second of frames in which nothing is seen.
 const BLIND: f64 = 1.0;
-/// The drift of W is no part of these simulations; the motion is that of a slow walk.
-const CHANGES: [(&str, Value); 4] = [
-    ("process.position_drift", Value::Float(0.0)),
-    ("process.attitude_drift", Value::Float(0.0)),
+/// The noise of these simulations is as the settings say, landmarks share no error; the motion is that of a slow walk.
+const CHANGES: [(&str, Value); 3] = [
+    ("process.handover", Value::Float(0.0)),
     ("process.acceleration_density", Value::Float(0.3)),
     ("process.angular_acceleration_density", Value::Float(0.3)),
 ];

@@ -133,12 +133,10 @@ settings! {
             User("Lower it where the camera starts slowly or at rest, which makes the first searches smaller.");
         /// Standard deviation of each component of the angular velocity at the start.
         start_angular_velocity_sd: f64 = 1.0, "rad/s", Some(0.0), Some(1e2), Lab;
-        /// Drift of the position that no measurement shows (calibration, patches, linearisation), by distance travelled,
-        /// where residuals are as large as the noise claims (its variance goes with NIS per degree of freedom); it enters
-        /// the reported covariance of the pose only.
-        position_drift: f64 = 0.06, "m/m^0.5", Some(0.0), Some(10.0), Lab;
-        /// The same of the attitude, by time.
-        attitude_drift: f64 = 1.0, "deg/s^0.5", Some(0.0), Some(90.0), Lab;
+        /// How much of the error that landmarks in view share shows in their innovations: a new view stands beside an old one
+        /// with this many times the part of the innovations that is beyond a patch's own noise, by angle (METHOD 20); 0 for
+        /// errors that are as the noise of the pixels says.
+        handover: f64 = 10.0, "", Some(0.0), Some(100.0), Lab;
     }
     /// How well Cs is calibrated. A calibration's error is the same in every frame, so that no number of features averages it
     /// out: the filter considers it and does not estimate it (METHOD 4). All zero: the calibration is exact.

@@ -94,7 +94,7 @@ class Slam(EngineParts):
         metric = start != "scale-free" if map is None else map.metric
         self._assemble(core, camera, worn_camera, settings, start, target, metric)
         if map is not None:
-            ids = core.start_from_map(map.landmarks, map.covariance, map.drift)
+            ids = core.start_from_map(map.landmarks, map.covariance, map.place)
             self._relocaliser.adopt(ids, map.views)
 
     @alone

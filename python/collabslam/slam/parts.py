@@ -196,6 +196,6 @@ class EngineParts:
             self._metric,
             known.landmarks,
             known.covariance,
-            known.drift,
+            known.place,
             self._relocaliser.views(known.ids),
         )

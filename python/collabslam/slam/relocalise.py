@@ -56,7 +56,7 @@ class MapAside:
 
     Attributes
     ----------
-    landmarks, covariance, drift : ndarray
+    landmarks, covariance, place : ndarray
         As `Filter.known_map` gives them.
     use : (M,) int64
         Landmarks that help to find the camera, by their place in the map.
@@ -68,7 +68,7 @@ class MapAside:
 
     landmarks: Array
     covariance: Array
-    drift: Array
+    place: Array
     use: Ids
     points: Array
     views: list[list[Patch]]
@@ -86,7 +86,7 @@ def searchable(expected: Prediction, settings: SearchSettings) -> Prediction:
 
 def _aside(value: Any, where: str) -> None:
     """A `MapAside` whose parts fit together."""
-    instance(MapAside, landmarks=array("<f8", None, 6), drift=covariance(6))(value, where)
+    instance(MapAside, landmarks=array("<f8", None, 6), place=covariance(6))(value, where)
     count, used = len(value.landmarks), len(value.use) if isinstance(value.use, np.ndarray) else None
     instance(
         MapAside,
@@ -168,7 +168,7 @@ class Relocaliser(PersistentState):
         return MapAside(
             known.landmarks,
             known.covariance,
-            known.drift,
+            known.place,
             np.flatnonzero(np.isin(known.ids, landmarks.ids[good])),
             landmarks.points[good],
             self.views(known.ids),
@@ -225,7 +225,7 @@ class Relocaliser(PersistentState):
         if fix is None:
             return None
         places = old.use[fix.landmarks]
-        there = self._core.relocalise_in(old.landmarks, old.covariance, old.drift, fix.pose, places, fix.uv)
+        there = self._core.relocalise_in(old.landmarks, old.covariance, old.place, fix.pose, places, fix.uv)
         ids, report = there.ids, there.report
         if not report.accepted:
             return None

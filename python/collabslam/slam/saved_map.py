@@ -17,13 +17,13 @@ from collabslam.frontend.patch import Patch
 from collabslam.slam.state import PATCH, check_camera
 from collabslam.types import Array
 
-KIND, VERSION = "map", 1
+KIND, VERSION = "map", 2
 CONTENT = fields(
     camera=check_camera,
     metric=flag,
     landmarks=array("<f8", None, 6),
     covariance=covariance(None),
-    drift=covariance(6),
+    place=covariance(6),
     owner=array("<i8", None),
     pixels=array("|u1", None, None, None),
     uv=array("<f8", None, 2),
@@ -47,8 +47,8 @@ class SavedMap:
         ``x y z theta phi rho`` of each in W (METHOD section 2).
     covariance : (6 N, 6 N) float64
         Their joint covariance.
-    drift : (6, 6) float64
-        Covariance of W's drift, (translation, rotation), m^2 and rad^2.
+    place : (6, 6) float64
+        Covariance of the map's place in W, (translation, rotation), m^2 and rad^2.
     views : list of N lists of Patch
         At least one of each landmark, the first one first.
     """
@@ -57,7 +57,7 @@ class SavedMap:
     metric: bool
     landmarks: Array
     covariance: Array
-    drift: Array
+    place: Array
     views: list[list[Patch]]
 
     def save(self, path: str | Path) -> None:
@@ -68,7 +68,7 @@ class SavedMap:
             "metric": self.metric,
             "landmarks": self.landmarks,
             "covariance": self.covariance,
-            "drift": self.drift,
+            "place": self.place,
             "owner": owner,
             "pixels": np.stack([v.pixels for v in views]) if views else np.empty((0, 1, 1), np.uint8),
             "uv": np.reshape([v.uv_ref for v in views], (-1, 2)),
@@ -111,7 +111,7 @@ class SavedMap:
             self.metric,
             self.landmarks[kept],
             self.covariance[np.ix_(rows, rows)],
-            self.drift,
+            self.place,
             [views[k] for k in kept],
         )
 
@@ -139,6 +139,6 @@ def _map_of(content: Any) -> SavedMap:
         content["metric"],
         content["landmarks"],
         content["covariance"],
-        content["drift"],
+        content["place"],
         lists,
     )

@@ -13,12 +13,12 @@ from collabslam.extras import drawing
 from collabslam.formats.files import write_text
 from collabslam.runs.results import write_summary
 from collabslam.version import version
-from collabslam_lab.benchmark import ablation, accuracy, blackout, descriptors, drift
+from collabslam_lab.benchmark import ablation, accuracy, blackout, descriptors
 from collabslam_lab.benchmark.figures import differences, medians, split
 from collabslam_lab.benchmark.plan import Plan, find_plan
 from collabslam_lab.benchmark.running import estimate, outcome, run_items
 from collabslam_lab.benchmark.store import Item, Row
-from collabslam_lab.benchmark.studies import ABLATION, ACCURACY, BLACKOUT, DESCRIPTORS, DRIFT
+from collabslam_lab.benchmark.studies import ABLATION, ACCURACY, BLACKOUT, DESCRIPTORS
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,6 @@ def evaluate(data: Path, out: Path, choice: Choice | None = None) -> list[Row]:
     if choice.study == BLACKOUT:
         return _lose_sight(plan, data, out, present, choice)
     items = _items(plan, data, out, present, choice)
-    if choice.study == DRIFT:
-        return _fit_drift(items, out, choice)
     todo = [item for item in items if choice.again or item.done() is None]
     minutes = estimate(todo) / 60.0
     print(
@@ -205,29 +203,6 @@ def _tell(study: str, out: Path, rows: Sequence[Row], faults: Sequence[str], tex
     write_text(out / f"{study}.md", text)
     print("\n" + text)
     return [{**row, "status": "done"} for row in rows] + [{"status": "failed", "error": f} for f in faults]
-
-
-def _fit_drift(items: Sequence[Item], out: Path, choice: Choice) -> list[Row]:
-    """Runs taken apart in this process, one after the other; a mode that is asked for, or ``collab``."""
-    mode = choice.modes[0] if choice.modes else "collab"
-    runs: dict[str, list[drift.Parts]] = {}
-    rows: list[Row] = []
-    for item in drift.drift_items(items, mode):
-        try:
-            parts = drift.measure(item)
-        except CollabslamError as error:
-            rows.append(item.failed(str(error)))
-            continue
-        print(f"{item.title}: {'no truth' if parts is None else 'done'}", flush=True)
-        if parts is not None:
-            runs.setdefault(item.entry.name, []).append(parts)
-            rows.append({**item.row, "status": "done"})
-    fits = drift.fits_of(runs)
-    text = drift.page(runs, fits, mode, command(choice))
-    write_summary(out / f"{DRIFT}.json", {"version": version(), "mode": mode, "fits": fits, "rows": rows})
-    write_text(out / f"{DRIFT}.md", text)
-    print("\n" + text)
-    return rows
 
 
 class _Report:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-ACCURACY, ABLATION, DESCRIPTORS, DRIFT, BLACKOUT = "evaluate", "ablation", "descriptors", "drift", "blackout"
+ACCURACY, ABLATION, DESCRIPTORS, BLACKOUT = "evaluate", "ablation", "descriptors", "blackout"
 
 STUDIES = {
     ABLATION: "the plan's levers, changed one at a time, instead",
-    DRIFT: "fit the drift settings, each recording left out in turn, instead",
     DESCRIPTORS: "compare descriptors by viewpoint angle on pairs of views, instead (needs the extra surf)",
     BLACKOUT: "take a second away here and there and see how soon the camera is found again, instead",
 }

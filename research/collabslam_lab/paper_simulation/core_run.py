@@ -65,7 +65,7 @@ class CoreRun:
         Of Cs and of Cf.
     settings : mapping
         Of the filter, switches among them, over its defaults. Nothing is rejected, and the reported
-        covariance is the filter's own.
+        covariance is that of noise as it is claimed.
     in_view : int
         Features and candidates in view that are asked for.
     """
@@ -73,8 +73,7 @@ class CoreRun:
     def __init__(self, camera: Camera, settings: FilterSettings, in_view: int) -> None:
         fixed: FilterSettings = {
             "validate.test": "none",
-            "process.position_drift": 0.0,
-            "process.attitude_drift": 0.0,
+            "process.handover": 0.0,
         }
         changes = {f"filter.{key}": value for key, value in {**fixed, **settings}.items()}
         own = with_switches(Settings.default(), changes)

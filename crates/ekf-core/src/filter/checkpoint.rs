@@ -22,8 +22,8 @@ impl Filter {
             candidates,
             next_candidate,
             batch,
-            drift,
             placed,
+            handover,
             misfit,
             gauge,
             outside,
@@ -51,8 +51,8 @@ impl Filter {
             records: records.clone(),
             candidates: candidates.clone(),
             next_candidate: *next_candidate,
-            drift: drift.clone(),
             placed: *placed,
+            handover: *handover,
             misfit: *misfit,
             moved_by: batch.moved_by(),
             followed: gauge.followed().to_vec(),
@@ -79,8 +79,8 @@ impl Filter {
             records,
             candidates,
             next_candidate,
-            drift,
             placed,
+            handover,
             misfit,
             moved_by,
             followed,
@@ -92,7 +92,7 @@ impl Filter {
         self.records.clone_from(records);
         self.candidates.clone_from(candidates);
         self.next_candidate = *next_candidate;
-        self.drift = drift.clone();
+        self.handover = *handover;
         self.placed = *placed;
         self.misfit = *misfit;
         self.batch.remember_move(*moved_by);

@@ -1,16 +1,17 @@
 //! The filter itself: its parts, and what can be read from it at any time.
 
 use super::candidate::Candidate;
+use super::handed::Handover;
 use super::record::FeatureRecord;
 use super::sources::Scratch;
 use super::undo::Undo;
 use crate::batch::Workspace;
 use crate::camera::Camera;
-use crate::drift::{FrameDrift, Misfit};
 use crate::error::EkfError;
 use crate::gauge::Gauge;
 use crate::local::{Buffers, OutsideSet};
 use crate::math::quat;
+use crate::misfit::Misfit;
 use crate::placed::Placed;
 use crate::settings::{Consistency, Settings};
 use crate::state::{BlockKind, CAMERA_DIM, Mark, State};
@@ -33,8 +34,8 @@ pub struct Filter {
     pub(super) next_candidate: u64,
     pub(super) batch: Workspace,
     pub(super) test: validate::Workspace,
-    pub(super) drift: FrameDrift,
     pub(super) placed: Placed,
+    pub(super) handover: Handover,
     pub(super) misfit: Misfit,
     pub(super) gauge: Gauge,
     pub(super) scratch: Scratch,
@@ -77,8 +78,8 @@ impl Filter {
             next_candidate: 0,
             batch: Workspace::default(),
             test: validate::Workspace::default(),
-            drift: FrameDrift::default(),
             placed: Placed::default(),
+            handover: Handover::default(),
             misfit: Misfit::default(),
             gauge: Gauge::default(),
             scratch: Scratch::default(),
@@ -165,11 +166,10 @@ impl Filter {
         (quat::rotation(&pose.q), pose.r)
     }
 
-    /// 6x6 covariance of the pose, (translation, rotation), right tangent: the state's, the drift of W, and that of the
-    /// map's place in it.
+    /// 6x6 covariance of the pose, (translation, rotation), right tangent: the state's, and that of the map's place in W.
     pub fn pose_covariance(&self) -> SMatrix<f64, 6, 6> {
         let pose = self.state.camera_pose();
-        self.state.pose_covariance() + self.drift.of_pose(&pose) + self.placed.of_pose(&pose)
+        self.state.pose_covariance() + self.placed.of_pose(&pose)
     }
 
     /// Whether P moves with the directions that no camera can see.
@@ -195,6 +195,7 @@ impl Filter {
                 .set(10 + i, 10 + i, process.start_angular_velocity_sd.powi(2));
         }
         self.started = true;
+        self.handover.last = None;
     }
 
     /// Takes away what was appended since `mark`.

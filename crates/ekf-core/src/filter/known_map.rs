@@ -1,14 +1,14 @@
 //! A map taken out of a filter, and a filter that starts in a map: landmarks with their joint covariance.
 //!
 //! Landmarks are handed over as they are in the state, inverse depth with its anchor, so that nothing of the first
-//! run's uncertainty is lost or added: their marginal of P, and the drift of W that no measurement showed. A landmark that
+//! run's uncertainty is lost or added: their marginal of P, and the covariance of the map's place in W. A landmark that
 //! has become a point is handed over in inverse depth as well, from an anchor that moves with it.
 
 use super::ekf::Filter;
 use super::record::FeatureRecord;
-use crate::drift::FrameDrift;
 use crate::error::EkfError;
 use crate::observe::{FeatureState, Form};
+use crate::placed::Placed;
 use crate::state::{Block, BlockKind, CAMERA_DIM, Covariance, State};
 use nalgebra::{DMatrix, Matrix6, Vector6};
 use std::collections::HashMap;
@@ -32,8 +32,8 @@ pub struct KnownMap {
     pub landmarks: Vec<Vector6<f64>>,
     /// `6 N x 6 N`, in their order.
     pub covariance: DMatrix<f64>,
-    /// Covariance of the drift of W and of the map's place in it, (translation, rotation) of W, m^2 and rad^2.
-    pub drift: Matrix6<f64>,
+    /// Covariance of the map's place in W, (translation, rotation) of W, m^2 and rad^2.
+    pub place: Matrix6<f64>,
 }
 
 impl Filter {
@@ -53,7 +53,7 @@ impl Filter {
                 (Some(i), Some(j)) => state.p.get(i, j),
                 _ => 0.0,
             }),
-            drift: self.drift.0 + self.placed.0,
+            place: self.placed.0,
         };
         (blocks.iter().map(|b| b.id).collect(), map)
     }
@@ -110,7 +110,8 @@ impl Filter {
         }
         self.records = ids.iter().map(|&id| (id, record.clone())).collect();
         self.state = state;
-        self.drift = FrameDrift(map.drift);
+        self.placed = Placed(map.place);
+        self.handover.known = self.state.layout.next_id();
         self.start();
         Ok(ids)
     }
@@ -132,7 +133,7 @@ impl Filter {
             });
         }
         let numbers = map.landmarks.iter().flat_map(|y| y.iter());
-        let mut numbers = numbers.chain(map.covariance.iter()).chain(map.drift.iter());
+        let mut numbers = numbers.chain(map.covariance.iter()).chain(map.place.iter());
         if !numbers.all(|x| x.is_finite()) {
             return Err(EkfError::NonFinite {
                 what: "the map or its covariance",
@@ -142,8 +143,8 @@ impl Filter {
             let why = "there must be at least one landmark, each with an inverse depth above zero";
             return invalid("map", why);
         }
-        let drift = DMatrix::from_column_slice(6, 6, map.drift.as_slice());
-        if !is_sound(&map.covariance) || !is_sound(&drift) {
+        let place = DMatrix::from_column_slice(6, 6, map.place.as_slice());
+        if !is_sound(&map.covariance) || !is_sound(&place) {
             let why = "it is not symmetric positive semi-definite";
             return invalid("covariance of the map", why);
         }

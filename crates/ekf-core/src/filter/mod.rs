@@ -13,6 +13,8 @@ mod checkpoint;
 mod checks;
 mod conditional_prediction;
 mod ekf;
+mod handed;
+mod handover;
 mod known_map;
 mod landmarks;
 mod map;

@@ -1,4 +1,4 @@
-//! Prediction (METHOD 3), and the features that it brings into view.
+//! Prediction (METHOD 3), the features that it brings into view, and what the map hands on.
 
 use super::ekf::Filter;
 use super::visibility::{MAYBE, appearance, visibility};
@@ -66,12 +66,8 @@ impl Filter {
     fn predict_by(&mut self, dt: f64) {
         self.changes();
         let process = &self.settings.process;
-        let before = self.state.camera_pose().r;
         predict::predict(&mut self.state, dt, process, &self.settings.worn);
         let pose = self.state.camera_pose();
-        let distance = (pose.r - before).norm();
-        let misfit = self.misfit.share();
-        self.drift.grow(&pose, dt, distance, misfit, process);
         if let Some(outside) = &mut self.outside {
             // A feature that comes into view joins the working set, and those about to come into view join with it:
             // joining costs a pass over R, however many join.
@@ -90,12 +86,11 @@ impl Filter {
             }
             outside.mark_clear(&pose);
         }
-        if self.carries() {
-            self.follow_view(&pose);
-        }
+        self.follow_view(&pose);
+        self.hand_over(&pose);
     }
 
-    /// Chooses which features the gauge transport follows; those that come back are carried to the present mean.
+    /// Chooses which features are followed; with the gauge transport those that come back are carried to the present mean.
     pub(super) fn follow_view(&mut self, pose: &CameraPose) {
         let State { reference, x, .. } = &mut self.state;
         reference[..CAMERA_DIM].copy_from_slice(&x[..CAMERA_DIM]);
@@ -112,6 +107,7 @@ impl Filter {
             }
         }
         stay.sort_unstable();
+        back &= self.carries();
         if back {
             self.gauge.prepare(&self.state);
         }

@@ -75,9 +75,7 @@ impl Filter {
             q: quat::from_rotation(&pose.rotation),
         };
         self.state.reset_camera(&pose);
-        if self.carries() {
-            self.follow_view(&pose);
-        }
+        self.follow_view(&pose);
         let Some(prior) = self.prior_of_matches(&pose, z, report)? else {
             return Ok(false);
         };

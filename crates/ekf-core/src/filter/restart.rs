@@ -54,7 +54,7 @@ impl Filter {
         self.make_whole();
         let pose = self.state.camera_pose();
         self.placed = Placed::by_pose(&pose, &self.pose_covariance());
-        self.drift = Default::default();
+        self.handover = Default::default();
         self.state
             .remove(|b| !matches!(b.kind, BlockKind::WornBias | BlockKind::Calibration));
         self.state.reset_camera(&pose);

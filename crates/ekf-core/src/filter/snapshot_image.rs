@@ -3,6 +3,7 @@
 
 use super::candidate::{Candidate, CandidateImage};
 use super::ekf::Filter;
+use super::handed::{Handed, Handover};
 use super::prediction::LAST_TIME;
 use super::record::FeatureRecord;
 use super::snapshot::{open, seal};
@@ -10,15 +11,17 @@ use super::sources::Scratch;
 use super::undo::Undo;
 use crate::batch::Workspace;
 use crate::camera::Camera;
-use crate::drift::{FrameDrift, Misfit};
 use crate::error::EkfError;
 use crate::gauge::Gauge;
 use crate::local::{Buffers, OutsideSet, OutsideSetImage};
+use crate::math::quat;
+use crate::misfit::Misfit;
+use crate::observe::point::CameraPose;
 use crate::placed::Placed;
 use crate::settings::{Settings, Value};
 use crate::state::{Layout, State, StateImage};
 use crate::{guard, validate};
-use nalgebra::Matrix6;
+use nalgebra::{Matrix6, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::OnceLock;
@@ -58,9 +61,11 @@ struct FilterImage {
     records: Vec<(u64, FeatureRecord)>,
     candidates: Vec<(u64, CandidateImage)>,
     next_candidate: u64,
-    drift: Vec<f64>,
     /// Covariance of the map's place in W.
     placed: Vec<f64>,
+    /// Where the map was last handed on: the next id, and the pose `[r q]`; up to which id landmarks are a known map's.
+    handed: Option<(u64, [f64; 7])>,
+    known: u64,
     /// NIS of all updates, and their degrees of freedom.
     misfit: (f64, f64),
     moved_by: f64,
@@ -115,8 +120,8 @@ impl Filter {
             candidates,
             next_candidate,
             batch,
-            drift,
             placed,
+            handover,
             misfit,
             gauge,
             outside,
@@ -138,8 +143,9 @@ impl Filter {
             records: records.iter().map(|(&id, r)| (id, r.clone())).collect(),
             candidates: candidates.iter().map(|(&id, c)| (id, c.image())).collect(),
             next_candidate: *next_candidate,
-            drift: drift.0.as_slice().to_vec(),
             placed: placed.0.as_slice().to_vec(),
+            handed: handover.last.as_ref().map(handed_image),
+            known: handover.known,
             misfit: (misfit.nis, misfit.dof),
             moved_by: batch.moved_by(),
             followed: gauge.followed().to_vec(),
@@ -158,8 +164,9 @@ impl Filter {
             records,
             candidates,
             next_candidate,
-            drift,
             placed,
+            handed,
+            known,
             misfit: (nis, dof),
             moved_by,
             followed,
@@ -193,13 +200,13 @@ impl Filter {
         }
         let records = records_of(records, &state.layout, outside.as_ref())?;
         let candidates = candidates_of(candidates, next_candidate, &state.layout)?;
-        let drift = of_frame(drift, "its drift is no 6x6 matrix")?;
         let placed = of_frame(placed, "its map's place is no 6x6 matrix")?;
         if ![nis, dof].iter().all(|v| v.is_finite() && *v >= 0.0) {
             return Err(EkfError::bad_snapshot(
                 "its normalised innovations are impossible",
             ));
         }
+        let last = handed.map(handed_of).transpose()?;
         let mut batch = Workspace::default();
         batch.remember_move(moved_by);
         let filter = Self {
@@ -214,8 +221,8 @@ impl Filter {
             next_candidate,
             batch,
             test: validate::Workspace::default(),
-            drift: FrameDrift(drift),
             placed: Placed(placed),
+            handover: Handover { last, known },
             misfit: Misfit { nis, dof },
             gauge: Gauge::following(followed),
             in_view: Vec::new(),
@@ -229,6 +236,21 @@ impl Filter {
         guard::attitude_is_sane(&filter.state).map_err(EkfError::bad_snapshot)?;
         Ok(filter)
     }
+}
+
+fn handed_image(handed: &Handed) -> (u64, [f64; 7]) {
+    let CameraPose { r, q } = handed.pose;
+    (handed.until, [r.x, r.y, r.z, q[0], q[1], q[2], q[3]])
+}
+
+fn handed_of((until, pose): (u64, [f64; 7])) -> Result<Handed, EkfError> {
+    let q = quat::Quat::from_column_slice(&pose[3..]);
+    if !pose.iter().all(|v| v.is_finite()) || (q.norm() - 1.0).abs() > 1e-6 {
+        return Err(EkfError::bad_snapshot("its last view is impossible"));
+    }
+    let r = Vector3::from_column_slice(&pose[..3]);
+    let pose = CameraPose { r, q };
+    Ok(Handed { until, pose })
 }
 
 fn of_frame(entries: Vec<f64>, why: &str) -> Result<Matrix6<f64>, EkfError> {

@@ -1,9 +1,10 @@
 //! What a checkpoint of the filter holds, see [`Filter::checkpoint`](super::Filter::checkpoint).
 
 use super::candidate::Candidate;
+use super::handed::Handover;
 use super::record::FeatureRecord;
-use crate::drift::{FrameDrift, Misfit};
 use crate::local::{OutsideMark, OutsideSet};
+use crate::misfit::Misfit;
 use crate::placed::Placed;
 use crate::state::State;
 use std::collections::BTreeMap;
@@ -47,8 +48,8 @@ pub(super) struct Kept {
     pub(super) records: BTreeMap<u64, FeatureRecord>,
     pub(super) candidates: BTreeMap<u64, Candidate>,
     pub(super) next_candidate: u64,
-    pub(super) drift: FrameDrift,
     pub(super) placed: Placed,
+    pub(super) handover: Handover,
     pub(super) misfit: Misfit,
     pub(super) moved_by: f64,
     pub(super) followed: Vec<u64>,

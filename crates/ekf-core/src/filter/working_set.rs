@@ -24,9 +24,7 @@ impl Filter {
         }
         let mut working: Vec<u64> = self.predict_pixels().iter().map(|f| f.id).collect();
         working.extend_from_slice(searched);
-        if self.carries() {
-            working.extend_from_slice(self.followed());
-        }
+        working.extend_from_slice(self.followed());
         working.sort_unstable();
         let (state, buffers) = (State::at_origin(0), &mut self.buffers);
         let state = std::mem::replace(&mut self.state, state);

@@ -17,13 +17,15 @@
 //! is carried to the present mean when it comes back, so none of this touches what is out of view.
 
 mod directions;
+mod slip;
 
 pub use directions::{GAUGES, coordinates, directions};
+pub(crate) use slip::Slip;
 
 use crate::kernel::Product;
 use crate::observe::POSE_DIM;
 use crate::observe::block::MeasurementBlock;
-use crate::state::{Block, BlockKind, CAMERA_DIM, State};
+use crate::state::{Block, BlockKind, CAMERA_DIM, Layout, State};
 use directions::SCALE;
 use nalgebra::SMatrix;
 use std::ops::Range;
@@ -199,16 +201,7 @@ impl Gauge {
         self.stored.fill(0.0);
         self.carried.clear();
         self.carried.resize(n, false);
-        let followed = &self.followed;
-        let blocks = state.layout.blocks().iter();
-        let blocks = blocks.filter(|b| match b.kind {
-            BlockKind::Feature(_) => followed.binary_search(&b.id).is_ok(),
-            BlockKind::Clone => true,
-            BlockKind::WornBias
-            | BlockKind::Calibration
-            | BlockKind::WornError
-            | BlockKind::Auxiliary(_) => false,
-        });
+        let blocks = carried_blocks(&state.layout, &self.followed);
         for i in (0..CAMERA_DIM).chain(blocks.flat_map(Block::range)) {
             let slot = state.p.stored().slots[i];
             self.carried[slot] = true;
@@ -227,6 +220,18 @@ impl Gauge {
             }
         }
     }
+}
+
+/// What moves with the camera: its clones, and the features that are followed.
+fn carried_blocks<'a>(layout: &'a Layout, followed: &'a [u64]) -> impl Iterator<Item = &'a Block> {
+    layout.blocks().iter().filter(|b| match b.kind {
+        BlockKind::Feature(_) => followed.binary_search(&b.id).is_ok(),
+        BlockKind::Clone => true,
+        BlockKind::WornBias
+        | BlockKind::Calibration
+        | BlockKind::WornError
+        | BlockKind::Auxiliary(_) => false,
+    })
 }
 
 fn refill(buffer: &mut Vec<f64>, len: usize) {

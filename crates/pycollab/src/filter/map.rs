@@ -37,14 +37,14 @@ pub(crate) struct PyLandmarks {
 ///     ``x y z theta phi rho`` of each in W (METHOD 2): metres, radians, 1/m.
 /// covariance : (6 N, 6 N) float64
 ///     Their joint covariance.
-/// drift : (6, 6) float64
-///     Covariance of W's drift, (translation m, rotation rad).
+/// place : (6, 6) float64
+///     Covariance of the map's place in W, (translation m, rotation rad).
 #[pyclass(name = "KnownMap", module = "collabslam._core", frozen, get_all)]
 pub(crate) struct PyKnownMap {
     ids: Column<i64>,
     landmarks: Table,
     covariance: Table,
-    drift: Table,
+    place: Table,
 }
 
 #[pymethods]
@@ -102,7 +102,7 @@ impl PyFilter {
             ids: to_ids(py, ids.into_iter().map(Some)),
             landmarks: vectors(py, map.landmarks.into_iter()),
             covariance: symmetric(py, map.covariance.data.into(), n),
-            drift: to_matrix(py, &map.drift),
+            place: to_matrix(py, &map.place),
         })
     }
 
@@ -114,8 +114,8 @@ impl PyFilter {
     ///     ``x y z theta phi rho`` of each in W (METHOD 2): metres, radians, 1/m.
     /// covariance : (6 N, 6 N) float64
     ///     Their joint covariance.
-    /// drift : (6, 6) float64
-    ///     Covariance of W's drift, (translation m, rotation rad).
+    /// place : (6, 6) float64
+    ///     Covariance of the map's place in W, (translation m, rotation rad).
     ///
     /// Returns
     /// -------
@@ -132,12 +132,12 @@ impl PyFilter {
         py: Python<'_>,
         landmarks: Argument<'_>,
         covariance: Argument<'_>,
-        drift: Argument<'_>,
+        place: Argument<'_>,
     ) -> PyResult<Column<i64>> {
         let map = KnownMap {
             landmarks: rows::<6>("landmarks", &landmarks)?,
             covariance: square("covariance", &covariance)?,
-            drift: matrix::<6, 6>("drift", &drift)?,
+            place: matrix::<6, 6>("place", &place)?,
         };
         let ids = self.write(py, |f| f.start_from_map(&map))?;
         Ok(to_ids(py, ids.into_iter().map(Some)))

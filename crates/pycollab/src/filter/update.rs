@@ -137,8 +137,8 @@ impl PyFilter {
     ///     ``x y z theta phi rho`` of each in W (METHOD 2): metres, radians, 1/m.
     /// covariance : (6 M, 6 M) float64
     ///     Their joint covariance.
-    /// drift : (6, 6) float64
-    ///     Covariance of W's drift, (translation m, rotation rad).
+    /// place : (6, 6) float64
+    ///     Covariance of the map's place in W, (translation m, rotation rad).
     /// pose : (4, 4) float64
     ///     T_WC that explains the matches, as PnP gives it, metres.
     /// index, uv : (N,) int64, (N, 2) float64
@@ -159,7 +159,7 @@ impl PyFilter {
         py: Python<'_>,
         landmarks: Argument<'_>,
         covariance: Argument<'_>,
-        drift: Argument<'_>,
+        place: Argument<'_>,
         pose: Argument<'_>,
         index: Argument<'_>,
         uv: Argument<'_>,
@@ -167,7 +167,7 @@ impl PyFilter {
         let map = KnownMap {
             landmarks: rows::<6>("landmarks", &landmarks)?,
             covariance: square("covariance", &covariance)?,
-            drift: matrix::<6, 6>("drift", &drift)?,
+            place: matrix::<6, 6>("place", &place)?,
         };
         let pose = self::pose("pose", &pose)?;
         let (index, uv) = (self::ids("index", &index)?, pixels("uv", &uv)?);

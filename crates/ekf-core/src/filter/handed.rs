@@ -1,0 +1,20 @@
+//! What a filter remembers of the views that its map was handed on in (METHOD 20).
+
+use crate::observe::point::CameraPose;
+
+/// Where the map was last handed on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Handed {
+    /// Landmarks born before this id were there.
+    pub(super) until: u64,
+    pub(super) pose: CameraPose,
+}
+
+/// What has been handed on so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Handover {
+    /// `None` before the first frame after a start.
+    pub(super) last: Option<Handed>,
+    /// Landmarks before this id are a known map's: they are where W is.
+    pub(super) known: u64,
+}

@@ -1,0 +1,78 @@
+//! A small random motion of the camera and what it sees, against the rest of the map (METHOD 20).
+
+use super::directions::{SCALE, directions};
+use super::{Gauge, carried_blocks, column, refill};
+use crate::kernel::{Panels, Product};
+use crate::state::{Block, BlockKind, CAMERA_DIM, State};
+use nalgebra::Vector3;
+
+/// Three turns, three translations and the scale.
+const MOTIONS: usize = 7;
+const TRANSLATION: usize = 4;
+
+/// Standard deviations of a small random motion about the camera, the same along every axis.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Slip {
+    /// Radians.
+    pub(crate) turn: f64,
+    /// Metres.
+    pub(crate) translation: f64,
+    /// Of the logarithm of the scale.
+    pub(crate) scale: f64,
+}
+
+impl Gauge {
+    /// Adds the covariance of a slip of the camera, its clones and the followed features that were born with the id `free`
+    /// or a later one, O(n^2). What they are to each other is as certain as before.
+    pub(crate) fn slip(&mut self, state: &mut State, slip: &Slip, free: u64) {
+        let (n, rows) = (state.p.stored().n, state.x.len());
+        directions(&state.x, &state.layout, &mut self.from);
+        self.from.resize(MOTIONS * rows, 0.0);
+        let moved = |block: &Block| match block.kind {
+            BlockKind::Feature(_) => block.id >= free,
+            _ => true,
+        };
+        let blocks = carried_blocks(&state.layout, &self.followed).filter(|b| moved(b));
+        let carried: Vec<&Block> = blocks.collect();
+        for block in &carried {
+            for k in 0..3 {
+                // Anchor, point or the position of a clone.
+                self.from[(TRANSLATION + k) * rows + block.offset + k] = 1.0;
+            }
+        }
+        for k in 0..3 {
+            self.from[(TRANSLATION + k) * rows + k] = 1.0;
+        }
+        let sds = [slip.turn, slip.turn, slip.turn, slip.scale];
+        let camera = state.camera_pose().r;
+        // About the camera, in place of the origin of W.
+        let arms = [
+            -Vector3::x().cross(&camera),
+            -Vector3::y().cross(&camera),
+            -Vector3::z().cross(&camera),
+            -camera,
+        ];
+        refill(&mut self.stored, MOTIONS * n);
+        let slots = state.p.stored().slots;
+        for i in (0..CAMERA_DIM).chain(carried.iter().flat_map(|b| b.range())) {
+            let slot = slots[i];
+            let shift: [f64; 3] = std::array::from_fn(|k| self.from[(TRANSLATION + k) * rows + i]);
+            for k in 0..=SCALE {
+                let arm: f64 = (0..3).map(|c| shift[c] * arms[k][c]).sum();
+                self.stored[k * n + slot] = sds[k] * (self.from[k * rows + i] + arm);
+            }
+            for (k, shift) in shift.iter().enumerate() {
+                self.stored[(TRANSLATION + k) * n + slot] = slip.translation * shift;
+            }
+        }
+        let Product { x, y } = &mut self.change;
+        x.reshape(n, MOTIONS);
+        y.reshape(n, MOTIONS);
+        for k in 0..MOTIONS {
+            let by = column(&self.stored, n, k);
+            x.set_column(k, by.iter().copied());
+            y.set_column(k, by.iter().map(|b| -b));
+        }
+        state.p.downdate(&Panels::default(), Some(&self.change));
+    }
+}

@@ -1,0 +1,39 @@
+//! How well the innovations of a run fit what its settings claim.
+
+/// NIS of all updates since the start, and their degrees of freedom.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Misfit {
+    pub(crate) nis: f64,
+    pub(crate) dof: f64,
+}
+
+impl Misfit {
+    /// Adds an update.
+    pub(crate) fn add(&mut self, nis: f64, dof: usize) {
+        self.nis += nis;
+        self.dof += dof as f64;
+    }
+
+    /// NIS per degree of freedom; 1 before any update.
+    pub(crate) fn share(&self) -> f64 {
+        if self.dof > 0.0 {
+            self.nis / self.dof
+        } else {
+            1.0
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Misfit;
+
+    #[test]
+    fn it_is_the_mean_over_all_degrees_of_freedom() {
+        let mut misfit = Misfit::default();
+        assert!(misfit.share() == 1.0);
+        misfit.add(80.0, 10);
+        misfit.add(0.0, 30);
+        assert!(misfit.share() == 2.0);
+    }
+}
