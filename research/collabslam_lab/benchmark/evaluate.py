@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from collabslam.errors import CollabslamError, DataError, SettingsError
+from collabslam.errors import DataError, SettingsError
 from collabslam.extras import drawing
 from collabslam.formats.files import write_text
 from collabslam.runs.results import write_summary
