@@ -13,7 +13,7 @@ from collabslam.datasets.ros import making
 from collabslam.datasets.ros.messages import camera_of, pose_and_covariance_of
 from collabslam.errors import CollabslamError, DataError
 from collabslam.extras import needs
-from collabslam.formats.ros_odometry import WORLD, odometry_message
+from collabslam.formats.ros_odometry import CAMERA, WORLD, odometry_message
 from collabslam.live.clock import Exchange
 from collabslam.live.steady import nanoseconds, seconds
 from collabslam.types import Array, Image
@@ -25,6 +25,7 @@ CLOUD = "sensor_msgs/msg/PointCloud2"
 STATUS = "diagnostic_msgs/msg/DiagnosticArray"
 TIMES = "std_msgs/msg/Int64MultiArray"
 TEXT = "std_msgs/msg/String"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 LEVELS = {"OK": b"\0", "COASTING": b"\1", "LOST": b"\2"}
 
@@ -175,6 +176,15 @@ def status_from(data: bytes) -> dict[str, dict[str, str]]:
     return {
         str(r.name): {"message": str(r.message)} | {str(v.key): str(v.value) for v in r.values} for r in rows
     }
+
+
+def transform(t: float, t_wc: Array) -> bytes:
+    """The robot's pose as TFMessage: from the world's frame to the camera's."""
+    pose = maker().pose(t_wc)
+    place = make("geometry_msgs/msg/Vector3", pose.position.x, pose.position.y, pose.position.z)
+    whole = make("geometry_msgs/msg/Transform", place, pose.orientation)
+    link = make("geometry_msgs/msg/TransformStamped", header(t, WORLD), CAMERA, whole)
+    return encoded(TRANSFORMS, make(TRANSFORMS, [link]))
 
 
 def cloud(t: float, points: Array) -> bytes:

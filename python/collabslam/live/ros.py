@@ -107,10 +107,18 @@ class RosNode:
                 ("map", messages.CLOUD),
             )
         }
+        for name, kind, topic in (
+            ("status", messages.STATUS, "/diagnostics"),
+            ("tf", messages.TRANSFORMS, "/tf"),
+        ):
+            self._offer(node, name, kind, topic)
+
+    def _offer(self, node: Any, name: str, kind: str, topic: str) -> None:
+        """A topic of messages that a small ROS may lack."""
         try:
-            self._out["status"] = node.create_publisher(_type(messages.STATUS), "/diagnostics", 10)
-        except DataError:  # the one package that a small ROS may lack
-            node.get_logger().warning("diagnostic_msgs is not installed: no /diagnostics")
+            self._out[name] = node.create_publisher(_type(kind), topic, 10)
+        except DataError as error:
+            node.get_logger().warning(f"no {topic}: {error}")
 
     def close(self) -> None:
         """Ends the filter; raises whatever ended it before."""
@@ -155,6 +163,8 @@ class RosNode:
         if step.valid:
             self._out["pose"].publish(messages.robot_pose(step.t, step.pose, step.covariance))
             self._out["odometry"].publish(messages.odometry(step.t, step.pose, step.covariance))
+            if "tf" in self._out:
+                self._out["tf"].publish(messages.transform(step.t, step.pose))
             self.poses += 1
         live = self._live
         if live is None:
