@@ -33,7 +33,7 @@ TOPICS = {
 FRAMES = 14
 
 
-def test_images_in_and_the_pose_out() -> None:
+def test_images_in_and_the_pose_out(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = corridor_recording()
     frames = [recording.frame(i) for i in range(FRAMES)]
     command = [
@@ -44,11 +44,11 @@ def test_images_in_and_the_pose_out() -> None:
         "ros",
         *(w for pair in TOPICS.items() for w in pair),
     ]
-    environment = {**os.environ, "ROS_LOCALHOST_ONLY": "1"}
-    os.environ["ROS_LOCALHOST_ONLY"] = "1"
+    monkeypatch.setenv("ROS_LOCALHOST_ONLY", "1")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))  # no other node's business
     rclpy.init(args=[])
     node = rclpy.create_node("cameras")
-    process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE)
+    process = subprocess.Popen(command, stderr=subprocess.PIPE)
     poses: list[bytes] = []
     kept = node.create_subscription(
         message_type(messages.POSE), "/collabslam/pose", lambda data: poses.append(bytes(data)), 10, raw=True
@@ -67,9 +67,10 @@ def test_images_in_and_the_pose_out() -> None:
         end = time.monotonic() + 20.0
         while any(p.get_subscription_count() == 0 for p in out.values()) and time.monotonic() < end:
             rclpy.spin_once(node, timeout_sec=0.1)
-        out["--cs-info"].publish(messages.camera_info(0.0, "cs", recording.camera))
-        out["--cf-info"].publish(messages.camera_info(0.0, "cf", recording.worn_camera))
-        time.sleep(0.5)
+        for _ in range(10):  # as cameras do, again and again
+            out["--cs-info"].publish(messages.camera_info(0.0, "cs", recording.camera))
+            out["--cf-info"].publish(messages.camera_info(0.0, "cf", recording.worn_camera))
+            time.sleep(0.1)
         for frame in frames:
             t, worn = frame.t + 1.0, frame.worn
             assert worn is not None
