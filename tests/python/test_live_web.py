@@ -131,7 +131,7 @@ def test_a_phone_is_a_worn_camera(robot: tuple[Robot, Gateway], keys: Path) -> N
     assert messages.stamp_of(image) == pytest.approx(taken, abs=1e-6)
     assert image.data.tobytes() == picture()
     exchanges = [messages.exchange_from(data) for data in there.of(names.EXCHANGE)]
-    assert len(exchanges) >= 7
+    assert len(exchanges) >= 3  # the first ones may be before the link is there
     assert {session for session, _ in exchanges} == {image.header.frame_id}
     offsets = [e.offset for _, e in exchanges]
     now_at_robot, now_at_gateway = there.clock.now(), gateway.clock.now()

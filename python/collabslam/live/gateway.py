@@ -198,7 +198,7 @@ class Phone:
         """A JPEG taken at ``t`` seconds by the phone's clock."""
         self._of.publish(names.IMAGE, messages.compressed_image(t, self._session, jpeg))
 
-    def exchange(self, found: Exchange, now: float) -> None:
+    def exchange(self, found: Exchange) -> None:
         """What the phone's clock said to the gateway's; the robot is told it in its own time."""
         of = self._of
         if self._asked % 10 == 0 and of.camera_info is not None:

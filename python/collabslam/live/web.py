@@ -204,7 +204,8 @@ class WebServer:
             answer = {"asked": asked, "received": received, "answered": self._clock.now()}
             await socket.send(json.dumps(answer))
         elif isinstance(exchange, list) and len(exchange) == 4 and all(map(_is_time, exchange)):
-            phone.exchange(Exchange(*(float(t) for t in exchange)), self._clock.now())
+            # The robot is asked as well, which may take a while.
+            await asyncio.to_thread(phone.exchange, Exchange(*(float(t) for t in exchange)))
 
 
 def _image(phone: Any, message: bytes) -> None:
