@@ -8,18 +8,22 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import Any
 
 import numpy as np
 
-from collabslam import _core
+from collabslam._core import Camera, DepthMeasurement, Filter
+from collabslam.types import Array, Indices
+
+CAMERA = Camera("pinhole", 720, 480, (600.0, 600.0, 360.0, 240.0), [])
+Frame = tuple[float, Indices, Array]
 
 
 class Replay:
     """The recorded frames through the Python package, one at a time."""
 
     def __init__(self, lines: str) -> None:
-        self._births, self._frames = [], []
+        self._births: list[tuple[Frame, Array]] = []
+        self._frames: list[Frame] = []
         for line in lines.split("|"):
             t, *parts = line.split(";")
             rows = [[float(x) for x in part.split(",")] for part in parts]
@@ -31,16 +35,16 @@ class Replay:
             else:
                 self._frames.append(frame)
         self._next = len(self._frames)
-        self._filter: Any = None
+        self._filter = Filter(CAMERA, CAMERA)
 
     def _start(self) -> None:
-        camera = _core.Camera("pinhole", 720, 480, (600.0, 600.0, 360.0, 240.0), [])
         features = sum(len(births) for _, births in self._births)
-        self._filter = _core.Filter(camera, camera, settings={"map.max_features": features})
+        self._filter = Filter(CAMERA, CAMERA, settings={"map.max_features": features})
         for (t, ids, uv), births in self._births:
             self._filter.predict(t)
-            u, depth, sigma = births[:, :2].copy(), births[:, 2].copy(), births[:, 3].copy()
-            self._filter.update(ids, ids, uv, depths=(np.full(len(births), -1), u, depth, sigma))
+            new = np.full(len(births), -1)
+            depths = DepthMeasurement(new, births[:, :2], births[:, 2], births[:, 3])
+            self._filter.update(ids, ids, uv, depths=depths)
         self._next = 0
 
     @property
