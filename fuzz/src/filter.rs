@@ -125,7 +125,7 @@ impl Life {
                 self.filter.manage_map();
                 ("manage_map", Ok(()))
             }
-            14 => ("start_from_points", self.start(bytes)),
+            14 => ("start_from_points, add_points", self.start(bytes)),
             15 => ("snapshot and restore", self.save()),
             16 => ("promote_candidates", self.promote(bytes)),
             _ => ("overlap", self.overlap(bytes)),
@@ -319,9 +319,13 @@ impl Life {
             })
             .collect();
         let covariance = Matrix6::identity() * bytes.or_nasty(1e-3);
-        self.filter
-            .start_from_points(&points, &noise, &shared, &covariance)
-            .map(|_| ())
+        let filter = &mut self.filter;
+        let born = if filter.started() {
+            filter.add_points(&points, &noise, &shared, &covariance)
+        } else {
+            filter.start_from_points(&points, &noise, &shared, &covariance)
+        };
+        born.map(|_| ())
     }
 
     /// Goes on with the filter restored from a snapshot, whose own snapshot is the same.

@@ -622,6 +622,35 @@ class Filter:
             For wrong shapes, NaN, a covariance that is none, a point at the camera, or a filter that has
             started.
         """
+    def add_points(
+        self, points: ArrayLike, noise: ArrayLike, shared: ArrayLike, covariance: ArrayLike
+    ) -> _Ids:
+        """Adds a rigid target that comes into view: points of known position in C (METHOD 10).
+
+        Later bearings of them are metric: what they do not share is all that their distances can be wrong by.
+
+        Parameters
+        ----------
+        points : (N, 3) float64
+            Metres in C.
+        noise : (N, 3, 3) float64
+            Covariance of each point by itself, m^2.
+        shared : (N, 3, 6) float64
+            Derivative of each point by the 6-number error of the target's pose.
+        covariance : (6, 6) float64
+            Covariance of that error.
+
+        Returns
+        -------
+        (N,) int64
+            Feature ids.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, a covariance that is none, a point at the camera, or a filter that has
+            not started.
+        """
     def landmarks(self) -> Landmarks:
         """The map, without features that have no point yet (rho <= 0).
 

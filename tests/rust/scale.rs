@@ -107,3 +107,63 @@ fn it_is_what_states_drawn_from_p_show() {
     );
     assert!(said > 1e-4);
 }
+
+/// A target of known size comes into view of a filter whose scale is known to 5 %: bearings of it tell the scale, as
+/// its points are where they are relative to each other whatever the pose that they were added with.
+#[test]
+fn a_target_that_comes_into_view_tells_the_scale() {
+    let camera = crate::scene::camera();
+    let mut filter = start(0.05, &[1e-4; 8]);
+    let before = filter.scale_sd().expect("a map");
+    let corners: Vec<_> = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+        .map(|(x, y)| Vector3::new(0.1 + 0.1 * x, 0.1 * y, 1.0 + 0.03 * x))
+        .to_vec();
+    let noise = vec![Matrix3::identity() * 1e-8; 4];
+    let mut shared = vec![SMatrix::<f64, 3, 6>::zeros(); 4];
+    for (by_error, p) in shared.iter_mut().zip(&corners) {
+        by_error
+            .fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&-Matrix3::identity());
+        by_error
+            .fixed_view_mut::<3, 3>(0, 3)
+            .copy_from(&p.cross_matrix());
+    }
+    let pose = Matrix6::from_diagonal(&nalgebra::Vector6::new(2e-3, 2e-3, 1e-2, 2e-2, 2e-2, 5e-3))
+        .map(|sd| sd * sd);
+    let add = |filter: &mut Filter, points: &[Vector3<f64>]| {
+        filter.add_points(points, &noise, &shared, &pose)
+    };
+    let snapshot = filter.snapshot();
+    assert!(
+        add(&mut filter, &corners[..3]).is_err(),
+        "lists of two lengths"
+    );
+    assert!(filter.snapshot() == snapshot);
+    assert!(
+        add(
+            &mut Filter::new(Settings::default(), camera.clone(), None),
+            &corners
+        )
+        .is_err()
+    );
+    let ids = add(&mut filter, &corners).expect("a target");
+    assert_eq!(ids.len(), 4);
+    // The camera moves sideways, and all points are seen where they are.
+    let landmarks = filter.landmarks();
+    for k in 1..=30 {
+        let t = 0.1 * f64::from(k);
+        filter.predict(t).unwrap();
+        let centre = Vector3::new(0.02 * f64::from(k), 0.0, 0.0);
+        let bearings = landmarks.iter().filter_map(|l| {
+            let uv = camera.project(&(l.point - centre))?;
+            Some(ekf_core::Bearing { id: l.id, uv })
+        });
+        let z = ekf_core::Measurements {
+            bearings: bearings.collect(),
+            ..Default::default()
+        };
+        filter.update(&z).unwrap();
+    }
+    let after = filter.scale_sd().expect("a map");
+    assert!(after < 0.3 * before, "{before} {after}");
+}

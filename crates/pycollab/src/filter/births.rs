@@ -179,4 +179,45 @@ impl PyFilter {
         })?;
         Ok(to_ids(py, ids.into_iter().map(Some)))
     }
+
+    /// Adds a rigid target that comes into view: points of known position in C (METHOD 10).
+    ///
+    /// Later bearings of them are metric: what they do not share is all that their distances can be wrong by.
+    ///
+    /// Parameters
+    /// ----------
+    /// points : (N, 3) float64
+    ///     Metres in C.
+    /// noise : (N, 3, 3) float64
+    ///     Covariance of each point by itself, m^2.
+    /// shared : (N, 3, 6) float64
+    ///     Derivative of each point by the 6-number error of the target's pose.
+    /// covariance : (6, 6) float64
+    ///     Covariance of that error.
+    ///
+    /// Returns
+    /// -------
+    /// (N,) int64
+    ///     Feature ids.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For wrong shapes, NaN, a covariance that is none, a point at the camera, or a filter that has
+    ///     not started.
+    fn add_points(
+        &self,
+        py: Python<'_>,
+        points: Argument<'_>,
+        noise: Argument<'_>,
+        shared: Argument<'_>,
+        covariance: Argument<'_>,
+    ) -> PyResult<Column<i64>> {
+        let points = rows::<3>("points", &points)?;
+        let noise = stack::<3, 3>("noise", &noise)?;
+        let shared = stack::<3, 6>("shared", &shared)?;
+        let covariance = covariance6("covariance", &covariance)?;
+        let ids = self.write(py, |f| f.add_points(&points, &noise, &shared, &covariance))?;
+        Ok(to_ids(py, ids.into_iter().map(Some)))
+    }
 }
