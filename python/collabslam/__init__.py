@@ -29,11 +29,12 @@ if TYPE_CHECKING:
     from collabslam.slam.engine import Slam
     from collabslam.slam.results import StepResult
     from collabslam.slam.saved_map import SavedMap
-    from collabslam.types import Frame, Status, Target, WornView
+    from collabslam.types import Board, Frame, Status, Tag, Target, WornView
 
     __version__: str
 
 __all__ = [
+    "Board",
     "BusyError",
     "Camera",
     "CollabslamError",
@@ -53,6 +54,7 @@ __all__ = [
     "Source",
     "Status",
     "StepResult",
+    "Tag",
     "Target",
     "WornMeasurement",
     "WornSpec",
@@ -66,6 +68,7 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Board": "types",
     "Camera": "_core",
     "DepthMeasurement": "_core",
     "Filter": "_core",
@@ -79,6 +82,7 @@ _HOMES = {
     "Source": "datasets",
     "Status": "types",
     "StepResult": "slam.results",
+    "Tag": "types",
     "Target": "types",
     "WornMeasurement": "_core",
     "WornSpec": "datasets",

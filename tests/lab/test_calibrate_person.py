@@ -10,12 +10,13 @@ import pytest
 from conftest import Clip
 
 from collabslam import geometry as g
-from collabslam.checks.board import board_poses, pose_between
+from collabslam.checks.board import board_poses
 from collabslam.cli import main as cli
 from collabslam.datasets import write_recording
 from collabslam.datasets.ros.sensors import WornSensors, read_sensors, write_sensors
 from collabslam.datasets.ros.writer import TOPICS
 from collabslam.errors import DataError, InputError
+from collabslam.targets.printed import pose_between
 from collabslam.types import Board
 from collabslam.worn_pose import AhrsErrors, Person, WornPoseConfig, WornPoseEstimate, calibrate_person
 from collabslam.worn_pose.attitude import AttitudeTrack
@@ -99,12 +100,14 @@ def test_a_board_shows_the_pose_between_both_cameras() -> None:
     for i, metres in ((0, 0.5), (len(world) - 1, 0.02)):
         frame = world.frame(i)
         assert frame.worn is not None
-        t_cf, covariance = pose_between(frame.image, world.camera, frame.worn.image, world.worn_camera, BOARD)
+        t_cf, covariance = pose_between(
+            frame.image, world.camera, frame.worn.image, world.worn_camera, [BOARD]
+        )
         error = g.se3_log(g.pose_inverse(t_cf) @ world.true_t_cf(i))
         assert np.linalg.norm(error[:3]) < metres
         assert error @ np.linalg.solve(covariance, error) < 22.5  # 99.9 % of 6
-    with pytest.raises(DataError, match="checkerboard of 10 x 7"):
-        pose_between(frame.image, world.camera, frame.worn.image, world.worn_camera, Board(10, 7, 0.1))
+    with pytest.raises(DataError, match="No printed target"):
+        pose_between(frame.image, world.camera, frame.worn.image, world.worn_camera, [Board(10, 7, 0.1)])
 
 
 def test_the_trunk_faces_the_way_or_what_is_looked_at() -> None:
@@ -151,9 +154,9 @@ def test_bad_input_is_named(
     larger[:, :3, 3] *= 1.3  # a board whose squares are smaller than was said
     with pytest.raises(DataError, match="check the board's size"):
         calibrate_person(person, estimates, larger, spread)
-    with pytest.raises(InputError, match="one number odd and one even"):
-        Board(8, 6, 0.1)
-    with pytest.raises(InputError, match="give their side in metres"):
+    with pytest.raises(InputError, match="upside down"):
+        Board(8, 6, 0.1).check_direction()
+    with pytest.raises(InputError, match=r"squares is -0\.1; give metres"):
         Board(9, 6, -0.1)
     with pytest.raises(InputError, match="lean is not two finite numbers"):
         replace(config_of(world_recording("a")), person=Person(lean=(0.0, float("nan"))))
@@ -176,11 +179,11 @@ def test_a_recording_without_cf_is_named(
     with pytest.raises(InputError, match="alone has no worn camera"):
         board_poses(_Alone(), BOARD)  # type: ignore[arg-type]
     folder = write_recording(clip.recording, tmp_path / "walk")
-    words = ["calibrate-person", str(folder), "--board", "9x6", "--square", "0.15"]
+    words = ["calibrate-person", str(folder), "--board", "9x6:0.15"]
     assert cli.main(words) == 2
     assert "t_cf=sensors:FILE" in capsys.readouterr().err
     with pytest.raises(SystemExit):
-        cli.main([*words[:2], "--board", "nine", "--square", "0.15"])
+        cli.main([*words[:2], "--board", "nine"])
 
 
 def test_a_person_from_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -189,7 +192,7 @@ def test_a_person_from_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     file = bag / "sensors.yaml"
     topics = f"cs={TOPICS['cs']},cf={TOPICS['cf']},t_cf=sensors:{file}"
     capsys.readouterr()
-    words = ["calibrate-person", str(bag), "--topics", topics, "--board", "9x6", "--square", "0.15"]
+    words = ["calibrate-person", str(bag), "--topics", topics, "--board", "9x6:0.15"]
     assert cli.main(words) == 0
     printed = capsys.readouterr().out
     world = world_recording("corridor-2-board")

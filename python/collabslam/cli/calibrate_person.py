@@ -13,13 +13,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     options.add_source(parser)
     parser.add_argument(
         "--board",
-        metavar="COLUMNSxROWS",
-        type=options.board_corners,
+        metavar="CxR:METRES",
+        type=options.board,
         required=True,
-        help="inner corners of the checkerboard, as 9x6; one odd and one even",
-    )
-    parser.add_argument(
-        "--square", metavar="M", type=float, required=True, help="side of one of its squares, metres"
+        help="inner corners of the checkerboard, one number odd and one even, and the side of a square",
     )
 
 
@@ -29,11 +26,8 @@ def main(arguments: argparse.Namespace) -> int:
     from collabslam.datasets.ros.bag import Bag, is_bag
     from collabslam.datasets.ros.sensors import ESTIMATED, bag_sensors, read_sensors
     from collabslam.errors import DataError
-    from collabslam.types import Board
     from collabslam.worn_pose import calibrate_person
 
-    columns, rows = arguments.board
-    board = Board(columns, rows, arguments.square)
     source = (arguments.topics or {}).get("t_cf", "")
     if not is_bag(arguments.source) or not source.startswith(ESTIMATED):
         raise DataError(
@@ -44,7 +38,7 @@ def main(arguments: argparse.Namespace) -> int:
     with Bag(arguments.source) as bag:
         sensors = bag_sensors(bag, read_sensors(Path(source.removeprefix(ESTIMATED))))
     estimates = sensors.estimates(recording.times)
-    fit = calibrate_person(sensors.config.person, estimates, *board_poses(recording, board))
+    fit = calibrate_person(sensors.config.person, estimates, *board_poses(recording, arguments.board))
     ahead, left, up = (100.0 * x for x in fit.correction)
     print(f"# {fit.used} of {fit.given} frames fit; from where it was thought to be, the neck is")
     print(f"# {ahead:.1f} cm ahead, {left:.1f} cm to the left, {up:.1f} cm up")

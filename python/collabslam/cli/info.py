@@ -54,7 +54,8 @@ def describe(recording: Recording) -> dict[str, str]:
         "worn pose": "none" if worn is None else getattr(recording, "worn_pose", "measured"),
         "second camera of the rig": "none"
         if rig is None
-        else f"{_camera(rig.camera)}, {len(rig.paths)} images",
+        else f"{_camera(rig.camera)}, {len(rig.paths)} images; used as Cf unless --worn says otherwise",
+        "depth": "yes" if getattr(recording, "has_depth", False) else "none",
         "true poses": f"{known} of {len(times)} frames" if known else "none (see --poses)",
         "known target": "none" if recording.target is None else f"{len(recording.target.points)} points",
         "conventions": "T_WC maps points of C into W; metres, seconds; C: x right, y down, z forward",

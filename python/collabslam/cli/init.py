@@ -10,11 +10,14 @@ from collabslam.cli import OK, options
 
 if TYPE_CHECKING:
     from collabslam._core import Camera
+    from collabslam.checks.calibrate_camera import Calibration
+    from collabslam.datasets.pictures import Pictures
 
 STUB = """\
 # Camera of {source}: its images are {width}x{height} pixels.
-# The four intrinsics below are a GUESS (a lens 60 degrees wide): replace them by those of a calibration, or
-# the result has neither the right shape nor the right scale.  Kalibr, OpenCV and ROS files are read, too.
+# The four intrinsics below are a GUESS ({guess}): replace them by those of a calibration, or the
+# result has neither the right shape nor the right scale: collabslam init --board makes one. Kalibr, OpenCV
+# and ROS files are read, too.
 camera_model: pinhole
 intrinsics: [{f:.1f}, {f:.1f}, {cx:.1f}, {cy:.1f}] # fx fy cx cy, pixels
 distortion_model: radtan # none, radtan (k1 k2 p1 p2 and maybe k3) or equidistant (k1 k2 k3 k4)
@@ -22,12 +25,28 @@ distortion_coefficients: [0.0, 0.0, 0.0, 0.0]
 resolution: [{width}, {height}]
 rate: 30 # frames per second, for images that carry no time stamps
 """
+PHONE = 0.76
+"""Focal length of a phone's main camera as it films, as a share of the image's long side: phones of 24 to 28
+mm (35 mm equivalent) whose stabilisation crops 0 to 20 % have 0.7 to 0.9."""
+PHONE_COST = """\
+A guess may be 10 % off, and then nothing that comes of it is metric: the way is bent and its scale is off by
+as much. Two minutes with a board (collabslam init --board 7x5:0.03 VIDEO) make it 100 times better."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_source(parser)
     parser.add_argument("--out", metavar="DIR", type=Path, default=Path(), help="folder (default: this one)")
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument(
+        "--board",
+        metavar="CxR:METRES",
+        type=options.board,
+        help="calibrate from pictures of a checkerboard of C x R inner corners",
+    )
+    how.add_argument(
+        "--phone", action="store_true", help="guess from the photograph, or as phones usually are"
+    )
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -51,45 +70,62 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def _calibration(arguments: argparse.Namespace) -> tuple[str, bool]:
-    """The recording's own calibration, or a stub for its images; and whether it is complete."""
-    from collabslam.datasets.images import image_size, list_images
-    from collabslam.datasets.readers.folder import images_of
-    from collabslam.datasets.readers.video import matches as is_video
+    """What to write of the camera, and whether it is known and not guessed."""
+    from collabslam.datasets.pictures import open_pictures
 
     source: Path = arguments.source
-    if arguments.camera is None and source.is_dir():
-        folder = images_of(source)
-        if folder is not None and not _is_known(source):
-            return _stub(source, *image_size(list_images(folder)[0])), False
-    if arguments.camera is None and is_video(source):
-        from collabslam.datasets.readers.video import frame_size
-
-        return _stub(source, *frame_size(source)), False
-    recording = options.source_of(arguments).open()
-    return _text(recording.camera, source), True
+    given = options.source_of(arguments).given
+    if arguments.board is not None:
+        return _from_board(arguments, open_pictures(source, given)), True
+    pictures = None if arguments.camera else open_pictures(source, given, only_uncalibrated=True)
+    if pictures is None:
+        return _text(options.source_of(arguments).open().camera, f"Camera Cs of {source}"), True
+    return _guess(pictures, phone=arguments.phone), False
 
 
-def _is_known(source: Path) -> bool:
-    from collabslam.datasets.opening import recognise
-    from collabslam.datasets.overrides import Given
-    from collabslam.errors import DataError
+def _from_board(arguments: argparse.Namespace, pictures: Pictures) -> str:
+    from collabslam.checks.calibrate_camera import calibrate_camera
 
-    try:
-        recognise(source.resolve(), Given())
-    except DataError:
-        return False
-    return True
+    fit = calibrate_camera(pictures.count, pictures.read, arguments.board)
+    words = _words(fit)
+    print("\n".join(words))
+    title = [f"Camera of {arguments.source}, from a board {arguments.board}", *words]
+    return _text(fit.camera, *title)
 
 
-def _stub(source: Path, width: int, height: int) -> str:
+def _words(fit: Calibration) -> list[str]:
+    """How good a calibration is."""
+    faults = fit.faults()
+    return [
+        f"{fit.used} views of the board fitted, of {fit.seen} in {fit.looked_at} pictures",
+        f"corners are {fit.rms:.2f} px off (RMS), the boards cover {100.0 * fit.covered:.0f} % of the image",
+        f"focal length {fit.camera.intrinsics[0]:.1f} px, known to {100.0 * fit.focal_sd:.2f} %; two halves "
+        f"of the views differ by {100.0 * fit.halves:.2f} %",
+        "this is a good calibration" if not faults else f"it could be better: {'; '.join(faults)}",
+    ]
+
+
+def _guess(pictures: Pictures, *, phone: bool) -> str:
+    from collabslam.datasets.exif import equivalent_focal_length
+
+    width, height = pictures.size
+    stated = None if pictures.first is None else equivalent_focal_length(pictures.first)
+    f, guess = 0.866 * max(width, height), "a lens 60 degrees wide"
+    if stated is not None:
+        f, guess = stated * (width**2 + height**2) ** 0.5, "from the photograph's EXIF block"
+    elif phone:
+        f, guess = PHONE * max(width, height), "as phones usually are"
+    if phone:
+        print(f"focal length {f:.0f} px: {guess}")
+        print(PHONE_COST)
     size = {"width": width, "height": height, "cx": (width - 1) / 2, "cy": (height - 1) / 2}
-    return STUB.format(source=source, f=0.866 * width, **size)
+    return STUB.format(source=pictures.source, f=f, guess=guess, **size)
 
 
-def _text(camera: Camera, source: Path) -> str:
+def _text(camera: Camera, *title: str) -> str:
     import yaml
 
     from collabslam.datasets.calibration import sensor_mapping
 
     body: str = yaml.safe_dump(sensor_mapping(camera), sort_keys=False)
-    return f"# Camera Cs of {source}\n{body}"
+    return "".join(f"# {line}\n" for line in title) + body

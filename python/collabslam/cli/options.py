@@ -9,11 +9,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from collabslam.errors import CollabslamError
+
 if TYPE_CHECKING:
     from collabslam.datasets.source import Source
     from collabslam.runs.runner import Watch
     from collabslam.settings.table import Settings
-    from collabslam.types import Recording
+    from collabslam.types import Board, Recording, Tag
 
 OUT_HELP = "result folder (default: %(default)s)"
 KEPT_HELP = "; an earlier run's results are kept: a numbered folder beside it is taken then"
@@ -42,10 +44,14 @@ def add_source(parser: argparse.ArgumentParser, *, optional: bool = False) -> No
         "--poses", metavar="FILE", type=Path, help="true poses (TUM), to score and to emulate Cf"
     )
     group.add_argument(
+        "--depth", metavar="TOPIC", help="of a bag: depth images registered to Cs; as --topics depth=TOPIC"
+    )
+    group.add_argument(
         "--topics",
         metavar="ROLE=TOPIC,..",
         type=topics,
-        help="of a bag: cs, cf, t_cf (a topic, tf:CS:CF:METRES:DEGREES, or rig), cs_info, cf_info, truth",
+        help="of a bag: cs, cf, t_cf (a topic, tf:CS:CF:METRES:DEGREES, or rig), cs_info, cf_info, truth; of "
+        "any recording with images of Cf: t_cf=tag:36h11:3=0.16",
     )
 
 
@@ -75,6 +81,27 @@ def add_worn(parser: argparse.ArgumentParser) -> None:
         help="one error of T_CF for each stretch in which Cf is there, instead of one for each frame",
     )
     worn.add_argument("--seed", metavar="N", type=int, default=0, help="of the noise of T_CF (default 0)")
+
+
+def add_printed(parser: argparse.ArgumentParser) -> None:
+    """Printed targets."""
+    group = parser.add_argument_group("printed targets in the scene")
+    group.add_argument(
+        "--tag",
+        metavar="SET:N=METRES",
+        type=tag,
+        action="append",
+        default=[],
+        help="tag N of AprilTag's 36h11 (or 25h9, 4x4_50, ...), side of its black square; may be repeated",
+    )
+    group.add_argument(
+        "--board",
+        metavar="CxR:METRES",
+        type=board,
+        action="append",
+        default=[],
+        help="checkerboard of C x R inner corners, side of a square",
+    )
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
@@ -119,7 +146,8 @@ def source_of(arguments: argparse.Namespace) -> Source:
     from collabslam.datasets.overrides import Given
     from collabslam.datasets.source import Source
 
-    given = Given(arguments.camera, arguments.times, arguments.poses, arguments.topics or {})
+    named = {} if arguments.depth is None else {"depth": arguments.depth}
+    given = Given(arguments.camera, arguments.times, arguments.poses, {**(arguments.topics or {}), **named})
     return Source(arguments.source, given)
 
 
@@ -184,13 +212,29 @@ def topics(text: str) -> dict[str, str]:
     return dict(pairs)
 
 
-def board_corners(text: str) -> tuple[int, int]:
-    """``9x6`` as (9, 6)."""
+def tag(text: str) -> Tag:
+    """``36h11:3=0.16`` as a tag."""
+    from collabslam.types import Tag
+
+    with _argument():
+        return Tag.parse(text)
+
+
+def board(text: str) -> Board:
+    """``7x5:0.03`` as a board."""
+    from collabslam.types import Board
+
+    with _argument():
+        return Board.parse(text)
+
+
+@contextlib.contextmanager
+def _argument() -> Iterator[None]:
+    """What is wrong with an argument, as argparse says it."""
     try:
-        columns, rows = (int(x) for x in text.split("x"))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is no board; give its inner corners as 9x6") from None
-    return columns, rows
+        yield
+    except CollabslamError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
 
 
 def seed_list(text: str) -> list[int]:

@@ -23,6 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_source(parser, optional=True)
     options.add_worn(parser)
+    options.add_printed(parser)
     parser.add_argument(
         "--mode", choices=MODES, help="default: the setting's, or mono where there is no worn camera"
     )
@@ -81,6 +82,10 @@ def _run(arguments: argparse.Namespace) -> int:
     mode = arguments.mode or runner.default_mode(recording, settings)
     if arguments.mode is None and mode != settings[MODE_KEY]:
         print(f"There is no worn camera in this run (see --worn): the mode is {mode}.", file=sys.stderr)
+    if arguments.worn is None and getattr(recording, "rig_used", False):
+        print(
+            "The second camera of the rig takes the part of Cf (--worn none leaves it out).", file=sys.stderr
+        )
     if arguments.map is not None and arguments.start is not None:
         raise SettingsError(f"A map was given but the start is '{arguments.start}'; leave the start out.")
     output = Output(
@@ -100,6 +105,7 @@ def _run(arguments: argparse.Namespace) -> int:
                 settings=settings,
                 out=output,
                 notes=options.notes_of(arguments),
+                printed=[*arguments.tag, *arguments.board],
                 watch=watch,
             ),
             arguments,

@@ -136,6 +136,30 @@ def depth_of(largest: int) -> int:
     return next(bits for bits in DEPTHS if largest >> bits == 0)
 
 
+def decode_deep(path: Path, camera: Camera) -> np.ndarray:
+    """Read an image file of 16 bits, such as a depth image, as (H, W) uint16.
+
+    Parameters
+    ----------
+    path : Path
+    camera : Camera
+        Whose size it has.
+
+    Raises
+    ------
+    DataError
+        Naming the file, if it is missing, broken, of another size, or not of 16 bits.
+    """
+    data = _content(path)
+    header = read_header(data)
+    if header is not None and min(header.width, header.height) > 0:
+        check_size(camera, (header.width, header.height), str(path))
+    image = None if header is None else _decoded(data, header)
+    if image is None or image.dtype != np.uint16:
+        raise DataError(f"The depth image {path} is broken, or not of 16 bits; give 16-bit PNG files.")
+    return image
+
+
 def _content(path: Path) -> bytes:
     try:
         return read_bytes(path, _LARGEST)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from collabslam.datasets.calibration import load_camera
 from collabslam.datasets.ordered import DiskRecording, in_order
 from collabslam.datasets.overrides import Given
+from collabslam.datasets.printed_pose import printed_source
 from collabslam.datasets.readers import (
     collab,
     davison,
@@ -55,10 +56,23 @@ def _complete(open_it: Callable[[Path], ImageRecording]) -> Callable[[Path, Give
     return open_with
 
 
+def _two_cameras(path: Path, given: Given) -> DiskRecording:
+    """The two-camera layout; printed targets may tell ``T_CF`` in place of its own list."""
+    targets = printed_source(given.topics.get("t_cf"))
+    if not targets:
+        return _complete(collab.open)(path, given)
+    if given.times is not None:
+        raise DataError("Stamps from a file and t_cf=tag:... do not go together; leave --times out.")
+    recording = collab.open_printed(path, targets)
+    return recording if given.camera is None else replace(recording, camera=load_camera(given.camera))
+
+
 _READERS = (
+    Reader(euroc.LAYOUT, euroc.matches, _complete(euroc.open)),
+    Reader(collab.LAYOUT, collab.matches, _two_cameras),
     *(
         Reader(module.LAYOUT, module.matches, _complete(module.open))
-        for module in (euroc, collab, seven_scenes, kitti, posed_images, davison)
+        for module in (seven_scenes, kitti, posed_images, davison)
     ),
     *(
         Reader(module.LAYOUT, module.matches, module.open)
@@ -87,11 +101,20 @@ def recognise(path: Path, given: Given) -> Reader:
             return reader
     remedy = ""
     if folder.matches(path):
-        remedy = f" 'collabslam init {path}' writes a calibration to fill in for the images there."
+        remedy = f" 'collabslam init {path} --board 7x5:0.03' makes the calibration from a film of a board."
     raise DataError(
         f"The layout of {path} is not recognised; the known ones are: {'; '.join(recognised_layouts())}."
         f"{remedy}"
     )
+
+
+def is_known(path: Path) -> bool:
+    """Whether a recording is recognised without anything given beside it."""
+    try:
+        recognise(path.resolve(), Given())
+    except DataError:
+        return False
+    return True
 
 
 def open_recording(

@@ -33,19 +33,23 @@ def in_order(recording: DiskRecording) -> DiskRecording:
 
 def _stream(recording: StreamRecording, kept: Indices, times: Array) -> StreamRecording:
     read, read_worn, indices = recording.read, recording.read_worn, kept.tolist()
+    read_depth = recording.read_depth
     return replace(
         recording,
         times=times,
         truth=None if recording.truth is None else recording.truth[kept],
         read=lambda i: read(indices[i]),
         read_worn=lambda i: read_worn(indices[i]),
+        read_depth=None if read_depth is None else lambda i: read_depth(indices[i]),
         left_out=len(recording) - len(kept),
     )
 
 
 def _images(recording: ImageRecording, kept: Indices, times: Array) -> ImageRecording:
     new = {old: k for k, old in enumerate(kept.tolist())}
-    rig, worn = recording.rig, recording.worn
+    rig, worn, depth = recording.rig, recording.worn, recording.depth
+    if depth is not None:
+        depth = {new[i]: image for i, image in depth.items() if i in new}
     if rig is not None:
         rig = replace(rig, paths={new[i]: path for i, path in rig.paths.items() if i in new})
     if worn is not None:
@@ -57,5 +61,6 @@ def _images(recording: ImageRecording, kept: Indices, times: Array) -> ImageReco
         truth=None if recording.truth is None else recording.truth[kept],
         rig=rig,
         worn=worn,
+        depth=depth,
         left_out=len(recording) - len(kept),
     )

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from collabslam._core import Camera
+from collabslam.datasets.depth_image import DepthImage
 from collabslam.datasets.images import read_grey
 from collabslam.errors import DataError, InputError
 from collabslam.types import Array, Frame, Image, Recording, Target, WornView
@@ -56,6 +57,8 @@ class ImageRecording:
 
     Attributes
     ----------
+    depth : mapping or None
+        Depth images by frame index.
     left_out : int
         Frames of the source that are not in it, as their stamps cannot be used; see `ordered.in_order`.
 
@@ -74,6 +77,7 @@ class ImageRecording:
     target: Target | None = None
     rig: Rig | None = None
     worn: RecordedWorn | None = None
+    depth: Mapping[int, DepthImage] | None = None
     left_out: int = 0
 
     def __post_init__(self) -> None:
@@ -83,6 +87,11 @@ class ImageRecording:
                 "stamps; match them."
             )
         check_frames(self.source, self.times, self.truth)
+
+    @property
+    def has_depth(self) -> bool:
+        """Whether frames bring depths with them."""
+        return bool(self.depth)
 
     @property
     def worn_camera(self) -> Camera | None:
@@ -104,7 +113,9 @@ class ImageRecording:
             view = self.worn.views[i]
             image = read_grey(view.path, self.worn.camera)
             worn = WornView(image, view.t_cf, view.covariance, view.bias)
-        return Frame(i, float(self.times[i]), self.image(i), worn)
+        depth = None if self.depth is None else self.depth.get(i)
+        points = None if depth is None else depth.points(self.camera)
+        return Frame(i, float(self.times[i]), self.image(i), worn, points)
 
 
 def check_frames(source: str, times: Array, truth: Array | None) -> None:

@@ -12,6 +12,7 @@ from collabslam.datasets.emulated.pose_noise import PoseNoise
 from collabslam.datasets.emulated.worn import WornRecording, attach_worn
 from collabslam.datasets.opening import open_recording
 from collabslam.datasets.overrides import Given
+from collabslam.datasets.rig import with_rig
 from collabslam.datasets.wrapped import FirstFrames
 from collabslam.formats.schema import fields, flag, items, number, optional, table, text, whole
 from collabslam.types import Recording
@@ -45,7 +46,7 @@ class Source:
     given : Given
         Files in place of the recording's own.
     worn : WornSpec or None
-        The worn camera; what the recording holds if it is None.
+        The worn camera; what the recording holds if it is None, or the second camera of its rig.
     frames : int or None
         Only so many frames from the first one on.
     """
@@ -66,6 +67,8 @@ class Source:
             If an option is not allowed.
         """
         recording: Recording = open_recording(self.path, **vars(self.given))
+        if self.worn is None or self.worn.spec == "recorded":
+            recording = with_rig(recording)
         if self.worn is not None:
             recording = self.worn.attach(recording)
         return recording if self.frames is None else FirstFrames(recording, self.frames)

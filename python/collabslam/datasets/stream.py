@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from collabslam._core import Camera
 from collabslam.datasets.calibration import check_resolution
 from collabslam.datasets.recording import check_frames, frame_index
-from collabslam.types import Array, Frame, Image, Target, WornView
+from collabslam.types import Array, DepthPoints, Frame, Image, Target, WornView
 
 
 @dataclass(frozen=True)
@@ -23,6 +23,8 @@ class StreamRecording:
         Worn view of a frame, or None.
     worn_pose : str
         Whether its pose was ``measured``, or ``estimated`` from laser scans and AHRSs.
+    read_depth : callable or None
+        Depths of a frame, or None; None where the source has none.
     left_out : int
         Frames of the source that are not in it, as their stamps cannot be used; see `ordered.in_order`.
 
@@ -42,6 +44,7 @@ class StreamRecording:
     worn_pose: str = "measured"
     truth: Array | None = None
     target: Target | None = None
+    read_depth: Callable[[int], DepthPoints | None] | None = None
     left_out: int = 0
 
     def __post_init__(self) -> None:
@@ -62,4 +65,10 @@ class StreamRecording:
         worn = self.read_worn(i)
         if worn is not None and self.worn_camera is not None:
             check_resolution(self.worn_camera, worn.image, f"of Cf in frame {i} of {self.source}")
-        return Frame(i, float(self.times[i]), image, worn)
+        depth = None if self.read_depth is None else self.read_depth(i)
+        return Frame(i, float(self.times[i]), image, worn, depth)
+
+    @property
+    def has_depth(self) -> bool:
+        """Whether frames bring depths with them."""
+        return self.read_depth is not None

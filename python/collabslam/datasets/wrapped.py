@@ -25,6 +25,8 @@ class WrappedRecording:
         self.truth: Array | None = base.truth
         self.target: Target | None = base.target
         self.left_out: int = getattr(base, "left_out", 0)
+        self.rig_used: bool = getattr(base, "rig_used", False)
+        self.has_depth: bool = getattr(base, "has_depth", False)
 
     def __len__(self) -> int:
         return len(self._base)

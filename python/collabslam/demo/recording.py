@@ -54,6 +54,14 @@ class DemoRecording(RenderedRecording):
         self._walk = walk
         self._seed = seed
 
+    def robot(self, t: float) -> Array:
+        """True T_WC (4, 4) at the stamp `t`, seconds."""
+        return self._walk.robot(t)
+
+    def worn_picture(self, t: float, generator: np.random.Generator) -> Image:
+        """What Cf sees at the stamp `t`, with noise, wherever it looks."""
+        return self._expose(self._walk.person(t), 1, generator)
+
     def person(self, t: float) -> Array:
         """True T_WF (4, 4) at the stamp `t`, seconds."""
         return self._walk.person(t)

@@ -21,9 +21,9 @@ from collabslam.frontend.detect import corner_peaks, refine_corners
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.patch import SIZE, Patch, warp_templates
 from collabslam.frontend.search import FOUND, GATE, active_search
-from collabslam.frontend.target import pose_from_points
 from collabslam.geometry import pose_inverse
 from collabslam.settings.frontend import FrontendSettings
+from collabslam.targets.pose import pose_from_points
 from collabslam.types import Array, Image, Indices
 
 KIND = "warped-sift"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -25,7 +25,7 @@ from collabslam.runs.summary import INTERRUPTED, TERMINATED, Summary, summarise
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
 from collabslam.slam.saved_map import SavedMap
-from collabslam.types import Array, Frame, Image, Indices, Recording, WornView
+from collabslam.types import Array, Board, Frame, Image, Indices, Recording, Tag, WornView
 from collabslam.version import version
 
 
@@ -71,6 +71,7 @@ def run(
     settings: Settings | None = None,
     out: str | Path | Output | None = None,
     notes: Mapping[str, Any] | None = None,
+    printed: Sequence[Tag | Board] = (),
     slam: SlamLike | None = None,
     watch: Watch | None = None,
 ) -> RunResult:
@@ -101,6 +102,9 @@ def run(
         kept: `RunResult.folder` says where these are.  Nothing is written if left out.
     notes : mapping, optional
         Further facts for the summary's ``options``, such as how the worn camera was emulated.
+    printed : sequence of Tag and Board, optional
+        Printed targets in the scene: ``start="target"`` starts from one of them, and all are points of known
+        distances wherever Cs sees them (see `Slam.add_tag`).
     slam : SlamLike, optional
         An engine of one's own in place of `collabslam.Slam`.
     watch : callable, optional
@@ -121,7 +125,7 @@ def run(
     recording, reopen = (source.open(), source) if isinstance(source, Source) else (source, output.reopen)
     settings = settings or Settings.default()
     mode = mode or default_mode(recording, settings)
-    start = SavedMap.load(start) if isinstance(start, Path) else start or default_start(recording)
+    start = SavedMap.load(start) if isinstance(start, Path) else start or default_start(recording, printed)
     plan = Plan(
         mode,
         start if isinstance(start, str) else "map",
@@ -134,7 +138,7 @@ def run(
         raise SettingsError(
             "A checkpoint needs a result folder, and an engine of collabslam's own; give --out."
         )
-    engine = slam or make_engine(recording, plan, start if isinstance(start, SavedMap) else None)
+    engine = slam or make_engine(recording, plan, start if isinstance(start, SavedMap) else None, printed)
     with contextlib.ExitStack() as stack:
         folder = None
         if output.folder is not None:
@@ -192,24 +196,35 @@ def default_mode(recording: Recording, settings: Settings) -> str:
     return "mono" if recording.worn_camera is None and mode.startswith("collab") else mode
 
 
-def default_start(recording: Recording) -> str:
+def default_start(recording: Recording, printed: Sequence[Tag | Board] = ()) -> str:
     """The first way to start that the recording allows."""
     if recording.worn_camera is not None:
         return "worn"
-    return "scale-free" if recording.target is None else "target"
+    if printed or recording.target is not None:
+        return "target"
+    return "depth" if getattr(recording, "has_depth", False) else "scale-free"
 
 
-def make_engine(recording: Recording, plan: Plan, map: SavedMap | None = None) -> SlamLike:
+def make_engine(
+    recording: Recording, plan: Plan, map: SavedMap | None = None, printed: Sequence[Tag | Board] = ()
+) -> SlamLike:
     """The engine for a recording; raises SettingsError where mode or start do not fit it."""
-    slam: SlamLike = Slam(
+    if plan.start == "depth" and not getattr(recording, "has_depth", False):
+        raise SettingsError(
+            f"The start 'depth' needs depth images and {recording.name} has none; give --depth "
+            "TOPIC (of a bag), or take another start."
+        )
+    slam = Slam(
         recording.camera,
         recording.worn_camera,
         settings=plan.settings,
         mode=plan.mode,
         start=plan.start,
-        target=recording.target if plan.start == "target" else None,
+        target=next(iter(printed), recording.target) if plan.start == "target" else None,
         map=map,
     )
+    for target in printed:
+        slam.announce(target)
     return slam
 
 
@@ -285,6 +300,8 @@ class _Run:
 
     def _step(self, t: float, frame: Frame) -> Step:
         began = time.perf_counter()
+        if frame.depth is not None and isinstance(self.engine, Slam):
+            self.engine.add_depth(frame.depth.uv, frame.depth.depth, frame.depth.sigma)
         step: Step = self.engine.step(t, frame.image, frame.worn)
         self.record.append(step, worn=frame.worn is not None, seconds=time.perf_counter() - began)
         return step

@@ -7,8 +7,8 @@ MODES = ("mono", "mono-undelayed", "collab-init", "collab", "collab-tight")
 `collab`: Cf gives births and points with depth (the paper).  `collab-tight`: Cf's pixels are measured, with
 T_CF in the state."""
 
-STARTS = ("worn", "target", "scale-free")
-"""Where the scale comes from: the first overlap with Cf, a known target, or nowhere."""
+STARTS = ("worn", "target", "depth", "scale-free")
+"""Where the scale comes from: the first overlap with Cf, a known target, another sensor's depths, nowhere."""
 
-SLAM_STARTS = (*STARTS, "depth", "map")
-"""The same for `collabslam.Slam`, which is also given depths frame by frame, or a map to find itself in."""
+SLAM_STARTS = (*STARTS, "map")
+"""The same for `collabslam.Slam`, which may also be given a map to find itself in."""

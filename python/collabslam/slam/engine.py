@@ -35,7 +35,7 @@ from collabslam.slam.starts import check_start
 from collabslam.slam.tracks import Found
 from collabslam.slam.view import View
 from collabslam.slam.worn_frame import Overlap
-from collabslam.types import Image, Status, Target, WornView
+from collabslam.types import Board, Image, Status, Tag, Target, WornView
 
 
 class Slam(EngineParts):
@@ -55,8 +55,8 @@ class Slam(EngineParts):
         Where the scale comes from: the first overlap, a known target, nowhere (then it is arbitrary), the
         first depths given with `add_depth`, or a map of an earlier run.  In a map the camera is LOST until it
         has found itself; W is the earlier run's.
-    target : Target, optional
-        Needed with ``start="target"``.
+    target : Target, Tag or Board, optional
+        Needed with ``start="target"``; `add_tag` and `add_board` announce further printed ones.
     map : SavedMap, optional
         Needed with ``start="map"``.  Another camera may have made it.
 
@@ -74,7 +74,7 @@ class Slam(EngineParts):
         settings: Settings | None = None,
         mode: str | None = None,
         start: str = "worn",
-        target: Target | None = None,
+        target: Target | Tag | Board | None = None,
         map: SavedMap | None = None,
     ) -> None:
         check_start(start, mode=mode, worn_camera=worn_camera, target=target, map=map)
@@ -92,10 +92,48 @@ class Slam(EngineParts):
             switches=settings.section_switches("filter"),
         )
         metric = start != "scale-free" if map is None else map.metric
-        self._assemble(core, camera, worn_camera, settings, start, target, metric)
+        patches = target if isinstance(target, Target) else None
+        self._assemble(core, camera, worn_camera, settings, start, patches, metric)
+        if isinstance(target, Tag | Board):
+            self.announce(target)
         if map is not None:
             ids = core.start_from_map(map.landmarks, map.covariance, map.place)
             self._relocaliser.adopt(ids, map.views)
+
+    def add_tag(self, family: str, number: int, side: float) -> None:
+        """Announces a printed tag: its corners, where Cs sees them, are points of known distances.
+
+        Parameters
+        ----------
+        family : str
+            AprilTag's ``36h11``, ``25h9``, ``16h5`` or ``36h10``, or ArUco's, as ``4x4_50``.
+        number : int
+        side : float
+            Of its black square, metres.
+
+        Raises
+        ------
+        InputError
+            If there is no such tag, it is known with another side, or lengths are in an arbitrary unit.
+        """
+        self.announce(Tag(family, number, side))
+
+    def add_board(self, columns: int, rows: int, square: float) -> None:
+        """Announces a checkerboard, as `add_tag` does a tag.
+
+        Parameters
+        ----------
+        columns, rows : int
+            Inner corners along and across.
+        square : float
+            Side of a square, metres.
+
+        Raises
+        ------
+        InputError
+            As for `add_tag`.
+        """
+        self.announce(Board(columns, rows, square))
 
     @alone
     def add_depth(self, uv: ArrayLike, depth: ArrayLike, sigma: ArrayLike) -> None:
@@ -155,6 +193,7 @@ class Slam(EngineParts):
         expected = self._expected(view)
         times.done("predict")
         found = self._tracks.search(view, self.filter.pose, expected, self.filter.predict_conditional)
+        found = self._printed.place(view, expected, found)
         times.done("search")
         missing = 0 if view.lost else self._map.missing(found)
         overlap = Overlap() if view.lost else self._worn.match(view, found, missing)
@@ -183,6 +222,7 @@ class Slam(EngineParts):
             **overlap.counts(report),
             **(recovered.counts if recovered else {}),
             **change.counts(),
+            **self._printed.counts(),
             "accepted": inliers,
             "unseen": 0,
             "relocalised": int(relocalised),

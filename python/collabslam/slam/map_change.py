@@ -22,6 +22,10 @@ class ImagePoints:
     def __len__(self) -> int:
         return len(self.ids)
 
+    def with_more(self, others: ImagePoints) -> ImagePoints:
+        """These and others."""
+        return ImagePoints(np.concatenate([self.ids, others.ids]), np.concatenate([self.uv, others.uv]))
+
     @classmethod
     def born(cls, ids: Ids, uv: Array) -> ImagePoints:
         """Those of the pixels that gave a feature; ``ids`` is -1 for the others."""

@@ -8,6 +8,7 @@ from collabslam._core import Filter, UpdateReport
 from collabslam.settings.table import Settings
 from collabslam.slam.depth_input import Depths
 from collabslam.slam.map_change import ImagePoints, MapChange
+from collabslam.slam.printed_targets import PrintedTargets
 from collabslam.slam.target_start import TargetStart
 from collabslam.slam.tracks import Found
 from collabslam.slam.view import View
@@ -22,6 +23,8 @@ class MapManager:
     ----------
     core : Filter
     settings : Settings
+    printed : PrintedTargets
+        Printed targets that come into view.
     scale_free : bool
         Whether the map begins with features of unknown depth.
     target : TargetStart, optional
@@ -29,9 +32,16 @@ class MapManager:
     """
 
     def __init__(
-        self, core: Filter, settings: Settings, *, scale_free: bool, target: TargetStart | None
+        self,
+        core: Filter,
+        settings: Settings,
+        printed: PrintedTargets,
+        *,
+        scale_free: bool,
+        target: TargetStart | None,
     ) -> None:
         self._filter, self._scale_free, self._target = core, scale_free, target
+        self._printed = printed
         self.in_view = int(settings["filter.map.in_view"])
         self._reserve = round(self.in_view * float(settings.switch("filter.map.reserve")))
         mode = str(settings["filter.estimator.mode"])
@@ -53,6 +63,7 @@ class MapManager:
         self._filter.drop_candidates(np.concatenate([found.lost, used]))
         delayed = self._observe(found, used)
         deleted = self._filter.manage_map()
+        instant = instant.with_more(self._printed.births() if self._filter.started else ImagePoints())
         matched = report.bearings.accepted.sum() + len(instant) + len(measured) + len(delayed)
         promoted = self._promote_oldest(found, self._vague_below - int(matched))
         waiting = np.isin(found.candidates, self._filter.candidates)

@@ -32,6 +32,7 @@ from collabslam.slam.blank_image import BlankImageDetector
 from collabslam.slam.depth_input import DepthInput
 from collabslam.slam.guard import Guard, alone
 from collabslam.slam.map_management import MapManager
+from collabslam.slam.printed_targets import PrintedTargets
 from collabslam.slam.recovery import Recovery
 from collabslam.slam.relocalise import MapAside, Relocaliser
 from collabslam.slam.saved_map import SavedMap
@@ -40,9 +41,9 @@ from collabslam.slam.status import StatusMonitor
 from collabslam.slam.target_start import TargetStart
 from collabslam.slam.tracks import Tracks
 from collabslam.slam.worn_frame import WornMatcher
-from collabslam.types import Target
+from collabslam.types import Board, Tag, Target
 
-KIND, VERSION = "engine state", 4
+KIND, VERSION = "engine state", 5
 """Of the file that `EngineParts.save` writes; the version counts the changes of what is in it."""
 CLASSES = (MapAside, Patch, Target)
 """Dataclasses that are in it."""
@@ -97,16 +98,29 @@ class EngineParts:
         self._worn = WornMatcher(core, camera, worn_camera, settings, self._options)
         self._depth = DepthInput()
         self._relocaliser = Relocaliser(core, camera, self._tracks, self._options)
+        self._printed = PrintedTargets(core, camera)
         self._target_start: TargetStart | None = None
-        if start == "target" and target is not None:
-            self._target_start = TargetStart(core, camera, target, self._options)
+        if start == "target":
+            self._target_start = TargetStart(core, camera, target, self._printed, self._options)
         scale_free = start == "scale-free"
-        self._map = MapManager(core, settings, scale_free=scale_free, target=self._target_start)
+        self._map = MapManager(
+            core, settings, self._printed, scale_free=scale_free, target=self._target_start
+        )
         self._monitor = StatusMonitor(settings.section("filter"), lost=start == "map")
         self._recovery = Recovery(
             core, self._relocaliser, self._worn, self._map, self._monitor, metric=metric
         )
         self._guard = Guard(core, list(persistent_parts(self).values()))
+
+    @alone
+    def announce(self, target: Tag | Board) -> None:
+        """Announces a printed target, as `Slam.add_tag` and `Slam.add_board` do."""
+        if not self._metric:
+            raise InputError(
+                f"Lengths are in an arbitrary unit here and the target {target} is in metres; start with "
+                "start='target'."
+            )
+        self._printed.add(target)
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
         raise InputError(

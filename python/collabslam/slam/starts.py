@@ -6,7 +6,7 @@ from collabslam._core import Camera
 from collabslam.errors import SettingsError
 from collabslam.settings.modes import MODES, SLAM_STARTS
 from collabslam.slam.saved_map import SavedMap
-from collabslam.types import Target
+from collabslam.types import Board, Tag, Target
 
 
 def check_start(
@@ -14,7 +14,7 @@ def check_start(
     *,
     mode: str | None = None,
     worn_camera: Camera | None = None,
-    target: Target | None = None,
+    target: Target | Tag | Board | None = None,
     map: SavedMap | None = None,
 ) -> None:
     """Checks what a `Slam` was asked for.
@@ -45,7 +45,10 @@ def check_start(
             "can emulate one: --worn), or take the mode 'mono' with another start."
         )
     if start == "target" and target is None:
-        raise SettingsError("The start 'target' needs a known target; give one, or take another start.")
+        raise SettingsError(
+            "The start 'target' needs a known target; give one (--tag 36h11:3=0.16, --board "
+            "7x5:0.03), or take another start."
+        )
     if start == "map" and map is None:
         raise SettingsError("The start 'map' needs a map; give one, or take another start.")
     if start != "map" and map is not None:

@@ -15,14 +15,19 @@ from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.patch import SIZE, Patch, capture, warp_templates
 from collabslam.frontend.search import FOUND, active_search
 from collabslam.frontend.target import RADIUS, SIGMA, find_target
-from collabslam.geometry import pose_inverse, skew
+from collabslam.geometry import pose_inverse
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints
+from collabslam.slam.printed_targets import PrintedTargets, by_pose_error, known_points
 from collabslam.slam.state import PATCH, PersistentState
+from collabslam.targets.printed import Sighting
 from collabslam.types import Array, Image, Mask, Target
 
 _PLANE_SD = 0.03  # of the range of a corner that is taken to lie on the target's plane, as a share of it
-_ELSEWHERE_SD = 0.5  # of all others, which start at the target's depth, as a share of it
+_ELSEWHERE = 1.0, 0.5
+"""Depth of all others as a share of the target's, and its sd as a share of that: on a desk, say."""
+_BEYOND = 2.0, 1.0
+"""The same about a printed target, which is put where it is near: anything from its half to infinity."""
 
 
 class TargetStart(PersistentState):
@@ -32,67 +37,95 @@ class TargetStart(PersistentState):
     ----------
     core : Filter
     camera : Camera
-    target : Target
+    target : Target or None
+        None to start from a printed one.
+    printed : PrintedTargets
     options : FrontendSettings
     """
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {"_points_w": array("<f8", None, 3), "_patches": items(PATCH)}
 
-    def __init__(self, core: Filter, camera: Camera, target: Target, options: FrontendSettings) -> None:
-        self._core, self._camera, self._target, self._options = core, camera, target, options
+    def __init__(
+        self,
+        core: Filter,
+        camera: Camera,
+        target: Target | None,
+        printed: PrintedTargets,
+        options: FrontendSettings,
+    ) -> None:
+        self._core, self._camera, self._options = core, camera, options
+        self._target, self._printed = target, printed
         self._points_w = np.empty((0, 3))
         self._patches: list[Patch] = []
 
     def start(self, image: Image, count: int) -> ImagePoints:
         """Starts the filter; all features born, the target's points first.
 
-        Where the target is not found nothing is born, and the next frame is tried.
+        Where no target is found nothing is born, and the next frame is tried.
         """
-        try:
-            fix = find_target(image, self._camera, self._target, self._options.search)
-        except DataError:
+        seen = self._seen(image)
+        if seen is None:
             return ImagePoints()
-        t_ct = pose_inverse(fix.t_tc)
-        known = self._target.points[fix.index] @ t_ct[:3, :3].T + t_ct[:3, 3]
+        known, noise, shared = known_points(seen)
+        if seen.target is None:
+            noise = self._own_noise(known, 1e-4)
         options = self._options
-        corners = detect_corners(image, fix.uv, count, options.detect, SIZE)
-        on_plane, points = self._on_target_plane(corners, fix.t_tc)
-        all_points = np.concatenate([known, points[on_plane]])
-        rays = all_points / np.linalg.norm(all_points, axis=1, keepdims=True)
-        pixel = (SIGMA / self._camera.intrinsics[0]) ** 2
-        ranges2 = (all_points**2).sum(axis=1)
-        relative = np.concatenate([np.full(len(known), 1e-4), np.full(on_plane.sum(), _PLANE_SD)])
-        outer = rays[:, :, None] * rays[:, None, :]
-        noise = ranges2[:, None, None] * (pixel * np.eye(3) + (relative**2)[:, None, None] * outer)
-        # p_C = Exp(xi)^-1 p_hat, so d p_C / d(v, w) = [-I, [p_C]x]
-        shared = np.stack([np.concatenate([-np.eye(3), skew(p)], axis=1) for p in all_points])
-        ids = self._core.start_from_points(all_points, noise, shared, fix.covariance)
+        corners = detect_corners(image, seen.uv, count, options.detect, SIZE)
+        on_plane, points = self._on_target_plane(corners, seen)
+        flat = points[on_plane]
+        ids = self._core.start_from_points(
+            np.concatenate([known, flat]),
+            np.concatenate([noise, self._own_noise(flat, _PLANE_SD)]),
+            np.concatenate([shared, by_pose_error(flat)]),
+            seen.covariance,
+        )
         elsewhere = corners[~on_plane]
-        depth = np.full(len(elsewhere), known[:, 2].mean())
+        share, sd = _ELSEWHERE if seen.target is None else _BEYOND
+        depth = np.full(len(elsewhere), share * known[:, 2].mean())
         none = np.empty(0, np.int64)
         new = np.full(len(elsewhere), -1)
-        depths = DepthMeasurement(new, elsewhere, depth, _ELSEWHERE_SD * depth)
+        depths = DepthMeasurement(new, elsewhere, depth, sd * depth)
         features = self._core.update(none, none, np.empty((0, 2)), depths=depths).depths.born
         born = features >= 0
-        self._points_w, self._patches = known, capture(image, fix.uv, np.eye(4))
-        uv = np.concatenate([fix.uv, corners[on_plane], elsewhere[born]])
+        self._points_w, self._patches = known, capture(image, seen.uv, np.eye(4))
+        uv = np.concatenate([seen.uv, corners[on_plane], elsewhere[born]])
         if options.target.withhold:
             self._core.remove_features(ids[: len(known)])
             ids, uv = ids[len(known) :], uv[len(known) :]
+        elif seen.target is not None:
+            self._printed.adopt(seen, ids[: len(known)])
         return ImagePoints(np.concatenate([ids, features[born]]), uv)
 
-    def _on_target_plane(self, uv: Array, t_tc: Array) -> tuple[Mask, Array]:
+    def _seen(self, image: Image) -> Sighting | None:
+        """The target in this frame; None where it is not found."""
+        if self._target is None:
+            return self._printed.best()
+        try:
+            return find_target(image, self._camera, self._target, self._options.search)
+        except DataError:
+            return None
+
+    def _own_noise(self, points: Array, relative: float) -> Array:
+        """(N, 3, 3) covariance of points in C by themselves: a pixel, and a share of their range."""
+        rays = points / np.linalg.norm(points, axis=1, keepdims=True)
+        pixel = (SIGMA / self._camera.intrinsics[0]) ** 2
+        outer = rays[:, :, None] * rays[:, None, :]
+        ranges2 = (points**2).sum(axis=1)
+        return np.asarray(ranges2[:, None, None] * (pixel * np.eye(3) + relative**2 * outer))
+
+    def _on_target_plane(self, uv: Array, seen: Sighting) -> tuple[Mask, Array]:
         """Which corners look at the plane near the target, and where they meet it, in C."""
+        t_tc = seen.t_tc
         directions = self._camera.unproject(uv) @ t_tc[:3, :3].T
         with np.errstate(divide="ignore", invalid="ignore"):
             scale = -t_tc[2, 3] / directions[:, 2]
         on_plane = t_tc[:3, 3] + directions * scale[:, None]
-        outline = self._target.points[:, :2]
+        outline = seen.points[:, :2]
         middle = outline.mean(axis=0)
-        hull = cv2.convexHull(
-            (middle + self._options.target.plane_reach * (outline - middle)).astype(np.float32)
-        )
-        flat = np.ptp(self._target.points[:, 2]) < 1e-6
+        # What is printed is flat; a sheet may stand free.
+        reach = self._options.target.plane_reach if seen.target is None else 1.0
+        hull = cv2.convexHull((middle + reach * (outline - middle)).astype(np.float32))
+        flat = np.ptp(seen.points[:, 2]) < 1e-6
         inside = np.array(
             [
                 flat and s > 0.0 and cv2.pointPolygonTest(hull, (float(p[0]), float(p[1])), False) >= 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 COMMANDS = {
+    "costs": "measure what a clock offset and a wrong focal length cost",
     "evaluate": "measure a set of recordings: accuracy, honesty, cost, levers",
     "reliability": "measure faults in the stream, fuzzing and endurance",
     "reproduce": "redo the paper's simulation and experiments",

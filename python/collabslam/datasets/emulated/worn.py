@@ -8,7 +8,7 @@ truth serves this and scoring, never the filter.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -95,14 +95,13 @@ class WornRecording(WrappedRecording):
         block = self._blocks[i] if 0 <= i < len(self._blocks) else None
         if self._noise is None:
             frame = self._base.frame(i)
-            return frame if block is not None else Frame(frame.index, frame.t, frame.image)
-        image = self._base.image(i)
+            return frame if block is not None else replace(frame, worn=None)
         worn = None
         if block is not None and i in self._samples:
             sample = self._samples[i]
             t_cf = self._noise.measured(sample.t_cf, i, block)
             worn = WornView(sample.read(), t_cf, self._noise.noise.covariance)
-        return Frame(i, float(self.times[i]), image, worn)
+        return replace(self._base.frame(i), worn=worn)
 
 
 def _parse(spec: str) -> tuple[str, str]:

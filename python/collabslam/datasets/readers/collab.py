@@ -16,11 +16,13 @@ frame of Cs whose stamp is the nearest within 5 ms.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from collabslam.datasets.calibration import load_camera, read_yaml
+from collabslam.datasets.images import read_grey
 from collabslam.datasets.poses import (
     FARTHEST,
     check_position,
@@ -31,11 +33,13 @@ from collabslam.datasets.poses import (
     read_track,
     seconds,
 )
+from collabslam.datasets.printed_pose import with_printed_poses
 from collabslam.datasets.readers.stamped import match_stamps, read_stream
 from collabslam.datasets.recording import ImageRecording, RecordedView, RecordedWorn
+from collabslam.datasets.stream import StreamRecording
 from collabslam.errors import CollabslamError, DataError
 from collabslam.geometry import pose_from_quaternion
-from collabslam.types import Array
+from collabslam.types import Array, Board, Tag
 
 LAYOUT = "a two-camera recording (recording.yaml, cam0/, cam1/, relpose/data.csv)"
 FORMAT = "collabslam-recording"
@@ -140,6 +144,28 @@ def open(path: Path, relative_poses: Path | None = None) -> ImageRecording:
     DataError
         If a file is missing or broken, or the version is newer than this program.
     """
+    base, stamps = _robot(path)
+    return replace(base, worn=_read_worn(path, stamps, relative_poses or path / "relpose" / "data.csv"))
+
+
+def open_printed(path: Path, targets: list[Tag | Board]) -> StreamRecording:
+    """Open a two-camera recording in which printed targets tell ``T_CF``; ``relpose/`` is not asked for.
+
+    Raises
+    ------
+    DataError
+        If a file is missing or broken, or there are no views of Cf.
+    """
+    base, stamps = _robot(path)
+    view_stamps, paths = read_stream(path / "cam1")
+    camera = load_camera(path / "cam1" / "sensor.yaml")
+    stream = StreamRecording(base.name, base.source, base.camera, base.times, base.image, truth=base.truth)
+    views = match_stamps(stamps, view_stamps, _TOLERANCE)
+    return with_printed_poses(stream, camera, views, lambda k: read_grey(paths[k], camera), targets)
+
+
+def _robot(path: Path) -> tuple[ImageRecording, list[int]]:
+    """What there is of Cs, and its stamps, nanoseconds."""
     name = _read_name(path)
     stamps, paths = read_stream(path / "cam0")
     times = np.asarray([seconds(s) for s in stamps])
@@ -147,12 +173,12 @@ def open(path: Path, relative_poses: Path | None = None) -> ImageRecording:
     truth = None
     if truth_file.is_file():
         truth = interpolate_track(*read_track(truth_file, euroc=True), times, widest=0.0)
-    return ImageRecording(
+    recording = ImageRecording(
         name=name,
         source=str(path),
         camera=load_camera(path / "cam0" / "sensor.yaml"),
         paths=tuple(paths),
         times=times,
         truth=truth,
-        worn=_read_worn(path, stamps, relative_poses or path / "relpose" / "data.csv"),
     )
+    return recording, stamps

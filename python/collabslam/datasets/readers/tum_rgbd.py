@@ -1,7 +1,8 @@
 """TUM RGB-D: ``rgb.txt`` (stamp, image), ``groundtruth.txt`` (poses of the colour camera).
 
 The calibration is that of the sensor whose name the folder carries (``freiburg1``, ``2`` or ``3``), or is
-given with ``--camera FILE``.  The depth images are not used.
+given with ``--camera FILE``.  Depth images (``depth.txt``, 16 bits, 5000 a metre, registered to the colour
+images) go with the nearest colour image within 20 ms.
 """
 
 from __future__ import annotations
@@ -13,12 +14,15 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.datasets.calibration import load_camera
+from collabslam.datasets.depth_image import DepthImage
 from collabslam.datasets.images import named_file, require_files
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.poses import data_lines, interpolate_track, parse_stamp, read_track
 from collabslam.datasets.recording import ImageRecording
 from collabslam.errors import DataError
+from collabslam.types import Array
 
+_TOGETHER, _PER_METRE = 0.02, 5000.0
 LAYOUT = "TUM RGB-D (rgb.txt, rgb/, groundtruth.txt)"
 _SENSORS = {
     "1": ((517.3, 516.5, 318.6, 255.3), (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)),
@@ -34,14 +38,7 @@ def matches(path: Path) -> bool:
 
 def open(path: Path, given: Given) -> ImageRecording:
     """Open a TUM RGB-D sequence."""
-    listing = path / "rgb.txt"
-    rows = data_lines(listing)
-    short = next((n for n, fields in rows if len(fields) < 2), None)
-    if short is not None:
-        raise DataError(f"Line {short} of {listing} needs two columns: the stamp in seconds, the image file.")
-    paths = [named_file(path, fields[1], f"line {n} of {listing}") for n, fields in rows]
-    require_files(paths)
-    times = np.asarray([parse_stamp(fields[0], f"line {n} of {listing}") for n, fields in rows])
+    times, paths = _images(path, "rgb.txt")
     truth = path / "groundtruth.txt"
     return ImageRecording(
         name=path.name,
@@ -50,14 +47,38 @@ def open(path: Path, given: Given) -> ImageRecording:
         paths=tuple(paths),
         times=times,
         truth=interpolate_track(*read_track(truth), times) if truth.is_file() else None,
+        depth=_depths(path, times) if (path / "depth.txt").is_file() else None,
     )
+
+
+def _images(path: Path, name: str) -> tuple[Array, list[Path]]:
+    """Stamps and files of a list of images."""
+    listing = path / name
+    rows = data_lines(listing)
+    short = next((n for n, fields in rows if len(fields) < 2), None)
+    if short is not None:
+        raise DataError(f"Line {short} of {listing} needs two columns: the stamp in seconds, the image file.")
+    paths = [named_file(path, fields[1], f"line {n} of {listing}") for n, fields in rows]
+    require_files(paths)
+    return np.asarray([parse_stamp(fields[0], f"line {n} of {listing}") for n, fields in rows]), paths
+
+
+def _depths(path: Path, times: Array) -> dict[int, DepthImage]:
+    stamps, paths = _images(path, "depth.txt")
+    if not len(stamps):
+        return {}
+    nearest = np.argmin(np.abs(stamps[None] - times[:, None]), axis=1)
+    gaps = stamps[nearest] - times
+    near = np.flatnonzero(np.abs(gaps) <= _TOGETHER).tolist()
+    return {i: DepthImage(paths[nearest[i]], _PER_METRE, float(gaps[i])) for i in near}
 
 
 def _sensor(path: Path) -> Camera:
     found = re.search(r"(?:freiburg|fr)_?([123])", path.name)
     if found is None:
         raise DataError(
-            f"The folder's name {path.name} does not tell the sensor (freiburg1, 2 or 3); give --camera FILE."
+            f"The folder's name {path.name} does not tell the sensor (freiburg1, 2 or 3); give --camera "
+            "FILE ('collabslam init --board' makes one)."
         )
     intrinsics, distortion = _SENSORS[found.group(1)]
     return Camera("radtan" if distortion else "pinhole", 640, 480, intrinsics, distortion)

@@ -33,8 +33,8 @@ def open(path: Path, given: Given) -> StreamRecording:
     """
     if given.camera is None:
         raise DataError(
-            f"The video {path} carries no calibration; give it with --camera FILE. 'collabslam init {path}' "
-            "writes one to fill in, with a guess that the run cannot go on with for long."
+            f"The video {path} carries no calibration; give it with --camera FILE. 'collabslam init {path} "
+            "--board 7x5:0.03' makes it from a film of a checkerboard, 'collabslam init --phone' guesses."
         )
     video = Video(path)
     times = video.times if given.times is None else read_stamps(given.times, video)

@@ -10,7 +10,7 @@
 Videos may end in any of `video.SUFFIXES`.  Stamps are seconds or integer nanoseconds, on one clock; without a
 list they are the container's.  The covariance of a row of ``t_cf.csv`` is two standard deviations, metres and
 degrees, or 21 numbers as in `collab`.  A view of Cf belongs to the nearest frame of Cs within 10 ms; the pose
-is interpolated between two rows.
+is interpolated between two rows.  With ``t_cf=tag:...`` (see `printed_pose`) it needs no list.
 """
 
 from __future__ import annotations
@@ -31,13 +31,14 @@ from collabslam.datasets.poses import (
     number_fields,
     parse_stamp,
 )
+from collabslam.datasets.printed_pose import printed_source, with_printed_poses
 from collabslam.datasets.readers.collab import covariance_of
 from collabslam.datasets.readers.stamped import match_stamps
 from collabslam.datasets.readers.video import SUFFIXES, Video, read_stamps
 from collabslam.datasets.stream import StreamRecording
 from collabslam.errors import DataError
 from collabslam.geometry import pose_from_quaternion
-from collabslam.types import Array, WornView
+from collabslam.types import Array, Board, Tag, WornView
 
 LAYOUT = "two videos (cam0.mp4, cam0.yaml, cam1.mp4, cam1.yaml, t_cf.csv)"
 POSE = "stamp, position, quaternion w x y z"
@@ -122,17 +123,22 @@ def open(path: Path, given: Given) -> StreamRecording:
     if truth.is_file():
         stamps, track, _ = _rows(truth, (0,))
         recording = replace(recording, truth=interpolate_track(stamps, track, times))
-    return recording if _video_of(path, "cam1") is None else _with_worn(recording, path)
+    if _video_of(path, "cam1") is None:
+        return recording
+    return _with_worn(recording, path, printed_source(given.topics.get("t_cf")))
 
 
-def _with_worn(recording: StreamRecording, path: Path) -> StreamRecording:
+def _with_worn(recording: StreamRecording, path: Path, targets: list[Tag | Board]) -> StreamRecording:
     video, times = _read(path, "cam1")
-    stamps, track, covariances = _rows(path / "t_cf.csv", (2, 21))
     frames, others = np.argsort(recording.times), np.argsort(times)
     pairs = match_stamps(_nanoseconds(recording.times[frames]), _nanoseconds(times[others]), _TOLERANCE)
+    together = {int(frames[i]): int(others[k]) for i, k in pairs.items()}
+    camera = _lens(path, "cam1")
+    if targets:
+        return with_printed_poses(recording, camera, together, video.read, targets)
+    stamps, track, covariances = _rows(path / "t_cf.csv", (2, 21))
     views: dict[int, tuple[int, Array, Array]] = {}
-    for i, k in pairs.items():
-        frame, view = int(frames[i]), int(others[k])
+    for frame, view in together.items():
         t = recording.times[frame]
         t_cf = interpolate_track(stamps, track, np.asarray([t]))[0]
         if np.isfinite(t_cf).all():
@@ -149,4 +155,4 @@ def _with_worn(recording: StreamRecording, path: Path) -> StreamRecording:
         k, t_cf, covariance = views[i]
         return WornView(video.read(k), t_cf, covariance)
 
-    return replace(recording, worn_camera=_lens(path, "cam1"), read_worn=read_worn)
+    return replace(recording, worn_camera=camera, read_worn=read_worn)

@@ -239,15 +239,24 @@ class BagImages:
 
     def read(self, k: int) -> Image:
         """Image ``k`` in order of the stamps."""
+        return m.image_of(self._message(k), self._where(k), self._bits)
+
+    def read_depth(self, k: int) -> Array:
+        """Image ``k`` as a depth image, (H, W) metres."""
+        return m.depth_of(self._message(k), self._where(k))
+
+    def _where(self, k: int) -> str:
+        return f"{k} of {self._topic} in {self._bag.path}"
+
+    def _message(self, k: int) -> Any:
         message = self._take(k) if k == self._next else None
         if message is None:
             self._ahead = self._bag.messages(self._topic, *IMAGE_TYPES, start=self._received[k])
             message = self._take(k)
         self._next = k + 1
-        where = f"{k} of {self._topic} in {self._bag.path}"
         if message is None:
-            raise DataError(f"The image {where} cannot be found again; the bag has changed.")
-        return m.image_of(message, where, self._bits)
+            raise DataError(f"The image {self._where(k)} cannot be found again; the bag has changed.")
+        return message
 
     def _take(self, k: int) -> Any:
         """Message ``k`` if it is among the next ones recorded at its time, else None."""

@@ -92,6 +92,27 @@ def deepest(message: Any) -> int:
     return int(samples.max(initial=0))
 
 
+def depth_of(message: Any, where: str) -> Array:
+    """(H, W) metres of a depth image: 16UC1 (millimetres) or 32FC1 (metres), 0 or NaN where there is none.
+
+    Raises
+    ------
+    DataError
+        If the encoding is another one, or the data is cut short.
+    """
+    encoding = str(getattr(message, "encoding", "compressed")).upper()
+    if encoding not in ("16UC1", "MONO16", "32FC1"):
+        raise DataError(f"The depth image {where} is '{encoding}'; record the raw depth, 16UC1 or 32FC1.")
+    size, kind, unit = (4, "f4", 1.0) if encoding == "32FC1" else (2, "u2", 1e-3)
+    height, width = int(message.height), int(message.width)
+    step = int(message.step) or width * size
+    data = np.asarray(message.data, dtype=np.uint8).ravel()
+    if width * size > step or data.size < height * step or height * width == 0:
+        raise DataError(f"The depth image {where} has {data.size} bytes for {width}x{height}; it is broken.")
+    rows = np.ascontiguousarray(data[: height * step].reshape(height, step)[:, : width * size])
+    return np.asarray(rows.view((">" if message.is_bigendian else "<") + kind) * unit, dtype=np.float64)
+
+
 def image_of(message: Any, where: str, bits: int = 16) -> Image:
     """(H, W) uint8 grey image of an Image or CompressedImage.
 
@@ -143,7 +164,10 @@ def camera_of(message: Any, where: str) -> Camera:
     k = np.asarray(getattr(message, "k", getattr(message, "K", [])), dtype=np.float64)
     d = np.asarray(getattr(message, "d", getattr(message, "D", [])), dtype=np.float64)
     if k.size != 9 or k[0] == 0.0:
-        raise DataError(f"The CameraInfo of {where} is not calibrated (K is zero); give --camera FILE.")
+        raise DataError(
+            f"The CameraInfo of {where} is not calibrated (K is zero); give --camera FILE ('collabslam "
+            "init --board' makes one)."
+        )
     if max(message.binning_x, message.binning_y) > 1 or (message.roi.width or message.roi.x_offset):
         raise DataError(
             f"The CameraInfo of {where} is for binned or cropped images; give --camera FILE for these images."

@@ -2,33 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.calibration import load_camera
+from collabslam.datasets.calibration import check_size, load_camera
+from collabslam.datasets.depth_image import depth_points
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.poses import interpolate_track, seconds
+from collabslam.datasets.printed_pose import printed_source, with_printed_poses
 from collabslam.datasets.readers.stamped import match_stamps
 from collabslam.datasets.ros.bag import CAMERA_TYPE, IMAGE_TYPES, Bag, BagImages, is_bag
 from collabslam.datasets.ros.sensors import EstimatedPoses
 from collabslam.datasets.ros.worn_pose_source import T_CF_ROLE, WornPoses, worn_poses
 from collabslam.datasets.stream import StreamRecording
 from collabslam.errors import DataError
-from collabslam.types import Array, WornView
+from collabslam.types import Array, DepthPoints, WornView
 
 LAYOUT = "a ROS bag (.bag, .mcap, .db3, or the folder of a ROS 2 bag)"
 ROLES = {
     "cs": "images of the robot's camera; the only image topic if left out",
     "cf": "images of the worn camera",
     "t_cf": T_CF_ROLE,
+    "depth": "depth images registered to Cs, of its size: 16UC1 (millimetres) or 32FC1 (metres)",
     "cs_info": "CameraInfo of Cs; the one beside its images if left out",
     "cf_info": "CameraInfo of Cf; the one beside its images if left out",
     "truth": "true pose of Cs in a world, to score and to emulate Cf; or tf:WORLD:CAMERA",
 }
-_TOLERANCE = 10_000_000
+_TOLERANCE, _TOGETHER = 10_000_000, 20_000_000
 
 View = tuple[int, Array, Array, Array | None]
 """Number of a view of Cf, ``T_CF``, its covariance, and the part of it that lasts, if that is known."""
@@ -46,20 +51,21 @@ def open(path: Path, given: Given) -> StreamRecording:
         raise DataError(f"There is no topic's role '{unknown[0]}'; the roles are {', '.join(ROLES)}.")
     bag = Bag(path)
     topics = dict(given.topics)
-    topic = topics.get("cs") or _only_images(bag)
+    topic = topics.get("cs") or only_images(bag)
     images = BagImages(bag, topic)
     times = np.asarray([seconds(s) for s in images.stamps])
     camera = load_camera(given.camera) if given.camera else _camera(bag, topic, topics.get("cs_info"))
     worn_camera, worn_pose = None, "measured"
     read_worn = partial(_no_view)
-    if "cf" in topics:
+    targets = printed_source(topics.get("t_cf"))
+    if "cf" in topics and not targets:
         poses = worn_poses(bag, topics.get("t_cf"), given.camera)
         worn_pose = "estimated" if isinstance(poses, EstimatedPoses) else "measured"
         worn_camera = poses.camera or _camera(bag, topics["cf"], topics.get("cf_info"))
         worn_images = BagImages(bag, topics["cf"])
         views = _views(bag, images.stamps, worn_images.stamps, poses)
         read_worn = partial(_view, worn_images, views)
-    return StreamRecording(
+    recording = StreamRecording(
         name=path.stem,
         source=str(path),
         camera=camera,
@@ -70,6 +76,34 @@ def open(path: Path, given: Given) -> StreamRecording:
         worn_pose=worn_pose,
         truth=_truth(bag, topics["truth"], times) if "truth" in topics else None,
     )
+    if "depth" in topics:
+        depths = BagImages(bag, topics["depth"])
+        recording = replace(recording, read_depth=_depths(recording, images.stamps, depths))
+    if "cf" not in topics or not targets:
+        return recording
+    worn_images = BagImages(bag, topics["cf"])
+    pairs = match_stamps(images.stamps, worn_images.stamps, _TOLERANCE)
+    worn_camera = _camera(bag, topics["cf"], topics.get("cf_info"))
+    return with_printed_poses(recording, worn_camera, pairs, worn_images.read, targets)
+
+
+def _depths(
+    recording: StreamRecording, stamps: list[int], depths: BagImages
+) -> Callable[[int], DepthPoints | None]:
+    pairs = match_stamps(stamps, depths.stamps, _TOGETHER)
+    if not pairs:
+        raise DataError(
+            f"No depth image in {recording.source} is within 20 ms of one of Cs; check the clocks."
+        )
+
+    def read_depth(i: int) -> DepthPoints | None:
+        if i not in pairs:
+            return None
+        metres = depths.read_depth(pairs[i])
+        check_size(recording.camera, (metres.shape[1], metres.shape[0]), f"(depth) of frame {i}")
+        return depth_points(metres, (depths.stamps[pairs[i]] - stamps[i]) / 10**9)
+
+    return read_depth
 
 
 def _no_view(_: int) -> WornView | None:
@@ -83,7 +117,8 @@ def _view(images: BagImages, views: dict[int, View], i: int) -> WornView | None:
     return WornView(images.read(k), t_cf, covariance, bias)
 
 
-def _only_images(bag: Bag) -> str:
+def only_images(bag: Bag) -> str:
+    """The topic of a bag's images; DataError if there is not just one."""
     found = bag.of_type(*IMAGE_TYPES)
     if len(found) == 1:
         return found[0].name

@@ -11,6 +11,7 @@ from collabslam._core import Camera
 from collabslam.datasets.calibration import load_rig
 from collabslam.datasets.emulated.pose_noise import RIG_NOISE, PoseNoise
 from collabslam.datasets.poses import interpolate_track
+from collabslam.datasets.printed_pose import PRINTED_ROLE
 from collabslam.datasets.ros.bag import IMU_TYPE, POSE_TYPES, SCAN_TYPE, Bag
 from collabslam.datasets.ros.sensors import ESTIMATED, EstimatedPoses, bag_sensors, read_sensors
 from collabslam.errors import DataError, SettingsError
@@ -19,7 +20,8 @@ from collabslam.types import Array
 T_CF_ROLE = (
     "pose of Cf in Cs: a PoseWithCovarianceStamped, or tf:CS:CF:METRES:DEGREES (two frames and the standard "
     "deviations that tf does not carry), or rig (cam1 of the Kalibr camchain given with --camera), or "
-    "sensors:FILE (estimated from laser scans and AHRSs, where FILE says how they are mounted)"
+    "sensors:FILE (estimated from laser scans and AHRSs, where FILE says how they are mounted), or "
+    f"{PRINTED_ROLE}"
 )
 
 

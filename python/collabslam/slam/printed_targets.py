@@ -1,0 +1,211 @@
+"""Printed tags and boards in the map: points of known distances, known by what is printed (METHOD 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from collabslam._core import Camera, Filter, Prediction, SearchResult
+from collabslam.errors import CollabslamError, InputError
+from collabslam.formats.schema import Check, array, items, refuse, table, text, whole
+from collabslam.frontend.search import FOUND
+from collabslam.geometry import pose_inverse, skew
+from collabslam.slam.map_change import ImagePoints
+from collabslam.slam.state import PersistentState
+from collabslam.slam.tracks import Found
+from collabslam.slam.view import View
+from collabslam.targets.printed import Sighting, printed_corners, sighting
+from collabslam.types import Array, Board, Ids, Tag
+
+SIZE_SD = 0.005
+"""Of each corner from its place, as a share of a target's size: measured, printed and flattened so well."""
+MOST = 100
+"""Targets, at most."""
+_LEAST_HELD = 3
+"""Corners by which a target is still where it was; with fewer it is added anew."""
+_BOARD_EVERY = 10  # frames from one search for boards in the map to the next: each takes long
+
+
+def known_points(seen: Sighting) -> tuple[Array, Array, Array]:
+    """A printed target as the filter takes it, for `Filter.start_from_points` and `Filter.add_points`.
+
+    Returns
+    -------
+    points : (N, 3) float64
+        In C, metres.
+    noise : (N, 3, 3) float64
+        Of each point by itself, m^2.
+    shared : (N, 3, 6) float64
+        Derivative of the points by the error of the target's pose.
+    """
+    t_ct = pose_inverse(seen.t_tc)
+    points = seen.points @ t_ct[:3, :3].T + t_ct[:3, 3]
+    size = float(np.linalg.norm(np.ptp(seen.points, axis=0)))
+    noise = np.tile((SIZE_SD * size) ** 2 * np.eye(3), (len(points), 1, 1))
+    return points, noise, by_pose_error(points)
+
+
+def by_pose_error(points: Array) -> Array:
+    """(N, 3, 6) derivative of points (N, 3) in C by the error xi of T_TC: p_C = Exp(xi)^-1 p_hat."""
+    out = np.zeros((len(points), 3, 6))
+    out[:, :, :3] = -np.eye(3)
+    for k, point in enumerate(points):
+        out[k, :, 3:] = skew(point)
+    return out
+
+
+def _parse(name: str) -> Tag | Board:
+    return Tag.parse(name) if "=" in name else Board.parse(name)
+
+
+def _check_name(value: Any, where: str) -> None:
+    text()(value, where)
+    try:
+        _parse(value)
+    except CollabslamError:
+        refuse(where, "a printed target")
+
+
+class PrintedTargets(PersistentState):
+    """The tags and boards that were announced, and which features of the map their corners are.
+
+    Parameters
+    ----------
+    core : Filter
+    camera : Camera
+        Cs.
+    """
+
+    PERSISTENT: ClassVar[Mapping[str, Check]] = {
+        "_names": items(_check_name),
+        "_features": table(str, array("<i8", None)),
+        "_board_in": whole(0, _BOARD_EVERY),
+    }
+
+    def __init__(self, core: Filter, camera: Camera) -> None:
+        self._core, self._camera = core, camera
+        self._names: list[str] = []
+        self._features: dict[str, Ids] = {}
+        self._board_in = 0
+        self._corners: dict[Tag | Board, Array] = {}
+
+    def add(self, target: Tag | Board) -> None:
+        """Announces a target; raises InputError if it was announced with another size, or is one too many."""
+        known = [_parse(name) for name in self._names]
+        if target in known:
+            return
+        if any(_alike(target, other) for other in known):
+            raise InputError(f"The target {target} is known with another size; give each one once.")
+        if len(known) >= MOST:
+            raise InputError(f"There are {MOST} printed targets already; leave out some.")
+        self._names = [*self._names, str(target)]
+
+    def place(self, view: View, expected: Prediction, found: Found) -> Found:
+        """The frame's search, with the corners of targets where they were read off.
+
+        Parameters
+        ----------
+        view : View
+        expected : Prediction
+            Features that should be visible.
+        found : Found
+            Outcome of the search.
+        """
+        if not self._names:
+            return found
+        self._corners = printed_corners(view.image, self._looked_for())
+        for target, uv in self._corners.items():
+            ids = self._features.get(str(target))
+            if ids is not None:
+                found = _with_corners(found, expected, ids, _as_expected(target, uv, ids, expected))
+        return found
+
+    def best(self) -> Sighting | None:
+        """Of the targets in this frame the one that tells the camera's pose best; None if there is none."""
+        seen = [
+            s for s in (sighting(t, uv, self._camera) for t, uv in self._corners.items()) if s is not None
+        ]
+        return min(seen, key=lambda s: float(np.linalg.slogdet(s.covariance)[1]), default=None)
+
+    def adopt(self, seen: Sighting, ids: Ids) -> None:
+        """These features, in order, are the corners of a target."""
+        self._features = {**self._features, str(seen.target): ids}
+
+    def births(self) -> ImagePoints:
+        """Adds the corners of targets in this frame that the map does not hold, or hardly any of."""
+        if not self._corners:
+            return ImagePoints()
+        held = [block.id for block in self._core.blocks if block.kind == "Feature"]
+        born = ImagePoints()
+        for target, uv in self._corners.items():
+            ids = self._features.get(str(target), np.empty(0, np.int64))
+            if np.isin(ids, held).sum() >= _LEAST_HELD:
+                continue
+            seen = sighting(target, uv, self._camera)
+            if seen is None:
+                continue
+            new = ImagePoints(self._core.add_points(*known_points(seen), seen.covariance), uv)
+            self.adopt(seen, new.ids)
+            born = born.with_more(new)
+        return born
+
+    def counts(self) -> dict[str, int]:
+        """Diagnostics: printed targets in this frame, where any were announced."""
+        return {"printed_targets": len(self._corners)} if self._names else {}
+
+    def _looked_for(self) -> list[Tag | Board]:
+        """All targets, but boards that the map holds only every now and then."""
+        targets = [_parse(name) for name in self._names]
+        if self._board_in == 0:
+            self._board_in = _BOARD_EVERY
+        else:
+            known = self._features
+            targets = [t for t in targets if isinstance(t, Tag) or str(t) not in known]
+        self._board_in -= 1
+        return targets
+
+
+def _alike(a: Tag | Board, b: Tag | Board) -> bool:
+    """Whether an image cannot tell two targets apart."""
+    if isinstance(a, Tag) and isinstance(b, Tag):
+        return (a.family, a.number) == (b.family, b.number)
+    if isinstance(a, Board) and isinstance(b, Board):
+        return sorted((a.columns, a.rows)) == sorted((b.columns, b.rows))
+    return False
+
+
+def _as_expected(target: Tag | Board, uv: Array, ids: Ids, expected: Prediction) -> Array:
+    """The corners from the end where they were expected, for boards that look the same upside down."""
+    if isinstance(target, Tag) or target.has_direction:
+        return uv
+    rows = np.flatnonzero(np.isin(expected.ids, ids))
+    at = np.array([int(np.flatnonzero(ids == i)[0]) for i in expected.ids[rows]], dtype=np.int64)
+    off = [np.linalg.norm(corners[at] - expected.uv[rows], axis=1).sum() for corners in (uv, uv[::-1])]
+    return uv if off[0] <= off[1] else uv[::-1]
+
+
+def _with_corners(found: Found, expected: Prediction, ids: Ids, uv: Array) -> Found:
+    """The search's outcome, with these features found at these pixels if they were expected at all."""
+    result = found.result
+    there = np.isin(found.searched, ids)
+    more = np.isin(expected.ids, ids) & ~np.isin(expected.ids, found.searched)
+    searched = np.concatenate([found.searched, expected.ids[more]])
+    count = int(more.sum())
+    code = np.concatenate([result.code, np.full(count, FOUND)])
+    pixels = np.concatenate([result.uv, expected.uv[more]])
+    read = np.flatnonzero(np.isin(searched, ids))
+    by_id = dict(zip(ids.tolist(), uv, strict=True))
+    for row in read.tolist():
+        pixels[row], code[row] = by_id[int(searched[row])], FOUND
+    score = np.concatenate([np.where(there, 1.0, result.score), np.ones(count)])
+    second = np.concatenate([np.where(there, 0.0, result.second), np.zeros(count)])
+    return replace(
+        found,
+        searched=searched,
+        result=SearchResult(pixels, score, second, code),
+        rho=np.concatenate([found.rho, expected.rho[more]]),
+        rho_sd=np.concatenate([found.rho_sd, expected.rho_sd[more]]),
+    )

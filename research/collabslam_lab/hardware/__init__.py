@@ -1,0 +1,1 @@
+"""What goes wrong with the hardware that people have, and what it costs."""
