@@ -15,11 +15,14 @@ import numpy as np
 import pytest
 import yaml
 from conftest import Clip
+from posted import paint
 from test_bags import Maker
+from test_targets import TAG, walk_past
 from test_viewing import Short
 from test_worn_pose import write_sensor_bag
 
 import collabslam
+from collabslam import Board
 from collabslam import geometry as g
 from collabslam.cli import COMMANDS
 from collabslam.cli import main as cli
@@ -76,6 +79,19 @@ def make_camchain(path: Path, short: Short) -> None:
     path.write_text(yaml.safe_dump({"cam0": lenses[0], "cam1": {**lenses[1], "T_cn_cnm1": bound.tolist()}}))
 
 
+def make_targets(folder: Path, clip: Clip) -> None:
+    """A walk past a tag, and a film of a board."""
+    write_recording(walk_past(clip, TAG, FRAMES, alone=False), folder / "tagged")
+    lens, board = collabslam.Camera("pinhole", 480, 360, (400.0, 400.0, 239.5, 179.5), []), Board(7, 5, 0.03)
+    film = cv2.VideoWriter(str(folder / "board.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 10.0, (480, 360))
+    for k in range(10):
+        turn = g.rotation_exp([0.5 * np.cos(2.3 * k), 0.5 * np.sin(2.3 * k), 0.1 * k])
+        away = np.array([0.05 * np.cos(k), 0.04 * np.sin(k), 0.35]) - turn @ board.corners().mean(axis=0)
+        image = paint(np.full((360, 480), 90, np.uint8), lens, np.eye(4), board, g.pose(turn, away))
+        film.write(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
+    film.release()
+
+
 def info(maker: Maker, topic: str, stamp: int, camera: collabslam.Camera) -> None:
     roi = maker.make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
     maker.write(topic, "sensor_msgs/msg/CameraInfo", stamp, maker.header(stamp), camera.height, camera.width,
@@ -98,6 +114,7 @@ def place(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
         video.write(cv2.cvtColor(frame.image, cv2.COLOR_GRAY2BGR))
     video.release()
     (folder / "times.txt").write_text("".join(f"{f.t}\n" for f in short.frames))
+    make_targets(folder, clip)
     (folder / "DATA").mkdir()
     make_bag(folder / "walk.bag", short)
     write_sensor_bag(folder / "lasers.bag")
@@ -158,7 +175,7 @@ def test_commands_run(page: Path, there: Path) -> None:
     for words in commands(page):
         if words[:2] == ["collabslam", "live"] and find_spec("zenoh") is None:
             continue  # the extra live is not installed
-        for new in ("copied", "new", "odometry", "odometry-mcap"):
+        for new in ("copied", "new", "calibrated", "odometry", "odometry-mcap"):
             if new in words:
                 shutil.rmtree(there / new, ignore_errors=True)
         play(words, there)

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 ARGUMENTS = {
     "frame_loop": ["--frames", "6"],
@@ -29,6 +31,18 @@ def numbers(text: str) -> list[float]:
 def test_every_example_is_tested() -> None:
     names = {p.stem for p in EXAMPLES.glob("*.py")}
     assert names == {"filter_alone", "frame_loop", "own_recording", "range_finder"}
+
+
+def test_the_notebook_runs_and_shows_pictures() -> None:
+    nbclient = pytest.importorskip("nbclient")
+    nbformat = pytest.importorskip("nbformat")
+    notebook = nbformat.read(EXAMPLES / "first_steps.ipynb", as_version=4)
+    assert not any(cell.get("outputs") for cell in notebook.cells), "what it showed once is not kept"
+    nbclient.NotebookClient(notebook, timeout=600, kernel_name="python3").execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    assert sum("image/png" in output.get("data", {}) for output in outputs) == 3
+    printed = "".join(output.get("text", "") for output in outputs)
+    assert "OK - scale known to" in printed
 
 
 def test_filter_alone() -> None:
