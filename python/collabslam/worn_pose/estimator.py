@@ -44,6 +44,18 @@ class _Moment(NamedTuple):
     scans: int
 
 
+class People(NamedTuple):
+    """Who is about the robot after the last scan: (n, 2) places, ahead and left of Cs on the floor, metres.
+
+    ``legs`` are things in the last scan that may be a leg, ``everybody`` those who are followed, and
+    ``person`` (2,) is who wears the camera, or None.
+    """
+
+    legs: Array
+    everybody: Array
+    person: Array | None
+
+
 class WornPoseEstimator:
     """Finds the person's legs in the scans, follows them, and says where the camera on the head is.
 
@@ -78,6 +90,7 @@ class WornPoseEstimator:
         self._crowd = Crowd(c)
         self._hint: Array | None = None
         self._moments: list[_Moment] = []
+        self._legs: Array = np.zeros((0, 2))
         self._scans = 0
         slow = c.ahrs.yaw_sd**2 - c.ahrs.yaw_white_sd**2
         self._drift = 2.0 * slow / c.ahrs.drift_time
@@ -147,6 +160,7 @@ class WornPoseEstimator:
         robot = surroundings.position.copy()
         world = points + robot
         candidates, doubted = self._candidates(scan, beams, ranges, world, robot + lever[:2])
+        self._legs = candidates.centre
         view = partial(_in_view, scan, robot + lever[:2], r_ns[:2, :2])
         crowd.update(
             t, candidates, robot, surroundings.state[2:], self.config.ahrs.yaw_white_sd**2, self._hint, view
@@ -207,6 +221,23 @@ class WornPoseEstimator:
         )
         if len(self._moments) > 64 and self._moments[len(self._moments) // 2].t < t - self.config.history:
             del self._moments[: len(self._moments) // 2]
+
+    def people(self) -> People | None:
+        """Who was about the robot at the last scan; None before the first."""
+        r_nc = self._robot.at(self._last)
+        if r_nc is None:
+            return None
+        ahead = r_nc[:2, 2] / float(np.hypot(*r_nc[:2, 2]))
+        axes = np.array([ahead, [-ahead[1], ahead[0]]])
+        robot, crowd = self._surroundings.position, self._crowd
+        tracks = [*([] if crowd.person is None else [crowd.person]), *crowd.others]
+        places = np.array([track.x[:2] for track in tracks]).reshape(-1, 2)
+        person = crowd.person if crowd.sure else None
+        return People(
+            (self._legs - robot) @ axes.T,
+            (places - robot) @ axes.T,
+            None if person is None else axes @ (person.x[:2] - robot),
+        )
 
     def pose_at(self, t: float) -> WornPoseEstimate:
         """Pose of Cf in Cs at the stamp of an image, from the scans up to then.

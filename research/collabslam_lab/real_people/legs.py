@@ -1,0 +1,143 @@
+"""Real people's legs in laser scans of a moving robot: are they seen, are they followed, who is made up.
+
+A recording is an ``.npz`` file: ``ranges`` (N, K) metres, ``t_header`` (N,) seconds, ``scan`` (angle of the
+first beam, increment, least and largest range), ``odom`` (M, 4 or more: t, x, y, heading) and ``truth``
+(A, 4: t, x, y, number of the person) in the laser's frame.  Annotations are of some people in some scans.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from collabslam.errors import DataError
+from collabslam.types import Array
+from collabslam.worn_pose import AhrsReading, LaserScan, WornPoseConfig, WornPoseEstimator, laser_scans
+from collabslam.worn_pose.config import scanner_pose
+from collabslam.worn_pose.estimator import People
+
+NEAR, ALONE = 0.3, 0.5
+"""Metres within which a person counts as found, and beyond which from all that are annotated as made up."""
+_SAME_SCAN = 0.05
+_LEAST_SHOWN = 5  # annotations of a person who is followed
+_KEYS = ("ranges", "t_header", "scan", "odom", "truth")
+
+
+@dataclass(frozen=True)
+class Legs:
+    """A recording: ``scans``, ``readings`` of the robot's heading as an AHRS, ``truth`` (A, 4)."""
+
+    name: str
+    scans: list[LaserScan]
+    readings: list[AhrsReading]
+    truth: Array
+
+
+@dataclass(frozen=True)
+class Found:
+    """What became of the annotated people of a recording.
+
+    Attributes
+    ----------
+    annotated : int
+        Persons in scans.
+    legs : int
+        Of them, those with something leg-like within `NEAR`.
+    asked, followed : int
+        Annotations of people whose first place was told, after it; those where they are within `NEAR`.
+    elsewhere : int
+        Those where the person is believed to be further away.
+    tracks, made_up : int
+        People believed in at annotated scans; those with nobody annotated within `ALONE`.
+    """
+
+    annotated: int
+    legs: int
+    asked: int
+    followed: int
+    elsewhere: int
+    tracks: int
+    made_up: int
+
+
+def read_legs(path: Path) -> Legs:
+    """Read a recording; raises DataError if the file is none."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            ranges, t, scan, odom, truth = (np.asarray(file[key], np.float64) for key in _KEYS)
+        scans = laser_scans(t, ranges, scan[0], scan[1], range_min=scan[2], range_max=scan[3])
+    except (OSError, KeyError, ValueError, IndexError) as error:
+        raise DataError(
+            f"The file {path} holds no scans of legs ({error}); give an .npz file of them."
+        ) from error
+    if odom.ndim != 2:  # a robot that stands
+        odom = np.pad(np.arange(t[0] - 1.0, t[-1] + 1.0, 0.05)[:, None], ((0, 0), (0, 3)))
+    readings = [
+        AhrsReading(float(row[0]), np.array([0.0, 0.0, np.sin(row[3] / 2.0), np.cos(row[3] / 2.0)]), "robot")
+        for row in odom[np.concatenate([[True], np.diff(odom[:, 0]) > 0.0])]
+    ]
+    return Legs(path.stem, scans, readings, truth.reshape(-1, 4))
+
+
+def judge(legs: Legs) -> Found:
+    """How the estimator does on a recording."""
+    everybody = _run(legs, WornPoseConfig(scanners={"front": scanner_pose(0.0, 0.0, -0.6)}))
+    seen = tracks = made_up = 0
+    for stamp in np.unique(legs.truth[:, 0]):
+        there = legs.truth[legs.truth[:, 0] == stamp, 1:3]
+        state = everybody.get(_scan_at(legs, stamp))
+        if state is None:
+            continue
+        seen += int((_nearest(there, state.legs) <= NEAR).sum())
+        tracks += len(state.everybody)
+        made_up += int((_nearest(state.everybody, there) > ALONE).sum())
+    asked = followed = elsewhere = 0
+    for number in np.unique(legs.truth[:, 3]):
+        rows = legs.truth[legs.truth[:, 3] == number]
+        if len(rows) < _LEAST_SHOWN:
+            continue
+        first = rows[0]
+        start = (-float(first[2]), float(first[1]))
+        config = WornPoseConfig(scanners={"front": scanner_pose(0.0, 0.0, -0.6)}, start=start)
+        told = _run(legs, config, since=_scan_at(legs, first[0]), until=_scan_at(legs, rows[-1, 0]))
+        for row in rows[1:]:
+            state = told.get(_scan_at(legs, row[0]))
+            asked += 1
+            if state is None or state.person is None:
+                continue
+            off = float(np.linalg.norm(state.person - row[1:3]))
+            followed += off <= NEAR
+            elsewhere += off > NEAR
+    return Found(len(legs.truth), seen, asked, followed, elsewhere, tracks, made_up)
+
+
+def _run(legs: Legs, config: WornPoseConfig, since: int = 0, until: int | None = None) -> dict[int, People]:
+    """The estimator over the scans from one to another, by the scan's number."""
+    estimator, j = WornPoseEstimator(config), 0
+    out: dict[int, People] = {}
+    last = len(legs.scans) - 1 if until is None else until
+    for k in range(since, last + 1):
+        scan = replace(legs.scans[k], scanner="front")
+        while j < len(legs.readings) and legs.readings[j].t <= scan.t + 0.2:
+            estimator.add_ahrs(legs.readings[j])
+            j += 1
+        if estimator.add_scan(scan) and (people := estimator.people()) is not None:
+            out[k] = people
+    return out
+
+
+def _scan_at(legs: Legs, stamp: float) -> int:
+    # An annotation has the stamp of the scan after the one that it is of: nowhere else are there points.
+    times = np.array([scan.t for scan in legs.scans])
+    stamp -= float(np.median(np.diff(times)))
+    k = int(np.argmin(np.abs(times - stamp)))
+    return k if abs(times[k] - stamp) <= _SAME_SCAN else -1
+
+
+def _nearest(points: Array, others: Array) -> Array:
+    """Distance of each point to the nearest other one; infinite without any."""
+    if not len(others):
+        return np.full(len(points), np.inf)
+    return np.asarray(np.linalg.norm(points[:, None] - others[None], axis=2).min(axis=1))
