@@ -48,12 +48,14 @@ class People(NamedTuple):
     """Who is about the robot after the last scan: (n, 2) places, ahead and left of Cs on the floor, metres.
 
     ``legs`` are things in the last scan that may be a leg, ``everybody`` those who are followed, and
-    ``person`` (2,) is who wears the camera, or None.
+    ``person`` (2,) is who wears the camera, or None.  ``robot`` (2,) is the way of Cs since the first scan,
+    along N's axes.
     """
 
     legs: Array
     everybody: Array
     person: Array | None
+    robot: Array
 
 
 class WornPoseEstimator:
@@ -237,6 +239,7 @@ class WornPoseEstimator:
             (self._legs - robot) @ axes.T,
             (places - robot) @ axes.T,
             None if person is None else axes @ (person.x[:2] - robot),
+            robot.copy(),
         )
 
     def pose_at(self, t: float) -> WornPoseEstimate:

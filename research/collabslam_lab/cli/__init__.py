@@ -5,6 +5,7 @@ from __future__ import annotations
 COMMANDS = {
     "costs": "measure what a clock offset and a wrong focal length cost",
     "evaluate": "measure a set of recordings: accuracy, honesty, cost, levers",
+    "people": "measure the worn pose's parts on real people's legs and real inertial units",
     "reliability": "measure faults in the stream, fuzzing and endurance",
     "reproduce": "redo the paper's simulation and experiments",
     "worlds": "list the rendered worlds, or write one as a recording",

@@ -17,19 +17,22 @@ from collabslam.types import Array
 from collabslam.worn_pose import AhrsReading, LaserScan, WornPoseConfig, WornPoseEstimator, laser_scans
 from collabslam.worn_pose.config import scanner_pose
 from collabslam.worn_pose.estimator import People
+from collabslam.worn_pose.legs import find_legs
 
 NEAR, ALONE = 0.3, 0.5
 """Metres within which a person counts as found, and beyond which from all that are annotated as made up."""
 _SAME_SCAN = 0.05
 _LEAST_SHOWN = 5  # annotations of a person who is followed
+_WAY, _FAR = 2.0, 0.5  # seconds of a way, and its least length, metres
 _KEYS = ("ranges", "t_header", "scan", "odom", "truth")
 
 
 @dataclass(frozen=True)
 class Legs:
-    """A recording: ``scans``, ``readings`` of the robot's heading as an AHRS, ``truth`` (A, 4)."""
+    """A recording: ``scans``, ``odometry``, its heading as ``readings`` of an AHRS, and ``truth`` (A, 4)."""
 
     name: str
+    odometry: Array
     scans: list[LaserScan]
     readings: list[AhrsReading]
     truth: Array
@@ -43,23 +46,29 @@ class Found:
     ----------
     annotated : int
         Persons in scans.
-    legs : int
-        Of them, those with something leg-like within `NEAR`.
+    in_scan, legs : int
+        Of them, those with something leg-like within `NEAR`: in the scan alone, and of what is not held to be
+        surroundings.
     asked, followed : int
         Annotations of people whose first place was told, after it; those where they are within `NEAR`.
     elsewhere : int
         Those where the person is believed to be further away.
     tracks, made_up : int
-        People believed in at annotated scans; those with nobody annotated within `ALONE`.
+        People believed in at annotated scans; those with nobody annotated within `ALONE` (not everybody is).
+    way : float
+        Error of the robot's way of two seconds, which the scans alone tell, against the odometry turned
+        by one angle: median share of its length.
     """
 
     annotated: int
+    in_scan: int
     legs: int
     asked: int
     followed: int
     elsewhere: int
     tracks: int
     made_up: int
+    way: float
 
 
 def read_legs(path: Path) -> Legs:
@@ -78,7 +87,7 @@ def read_legs(path: Path) -> Legs:
         AhrsReading(float(row[0]), np.array([0.0, 0.0, np.sin(row[3] / 2.0), np.cos(row[3] / 2.0)]), "robot")
         for row in odom[np.concatenate([[True], np.diff(odom[:, 0]) > 0.0])]
     ]
-    return Legs(path.stem, scans, readings, truth.reshape(-1, 4))
+    return Legs(path.stem, odom, scans, readings, truth.reshape(-1, 4))
 
 
 def judge(legs: Legs) -> Found:
@@ -110,7 +119,48 @@ def judge(legs: Legs) -> Found:
             off = float(np.linalg.norm(state.person - row[1:3]))
             followed += off <= NEAR
             elsewhere += off > NEAR
-    return Found(len(legs.truth), seen, asked, followed, elsewhere, tracks, made_up)
+    in_scan = sum(_in_scan(legs, row) for row in legs.truth)
+    way = _way_error(legs, everybody)
+    return Found(len(legs.truth), in_scan, seen, asked, followed, elsewhere, tracks, made_up, way)
+
+
+def _in_scan(legs: Legs, row: Array) -> bool:
+    """Whether the scan alone shows something leg-like where a person was annotated."""
+    k = _scan_at(legs, row[0])
+    if k < 0:
+        return False
+    scan = legs.scans[k]
+    beams = np.flatnonzero((scan.ranges >= scan.range_min) & (scan.ranges <= scan.range_max))
+    ranges = scan.ranges[beams]
+    angles = scan.angle_min + scan.angle_increment * beams
+    points = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
+    config = WornPoseConfig()
+    pitch = abs(scan.angle_increment)
+    found = find_legs(beams, ranges, points, np.zeros(2), pitch, config.person.leg_radius, config.range_sd)
+    return bool(_nearest(row[None, 1:3], found.centre)[0] <= NEAR)
+
+
+def _way_error(legs: Legs, states: dict[int, People]) -> float:
+    """Median share by which ways of `_WAY` seconds differ from the odometry's; NaN where the robot stands."""
+    numbers = sorted(states)
+    times = np.array([legs.scans[k].t for k in numbers])
+    found = np.array([states[k].robot for k in numbers])
+    odom = np.column_stack([np.interp(times, legs.odometry[:, 0], legs.odometry[:, c]) for c in (1, 2)])
+    later = np.searchsorted(times, times + _WAY)
+    first = np.flatnonzero(later < len(times))
+    ours, true = (track[later[first]] - track[first] for track in (found, odom))
+    length = np.linalg.norm(true, axis=1)
+    far = length > _FAR
+    # The scanner may be mounted at any angle to the wheels.
+    cross = (ours[far, 0] * true[far, 1] - ours[far, 1] * true[far, 0]).sum()
+    angle = float(np.arctan2(cross, (ours[far] * true[far]).sum()))
+    c, s = np.cos(angle), np.sin(angle)
+    ours = ours @ np.array([[c, s], [-s, c]])
+    return (
+        float(np.median(np.linalg.norm(ours - true, axis=1)[far] / length[far]))
+        if far.any()
+        else float("nan")
+    )
 
 
 def _run(legs: Legs, config: WornPoseConfig, since: int = 0, until: int | None = None) -> dict[int, People]:

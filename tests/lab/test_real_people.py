@@ -1,0 +1,75 @@
+"""The measurements on real people and real inertial units, on small made-up recordings of both kinds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collabslam.errors import DataError
+from collabslam_lab.cli import main as lab
+from collabslam_lab.real_people import ahrs, legs
+
+PERIOD, BEAMS, STEP = 0.1, 360, np.radians(0.75)
+
+
+def write_legs(path: Path) -> None:
+    """A person walks past a robot that stands in a room of 8 m, on two legs of 6 cm radius."""
+    angles = -0.5 * (BEAMS - 1) * STEP + STEP * np.arange(BEAMS)
+    rays = np.column_stack([np.cos(angles), np.sin(angles)])
+    times, scans, truth = PERIOD * np.arange(60), [], []
+    for t in times:
+        ranges = (4.0 / np.abs(rays).max(axis=1)).astype(float)
+        middle = np.array([2.0, -2.5 + 0.9 * t])
+        for side in (-0.12, 0.12):
+            leg = middle + np.array([side, 0.0])
+            along = rays @ leg
+            gap = 0.06**2 - (leg @ leg - along**2)
+            hit = (gap > 0.0) & (along > 0.0)
+            ranges[hit] = np.minimum(ranges[hit], along[hit] - np.sqrt(gap[hit]))
+        scans.append(ranges)
+        truth.append([t + PERIOD, *middle, 7.0])
+    odom = np.column_stack([np.arange(-1.0, 7.0, 0.05), np.zeros((160, 3))])
+    scan = [angles[0], STEP, 0.05, 20.0]
+    np.savez(path, ranges=scans, t_header=times, scan=scan, odom=odom, truth=truth[10:50:3])
+
+
+def test_a_person_in_a_room_is_seen_and_nobody_else(tmp_path: Path) -> None:
+    write_legs(tmp_path / "room.npz")
+    found = legs.judge(legs.read_legs(tmp_path / "room.npz"))
+    assert found.annotated == found.in_scan == 14
+    assert found.legs >= 12
+    assert found.followed >= 10
+    assert found.elsewhere == found.made_up == 0
+    assert np.isnan(found.way)  # the robot stands
+    (tmp_path / "bad.npz").write_bytes(b"PK nothing")
+    with pytest.raises(DataError, match="holds no scans of legs"):
+        legs.read_legs(tmp_path / "bad.npz")
+
+
+def test_an_inertial_unit_that_turns_slowly(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("vqf")
+    from scipy.io import savemat
+
+    rate, count = 200.0, 8000
+    angle = 0.2 * np.arange(count) / rate  # about the vertical
+    gyr, acc = np.tile([0.0, 0.0, 0.2], (count, 1)), np.tile([0.0, 0.0, 9.81], (count, 1))
+    mag = 40.0 * np.column_stack([np.sin(angle), np.cos(angle), np.full(count, -1.0)])
+    true = np.column_stack([np.cos(angle / 2), np.zeros((count, 2)), np.sin(angle / 2)])
+    content = {"imu_gyr": gyr, "imu_acc": acc, "imu_mag": mag, "opt_quat": true}
+    savemat(tmp_path / "trial.mat", {**content, "movement": np.ones((count, 1)), "sampling_rate": rate})
+    errors = ahrs.judge(tmp_path / "trial.mat")
+    assert errors.tilt < 0.1
+    assert errors.heading < 0.3
+    assert errors.carried < 0.05
+    write_legs(tmp_path / "room.npz")
+    assert lab.main(["people", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "14 of 14" in printed
+    assert "trial" in printed
+    (tmp_path / "empty").mkdir()
+    assert lab.main(["people", str(tmp_path / "empty")]) == 2
+    savemat(tmp_path / "other.mat", {"x": 1.0})
+    with pytest.raises(DataError, match="no recording of an inertial unit"):
+        ahrs.judge(tmp_path / "other.mat")
