@@ -67,6 +67,7 @@ LAB_ALLOWED: dict[str, set[str]] = {
         "benchmark",
         "hardware",
         "real_people",
+        "report",
         "paper_simulation",
         "paper_worlds",
         "reliability",
