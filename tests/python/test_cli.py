@@ -333,7 +333,7 @@ def test_demo_runs_both_modes_on_one_rendering(
     scales = {"mono": 1.4, "collab": 1.1}
     monkeypatch.setattr(demo_run, "corridor_recording", lambda seed: Counted())
     monkeypatch.setattr(
-        runner, "make_engine", lambda recording, plan, map: FakeSlam(Walk(), scale=scales[plan.mode])
+        runner, "make_engine", lambda recording, plan, map, printed: FakeSlam(Walk(), scale=scales[plan.mode])
     )
     medians = demo_run.run_demo(tmp_path, seeds=[0], progress=False)
     assert rendered == list(range(30))
