@@ -330,7 +330,7 @@ def test_views_of_another_recording_and_a_missing_folder(
         with pytest.raises(DataError, match="lies in the recording"):
             attach_worn(recording, f"views:{folder}")
     (other / "poses.txt").unlink()
-    with pytest.raises(DataError, match="without a calibration"):
+    with pytest.raises(DataError, match="not recognised"):
         attach_worn(recording, "views:../other")
 
 
