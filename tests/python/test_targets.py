@@ -105,6 +105,7 @@ def test_one_camera_starts_metric_from_a_printed_target(clip: Clip, target: Tag 
     result = collabslam.run(walk, printed=[target], mode="mono")
     assert result.summary["start"] == "target"
     assert result.summary["metric"]
+    assert result.summary["options"] == {"printed": [str(target)]}
     assert result.summary["frames_ok"] >= 13
     assert length_share(result.record, walk.truth) == pytest.approx(1.0, abs=0.02)
     assert result.record.diagnostic("printed_targets")[0] == 1

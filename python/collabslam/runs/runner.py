@@ -131,7 +131,7 @@ def run(
         start if isinstance(start, str) else "map",
         start != "scale-free" if isinstance(start, str) else start.metric,
         settings.replace({MODE_KEY: mode}),
-        jsonable(notes or {}),
+        jsonable({**(notes or {}), **_printed_note(printed)}),
         None if output.checkpoint_every is None else Interval.parse(output.checkpoint_every),
     )
     if plan.every is not None and (output.folder is None or slam is not None):
@@ -203,6 +203,11 @@ def default_start(recording: Recording, printed: Sequence[Tag | Board] = ()) -> 
     if printed or recording.target is not None:
         return "target"
     return "depth" if getattr(recording, "has_depth", False) else "scale-free"
+
+
+def _printed_note(printed: Sequence[Tag | Board]) -> dict[str, list[str]]:
+    """The printed targets, for the summary."""
+    return {"printed": [str(target) for target in printed]} if printed else {}
 
 
 def make_engine(
