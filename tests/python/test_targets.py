@@ -106,7 +106,9 @@ def test_one_camera_starts_metric_from_a_printed_target(clip: Clip, target: Tag 
     assert result.summary["start"] == "target"
     assert result.summary["metric"]
     assert result.summary["options"] == {"printed": [str(target)]}
-    assert result.summary["frames_ok"] >= 13
+    assert {step.status.value for step in result.record.steps} == {"OK"}
+    # In the first frames nothing but the target has a depth: they are further off than they claim.
+    assert result.summary["frames_ok"] >= 10
     assert length_share(result.record, walk.truth) == pytest.approx(1.0, abs=0.02)
     assert result.record.diagnostic("printed_targets")[0] == 1
     # How well the target's size is known limits how well the scale can be.
