@@ -1,9 +1,10 @@
 //! Where features are expected once others have been found.
 
-use crate::scene::warm;
+use crate::scene::{Scene, adopt, settings, warm};
 use crate::update::measure;
 use ekf_core::{Bearing, Measurements};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+use std::collections::BTreeMap;
 
 #[test]
 fn without_others_nothing_is_new() {
@@ -65,6 +66,36 @@ fn wrong_matches_among_the_others_do_no_harm() {
         given.uv,
         right.uv
     );
+}
+
+/// After the first frame nothing is known of the motion: a match says where another is only to within what the camera may
+/// have turned and travelled, so wrong ones agree with any single one. Together with the others they do not.
+#[test]
+fn nearly_half_may_be_wrong_though_the_motion_is_unknown() {
+    for seed in 0..10 {
+        let mut scene = Scene::new(seed, 30);
+        let mut filter = scene.filter(settings(&[]));
+        let mut known = BTreeMap::new();
+        filter.predict(0.0).unwrap();
+        let (z, points) = scene.measure(0.0, &known, true);
+        adopt(&mut known, &filter.update(&z).unwrap(), &points);
+        filter.predict(0.1).unwrap();
+        // The camera has moved as far as the scene's does in three quarters of a second.
+        let (mut z, _) = scene.measure(0.75, &known, false);
+        let rest = z.bearings.split_off(11);
+        for (k, bearing) in z.bearings.iter_mut().step_by(2).take(5).enumerate() {
+            let angle = 2.0 + 1.3 * k as f64;
+            bearing.uv += Vector2::new(angle.cos(), angle.sin()) * 40.0;
+        }
+        let ids: Vec<u64> = rest.iter().map(|bearing| bearing.id).collect();
+        let given = filter.predict_conditional(&z.bearings, &ids).unwrap();
+        for (given, bearing) in given.iter().zip(&rest) {
+            let given = given.unwrap();
+            let miss = (given.uv - bearing.uv).norm();
+            assert!(miss < 4.0 * given.s.trace().sqrt(), "seed {seed}: {miss} pixels");
+            assert!(given.s.trace().sqrt() < 15.0, "seed {seed}: {}", given.s);
+        }
+    }
 }
 
 #[test]

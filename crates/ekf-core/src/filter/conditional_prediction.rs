@@ -10,7 +10,6 @@ use super::measurements::{Bearing, Measurements};
 use super::sources::Scratch;
 use crate::error::EkfError;
 use crate::validate;
-use crate::validate::OnePointSettings;
 use nalgebra::{Matrix2, Vector2};
 
 /// Where a feature is expected given others.
@@ -25,8 +24,10 @@ pub struct ConditionalPrediction {
 impl Filter {
     /// Where the features `ids` are expected given those that were found; `None` for one that predicts nothing.
     ///
-    /// Outliers among those found (by 1-point RANSAC) are left out. All are `None` if the joint covariance of those found is
-    /// not positive definite. The state stays as it is.
+    /// Of those found only the ones that agree with each other tell (HOHCT, METHOD 8): none if most of them do not. A test
+    /// of each against one other would not do: right after a start one match leaves turn and way of the camera open, and
+    /// half of the wrong ones agree with it. All are `None` if the joint covariance is not positive definite. The state
+    /// stays as it is.
     ///
     /// # Errors
     /// `NonFinite`, `UnknownFeature`, `InvalidInput` (an id given twice, also in both lists).
@@ -56,21 +57,25 @@ impl Filter {
         let others = found.iter().filter(|bearing| push(bearing)).count();
         let visible: Vec<bool> = wanted.iter().map(push).collect();
         self.batch.build(&self.state);
+        let nothing = || Ok(vec![None; ids.len()]);
+        if self.batch.factor().is_err() {
+            return nothing();
+        }
         let batch = &self.batch;
         let offsets = &batch.offsets()[..=others];
-        validate::one_point(
+        validate::hohct(
             batch.s(),
+            batch.l(),
             batch.rows(),
             &batch.g()[..offsets[others]],
-            &batch.as_batch().noise[..others],
             validate::Blocks::new(offsets),
-            &OnePointSettings::default(),
+            &validate::HohctSettings::default(),
             &mut self.test,
         );
         let told = 2 * (others - self.test.rejected().len());
         self.batch.leave_out(self.test.rejected());
         if self.batch.factor().is_err() {
-            return Ok(vec![None; ids.len()]);
+            return nothing();
         }
         let mut row = told;
         let expected = visible.into_iter().map(|visible| {
