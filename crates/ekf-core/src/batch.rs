@@ -97,9 +97,20 @@ impl Workspace {
         &self.g
     }
 
-    /// The innovation whitened, `L^-1 g`. Valid after the factorisation.
-    pub(crate) fn whitened(&self) -> &[f64] {
-        &self.y
+    /// By how much the first `rows` rows alone would move the mean, row by row as P is stored. Valid after the factorisation.
+    pub(crate) fn moved_by_first(&self, rows: usize) -> Vec<f64> {
+        let (m, mut weights) = (self.rows(), self.y[..rows].to_vec());
+        for k in (0..rows).rev() {
+            let later = (k + 1..rows).map(|i| self.l[i + k * m] * weights[i]);
+            weights[k] = (weights[k] - later.sum::<f64>()) / self.l[k + k * m];
+        }
+        let by_row = |i| {
+            weights
+                .iter()
+                .enumerate()
+                .map(move |(k, w)| self.pht.get(i, k) * w)
+        };
+        (0..self.pht.rows()).map(|i| by_row(i).sum()).collect()
     }
 
     /// Largest change that the last update made to a number of the camera's pose, whose rows are stored first.

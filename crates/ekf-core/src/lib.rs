@@ -40,6 +40,6 @@ pub use camera::{Camera, Distortion};
 pub use error::EkfError;
 pub use filter::{
     Bearing, CandidateOutcome, ConditionalPrediction, DepthObservation, Filter, KnownMap, Landmark,
-    Measurements, Outcome, PredictedFeature, UpdateReport, WornObservation, WornPair,
+    Measurements, Outcome, PredictedFeature, ToldByFound, UpdateReport, WornObservation, WornPair,
 };
 pub use settings::Settings;

@@ -146,7 +146,7 @@ class Tracks(PersistentState):
             self._settings.search,
             whole=False,
         )
-        self._search_wide(image, warped.templates, ids, result, expect_given)
+        self._search_wide(image, warped.templates, expected, result, expect_given)
         seen = np.flatnonzero(warped.ok[:n])
         alive = (result.code[n:] == FOUND) & warped.ok[n:]
         if view.hidden is not None:
@@ -169,19 +169,31 @@ class Tracks(PersistentState):
         self,
         image: Image,
         templates: Image,
-        ids: Ids,
+        expected: Prediction,
         result: SearchResult,
         expect_given: ExpectGiven,
     ) -> None:
-        """Looks for the features that were left for later; their rows of ``result`` are filled in."""
-        codes = result.code[: len(ids)]
-        late = np.flatnonzero(codes == WIDE)
-        if not len(late):
+        """Looks for what was left for later, and again for what is not where others say; fills in ``result``.
+
+        In a wide ellipse the flow's guess and one good peak say little: what looks alike is near everywhere.
+        """
+        ids, codes = expected.ids, result.code[: len(expected)]
+        wide = wide_ellipses(expected.s)
+        if not wide.any():
             return
         found = np.flatnonzero(codes == FOUND)
-        some = found[:: max(1, -(-len(found) // _MAX_GIVEN))]
-        there = expect_given(ids[some], result.uv[some], ids[late])
-        again = active_search(image, templates[late], there.uv, there.s, None, self._settings.search)
+        given = found[:: max(1, -(-len(found) // _MAX_GIVEN))]
+        rest = np.setdiff1d(np.flatnonzero(wide & ((codes == FOUND) | (codes == WIDE))), given)
+        there = expect_given(ids[given], result.uv[given], ids[rest])
+        wrong = given[~there.agree & wide[given]]
+        if there.agree.any() and len(wrong):
+            agreed, rest = given[there.agree], np.concatenate([rest, wrong])
+            there = expect_given(ids[agreed], result.uv[agreed], ids[rest])
+        off = result.uv[rest] - there.uv
+        distance = np.sum(off * np.linalg.solve(there.s, off[:, :, None])[:, :, 0], axis=1)
+        late = (codes[rest] == WIDE) | (distance > GATE**2)
+        late, there_uv, there_s = rest[late], there.uv[late], there.s[late]
+        again = active_search(image, templates[late], there_uv, there_s, None, self._settings.search)
         result.uv[late], result.code[late] = again.uv, again.code
         result.score[late], result.second[late] = again.score, again.second
 

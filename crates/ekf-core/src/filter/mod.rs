@@ -38,7 +38,7 @@ mod working_set;
 mod worn_error;
 
 pub use candidate::CandidateOutcome;
-pub use conditional_prediction::ConditionalPrediction;
+pub use conditional_prediction::{ConditionalPrediction, ToldByFound};
 pub use ekf::Filter;
 pub use known_map::KnownMap;
 pub use landmarks::Landmark;

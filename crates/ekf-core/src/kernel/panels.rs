@@ -45,6 +45,11 @@ impl Panels {
         }
     }
 
+    /// Number of rows.
+    pub(crate) fn rows(&self) -> usize {
+        self.rows
+    }
+
     /// One entry.
     pub(crate) fn get(&self, i: usize, k: usize) -> f64 {
         self.data[self.at(i, k)]

@@ -2,6 +2,7 @@
 
 use super::feature::Form;
 use super::rows::Rows;
+use nalgebra::Vector3;
 
 /// A measurement that is accepted or rejected as a whole.
 #[derive(Clone, Debug)]
@@ -17,6 +18,20 @@ pub struct MeasurementBlock {
 }
 
 impl MeasurementBlock {
+    /// The same rows, linearised at the mean `x`, with the innovation that is expected from the mean `prior`.
+    pub(crate) fn from_prior(mut self, x: &[f64], prior: &[f64]) -> Self {
+        let by_pose = self.rows.by_pose.as_slice().as_chunks::<3>().0;
+        let by_feature = self.rows.by_numbers().as_chunks::<3>().0;
+        let pose = by_pose.iter().zip(0..);
+        let feature = by_feature.iter().zip(self.feature..);
+        let mut shift = Vector3::zeros();
+        for (by, i) in pose.chain(feature) {
+            shift += Vector3::from(*by) * (x[i] - prior[i]);
+        }
+        self.rows.innovation += shift;
+        self
+    }
+
     /// Where the feature's numbers are stored, in threes: the anchor's and its own, or only the point's.
     pub(crate) fn slots(&self, slots: &[usize]) -> (usize, Option<usize>) {
         let own = match self.rows.form {

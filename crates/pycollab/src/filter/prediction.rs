@@ -73,6 +73,8 @@ impl PyPrediction {
 ///     Pixels in Cs; NaN where nothing is expected of a feature.
 /// s : (M, 2, 2) float64
 ///     Their covariances, measurement noise included, px^2.
+/// agree : (N,) bool
+///     Of those found: the feature agrees with the others.
 #[pyclass(
     name = "ConditionalPrediction",
     module = "collabslam._core",
@@ -80,6 +82,7 @@ impl PyPrediction {
     get_all
 )]
 pub(crate) struct PyConditionalPrediction {
+    agree: Column<bool>,
     uv: Table,
     s: Stack<f64>,
 }
@@ -166,13 +169,15 @@ impl PyFilter {
         ids: Argument<'_>,
     ) -> PyResult<PyConditionalPrediction> {
         let (found, ids) = (bearings(&found, &uv)?, self::ids("ids", &ids)?);
-        let expected = self.write(py, |f| f.predict_conditional(&found, &ids))?;
+        let told = self.write(py, |f| f.predict_conditional(&found, &ids))?;
         let nothing = ConditionalPrediction {
             uv: Vector2::repeat(f64::NAN),
             s: Matrix2::identity(),
         };
-        let expected: Vec<_> = expected.into_iter().map(|e| e.unwrap_or(nothing)).collect();
+        let expected = told.expected.into_iter();
+        let expected: Vec<_> = expected.map(|e| e.unwrap_or(nothing)).collect();
         Ok(PyConditionalPrediction {
+            agree: column(py, told.agree),
             uv: vectors(py, expected.iter().map(|e| e.uv)),
             s: stacked(py, expected.iter().map(|e| e.s)),
         })
