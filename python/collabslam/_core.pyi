@@ -327,7 +327,7 @@ class Filter:
         """Where features are expected once others of the same frame have been found (METHOD 7).
 
         Those found tell the camera's motion since the last frame, which is most of what a prediction does
-        not know. Some that contradict the most do no harm. The filter stays as it is.
+        not know. Those that contradict most of the others do not count. The filter stays as it is.
 
         Parameters
         ----------
@@ -793,12 +793,16 @@ class ConditionalPrediction:
         Pixels in Cs; NaN where nothing is expected of a feature.
     s : (M, 2, 2) float64
         Their covariances, measurement noise included, px^2.
+    agree : (N,) bool
+        Of those found: the feature agrees with the others.
     """
 
     @property
     def uv(self) -> _Array: ...
     @property
     def s(self) -> _Array: ...
+    @property
+    def agree(self) -> _Mask: ...
 
 @final
 class OverlapPrediction:

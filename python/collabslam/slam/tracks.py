@@ -177,7 +177,7 @@ class Tracks(PersistentState):
 
         In a wide ellipse the flow's guess and one good peak say little: what looks alike is near everywhere.
         """
-        ids, codes = expected.ids, result.code[: len(expected)]
+        ids, codes = expected.ids, result.code[: len(expected.ids)]
         wide = wide_ellipses(expected.s)
         if not wide.any():
             return

@@ -143,7 +143,7 @@ impl PyFilter {
     /// Where features are expected once others of the same frame have been found (METHOD 7).
     ///
     /// Those found tell the camera's motion since the last frame, which is most of what a prediction does
-    /// not know. Some that contradict the most do no harm. The filter stays as it is.
+    /// not know. Those that contradict most of the others do not count. The filter stays as it is.
     ///
     /// Parameters
     /// ----------
