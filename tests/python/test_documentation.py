@@ -146,6 +146,7 @@ def play(words: list[str], folder: Path) -> None:
             "collabslam[plot]",
             "collabslam[live]",
             "collabslam",
+            "collabslam-lab[cluster]",
         )  # the test of the wheel installs it
     elif name == "cargo":
         assert rest[0] == "bench"

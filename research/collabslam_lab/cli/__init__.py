@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 COMMANDS = {
+    "cluster": "measure what replays on a Dask cluster cost, lose and change",
     "evaluate": "measure a set of recordings: accuracy, honesty, cost, levers",
     "reliability": "measure faults in the stream, fuzzing and endurance",
     "reproduce": "redo the paper's simulation and experiments",
