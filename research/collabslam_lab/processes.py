@@ -8,13 +8,13 @@ from multiprocessing.context import SpawnContext
 
 import cv2
 
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS")
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "RAYON_NUM_THREADS": "1"}
+"""Variables by which libraries of a new process use one thread."""
 
 
 def spawning() -> SpawnContext:
     """What starts processes whose libraries use one thread; each of them calls `use_one_thread` itself."""
-    for variable in _THREAD_VARIABLES:
-        os.environ[variable] = "1"
+    os.environ.update(ONE_THREAD)
     return multiprocessing.get_context("spawn")
 
 

@@ -16,7 +16,16 @@ from collabslam.datasets import write_recording
 from collabslam.errors import DataError, SettingsError
 from collabslam.evaluation.metrics import ate_rmse
 from collabslam.settings.table import Settings
-from collabslam_lab.benchmark import ablation, accuracy, blackout, descriptors, figures, pairs, running
+from collabslam_lab.benchmark import (
+    ablation,
+    accuracy,
+    blackout,
+    descriptors,
+    figures,
+    pairs,
+    replay,
+    running,
+)
 from collabslam_lab.benchmark.evaluate import Choice, chosen, evaluate
 from collabslam_lab.benchmark.figures import NAMES
 from collabslam_lab.benchmark.plan import find_plan, parse_plan
@@ -237,10 +246,10 @@ def test_the_interval_of_a_mean_is_students() -> None:
 def test_a_truth_that_is_no_judge_serves_the_worn_camera_only(place: Path, tmp_path: Path) -> None:
     plan = parse_plan("recordings: {walk: {worn: 'lag:0.2', scored: false, modes: [collab]}}")
     item = Item(plan.recordings[0], "collab", 0, place, tmp_path)
-    recording = running.open_entry(item)
+    recording = replay.open_entry(item)
     assert recording.truth is None
     assert recording.frame(0).worn is not None
-    told = figures.medians(plan, [running.run_item(item)])["walk"]["collab"]
+    told = figures.medians(plan, [replay.run_item(item)])["walk"]["collab"]
     assert told["ate_pct_all_frames"] is told["nees_position"] is told["ok_but_wrong_share"] is None
     assert told["coverage"] == told["ok_share"] == 1.0
 
@@ -258,7 +267,7 @@ def test_draws_of_the_relative_pose_take_the_recordings_place(place: Path, tmp_p
     entry = parse_plan("recordings: {walk: {draws: [relpose, other]}}").recordings[0]
     assert list(entry.seeds(range(5))) == [0, 1]
     a, b = (
-        running.open_entry(Item(entry, "collab", seed, tmp_path, tmp_path)).frame(0).worn for seed in (0, 1)
+        replay.open_entry(Item(entry, "collab", seed, tmp_path, tmp_path)).frame(0).worn for seed in (0, 1)
     )
     assert a is not None
     assert b is not None
@@ -326,7 +335,7 @@ def test_descriptors_are_judged_by_the_truth(
 def test_a_second_taken_away_is_noticed_and_what_is_found_again_is_right(
     clip: Clip, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(running, "_rendered", lambda seed: clip.recording)
+    monkeypatch.setattr(replay, "_rendered", lambda seed: clip.recording)
     monkeypatch.setattr(blackout, "PLACES", 1)
     monkeypatch.setattr(blackout, "BLIND_S", 0.5)
     monkeypatch.setattr(blackout, "AFTER_S", 0.3)
@@ -358,7 +367,7 @@ def test_true_depths_need_two_frames_that_agree() -> None:
 def test_calibrations_are_wrong_on_purpose(place: Path, tmp_path: Path) -> None:
     entry = find_plan(place, None).recordings[0]
     item = Item(replace(entry, calibration_sd=(0.01, 3.0, 0.01)), "collab", 0, place, tmp_path)
-    right, wrong = running.open_entry(replace(item, entry=entry)).camera, running.open_entry(item).camera
+    right, wrong = replay.open_entry(replace(item, entry=entry)).camera, replay.open_entry(item).camera
     assert wrong.intrinsics != right.intrinsics
-    assert wrong.intrinsics == running.open_entry(item).camera.intrinsics
+    assert wrong.intrinsics == replay.open_entry(item).camera.intrinsics
     assert item.fingerprint() != replace(item, entry=entry).fingerprint()

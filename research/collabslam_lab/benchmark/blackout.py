@@ -25,7 +25,7 @@ from collabslam.slam.engine import Slam
 from collabslam.slam.results import StepResult
 from collabslam.types import Array, Frame, Image, Recording, Status
 from collabslam_lab.benchmark.plan import Entry, Plan
-from collabslam_lab.benchmark.running import open_entry
+from collabslam_lab.benchmark.replay import open_entry
 from collabslam_lab.benchmark.store import Item, Row
 from collabslam_lab.report import markdown_table
 

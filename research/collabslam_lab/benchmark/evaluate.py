@@ -19,6 +19,7 @@ from collabslam_lab.benchmark.plan import Plan, find_plan
 from collabslam_lab.benchmark.running import estimate, outcome, run_items
 from collabslam_lab.benchmark.store import Item, Row
 from collabslam_lab.benchmark.studies import ABLATION, ACCURACY, BLACKOUT, DESCRIPTORS
+from collabslam_lab.engines import LOCAL, Engine
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,8 @@ class Choice:
         Changes of the settings of every run.
     jobs : int
         Processes at a time.
+    engine : Engine
+        Where they run.
     again : bool
         Run also what is done.
     dry : bool
@@ -54,6 +57,7 @@ class Choice:
     study: str | None = None
     changes: Mapping[str, Any] = field(default_factory=dict)
     jobs: int = 2
+    engine: Engine = LOCAL
     again: bool = False
     dry: bool = False
 
@@ -117,7 +121,7 @@ def evaluate(data: Path, out: Path, choice: Choice | None = None) -> list[Row]:
     levers = choice.study == ABLATION
     name = ABLATION if levers else ACCURACY
     report = _Report(plan, items, missing, out / f"{name}.json")
-    rows = run_items(items, jobs=choice.jobs, told=report.told, again=choice.again)
+    rows = run_items(items, jobs=choice.jobs, told=report.told, again=choice.again, engine=choice.engine)
     report.write(rows)
     how = command(choice)
     text = ablation.page(plan, rows, how) if levers else accuracy.page(plan, rows, missing, how)

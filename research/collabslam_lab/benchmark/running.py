@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import threading
-import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -12,115 +11,24 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-import numpy as np
-
-from collabslam._core import Camera
-from collabslam.datasets import attach_worn, open_recording
-from collabslam.datasets.ordered import in_order
-from collabslam.datasets.readers import collab
-from collabslam.datasets.wrapped import WrappedRecording
-from collabslam.demo.demo_run import HeldRecording
-from collabslam.demo.recording import corridor_recording
+from collabslam.datasets import open_recording
 from collabslam.errors import CollabslamError, SettingsError
-from collabslam.runs.plan import Output
 from collabslam.runs.report import number
-from collabslam.runs.results import write_summary
-from collabslam.runs.runner import run
-from collabslam.types import Recording
-from collabslam_lab.benchmark.store import KEY, Item, Row
-from collabslam_lab.processes import spawning, use_one_thread
+from collabslam_lab.benchmark.remote import run_remotely
+from collabslam_lab.benchmark.replay import clear_beside, timed_item
+from collabslam_lab.benchmark.store import Item, Row
+from collabslam_lab.engines import LOCAL, Engine
+from collabslam_lab.processes import spawning
 
 _SECONDS_A_RUN, _SECONDS_A_FRAME, _RENDERED_FRAMES = 1.5, 0.04, 100  # for the estimate of the cost
 
 Told = Callable[[Item, Row], None]
+Hear = Callable[[int, Row], None]
 
 
-def open_entry(item: Item) -> Recording:
-    """The recording of an item, with its worn camera.
-
-    Raises
-    ------
-    CollabslamError
-        If it cannot be opened, or lacks what the worn camera needs.
-    """
-    entry = item.entry
-    folder = item.data / entry.folder
-    if entry.draws:
-        recording: Recording = in_order(collab.open(folder, folder / entry.draws[item.seed] / "data.csv"))
-    else:
-        recording = _rendered(item.seed) if entry.rendered else open_recording(folder)
-    if entry.calibration_sd is not None:
-        recording = Miscalibrated(recording, entry.calibration_sd, item.seed)
-    if entry.worn is not None:
-        recording = _with_worn(recording, entry.worn, item)
-    return recording if entry.scored else Unscored(recording)
-
-
-def _with_worn(recording: Recording, worn: str, item: Item) -> Recording:
-    entry = item.entry
-    return attach_worn(
-        recording,
-        worn,
-        available=entry.available,
-        period=entry.period,
-        noise=entry.noise,
-        seed=item.seed,
-        bias_per_block=item.bias_per_block,
-    )
-
-
-class Unscored(WrappedRecording):
-    """A recording whose truth has served its worn camera and judges nothing: it is too far off itself."""
-
-    def __init__(self, base: Recording) -> None:
-        super().__init__(base)
-        self.truth = None
-
-
-class Miscalibrated(WrappedRecording):
-    """A recording whose calibration of Cs is wrong on purpose; see `Entry.calibration_sd`."""
-
-    def __init__(self, base: Recording, deviations: tuple[float, ...], seed: int) -> None:
-        super().__init__(base)
-        camera = base.camera
-        focal, u, v, bend = np.random.default_rng([seed, 1]).standard_normal(4) * [
-            deviations[0], deviations[1], deviations[1], deviations[2]
-        ]  # fmt: skip
-        fx, fy, cx, cy = camera.intrinsics
-        intrinsics = (fx * (1.0 + focal), fy * (1.0 + focal), cx + u, cy + v)
-        distortion = [*camera.distortion]
-        if distortion:
-            distortion[0] += bend
-        self.camera = Camera(camera.model, camera.width, camera.height, intrinsics, distortion)
-
-
-@lru_cache(maxsize=1)
-def _rendered(seed: int) -> Recording:
-    return HeldRecording(corridor_recording(seed), progress=False)
-
-
-def run_item(item: Item) -> Row:
-    """Run one item and keep its summary; an error becomes a row."""
-    try:
-        notes = {KEY: item.fingerprint(), "worn": item.entry.worn, "worn_available": item.entry.available}
-        summary = run(
-            open_entry(item),
-            mode=item.used_mode,
-            start=item.entry.start,
-            settings=item.settings,
-            out=Output(item.folder, overwrite=True, latest=False),
-            notes={**notes, "seed": item.seed, "worn_bias_per_block": item.bias_per_block},
-        ).summary
-        if item.folder is None:
-            write_summary(item.summary, summary)
-    except CollabslamError as error:
-        return item.failed(str(error))
-    except Exception as error:  # a fault of ours: said, and the others go on
-        return item.failed(f"{type(error).__name__}: {error}")
-    return item.finished(summary)
-
-
-def run_items(items: Sequence[Item], *, jobs: int, told: Told, again: bool = False) -> list[Row]:
+def run_items(
+    items: Sequence[Item], *, jobs: int, told: Told, again: bool = False, engine: Engine = LOCAL
+) -> list[Row]:
     """Run what is not done yet.
 
     Parameters
@@ -132,6 +40,8 @@ def run_items(items: Sequence[Item], *, jobs: int, told: Told, again: bool = Fal
         Is given each item and its row as it comes in, those done earlier first.
     again : bool
         Whether to run also what is done.
+    engine : Engine
+        Where it runs.
 
     Returns
     -------
@@ -157,16 +67,26 @@ def run_items(items: Sequence[Item], *, jobs: int, told: Told, again: bool = Fal
             rows[k] = row
             told(items[k], row)
 
+    try:
+        if engine.is_local:
+            _run_here(items, list(groups.values()), jobs, hear)
+        else:
+            run_remotely(items, list(groups.values()), jobs=jobs, engine=engine, hear=hear, again=again)
+    finally:
+        clear_beside(items)
+    return [rows[k] for k in range(len(items))]
+
+
+def _run_here(items: Sequence[Item], groups: list[list[int]], jobs: int, hear: Hear) -> None:
     with _Workers() as workers, ThreadPoolExecutor(jobs) as pool:
         try:
-            futures = [pool.submit(workers.serve, items, group, hear) for group in groups.values()]
+            futures = [pool.submit(workers.serve, items, group, hear) for group in groups]
             for future in futures:
                 future.result()
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             workers.stop()
             raise
-    return [rows[k] for k in range(len(items))]
 
 
 def outcome(row: Row) -> str:
@@ -243,9 +163,6 @@ class _Workers:
 def _serve(answers: Connection, items: Sequence[Item]) -> None:
     """The work of a child process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
-    use_one_thread()
     for item in items:
-        began = time.monotonic()
-        row = run_item(item)
-        answers.send({**row, "seconds": time.monotonic() - began})
+        answers.send(timed_item(item))
     answers.close()

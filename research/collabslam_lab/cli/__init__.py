@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 COMMANDS = {
+    "cluster": "measure what replays on a Dask cluster cost, lose and change",
     "costs": "measure what a clock offset and a wrong focal length cost",
     "evaluate": "measure a set of recordings: accuracy, honesty, cost, levers",
     "people": "measure the worn pose's parts on real people's legs and real inertial units",

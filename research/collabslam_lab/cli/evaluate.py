@@ -8,6 +8,7 @@ from pathlib import Path
 from collabslam.cli import NOT_TRUSTED, OK, options
 from collabslam.settings.modes import MODES
 from collabslam_lab.benchmark.studies import STUDIES
+from collabslam_lab.cli.engine_options import add_engine, engine_of
 
 _PLAN = """\
 A plan is a YAML file:
@@ -58,6 +59,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--out", metavar="DIR", type=Path, default=Path("results/evaluate"), help=options.OUT_HELP
     )
     parser.add_argument("--jobs", metavar="N", type=int, default=2, help="processes at a time (default 2)")
+    add_engine(parser)
     parser.add_argument("--again", action="store_true", help="run also what is done")
     parser.add_argument("--dry-run", action="store_true", help="only say what there is to do, and its cost")
     parser.add_argument(
@@ -78,6 +80,7 @@ def main(arguments: argparse.Namespace) -> int:
         study=arguments.study,
         changes=parse_assignments(arguments.set),
         jobs=arguments.jobs,
+        engine=engine_of(arguments),
         again=arguments.again,
         dry=arguments.dry_run,
     )

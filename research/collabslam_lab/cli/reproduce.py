@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 
 from collabslam.cli import OK, options
+from collabslam_lab.cli.engine_options import add_engine, engine_of
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -43,6 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", metavar="N", type=int, default=0, help="of all noise (default 0)")
     parser.add_argument("--jobs", metavar="N", type=int, help="processes at a time (default: all cores)")
+    add_engine(parser)
     parser.add_argument(
         "--quick", action="store_true", help="few recordings of each experiment: to see that it works"
     )
@@ -69,12 +71,18 @@ def main(arguments: argparse.Namespace) -> int:
             runs=arguments.runs,
             seed=arguments.seed,
             jobs=jobs,
+            engine=engine_of(arguments),
             changes=parse_assignments(arguments.set),
         )
     in_worlds = _asked(arguments.names, list(paper_worlds.EXPERIMENTS), "paper")
     if in_worlds:
         paper_worlds.run_experiments(
-            in_worlds, arguments.out, seed=arguments.seed, jobs=jobs, quick=arguments.quick
+            in_worlds,
+            arguments.out,
+            seed=arguments.seed,
+            jobs=jobs,
+            engine=engine_of(arguments),
+            quick=arguments.quick,
         )
     return OK
 

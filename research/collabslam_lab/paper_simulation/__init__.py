@@ -9,7 +9,10 @@ from __future__ import annotations
 import importlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collabslam_lab.engines import Engine
 
 EXPERIMENTS = {
     "observability": "what can be told from bearings, and what depth adds (section 3.3)",
@@ -30,6 +33,7 @@ def reproduce(
     runs: int,
     seed: int,
     jobs: int,
+    engine: Engine | None = None,
     changes: Mapping[str, Any] | None = None,
     progress: bool = True,
 ) -> dict[str, dict[str, Any]]:
@@ -45,6 +49,8 @@ def reproduce(
     seed : int
     jobs : int
         Processes.
+    engine : Engine, optional
+        Where they run; on this machine if left out.
     changes : mapping, optional
         Settings of the simulation over the defaults of `simulation_settings.SIMULATION`.
     progress : bool
@@ -63,6 +69,7 @@ def reproduce(
     """
     from collabslam.errors import SettingsError
     from collabslam.extras import needs
+    from collabslam_lab.engines import LOCAL
     from collabslam_lab.paper_simulation.monte_carlo import Study
     from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
 
@@ -75,7 +82,9 @@ def reproduce(
         from collabslam_lab.figures.finding import hand_over
     numbers = {}
     overrides = "".join(f" --set {key}={value}" for key, value in (changes or {}).items())
-    with Study(SimulationSettings(changes), runs=runs, seed=seed, jobs=jobs, progress=progress) as study:
+    settings = SimulationSettings(changes)
+    place = engine or LOCAL
+    with Study(settings, runs=runs, seed=seed, jobs=jobs, engine=place, progress=progress) as study:
         for name in names:
             finding = importlib.import_module(
                 f"collabslam_lab.paper_simulation.{name.replace('-', '_')}"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, as_completed
+from contextlib import ExitStack
 from dataclasses import fields
 from types import TracebackType
 from typing import Any
@@ -13,9 +14,9 @@ import numpy as np
 
 from collabslam.errors import SettingsError
 from collabslam.runs.progress import Progress
+from collabslam_lab.engines import LOCAL, Engine
 from collabslam_lab.paper_simulation.case import Case
 from collabslam_lab.paper_simulation.simulation_settings import SimulationSettings
-from collabslam_lab.processes import spawning
 
 MODELS = {
     "wall": ("wall_run", "run_wall", 50),
@@ -37,11 +38,20 @@ class Study:
         Run ``r`` draws from the generator seeded by (seed, r), whatever else is computed.
     jobs : int
         Processes.
+    engine : Engine
+        Where they run.
     progress : bool
     """
 
     def __init__(
-        self, settings: SimulationSettings, *, runs: int, seed: int, jobs: int, progress: bool = True
+        self,
+        settings: SimulationSettings,
+        *,
+        runs: int,
+        seed: int,
+        jobs: int,
+        engine: Engine = LOCAL,
+        progress: bool = True,
     ) -> None:
         if runs < 2 or jobs < 1 or seed < 0:
             raise SettingsError(
@@ -50,7 +60,9 @@ class Study:
         self.settings, self.runs, self.seed = settings, runs, seed
         self._jobs, self._progress = jobs, progress
         self._done: dict[Case, Any] = {}
-        self._pool: ProcessPoolExecutor | None = None
+        self._engine = engine
+        self._open = ExitStack()
+        self._pool: Executor | None = None
 
     def __enter__(self) -> Study:
         return self
@@ -58,8 +70,7 @@ class Study:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._pool is not None:
-            self._pool.shutdown(cancel_futures=True)
+        self._open.__exit__(kind, error, trace)
 
     def gather(self, cases: Iterable[Case], label: str) -> dict[Case, Any]:
         """Outcomes over all runs, in the order of the runs; what an earlier figure asked for is not run
@@ -88,12 +99,12 @@ class Study:
 
     def _results(self, tasks: list[tuple[Case, range]]) -> Iterable[tuple[Case, range, Any]]:
         arguments = [(case, self.settings.values, self.seed, chunk) for case, chunk in tasks]
-        if self._jobs == 1:
+        if self._jobs == 1 and self._engine.is_local:
             for (case, chunk), argument in zip(tasks, arguments, strict=True):
                 yield case, chunk, run_task(*argument)
             return
         if self._pool is None and tasks:
-            self._pool = ProcessPoolExecutor(self._jobs, mp_context=spawning())
+            self._pool = self._open.enter_context(self._engine.pool(self._jobs))
         if self._pool is not None:
             futures = {self._pool.submit(run_task, *a): t for a, t in zip(arguments, tasks, strict=True)}
             for future in as_completed(futures):

@@ -9,7 +9,10 @@ from __future__ import annotations
 import importlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collabslam_lab.engines import Engine
 
 EXPERIMENTS = {
     "table1": "ten corridors of 15 m: average errors without and with the worn camera (section 5.2)",
@@ -24,7 +27,14 @@ EXPERIMENTS = {
 
 
 def run_experiments(
-    names: Sequence[str], out: Path, *, seed: int, jobs: int, quick: bool = False, progress: bool = True
+    names: Sequence[str],
+    out: Path,
+    *,
+    seed: int,
+    jobs: int,
+    engine: Engine | None = None,
+    quick: bool = False,
+    progress: bool = True,
 ) -> dict[str, dict[str, Any]]:
     """Run experiments by name, write NAME.png, .csv, .json and .md into ``out``, print the Markdown.
 
@@ -40,6 +50,8 @@ def run_experiments(
         Of all noise; the scenes are fixed.
     jobs : int
         Processes, each with one thread.
+    engine : Engine, optional
+        Where they run; on this machine if left out.
     quick : bool
         Only a few recordings of each set: to see that it works, not to compare numbers.
     progress : bool
@@ -58,6 +70,7 @@ def run_experiments(
     """
     from collabslam.errors import SettingsError
     from collabslam.extras import needs
+    from collabslam_lab.engines import LOCAL
     from collabslam_lab.paper_worlds.cases import gather
 
     for name in names:
@@ -70,7 +83,9 @@ def run_experiments(
     numbers = {}
     modules = {name: importlib.import_module(f"collabslam_lab.paper_worlds.{name}") for name in names}
     wanted = [case for module in modules.values() for case in module.cases(quick)]
-    results = gather(wanted, out / "recordings", seed=seed, jobs=jobs, progress=progress)
+    results = gather(
+        wanted, out / "recordings", seed=seed, jobs=jobs, progress=progress, engine=engine or LOCAL
+    )
     for name, module in modules.items():
         finding = module.make([results[case] for case in module.cases(quick)])
         how = f"collabslam-lab reproduce {name} --seed {seed}{' --quick' if quick else ''}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,10 @@ from collabslam.runs.runner import RunResult, run
 from collabslam.settings.table import Settings
 from collabslam.types import Recording
 from collabslam.version import version
+from collabslam_lab.engines import LOCAL, Engine
 from collabslam_lab.paper_worlds.poses import sensed
 from collabslam_lab.paper_worlds.variants import Variant, varied
-from collabslam_lab.processes import spawning, use_one_thread
+from collabslam_lab.processes import use_one_thread
 from collabslam_lab.worlds import WorldRecording, world_recording
 
 Row = dict[str, Any]
@@ -78,7 +79,7 @@ class CaseResult:
 
 
 def gather(
-    cases: Iterable[Case], folder: Path, *, seed: int, jobs: int, progress: bool
+    cases: Iterable[Case], folder: Path, *, seed: int, jobs: int, progress: bool, engine: Engine = LOCAL
 ) -> dict[Case, CaseResult]:
     """Results of the cases; those that `folder` already holds are not run again."""
     wanted = list(dict.fromkeys(cases))
@@ -93,7 +94,7 @@ def gather(
     if progress and done:
         print(f"{len(done)} of {len(wanted)} recordings are there already", flush=True)
     with Progress(len(waiting), "experiments", enabled=progress and bool(waiting), unit="recording") as bar:
-        for case, text in _texts(waiting, seed, jobs):
+        for case, text in _texts(waiting, seed, jobs, engine):
             write_text(_path(folder, case, seed), text)
             done[case] = _parsed(case, json.loads(text))
             bar.update(f"{case.name}, {_worst(done[case].rows)}")
@@ -184,12 +185,12 @@ def _shared_overlap(rows: list[Row]) -> list[Row]:
     return rows
 
 
-def _texts(cases: Sequence[Case], seed: int, jobs: int) -> Iterable[tuple[Case, str]]:
-    if jobs == 1:
+def _texts(cases: Sequence[Case], seed: int, jobs: int, engine: Engine) -> Iterable[tuple[Case, str]]:
+    if jobs == 1 and engine.is_local:
         for case in cases:
             yield case, run_case(case, seed)
         return
-    with ProcessPoolExecutor(jobs, mp_context=spawning()) as pool:
+    with engine.pool(jobs) as pool:
         futures = {pool.submit(run_case, case, seed): case for case in cases}
         for future in as_completed(futures):
             yield futures[future], future.result()

@@ -1,0 +1,153 @@
+"""What the Dask engine costs, loses and changes: the same replays here, on workers, and on dying workers."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from collabslam.datasets import write_recording
+from collabslam.demo import corridor_recording
+from collabslam.formats.files import write_text
+from collabslam.runs.results import COVARIANCE, MAP, TRAJECTORY, write_summary
+from collabslam_lab.benchmark.plan import Plan, parse_plan
+from collabslam_lab.benchmark.running import run_items
+from collabslam_lab.benchmark.store import Item, Row
+from collabslam_lab.engines import LOCAL, Engine
+from collabslam_lab.report import markdown_table
+
+_PLAN = """
+seeds: 0-{last}
+defaults: {{available: 0.4, modes: [mono, collab-tight]}}
+recordings: {{walk: {{worn: "lag:0.3"}}}}
+"""
+KILL_EVERY = 4
+"""Answers after which a worker is killed."""
+
+
+def measure_cluster(
+    out: Path, *, replays: int, jobs: int, tasks: int, length_m: float = 15.0, scheduler: str | None = None
+) -> dict[str, Any]:
+    """Measures, and writes ``cluster.json`` and ``cluster.md``.
+
+    Parameters
+    ----------
+    out : Path
+    replays : int
+        Of the demo's corridor, each twice: in two modes.
+    jobs : int
+        Processes, and workers where no scheduler is named.
+    tasks : int
+        Of next to no work, by which it is told how many workers one scheduler can keep busy.
+    length_m : float
+        Of the corridor.
+    scheduler : str, optional
+        Of a cluster that is there; its workers are not killed.
+
+    Returns
+    -------
+    dict
+        ``overhead_pct``, ``identical``, ``lost``, ``workers_killed``, ``tasks_per_second``.
+    """
+    data = out / "data"
+    if not data.is_dir():
+        write_recording(corridor_recording(0, length_m=length_m), data / "walk")
+    plan = parse_plan(_PLAN.format(last=max(0, replays - 1)))
+    dask = Engine("dask", scheduler)
+    seconds, rows = {}, {}
+    for name, engine in (("local", LOCAL), ("dask", dask)):
+        began = time.monotonic()
+        rows[name] = _run(plan, data, out / name, jobs, engine)
+        seconds[name] = time.monotonic() - began
+    killed: list[int] = []
+    if scheduler is None:
+        rows["killed"] = _run(plan, data, out / "killed", jobs, dask, _killer(killed))
+    results = {
+        "replays": len(rows["local"]),
+        "jobs": jobs,
+        "seconds": seconds,
+        "overhead_pct": 100.0 * (seconds["dask"] / seconds["local"] - 1.0),
+        "identical": all(_same(plan, data, out, name) for name in rows if name != "local"),
+        "lost": sum(row["status"] != "done" for name in rows for row in rows[name]),
+        "workers_killed": len(killed),
+        "tasks_per_second": _tasks_per_second(dask, jobs, tasks),
+    }
+    write_summary(out / "cluster.json", results)
+    write_text(out / "cluster.md", cluster_markdown(results) + "\n")
+    return results
+
+
+def _items(plan: Plan, data: Path, out: Path) -> list[Item]:
+    return [
+        Item(entry, mode, seed, data, out)
+        for entry in plan.recordings
+        for seed in entry.seeds(plan.seeds)
+        for mode in entry.modes
+    ]
+
+
+def _run(
+    plan: Plan,
+    data: Path,
+    out: Path,
+    jobs: int,
+    engine: Engine,
+    told: Callable[[Item, Row], None] = lambda *_: None,
+) -> list[Row]:
+    return run_items(_items(plan, data, out), jobs=jobs, told=told, again=True, engine=engine)
+
+
+def _killer(killed: list[int]) -> Callable[[Item, Row], None]:
+    """Kills a worker of this process now and then; notes whom."""
+    import psutil
+
+    answers: list[str] = []
+
+    def kill(item: Item, _: Row) -> None:
+        answers.append(item.title)
+        if len(answers) % KILL_EVERY:
+            return
+        workers = [p for p in psutil.Process().children() if "spawn_main" in " ".join(p.cmdline())]
+        if workers:
+            killed.append(workers[0].pid)
+            os.kill(workers[0].pid, signal.SIGKILL)
+
+    return kill
+
+
+def _same(plan: Plan, data: Path, out: Path, name: str) -> bool:
+    """Whether every result is that of this machine, to the byte."""
+    pairs = zip(_items(plan, data, out / "local"), _items(plan, data, out / name), strict=True)
+    return all(
+        (a.folder / file).read_bytes() == (b.folder / file).read_bytes()
+        for a, b in pairs
+        if a.folder is not None and b.folder is not None
+        for file in (TRAJECTORY, COVARIANCE, MAP)
+    )
+
+
+def _tasks_per_second(engine: Engine, jobs: int, count: int) -> float:
+    with engine.workers(jobs) as workers:
+        workers.submit(int, 0).result()
+        began = time.monotonic()
+        for future in [workers.submit(int, k) for k in range(count)]:
+            future.result()
+        return count / (time.monotonic() - began)
+
+
+def cluster_markdown(results: dict[str, Any]) -> str:
+    """The table of the documentation."""
+    rows = [
+        ("replays, in two modes each", f"{results['replays']}"),
+        ("processes or workers", f"{results['jobs']}"),
+        ("seconds, local and dask", f"{results['seconds']['local']:.1f}, {results['seconds']['dask']:.1f}"),
+        ("overhead", f"{results['overhead_pct']:.1f} %"),
+        ("trajectory, covariance and map identical to the byte", "yes" if results["identical"] else "NO"),
+        ("workers killed meanwhile, in a third run", f"{results['workers_killed']}"),
+        ("replays lost", f"{results['lost']}"),
+        ("tasks of no work that the scheduler hands out a second", f"{results['tasks_per_second']:.0f}"),
+    ]
+    return markdown_table(("what", "measured"), rows)

@@ -1,0 +1,182 @@
+"""Work on other engines: what dies fails alone, nothing is lost, and results are those of this machine."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+from conftest import Clip
+from test_evaluate import PLAN
+from test_viewing import Short
+
+from collabslam.datasets import write_recording
+from collabslam.errors import DataError, SettingsError
+from collabslam_lab import engines
+from collabslam_lab.benchmark import remote
+from collabslam_lab.benchmark.evaluate import Choice, _items, chosen
+from collabslam_lab.benchmark.plan import find_plan
+from collabslam_lab.benchmark.running import run_items
+from collabslam_lab.benchmark.store import Item, Row
+from collabslam_lab.cli import main as cli
+from collabslam_lab.engines import Engine
+from collabslam_lab.isolated import Died, isolated, one
+
+DASK = Engine("dask", seconds=60.0)
+
+
+@pytest.fixture(scope="module")
+def place(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recordings")
+    write_recording(Short(clip, 7), folder / "walk")
+    (folder / "broken").mkdir()
+    (folder / "evaluate.yaml").write_text(PLAN)
+    return folder
+
+
+def double(x: int) -> int:
+    return 2 * x
+
+
+def act(what: str) -> str:
+    """What a task may do to the process that it runs in."""
+    if what == "die":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if what == "kill the worker":
+        os.kill(os.getppid(), signal.SIGKILL)
+        time.sleep(60.0)
+    if what == "hang":
+        time.sleep(600.0)
+    if what == "fail":
+        raise DataError("what was asked for cannot be done")
+    print("words of a task")  # they are no answer
+    return what
+
+
+def test_a_child_that_dies_fails_one_piece() -> None:
+    pieces = [("a",), ("die",), ("b",), ("hang",), ("c",)]
+    answers = list(isolated(act, pieces, 2.0))
+    assert [answers[k] for k in (0, 2, 4)] == ["a", "b", "c"]
+    assert [str(answers[k]) for k in (1, 3)] == [
+        "its process ended with the code -9",
+        "it took longer than 2 s",
+    ]
+    assert all(isinstance(answers[k], Died) for k in (1, 3))
+    with pytest.raises(DataError, match="cannot be done"):
+        one(act, ("fail",), 20.0)
+    with pytest.raises(Died):
+        one(act, ("die",), 20.0)
+
+
+def test_a_child_ends_with_its_parent(tmp_path: Path) -> None:
+    mark = tmp_path / "pid"
+    code = (
+        "from collabslam_lab.isolated import one\nimport test_engines\n"
+        f"one(test_engines.write_and_sleep, ({str(mark)!r},), 60.0)"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    parent = subprocess.Popen([sys.executable, "-c", code], env=environment)
+    until = time.monotonic() + 30.0
+    while not (mark.is_file() and mark.read_text()) and time.monotonic() < until:
+        time.sleep(0.05)
+    child = psutil.Process(int(mark.read_text()))
+    parent.kill()
+    parent.wait()
+    child.wait(timeout=20.0)
+    assert not psutil.pid_exists(child.pid)
+
+
+def write_and_sleep(mark: str) -> None:
+    Path(mark).write_text(str(os.getpid()))
+    time.sleep(60.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"kind": "ray"}, "no engine 'ray'; there are local, dask"),
+        ({"scheduler": "tcp://host:1"}, "for --engine dask"),
+        ({"kind": "dask", "seconds": float("nan")}, "positive"),
+    ],
+)
+def test_an_engine_that_cannot_be(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(SettingsError, match=message):
+        Engine(**options)
+
+
+def test_what_is_missing_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(DataError, match=r"pip install 'collabslam-lab\[cluster\]'"), DASK.pool(1):
+        pass
+    assert cli.main(["evaluate", str(tmp_path), "--engine", "spark"]) == 2
+    assert "no engine 'spark'" in capsys.readouterr().err
+
+
+def test_a_poisonous_task_is_blamed_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engines, "TRIES", 3)
+    whats = ["a", "die", "b", "kill the worker", "c", "fail", "d", "e"]
+    with Engine("dask", seconds=20.0).pool(2) as pool:
+        futures: dict[str, Future[str]] = {what: pool.submit(act, what) for what in whats}
+        assert [futures[what].result() for what in "abcde"] == list("abcde")
+        with pytest.raises(Died):
+            futures["die"].result()
+        with pytest.raises(DataError, match="cannot be done"):
+            futures["fail"].result()
+        with pytest.raises(Exception, match="kill"):
+            futures["kill the worker"].result()
+        assert pool.submit(double, 4).result() == 8
+
+
+def untimed(row: Row) -> Row:
+    """A row without what a clock says."""
+    return {k: v for k, v in row.items() if k not in ("ms_per_frame", "ms_p99", "ms_max", "fps", "seconds")}
+
+
+def test_workers_that_are_killed_lose_nothing_and_change_no_bit(place: Path, tmp_path: Path) -> None:
+    plan = chosen(find_plan(place, None), Choice(seeds=(0, 1)))
+
+    def items(out: str) -> list[Item]:
+        return _items(plan, place, tmp_path / out, ["walk", "same", "broken"], Choice())
+
+    here = run_items(items("here"), jobs=1, told=lambda *_: None)
+    killed: list[int] = []
+
+    def kill(item: Item, row: Row) -> None:
+        """Every worker, when the first answer comes."""
+        if not killed:
+            for process in psutil.Process().children(recursive=True):
+                if "spawn_main" in " ".join(process.cmdline()):
+                    killed.append(process.pid)
+                    process.kill()
+
+    there = run_items(items("there"), jobs=2, told=kill, engine=DASK)
+    assert killed
+    assert [untimed(row) for row in there] == [untimed(row) for row in here]
+    assert {row["status"] for row in there} == {"done", "failed"}
+    for a, b in zip(items("here"), items("there"), strict=True):
+        if a.folder is not None and b.folder is not None and a.done() is not None:
+            for name in ("trajectory.tum", "trajectory.cov", "map.ply", "config.yaml"):
+                assert (a.folder / name).read_bytes() == (b.folder / name).read_bytes()
+    left = [path.name for path in (tmp_path / "there" / "runs").iterdir() if path.name.startswith(".")]
+    assert left == []
+
+
+def test_what_a_dead_worker_has_done_stays_done(place: Path, tmp_path: Path) -> None:
+    entry = find_plan(place, None).recordings[0]
+    item = Item(entry, "mono", 0, place, tmp_path / "out")
+    (row,) = remote.replay([item], 60.0, False)
+    stamp = item.summary.stat().st_mtime_ns
+    (found,) = remote.replay([item], 60.0, False)
+    assert untimed(found) == untimed(row)
+    assert item.summary.stat().st_mtime_ns == stamp
+    remote.replay([item], 60.0, True)
+    assert item.summary.stat().st_mtime_ns != stamp
