@@ -25,7 +25,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--mode", choices=MODES, help="default: the setting's")
     parser.add_argument(
         "--start",
-        choices=("worn", "scale-free"),
+        choices=("worn", "target", "scale-free"),
         default="worn",
         help="where the scale comes from (default: the first overlap)",
     )
@@ -50,6 +50,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--record", metavar="DIR", type=Path, help="keep all that reaches the filter as a ROS 2 bag (MCAP)"
     )
+    options.add_printed(parser)
     options.add_settings(parser)
 
 
@@ -68,6 +69,7 @@ def main(arguments: argparse.Namespace) -> int:
         options.read_settings(arguments),
         mode=arguments.mode,
         start=arguments.start,
+        targets=(*arguments.tag, *arguments.board),
         worn_camera=None if arguments.worn_camera is None else load_camera(arguments.worn_camera),
         record=arguments.record,
         checkpoint_every=max(1, arguments.checkpoint_every),

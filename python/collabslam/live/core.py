@@ -16,7 +16,8 @@ from collabslam.errors import DataError, InputError
 from collabslam.geometry import pose_inverse
 from collabslam.live.clock import Exchange
 from collabslam.live.decoding import view_image
-from collabslam.live.views import BROKEN, LATEST, REFUSED, LiveView, TimedView, WaitingViews
+from collabslam.live.printed import PrintedPoses
+from collabslam.live.views import BROKEN, LATEST, REFUSED, UNPOSED, LiveView, TimedView, WaitingViews
 from collabslam.slam.engine import Slam
 from collabslam.slam.results import StepResult
 from collabslam.types import Array, Image, WornView
@@ -85,14 +86,23 @@ class LiveCore:
         The calibration that views are sent with.
     same_clock : bool
         Whether views are stamped in the robot's time.
+    printed : PrintedPoses, optional
+        Tells T_CF of views that come without it.
     """
 
-    def __init__(self, slam: Slam, worn_camera: Camera | None, *, same_clock: bool = False) -> None:
+    def __init__(
+        self,
+        slam: Slam,
+        worn_camera: Camera | None,
+        *,
+        same_clock: bool = False,
+        printed: PrintedPoses | None = None,
+    ) -> None:
         self.slam = slam
         self.views = WaitingViews(same_clock=same_clock)
         self.refused: Counter[str] = Counter()
         """Frames of Cs that could not be used, by the error's text."""
-        self._worn_camera = worn_camera
+        self._worn_camera, self._printed = worn_camera, printed
         self._frames: deque[RobotFrame] = deque()
         self._expecting = 0
         self._collab = -float("inf")
@@ -132,6 +142,8 @@ class LiveCore:
         return poses
 
     def _step(self, frame: RobotFrame) -> LivePose | None:
+        if self._printed is not None:
+            self._printed.frame(frame.t, frame.image)
         timed = self.views.take(frame.t)
         worn = None if timed is None else self._worn_view(timed)
         try:
@@ -150,15 +162,22 @@ class LiveCore:
 
     def _worn_view(self, timed: TimedView) -> WornView | None:
         """The view for the filter, or None if it is none."""
-        view = timed.view
-        assert self._worn_camera is not None
+        view, camera = timed.view, self._worn_camera
+        assert camera is not None
         try:
-            image = view_image(view.image, self._worn_camera)
-            worn = WornView(image, view.t_cf, view.covariance, view.bias)
-            return self._with_clock_error(worn, timed.t_sd)
+            image = view_image(view.image, camera)
         except (DataError, InputError):
             self.views.refuse(BROKEN)
             return None
+        if view.t_cf is not None and view.covariance is not None:
+            worn = WornView(image, view.t_cf, view.covariance, view.bias)
+            return self._with_clock_error(worn, timed.t_sd)
+        found = None if self._printed is None else self._printed.pose(timed.t, image)
+        if found is None:
+            self.views.refuse(UNPOSED)
+            return None
+        _, t_cf, covariance = found
+        return WornView(image, t_cf, covariance)
 
     def _with_clock_error(self, worn: WornView, t_sd: float) -> WornView:
         """T_CF as uncertain as the view's instant makes it: the robot moves on while the view stands."""

@@ -17,19 +17,27 @@ Value = TypeVar("Value")
 class Pairing:
     """The images and the poses of one sender.
 
+    Parameters
+    ----------
+    unposed : bool
+        Whether an image whose pose is not there yet is a view at once, without a pose.
+
     Attributes
     ----------
     unpaired : int
         Images that gave way before their pose came.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, unposed: bool = False) -> None:
         self.unpaired = 0
+        self._unposed = unposed
         self._images: OrderedDict[float, tuple[str, Image | bytes]] = OrderedDict()
         self._poses: OrderedDict[float, tuple[Array, Array]] = OrderedDict()
 
     def image(self, session: str, stamp: float, image: Image | bytes) -> LiveView | None:
         """An image; the view, if its pose is there."""
+        if self._unposed and stamp not in self._poses:
+            return LiveView(session, stamp, image)
         self.unpaired += _keep(self._images, stamp, (session, image))
         return self._view(stamp)
 

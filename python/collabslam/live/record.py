@@ -19,6 +19,7 @@ from collabslam.live.core import ClockReading, Event, RobotFrame
 from collabslam.live.steady import nanoseconds
 from collabslam.live.views import LiveView
 from collabslam.runs.results import jsonable
+from collabslam.types import Board, Tag
 
 ROBOT_IMAGE, ROBOT_INFO = "/cs/image_raw", "/cs/camera_info"
 WORN_IMAGE, WORN_INFO = "/cf/image/compressed", "/cf/camera_info"
@@ -30,11 +31,18 @@ _ROBOT, _WORN = "cs_optical", "cf_optical"
 
 @dataclass(frozen=True)
 class LivePlan:
-    """What a live run was asked for: mode, start, and the settings by their full keys."""
+    """What a live run was asked for: mode, start, settings by their full keys, printed targets as texts."""
 
     mode: str
     start: str
     settings: dict[str, Any]
+    tags: list[str]
+    boards: list[str]
+
+    @property
+    def targets(self) -> list[Tag | Board]:
+        """The printed targets."""
+        return [*map(Tag.parse, self.tags), *map(Board.parse, self.boards)]
 
 
 class EventWriter:
@@ -88,11 +96,12 @@ class EventWriter:
         elif isinstance(event, ClockReading):
             self._write(CLOCK, messages.TIMES, messages.exchange(event.session, event.exchange), now)
         else:
-            pose = messages.pose(event.stamp, _ROBOT, event.t_cf, event.covariance)
             image = event.image
             if not isinstance(image, bytes):
                 raise DataError("A record holds encoded views; push JPEG or PNG.")
-            self._write(T_CF, messages.POSE, pose, now)
+            if event.t_cf is not None and event.covariance is not None:
+                pose = messages.pose(event.stamp, _ROBOT, event.t_cf, event.covariance)
+                self._write(T_CF, messages.POSE, pose, now)
             data = messages.compressed_image(event.stamp, event.session, image)
             self._write(WORN_IMAGE, messages.COMPRESSED, data, now)
 
@@ -152,7 +161,5 @@ class EventReader:
                 poses = {messages.stamp_of(message): pose_and_covariance_of(message, where)}
             else:
                 stamp = messages.stamp_of(message)
-                if stamp not in poses:
-                    raise DataError(f"A view in {self._path} has no pose before it; the record is broken.")
                 session, data = str(message.header.frame_id), message.data.tobytes()
-                yield LiveView(session, stamp, data, *poses[stamp])
+                yield LiveView(session, stamp, data, *poses.get(stamp, ()))

@@ -9,11 +9,11 @@ from typing import Any
 from collabslam.errors import SettingsError
 from collabslam.formats.trajectory import ARBITRARY, METRES
 from collabslam.live.core import LiveCore, LivePose
+from collabslam.live.printed import make_slam, printed_poses
 from collabslam.live.record import EventReader
 from collabslam.live.results import LiveResults
 from collabslam.runs.folder import claim
 from collabslam.settings.table import Settings
-from collabslam.slam.engine import Slam
 
 
 def replay(record: Path, out: Path, *, overwrite: bool = False) -> dict[str, Any]:
@@ -41,11 +41,12 @@ def replay(record: Path, out: Path, *, overwrite: bool = False) -> dict[str, Any
         settings = Settings.from_flat(plan.settings)
     except SettingsError as error:
         raise SettingsError(f"The record {record} is of another version. {error}") from error
-    slam = Slam(reader.camera, reader.worn_camera, settings=settings, mode=plan.mode, start=plan.start)
-    core = LiveCore(slam, reader.worn_camera)
+    cameras = (reader.camera, reader.worn_camera)
+    slam = make_slam(*cameras, plan.targets, settings=settings, mode=plan.mode, start=plan.start)
+    core = LiveCore(slam, reader.worn_camera, printed=printed_poses(*cameras, plan.targets))
     with contextlib.ExitStack() as stack:
         folder = claim(out, stack, overwrite=overwrite)
-        results = LiveResults(folder, settings, METRES if plan.start == "worn" else ARBITRARY)
+        results = LiveResults(folder, settings, ARBITRARY if plan.start == "scale-free" else METRES)
         stack.callback(results.close)
         for event in reader.events():
             _write(results, core.handle(event))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from collabslam.live import link, messages, names
 from collabslam.live.cameras import LiveCamera, PlayedRecording
 from collabslam.live.core import Event, LivePose
 from collabslam.live.downlink import Downlink
+from collabslam.live.printed import make_slam
 from collabslam.live.record import EventWriter, LivePlan
 from collabslam.live.results import ENGINE, LiveResults
 from collabslam.live.slam import LiveSlam
@@ -23,6 +25,7 @@ from collabslam.runs.folder import claim, locked
 from collabslam.runs.plan import MODE_KEY
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
+from collabslam.types import Board, Tag
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,9 @@ class RobotOptions:
     mode : str or None
         The settings' if None.
     start : str
-        ``worn`` or ``scale-free``.
+        ``worn``, ``target`` or ``scale-free``.
+    targets : sequence of Tag and Board
+        Printed targets in the scene.
     worn_camera : Camera or None
         Calibration of Cf; the one that the first device tells if None.
     record : Path or None
@@ -52,6 +57,7 @@ class RobotOptions:
     settings: Settings
     mode: str | None = None
     start: str = "worn"
+    targets: Sequence[Tag | Board] = ()
     worn_camera: Camera | None = None
     record: Path | None = None
     checkpoint_every: int = 50
@@ -73,7 +79,7 @@ class RobotNode:
     def __init__(self, session: Any, camera: LiveCamera, options: RobotOptions) -> None:
         self._zenoh, self._camera, self._options = session, camera, options
         self._live: LiveSlam | None = None
-        self.uplink = Uplink(self._push, lambda: camera.clock.now())
+        self.uplink = Uplink(self._push, lambda: camera.clock.now(), unposed=bool(options.targets))
         self._downlink = Downlink(session)
 
     def run(self) -> dict[str, Any]:
@@ -95,7 +101,7 @@ class RobotNode:
             if worn_camera is not None:
                 self.uplink.use(worn_camera)
             slam = self._engine(folder, worn_camera)
-            unit = METRES if options.start == "worn" else ARBITRARY
+            unit = ARBITRARY if options.start == "scale-free" else METRES
             results = LiveResults(
                 folder, options.settings, unit, every=options.checkpoint_every, resumed=options.resume
             )
@@ -107,6 +113,7 @@ class RobotNode:
                 self._camera.camera,
                 worn_camera,
                 slam=slam,
+                targets=options.targets,
                 on_pose=lambda pose: self._done(pose, slam, results),
                 on_event=lambda event: recorder.write(event, self._camera.clock.now()),
             )
@@ -175,9 +182,10 @@ class RobotNode:
         options = self._options
         if options.resume:
             return Slam.load(folder / ENGINE)
-        return Slam(
+        return make_slam(
             self._camera.camera,
             worn_camera,
+            options.targets,
             settings=options.settings,
             mode=_mode(options),
             start=options.start,
@@ -187,7 +195,9 @@ class RobotNode:
         options = self._options
         if options.record is None:
             return NoRecord()
-        plan = LivePlan(_mode(options), options.start, dict(options.settings.values))
+        tags = [str(t) for t in options.targets if isinstance(t, Tag)]
+        boards = [str(t) for t in options.targets if isinstance(t, Board)]
+        plan = LivePlan(_mode(options), options.start, dict(options.settings.values), tags, boards)
         return EventWriter(options.record, plan, self._camera.camera, worn_camera)
 
 

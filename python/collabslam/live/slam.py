@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any
 
@@ -15,11 +15,12 @@ from collabslam._core import Camera
 from collabslam.errors import CollabslamError, InputError
 from collabslam.live.clock import Exchange
 from collabslam.live.core import ClockReading, Event, LiveCore, LivePose, RobotFrame
+from collabslam.live.printed import make_slam, printed_poses
 from collabslam.live.views import SURPLUS, LiveView
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
 from collabslam.slam.saved_map import SavedMap
-from collabslam.types import Image, Target
+from collabslam.types import Board, Image, Tag
 
 BOUNDS: dict[type, int] = {RobotFrame: 4, LiveView: 16, ClockReading: 32}
 """Events of each kind that wait for the filter at most; the oldest of a kind gives way."""
@@ -45,10 +46,13 @@ class LiveSlam:
         Is given each event before the filter takes it, in that order: what a record needs.
     same_clock : bool
         Whether both cameras are stamped by one clock; otherwise `push_clock` must say what the worn one's is.
+    targets : sequence of Tag and Board
+        Printed targets that stand still: where both cameras see one, it tells T_CF of views that come without
+        it; and where Cs sees one, it says what a metre is.
     slam : Slam, optional
         An engine that goes on, in place of a new one.
-    settings, mode, start, target, map
-        As of `collabslam.Slam`.
+    settings, mode, start, map
+        As of `collabslam.Slam`; with ``start="target"`` any of the targets.
 
     Attributes
     ----------
@@ -65,18 +69,23 @@ class LiveSlam:
         on_pose: Callable[[LivePose], None] | None = None,
         on_event: Callable[[Event], None] | None = None,
         same_clock: bool = False,
+        targets: Sequence[Tag | Board] = (),
         slam: Slam | None = None,
         settings: Settings | None = None,
         mode: str | None = None,
         start: str = "worn",
-        target: Target | None = None,
         map: SavedMap | None = None,
     ) -> None:
-        self.slam = slam or Slam(
-            camera, worn_camera, settings=settings, mode=mode, start=start, target=target, map=map
+        self.slam = slam or make_slam(
+            camera, worn_camera, targets, settings=settings, mode=mode, start=start, map=map
         )
         self.callback_error: Exception | None = None
-        self._core = LiveCore(self.slam, worn_camera, same_clock=same_clock)
+        self._core = LiveCore(
+            self.slam,
+            worn_camera,
+            same_clock=same_clock,
+            printed=printed_poses(camera, worn_camera, targets),
+        )
         self._on_pose, self._on_event = on_pose, on_event
         self._change = threading.Condition()
         self._events: deque[Event] = deque()
@@ -103,8 +112,8 @@ class LiveSlam:
         self,
         t: float,
         image: Image | bytes,
-        t_cf: ArrayLike,
-        covariance: ArrayLike,
+        t_cf: ArrayLike | None = None,
+        covariance: ArrayLike | None = None,
         *,
         bias: ArrayLike | None = None,
         session: str = "worn",
@@ -118,7 +127,7 @@ class LiveSlam:
         image : (H, W) uint8, or bytes
             Grey, or a JPEG or PNG of it.
         t_cf, covariance, bias
-            As in `collabslam.WornView`.
+            As in `collabslam.WornView`; without ``t_cf`` the targets must tell it.
         session : str
             Who sends, as ``anna/17``: another one each time that the sender starts.
 
@@ -249,6 +258,6 @@ def live_view(
             raise InputError(f"The view's {name} has the shape {array.shape}; give {shape}.")
         arrays[name] = array
     first, second = arrays["T_CF"], arrays["covariance"]
-    if first is None or second is None:
-        raise InputError("A view needs T_CF and its covariance; give both.")
+    if (first is None) != (second is None):
+        raise InputError("A view has T_CF and its covariance, or neither; give both.")
     return LiveView(session, float(t), image, first, second, arrays["bias"])

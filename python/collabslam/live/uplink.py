@@ -59,8 +59,8 @@ class Arrival:
 class _Device:
     """What is known of one device."""
 
+    pairing: Pairing
     camera: Camera | None = None
-    pairing: Pairing = field(default_factory=Pairing)
     allowed: dict[str, tuple[float, float]] = field(default_factory=dict)  # messages left, at a time
     clock: ClockEstimator = field(default_factory=ClockEstimator)
     session: str = ""
@@ -77,16 +77,20 @@ class Uplink:
         Is given each event.
     now : callable
         The robot's time, seconds.
+    unposed : bool
+        Whether images without T_CF are of use.
     """
 
-    def __init__(self, push: Callable[[Event], None], now: Callable[[], float]) -> None:
+    def __init__(
+        self, push: Callable[[Event], None], now: Callable[[], float], *, unposed: bool = False
+    ) -> None:
         self.dropped: Counter[str] = Counter()
         """Messages by the reason why they were dropped."""
         self.received: Counter[str] = Counter()
         """Bytes by device."""
         self.faults: deque[str] = deque(maxlen=8)
         """The last refusals in words."""
-        self._push, self._now = push, now
+        self._push, self._now, self._unposed = push, now, unposed
         self._lock = threading.Lock()
         self._devices: dict[str, _Device] = {}
         self._camera: Camera | None = None
@@ -136,7 +140,7 @@ class Uplink:
                 if len(self._devices) >= DEVICES:
                     self.dropped[STRANGER] += 1
                     return
-                self._devices[name] = _Device()
+                self._devices[name] = _Device(Pairing(unposed=self._unposed))
             device = self._devices[name]
             if part not in RATES or not _allowed(device, part, time.monotonic()):
                 self.dropped[FLOOD if part in RATES else MALFORMED] += 1

@@ -16,7 +16,8 @@ NO_CLOCK = "no clock"  # nothing is known of the sender's clock
 OTHER = "other session"  # another worn camera is at work, or its sender has been started anew
 BROKEN = "broken"  # no image, or of another size
 REFUSED = "refused"  # T_CF or its covariance is impossible
-REASONS = (LATE, EARLY, REPEATED, SURPLUS, NO_CLOCK, OTHER, BROKEN, REFUSED)
+UNPOSED = "no target"  # it came without T_CF, and both cameras see no printed target
+REASONS = (LATE, EARLY, REPEATED, SURPLUS, NO_CLOCK, OTHER, BROKEN, REFUSED, UNPOSED)
 """Why a view was dropped; the keys of the counts."""
 
 TOLERANCE = 0.010
@@ -41,14 +42,14 @@ class LiveView:
     image : (H, W) uint8, or bytes
         Grey, or a JPEG or PNG of it; an encoded one may be smaller than its calibration.
     t_cf, covariance, bias
-        As in `collabslam.WornView`.
+        As in `collabslam.WornView`; no ``t_cf`` if printed targets are to tell it.
     """
 
     session: str
     stamp: float
     image: Image | bytes
-    t_cf: Array
-    covariance: Array
+    t_cf: Array | None = None
+    covariance: Array | None = None
     bias: Array | None = None
 
 
