@@ -367,7 +367,7 @@ class Filter:
             For wrong shapes, NaN, a pose or a covariance that is none, or a filter without a worn camera.
         """
     def keep_pose(self) -> bool:
-        """Keeps the camera's pose for views of Cf that come late, up to ``worn.late`` seconds; True if it did.
+        """Keeps the camera's pose for views of Cf that come up to ``worn.late`` seconds late; True if it did.
 
         To be called at the end of a frame. It does nothing before the start, and so soon after the last pose
         that there is none to gain.
@@ -426,14 +426,13 @@ class Filter:
         InputError
             For a view that `view_timing` refuses, a frame whose pose is not kept, or an impossible pose.
         """
-    def set_back(self, t: float) -> None:
-        """Sets the clock back to ``t`` (seconds) before the start, when nothing depends on it yet: a filter may
-        start from a frame of before.
+    def forget_time(self) -> None:
+        """Forgets the time before the start, which nothing depends on: a filter may start from a frame before.
 
         Raises
         ------
         InputError
-            If the filter has started, or ``t`` is no time stamp.
+            If the filter has started.
         """
     def check_worn(self, t_cf: ArrayLike, covariance: ArrayLike, bias: ArrayLike | None = None) -> None:
         """Checks that a view of Cf with this pose can be measured.

@@ -13,10 +13,12 @@ use std::collections::BTreeSet;
 
 /// Poses that are kept at most within `worn.late`, but for the one before it and those that jitter adds.
 const AIM: f64 = 10.0;
+/// How far back poses are kept, in `worn.late`: a view waits for its frame after it has come.
+const REACH: f64 = 1.0 + 1.0 / AIM;
 /// Share of their spacing from which on another pose is kept: frames do not come to the microsecond.
 const SPACING: f64 = 0.75;
-/// Poses that are kept at most: AIM / SPACING, and both ends.
-const MOST: usize = 16;
+/// Poses that are kept at most: AIM REACH / SPACING, and both ends.
+const MOST: usize = 18;
 /// Times of measured views that are remembered, to know one that is sent again.
 const REMEMBERED: usize = 64;
 
@@ -99,7 +101,7 @@ impl Filter {
         self.changes();
         // The one before the first that is needed is needed, too: views are taken between two.
         let poses = &mut self.kept_poses.poses;
-        let is_over = poses.get(1).is_some_and(|(t, _)| *t <= now - late);
+        let is_over = poses.get(1).is_some_and(|(t, _)| *t <= now - REACH * late);
         let again = (is_over || poses.len() == MOST).then(|| poses.remove(0).1);
         let block = again.and_then(|id| self.state.layout.find(id).copied());
         let id = match block {
@@ -180,7 +182,7 @@ impl Filter {
         }
         let late = self.settings.worn.late;
         let oldest = match (self.started, self.kept_times().next()) {
-            (true, Some(oldest)) => oldest.max(now - late),
+            (true, Some(oldest)) => oldest.max(now - REACH * late),
             (true, None) => now,
             // Nothing is known of its motion, which is added to the noise of T_CF.
             (false, _) => now - late / AIM,
@@ -203,7 +205,7 @@ impl Filter {
             ViewTiming::Future => Err(EkfError::FutureView { t, now }),
             ViewTiming::Stale => {
                 let oldest = self.kept_times().next().unwrap_or(now);
-                let oldest = oldest.max(now - self.settings.worn.late);
+                let oldest = oldest.max(now - REACH * self.settings.worn.late);
                 Err(EkfError::StaleView { t, oldest })
             }
         }

@@ -10,7 +10,7 @@ use crate::math::pose::{Pose, tangent_map};
 use crate::observe::POSE_DIM;
 use crate::observe::point::CameraPose;
 use crate::state::LinearPart;
-use nalgebra::{Matrix6, SMatrix, Vector6};
+use nalgebra::{Matrix3, Matrix6, SMatrix, Vector6};
 
 /// T_CF as it is between a view of Cf and a frame of another time, with how its error comes about. All tangents are those of
 /// F, on the right.
@@ -18,6 +18,8 @@ use nalgebra::{Matrix6, SMatrix, Vector6};
 pub(super) struct Carried {
     /// Maps points of F, at the time of the view, into C at that of the frame.
     pub(super) t_cf: Pose,
+    /// Rotation of the measured T_CF: from F into C when the view was taken.
+    pub(super) taken: Matrix3<f64>,
     /// Derivatives by poses of the state, `[r q]` at these offsets.
     pub(super) parts: Vec<(usize, SMatrix<f64, 6, 7>)>,
     /// Covariance of the motion that no pose of the state tells.
@@ -80,6 +82,7 @@ impl Filter {
             let noise = self.of_unknown_motion(gap);
             return Ok(Carried {
                 t_cf: t_cf.clone(),
+                taken: t_cf.rotation,
                 parts: Vec::new(),
                 noise: into_f * noise * into_f.transpose(),
             });
@@ -96,6 +99,7 @@ impl Filter {
             + twist * twist.transpose() * self.settings.worn.clock_sd.powi(2);
         let mut carried = Carried {
             t_cf: motion.compose(t_cf),
+            taken: t_cf.rotation,
             parts: Vec::with_capacity(3),
             noise: into_f * noise * into_f.transpose(),
         };
@@ -299,10 +303,10 @@ mod tests {
         let times: Vec<f64> = filter.kept_times().collect();
         let (oldest, second) = (times[0], times[1]);
         assert!(
-            oldest <= now - 0.95 && second > now - 1.15,
+            oldest <= now - 1.05 && second > now - 1.25,
             "{times:?} at {now}"
         );
-        assert!(times.len() <= 13, "{times:?}");
+        assert!(times.len() <= 14, "{times:?}");
         filter.manage_map();
         assert_eq!(filter.kept_times().count(), times.len());
         for &t in &times {

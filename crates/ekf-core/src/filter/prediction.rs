@@ -30,18 +30,6 @@ const JUMP: f64 = 0.02;
 /// pixels.
 const SOON: f64 = 60.0;
 
-/// A time stamp in seconds.
-fn check_time(t: f64) -> Result<(), EkfError> {
-    if !t.is_finite() {
-        return Err(EkfError::NonFinite { what: "time" });
-    }
-    if t.abs() > LAST_TIME {
-        let why = format!("{t} s is no time stamp in seconds; are these nanoseconds?");
-        return Err(EkfError::InvalidInput { what: "time", why });
-    }
-    Ok(())
-}
-
 impl Filter {
     /// Predicts to time `t`, seconds. Before the start this only sets the time. A gap of more than 20 s is predicted as
     /// one of 20 s, after which the pose is as good as unknown: find it again in the map.
@@ -51,7 +39,13 @@ impl Filter {
     /// `LongGap` if it is more than an hour after it, `InvalidInput` if P would leave all bounds (after years of gaps
     /// without a measurement). Nothing changes then.
     pub fn predict(&mut self, t: f64) -> Result<(), EkfError> {
-        check_time(t)?;
+        if !t.is_finite() {
+            return Err(EkfError::NonFinite { what: "time" });
+        }
+        if t.abs() > LAST_TIME {
+            let why = format!("{t} s is no time stamp in seconds; are these nanoseconds?");
+            return Err(EkfError::InvalidInput { what: "time", why });
+        }
         if let Some(last) = self.time {
             if t - last < SHORTEST_STEP {
                 return Err(EkfError::BadTime { t, last });
@@ -69,20 +63,18 @@ impl Filter {
         Ok(())
     }
 
-    /// Sets the clock back to `t`, seconds, before the start, when nothing depends on it: a filter may start from a frame of
-    /// before.
+    /// Forgets the time before the start, when nothing depends on it yet: a filter may start from a frame of before.
     ///
     /// # Errors
-    /// `NonFinite`; `InvalidInput` after the start, or if `t` cannot be in seconds. Nothing changes then.
-    pub fn set_back(&mut self, t: f64) -> Result<(), EkfError> {
-        check_time(t)?;
+    /// `InvalidInput` after the start.
+    pub fn forget_time(&mut self) -> Result<(), EkfError> {
         if self.started {
             return Err(EkfError::InvalidInput {
                 what: "time",
                 why: "the filter has started and cannot go back; restore a snapshot instead".into(),
             });
         }
-        self.time = Some(t);
+        self.time = None;
         Ok(())
     }
 

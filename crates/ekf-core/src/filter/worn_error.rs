@@ -19,10 +19,11 @@ impl Filter {
     pub(super) fn open_worn_error(&mut self, worn: &WornObservation, carried: Option<&Carried>) {
         let share = self.settings.worn.bias_share;
         let bias_covariance = worn.bias.unwrap_or(worn.covariance * share);
+        let rotation = carried.map_or(worn.t_cf.rotation, |carried| carried.taken);
         let mut j = Matrix6::zeros();
         for at in [0, 3] {
             j.fixed_view_mut::<3, 3>(at, at)
-                .copy_from(&worn.t_cf.rotation.transpose());
+                .copy_from(&rotation.transpose());
         }
         if bias_covariance.diagonal().max() > 0.0 && self.state.worn_bias().is_none() {
             let stationary = j.transpose() * bias_covariance * j;

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 
 #[pymethods]
 impl PyFilter {
-    /// Keeps the camera's pose for views of Cf that come late, up to ``worn.late`` seconds; True if it did.
+    /// Keeps the camera's pose for views of Cf that come up to ``worn.late`` seconds late; True if it did.
     ///
     /// To be called at the end of a frame. It does nothing before the start, and so soon after the last pose
     /// that there is none to gain.
@@ -99,14 +99,13 @@ impl PyFilter {
         Ok((to_pose(py, &carried.0), symmetric(py, entries, 6)))
     }
 
-    /// Sets the clock back to ``t`` (seconds) before the start, when nothing depends on it yet: a filter may
-    /// start from a frame of before.
+    /// Forgets the time before the start, which nothing depends on: a filter may start from a frame before.
     ///
     /// Raises
     /// ------
     /// InputError
-    ///     If the filter has started, or ``t`` is no time stamp.
-    fn set_back(&self, py: Python<'_>, t: f64) -> PyResult<()> {
-        self.write(py, |f| f.set_back(t))
+    ///     If the filter has started.
+    fn forget_time(&self, py: Python<'_>) -> PyResult<()> {
+        self.write(py, ekf_core::Filter::forget_time)
     }
 }
