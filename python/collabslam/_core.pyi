@@ -427,7 +427,7 @@ class Filter:
             For a view that `view_timing` refuses, a frame whose pose is not kept, or an impossible pose.
         """
     def forget_time(self) -> None:
-        """Forgets the time before the start, which nothing depends on: a filter may start from a frame before.
+        """Forgets the time before the start, which nothing depends on: a filter may start from an old frame.
 
         Raises
         ------

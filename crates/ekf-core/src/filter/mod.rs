@@ -23,6 +23,7 @@ mod measurement;
 mod measurements;
 mod metric_births;
 mod other_time;
+mod pose_ring;
 mod predicted_features;
 mod prediction;
 mod record;

@@ -2,7 +2,7 @@
 
 use super::candidate::Candidate;
 use super::handed::Handover;
-use super::kept_poses::KeptPoses;
+use super::pose_ring::KeptPoses;
 use super::record::FeatureRecord;
 use crate::local::{OutsideMark, OutsideSet};
 use crate::misfit::Misfit;

@@ -99,7 +99,7 @@ impl PyFilter {
         Ok((to_pose(py, &carried.0), symmetric(py, entries, 6)))
     }
 
-    /// Forgets the time before the start, which nothing depends on: a filter may start from a frame before.
+    /// Forgets the time before the start, which nothing depends on: a filter may start from an old frame.
     ///
     /// Raises
     /// ------

@@ -35,7 +35,6 @@ pub(crate) struct PyWornMeasurement(pub(super) WornObservation);
 #[pymethods]
 impl PyWornMeasurement {
     #[new]
-    #[expect(clippy::too_many_arguments, reason = "names in Python")]
     #[pyo3(signature = (t_cf, covariance, ids, uv, uv_f, *, bias = None, capture = None))]
     fn new(
         t_cf: Argument<'_>,

@@ -48,7 +48,7 @@ class WornClock:
             )
 
     def arrived(self, first: float, after: float, until: float) -> range:
-        """Numbers of the views that arrive after one time and until another; ``first`` is the first frame's."""
+        """Numbers of the views that arrive after one time and until another; ``first`` is frame 0's."""
         start = first + self.phase + self.late
         # To the microsecond: what is due with a frame comes with it.
         low, high = ((t + 1e-6 - start) * self.rate for t in (after, until))
