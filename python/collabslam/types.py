@@ -47,7 +47,7 @@ class WornView:
         ``worn.bias_time``; None if that is not known: then it is the share ``worn.bias_share``.
     t : float or None
         When it was taken, seconds, by the clock of Cs's time stamps: between two frames, or up to
-        ``worn.late`` before the one that it comes with (METHOD section 20); None if at the frame's instant.
+        ``worn.late`` before the one that it comes with (METHOD section 21); None if at the frame's instant.
     """
 
     image: Image

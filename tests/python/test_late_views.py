@@ -1,4 +1,4 @@
-"""Views of Cf between two frames, late, repeated and out of order, on the demo (METHOD section 20)."""
+"""Views of Cf between two frames, late, repeated and out of order, on the demo (METHOD section 21)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-//! Views of Cf that were taken between frames, or come late (METHOD 20): worth as much as those of a frame's own instant, and
+//! Views of Cf that were taken between frames, or come late (METHOD 21): worth as much as those of a frame's own instant, and
 //! honest about it.
 
 use crate::scene::{DT, Scene, Warm, adopt, name, warm};

@@ -60,7 +60,14 @@ const FILTER: Table = &[
     ("undo", &["candidate", "handed", "record", "pose_ring"]),
     (
         "ekf",
-        &["candidate", "handed", "record", "pose_ring", "sources", "undo"],
+        &[
+            "candidate",
+            "handed",
+            "record",
+            "pose_ring",
+            "sources",
+            "undo",
+        ],
     ),
     ("births", &["candidate", "ekf"]),
     ("checkpoint", &["undo", "ekf"]),

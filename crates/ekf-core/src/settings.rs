@@ -194,7 +194,7 @@ settings! {
         bias_time: f64 = 10.0, "s", Some(0.01), Some(1e6),
             User("Set it to how long an error of T_CF lasts, as its source states.");
         /// How late a view of Cf may come and still be used: for so long the poses of Cs are kept once views come that are
-        /// not of a frame's own instant (METHOD 20).
+        /// not of a frame's own instant (METHOD 21).
         late: f64 = 1.0, "s", Some(0.05), Some(10.0),
             User("Raise it for a slow link between the cameras; poses are then kept farther apart and cost the same.");
         /// A view taken this close to a frame counts as one of its instant; the motion of Cs meanwhile is added to the noise

@@ -124,7 +124,7 @@ class Slam(EngineParts):
         """Hands in a view of Cf between frames, from any thread, also while another one is at work in `step`.
 
         It waits for the first frame at or after its time ``t`` and may then be as old as ``worn.late``: it is
-        used exactly (METHOD section 20).  Each frame uses the newest of those that wait; what was not used is
+        used exactly (METHOD section 21).  Each frame uses the newest of those that wait; what was not used is
         counted by reason in `worn_dropped`.  At most 32 views wait.
 
         Raises

@@ -1,4 +1,4 @@
-"""Views of Cf that were not taken at a frame's own instant (METHOD section 20).
+"""Views of Cf that were not taken at a frame's own instant (METHOD section 21).
 
 They wait here until a frame comes that was taken after them.  Then they are matched with the frame of Cs that
 is nearest in time, of which image and points are kept as long as the filter keeps its pose.

@@ -1,5 +1,5 @@
 //! Poses of the last second that are kept in the state, for views of Cf that were taken between two frames or come late
-//! (METHOD 20).
+//! (METHOD 21).
 
 use super::ekf::Filter;
 use super::pose_ring::MOST;
@@ -16,7 +16,7 @@ const REACH: f64 = 1.0 + 1.0 / AIM;
 /// Share of their spacing from which on another pose is kept: frames do not come to the microsecond.
 const SPACING: f64 = 0.75;
 
-/// What the time of a view of Cf says about its use (METHOD 20).
+/// What the time of a view of Cf says about its use (METHOD 21).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ViewTiming {
     /// Of the frame's own instant, within `worn.tolerance`.

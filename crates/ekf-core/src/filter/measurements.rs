@@ -24,7 +24,7 @@ pub struct WornPair {
     pub uv_f: Vector2<f64>,
 }
 
-/// When a view of Cf was taken that is not of the frame's own instant (METHOD 20).
+/// When a view of Cf was taken that is not of the frame's own instant (METHOD 21).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Capture {
     /// When it was taken, seconds.

@@ -1,4 +1,4 @@
-//! Views of Cf that were not taken at the frame's own instant (METHOD 20): the pose of Cs when one was taken, from the poses
+//! Views of Cf that were not taken at the frame's own instant (METHOD 21): the pose of Cs when one was taken, from the poses
 //! that are kept, as a linear function of the state.
 
 use super::ekf::Filter;

@@ -1,5 +1,5 @@
 //! The poses that are kept for late views of Cf, by their blocks, and when the views were taken that were measured (METHOD
-//! 20).
+//! 21).
 
 use crate::error::EkfError;
 use crate::state::{BlockKind, Layout};

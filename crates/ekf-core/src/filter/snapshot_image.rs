@@ -205,9 +205,8 @@ impl Filter {
         }
         let records = records_of(records, &state.layout, outside.as_ref())?;
         let candidates = candidates_of(candidates, next_candidate, &state.layout)?;
-        kept_poses.check(&state.layout, time)?;
         kept_poses.check(&state.layout, time, LAST_TIME)?;
-        let drift = of_frame(drift, "its drift is no 6x6 matrix")?;
+        kept_poses.check(&state.layout, time, LAST_TIME)?;
         let placed = of_frame(placed, "its map's place is no 6x6 matrix")?;
         if ![nis, dof].iter().all(|v| v.is_finite() && *v >= 0.0) {
             return Err(EkfError::bad_snapshot(

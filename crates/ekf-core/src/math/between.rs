@@ -1,4 +1,4 @@
-//! A pose between two others, and its derivatives (METHOD 20).
+//! A pose between two others, and its derivatives (METHOD 21).
 
 use super::pose::Pose;
 use super::quat;

@@ -1,4 +1,4 @@
-//! Poses that are kept, and views of Cf of another time than the frame's (METHOD 20).
+//! Poses that are kept, and views of Cf of another time than the frame's (METHOD 21).
 
 use super::PyFilter;
 use crate::arrays_in::{Argument, covariance6, pose};

@@ -23,7 +23,7 @@ use pyo3::prelude::*;
 ///     out.
 /// capture : (t, frame), optional
 ///     When the view was taken, and the time of the frame of Cs whose image ``uv`` are of (the present one,
-///     or one of `Filter.kept_times`), seconds; at the frame's own time if left out (METHOD 20).
+///     or one of `Filter.kept_times`), seconds; at the frame's own time if left out (METHOD 21).
 ///
 /// Raises
 /// ------

@@ -1,4 +1,4 @@
-"""A worn camera with a clock of its own: its views are of any time, and come late (METHOD section 20)."""
+"""A worn camera with a clock of its own: its views are of any time, and come late (METHOD section 21)."""
 
 from __future__ import annotations
 
