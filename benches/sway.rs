@@ -148,6 +148,7 @@ impl Sway {
             WornPair { id: None, uv, uv_f }
         });
         WornObservation {
+            capture: None,
             bias: None,
             pairs: pairs.collect(),
             covariance: Matrix6::identity() * 1e-4,

@@ -251,6 +251,7 @@ impl Life {
             }
         }
         WornObservation {
+            capture: None,
             bias: None,
             t_cf,
             covariance,

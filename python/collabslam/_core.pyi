@@ -366,6 +366,74 @@ class Filter:
         InputError
             For wrong shapes, NaN, a pose or a covariance that is none, or a filter without a worn camera.
         """
+    def keep_pose(self) -> bool:
+        """Keeps the camera's pose for views of Cf that come up to ``worn.late`` seconds late; True if it did.
+
+        To be called at the end of a frame. It does nothing before the start, and so soon after the last pose
+        that there is none to gain.
+        """
+    @property
+    def kept_times(self) -> _Array:
+        """Times of the frames whose poses are kept, (K,) float64, seconds, increasing."""
+    def kept_pose(self, t: float) -> _Array:
+        """T_WC of a frame whose pose is kept, or of the present one, as it is known now, (4, 4) float64.
+
+        Parameters
+        ----------
+        t : float
+            The frame's time, seconds.
+
+        Raises
+        ------
+        InputError
+            If no pose of that time is kept.
+        """
+    def view_timing(self, t: float) -> str:
+        """What can be done with a view of Cf that was taken at ``t`` (seconds), now that the filter is at its
+        frame's time.
+
+        Returns
+        -------
+        str
+            ``present`` (of the frame's instant, within ``worn.tolerance``), ``late`` (between poses that are
+            kept), ``reordered`` (late, and older than one that was measured); or why it is refused:
+            ``repeated`` (measured before), ``stale`` (older than what is kept), ``future`` (after the frame).
+        """
+    def carry_worn(
+        self, t_cf: ArrayLike, covariance: ArrayLike, t: float, frame: float
+    ) -> tuple[_Array, _Array]:
+        """T_CF of a view carried to a frame of another time: what matching the two images starts from.
+
+        Parameters
+        ----------
+        t_cf : (4, 4) float64
+            Measured pose of Cf relative to Cs when the view was taken: maps points of F into C, metres.
+        covariance : (6, 6) float64
+            Of it over (translation m, rotation rad), tangent on the right.
+        t, frame : float
+            When the view was taken; the frame's time, which is the present one or one of `kept_times`.
+            Seconds.
+
+        Returns
+        -------
+        t_cf : (4, 4) float64
+            Maps points of F, when the view was taken, into C at the frame's time.
+        covariance : (6, 6) float64
+            Of it, that of the motion of Cs between included.
+
+        Raises
+        ------
+        InputError
+            For a view that `view_timing` refuses, a frame whose pose is not kept, or an impossible pose.
+        """
+    def forget_time(self) -> None:
+        """Forgets the time before the start, which nothing depends on: a filter may start from an old frame.
+
+        Raises
+        ------
+        InputError
+            If the filter has started.
+        """
     def check_worn(self, t_cf: ArrayLike, covariance: ArrayLike, bias: ArrayLike | None = None) -> None:
         """Checks that a view of Cf with this pose can be measured.
 
@@ -834,7 +902,7 @@ class WornMeasurement:
     Parameters
     ----------
     t_cf : (4, 4) float64
-        Measured pose of Cf relative to Cs at the frame's time: maps points of F into C, metres.
+        Measured pose of Cf relative to Cs when the view was taken: maps points of F into C, metres.
     covariance : (6, 6) float64
         Of it over (translation m, rotation rad), tangent on the right.
     ids : (M,) int64
@@ -844,6 +912,9 @@ class WornMeasurement:
     bias : (6, 6) float64, optional
         The part of the covariance that lasts from frame to frame; ``worn.bias_share`` of it if left
         out.
+    capture : (t, frame), optional
+        When the view was taken, and the time of the frame of Cs whose image ``uv`` are of (the present one,
+        or one of `Filter.kept_times`), seconds; at the frame's own time if left out (METHOD 21).
 
     Raises
     ------
@@ -860,6 +931,7 @@ class WornMeasurement:
         uv_f: ArrayLike,
         *,
         bias: ArrayLike | None = None,
+        capture: tuple[float, float] | None = None,
     ) -> WornMeasurement: ...
     def __len__(self) -> int: ...
 

@@ -39,18 +39,22 @@ class WornView:
     ----------
     image : (H, W) uint8
     t_cf : (4, 4) float64
-        Measured pose of Cf relative to Cs at the same instant: maps points of F into C, metres.
+        Measured pose of Cf relative to Cs when the view was taken: maps points of F into C, metres.
     covariance : (6, 6) float64
         Of ``t_cf`` over (translation, rotation), tangent on the right, m^2 and rad^2.
     bias : (6, 6) float64 or None
         The part of ``covariance`` that lasts from frame to frame (METHOD section 6), with the time constant
         ``worn.bias_time``; None if that is not known: then it is the share ``worn.bias_share``.
+    t : float or None
+        When it was taken, seconds, by the clock of Cs's time stamps: between two frames, or up to
+        ``worn.late`` before the one that it comes with (METHOD section 21); None if at the frame's instant.
     """
 
     image: Image
     t_cf: Array
     covariance: Array
     bias: Array | None = None
+    t: float | None = None
 
 
 @dataclass(frozen=True)

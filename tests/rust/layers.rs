@@ -55,9 +55,20 @@ const FILTER: Table = &[
     ("snapshot", &[]),
     ("visibility", &[]),
     ("record", &[]),
+    ("pose_ring", &[]),
     ("sources", &["measurements"]),
-    ("undo", &["candidate", "handed", "record"]),
-    ("ekf", &["candidate", "handed", "record", "sources", "undo"]),
+    ("undo", &["candidate", "handed", "record", "pose_ring"]),
+    (
+        "ekf",
+        &[
+            "candidate",
+            "handed",
+            "record",
+            "pose_ring",
+            "sources",
+            "undo",
+        ],
+    ),
     ("births", &["candidate", "ekf"]),
     ("checkpoint", &["undo", "ekf"]),
     ("checks", &["measurements", "sources", "ekf"]),
@@ -65,6 +76,7 @@ const FILTER: Table = &[
         "conditional_prediction",
         &["measurements", "sources", "ekf"],
     ),
+    ("kept_poses", &["pose_ring", "ekf"]),
     ("known_map", &["record", "ekf"]),
     ("landmarks", &["ekf"]),
     ("map", &["candidate", "visibility", "record", "ekf"]),
@@ -78,7 +90,8 @@ const FILTER: Table = &[
     ("restart", &["measurements", "sources", "known_map", "ekf"]),
     ("validation", &["measurements", "ekf"]),
     ("working_set", &["measurements", "ekf"]),
-    ("worn_error", &["measurements", "ekf"]),
+    ("other_time", &["measurements", "ekf"]),
+    ("worn_error", &["measurements", "ekf", "other_time"]),
     (
         "snapshot_image",
         &[
@@ -86,13 +99,17 @@ const FILTER: Table = &[
             "handed",
             "snapshot",
             "record",
+            "pose_ring",
             "sources",
             "undo",
             "ekf",
             "prediction",
         ],
     ),
-    ("update", &["measurements", "sources", "ekf", "validation"]),
+    (
+        "update",
+        &["measurements", "sources", "ekf", "other_time", "validation"],
+    ),
 ];
 
 fn source(path: &str) -> PathBuf {

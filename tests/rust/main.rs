@@ -11,6 +11,7 @@ mod gauge;
 mod guards;
 mod handover;
 mod jacobians;
+mod late_views;
 mod layers;
 mod local;
 mod long_run;

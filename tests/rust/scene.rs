@@ -151,6 +151,7 @@ impl Scene {
                 }
             }
             z.worn = Some(WornObservation {
+                capture: None,
                 bias: None,
                 t_cf: measured,
                 covariance: self.worn_covariance,

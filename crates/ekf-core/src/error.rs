@@ -68,6 +68,33 @@ pub enum EkfError {
         /// The stamp before it, seconds.
         last: f64,
     },
+    /// A view of Cf that is older than the poses that are kept.
+    #[error(
+        "the worn view of {t} s is stale: poses are kept from {oldest} s on; send views sooner, or raise worn.late"
+    )]
+    StaleView {
+        /// When it was taken, seconds.
+        t: f64,
+        /// Time of the oldest pose, seconds.
+        oldest: f64,
+    },
+    /// A view of Cf that was taken after the present frame.
+    #[error(
+        "the worn view of {t} s lies in the future of the frame at {now} s; give it with a later frame, and check that \
+         both cameras use one clock"
+    )]
+    FutureView {
+        /// When it was taken, seconds.
+        t: f64,
+        /// Time of the frame, seconds.
+        now: f64,
+    },
+    /// A view of Cf that was measured before.
+    #[error("the worn view of {t} s was measured before; give each view once")]
+    RepeatedView {
+        /// When it was taken, seconds.
+        t: f64,
+    },
     /// An id that is not in the map.
     #[error("there is no feature or candidate with id {id}")]
     UnknownFeature {

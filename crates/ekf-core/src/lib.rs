@@ -39,7 +39,8 @@ pub mod validate;
 pub use camera::{Camera, Distortion};
 pub use error::EkfError;
 pub use filter::{
-    Bearing, CandidateOutcome, ConditionalPrediction, DepthObservation, Filter, KnownMap, Landmark,
-    Measurements, Outcome, PredictedFeature, ToldByFound, UpdateReport, WornObservation, WornPair,
+    Bearing, CandidateOutcome, Capture, ConditionalPrediction, DepthObservation, Filter, KnownMap,
+    Landmark, Measurements, Outcome, PredictedFeature, ToldByFound, UpdateReport, ViewTiming,
+    WornObservation, WornPair,
 };
 pub use settings::Settings;

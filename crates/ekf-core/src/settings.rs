@@ -193,6 +193,24 @@ settings! {
         /// Time constant of that bias.
         bias_time: f64 = 10.0, "s", Some(0.01), Some(1e6),
             User("Set it to how long an error of T_CF lasts, as its source states.");
+        /// How late a view of Cf may come and still be used: for so long the poses of Cs are kept once views come that are
+        /// not of a frame's own instant (METHOD 21).
+        late: f64 = 1.0, "s", Some(0.05), Some(10.0),
+            User("Raise it for a slow link between the cameras; poses are then kept farther apart and cost the same.");
+        /// A view taken this close to a frame counts as one of its instant; the motion of Cs meanwhile is added to the noise
+        /// of T_CF.
+        tolerance: f64 = 0.001, "s", Some(0.0), Some(0.1),
+            User("Raise it to the jitter of the stamps where a trigger makes both cameras take their images together.");
+        /// Standard deviation of a view's time stamp against the clock of Cs, for views that state their time.
+        clock_sd: f64 = 0.0, "s", Some(0.0), Some(1.0),
+            User("Set it to how well the two clocks agree: 0.001 with PTP, 0.005 with NTP over a good link.");
+        /// Standard deviation of each component of Cs's velocity while it is not known, which is before the start: what a view
+        /// beside a frame is then worth goes down with the time between them.
+        gap_speed: f64 = 1.0, "m/s", Some(0.0), Some(100.0),
+            User("Lower it where Cs stands still or moves slowly until the first overlap.");
+        /// The same of its angular velocity.
+        gap_turn: f64 = 0.5, "rad/s", Some(0.0), Some(100.0),
+            User("Lower it where Cs does not turn until the first overlap.");
         /// Least number of births that starts the filter from a first overlap.
         start_births: usize = 8, "", Some(1.0), Some(1000.0),
             User("Lower it where the two cameras share too little texture for a run to start.");

@@ -37,6 +37,9 @@ pub(crate) fn to_python(error: EkfError) -> PyErr {
         | EkfError::InvalidInput { .. }
         | EkfError::BadTime { .. }
         | EkfError::LongGap { .. }
+        | EkfError::StaleView { .. }
+        | EkfError::FutureView { .. }
+        | EkfError::RepeatedView { .. }
         | EkfError::UnknownFeature { .. } => "InputError",
     };
     named(name, error.to_string())

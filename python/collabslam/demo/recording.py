@@ -16,7 +16,7 @@ from collabslam.demo.renderer import Renderer
 from collabslam.demo.walk import CorridorWalk
 from collabslam.demo.world import corridor
 from collabslam.errors import InputError
-from collabslam.geometry import se3_exp
+from collabslam.geometry import pose_inverse, se3_exp
 from collabslam.types import Array, Frame, Image, WornView
 
 ROBOT_CAMERA = (720, 480, (620.0, 620.0, 359.5, 239.5), (-0.06, 0.02, 0.0005, -0.0004))
@@ -65,6 +65,15 @@ class DemoRecording(RenderedRecording):
     def person(self, t: float) -> Array:
         """True T_WF (4, 4) at the stamp `t`, seconds."""
         return self._walk.person(t)
+
+    def worn_at(self, t: float, number: int) -> WornView | None:
+        """What Cf sees at any time, as its view of that number: for a Cf that runs on a clock of its own."""
+        if not self._walk.looks_ahead(t):
+            return None
+        generator = np.random.Generator(np.random.PCG64((self._seed, 1, number)))
+        person = self._walk.person(t)
+        t_cf, covariance = measured_pose(pose_inverse(self._walk.robot(t)) @ person, generator)
+        return WornView(self._expose(person, 1, generator.spawn(2)[1]), t_cf, covariance, t=t)
 
     def _noise(self, i: int) -> np.random.Generator:
         return np.random.Generator(np.random.PCG64((self._seed, i)))

@@ -158,6 +158,26 @@ class Slam(EngineParts):
         """
         self._depth.add(uv, depth, sigma)
 
+    def add_worn(self, worn: WornView) -> None:
+        """Hands in a view of Cf between frames, from any thread, also while another one is at work in `step`.
+
+        It waits for the first frame at or after its time ``t`` and may then be as old as ``worn.late``: it is
+        used exactly (METHOD section 21).  Each frame uses the newest of those that wait; what was not used is
+        counted by reason in `worn_dropped`.  At most 32 views wait.
+
+        Raises
+        ------
+        InputError
+            If it has no time, does not fit its calibration, or its T_CF is impossible.
+        """
+        self._late.add(worn)
+
+    @property
+    def worn_dropped(self) -> dict[str, int]:
+        """How many views of Cf were not used, by reason: ``stale``, ``future``, ``repeated``, ``superseded``
+        (by a newer one for the same frame), ``crowded`` (too many waited)."""
+        return dict(self._late.dropped)
+
     @all_or_nothing
     def step(self, t: float, image: Image, worn: WornView | None = None) -> StepResult:
         """Takes one frame (METHOD section 7).
@@ -172,7 +192,7 @@ class Slam(EngineParts):
         image : (H, W) uint8
             Grey image of Cs; `collabslam.to_grey` makes one of any other.
         worn : WornView, optional
-            The worn camera's view at the same instant.
+            The worn camera's view at the same instant or, with its time, of before; see also `add_worn`.
 
         Raises
         ------
@@ -184,10 +204,16 @@ class Slam(EngineParts):
         Whatever is raised, KeyboardInterrupt included, the engine is what it was before the call.
         """
         t, image = _stamp(t), check_grey(image, self._camera, "image")
-        worn = self._worn.checked(worn)
+        blank = self._blank.judge(image)
+        for frame in self._late.frames(t, image, self._worn.checked(worn)):
+            result = self._frame(*frame, blank if frame[0] == t else "")
+        return result
+
+    def _frame(self, t: float, image: Image, worn: WornView | None, blank: str) -> StepResult:
+        """One frame, its image judged by `BlankImageDetector` and its view of Cf due."""
         times = StageTimes()
         self.filter.predict(t)
-        if blank := self._blank.judge(image):
+        if blank:
             return self._coast(t, blank, times)
         view = self._view(t, image, worn)
         expected = self._expected(view)
@@ -196,7 +222,7 @@ class Slam(EngineParts):
         found = self._printed.place(view, expected, found)
         times.done("search")
         missing = 0 if view.lost else self._map.missing(found)
-        overlap = Overlap() if view.lost else self._worn.match(view, found, missing)
+        overlap = Overlap() if view.lost else self._worn.match(*self._late.beside(view, found), missing)
         times.done("cf")
         depths = self._depth.take(view, found, overlap.ids, missing)
         report = self._update(found, overlap, depths)
@@ -217,6 +243,7 @@ class Slam(EngineParts):
         status = self._judge(t, inliers, accepted=report.accepted or recovered is not None)
         if status is Status.OK and not relocalised:
             self._relocaliser.remember(view, self.filter.pose, seen)
+        self._late.keep(view, found, seen, change)
         counts = {
             **search_counts(len(expected), found, report),
             **overlap.counts(report),
@@ -240,9 +267,11 @@ class Slam(EngineParts):
 
     def _view(self, t: float, image: Image, worn: WornView | None) -> View:
         """The frame as the parts see it: what is hidden, where corners are, how the camera stood before."""
+        started, lost = self.filter.started, self._monitor.lost
+        worn, captured = self._late.place(t, worn, lost=lost)
         hidden = self._worn.hidden(worn)
         corners = Corners(image, self._options.detect, SIZE, hidden=hidden)
-        return View(t, image, worn, hidden, corners, self.filter.started, self._monitor.lost)
+        return View(t, image, worn, hidden, corners, started, lost, captured)
 
     def _expected(self, view: View) -> Prediction:
         """Features to search, with their predicted pixels (METHOD 7.2)."""

@@ -50,6 +50,8 @@ class MapChange:
         longer and gets a weak prior.
     candidates : ImagePoints
         Candidates that begin.
+    earlier : dict
+        First patch of each feature that was born with depth of a frame before this one.
     deleted : (D,) int64
         Features that the filter has deleted.
     """
@@ -60,6 +62,7 @@ class MapChange:
     delayed: Mapping[int, int] = field(default_factory=dict)
     promoted: Mapping[int, int] = field(default_factory=dict)
     candidates: ImagePoints = field(default_factory=ImagePoints)
+    earlier: Mapping[int, Patch] = field(default_factory=dict)
     deleted: Ids = field(default_factory=lambda: np.empty(0, np.int64))
 
     @property
@@ -76,7 +79,7 @@ class MapChange:
     def counts(self) -> dict[str, int]:
         """Diagnostics: births by kind, and deletions."""
         return {
-            "births_instant": len(self.instant),
+            "births_instant": len(self.instant) + len(self.earlier),
             "births_depth": len(self.measured),
             "births_delayed": len(self.delayed),
             "births_undelayed": len(self.undelayed) + len(self.promoted),

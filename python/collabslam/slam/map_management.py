@@ -58,13 +58,14 @@ class MapManager:
         self, view: View, found: Found, overlap: Overlap, depths: Depths, report: UpdateReport
     ) -> MapChange:
         """After an update that was accepted: births with depth first, then others as the view lacks them."""
-        instant, used = overlap.births(report)
+        instant, used = overlap.births(report, view.t)
+        earlier = overlap.earlier_births(report, self._filter, view.t)
         measured = depths.births(report)
         self._filter.drop_candidates(np.concatenate([found.lost, used]))
         delayed = self._observe(found, used)
         deleted = self._filter.manage_map()
         instant = instant.with_more(self._printed.births() if self._filter.started else ImagePoints())
-        matched = report.bearings.accepted.sum() + len(instant) + len(measured) + len(delayed)
+        matched = report.bearings.accepted.sum() + len(instant) + len(earlier) + len(measured) + len(delayed)
         promoted = self._promote_oldest(found, self._vague_below - int(matched))
         waiting = np.isin(found.candidates, self._filter.candidates)
         kept = ~np.isin(found.ids, deleted)
@@ -73,11 +74,11 @@ class MapManager:
         undelayed, candidates = self._begin_others(view, np.concatenate(taken))
         if self._target is not None and not self._filter.started:
             instant = self._target.start(view.image, self.in_view)
-        return MapChange(instant, measured, undelayed, delayed, promoted, candidates, deleted)
+        return MapChange(instant, measured, undelayed, delayed, promoted, candidates, earlier, deleted)
 
     def begin(self, view: View, overlap: Overlap, report: UpdateReport) -> MapChange:
         """After a restart: the features that the new map begins with, and candidates beside them."""
-        instant, _ = overlap.births(report)
+        instant, _ = overlap.births(report, view.t)
         undelayed, candidates = self._begin_others(view, instant.uv)
         return MapChange(instant, undelayed=undelayed, candidates=candidates)
 

@@ -31,6 +31,7 @@ from collabslam.settings.table import Settings
 from collabslam.slam.blank_image import BlankImageDetector
 from collabslam.slam.depth_input import DepthInput
 from collabslam.slam.guard import Guard, alone
+from collabslam.slam.late_views import KeptFrame, LateViews
 from collabslam.slam.map_management import MapManager
 from collabslam.slam.printed_targets import PrintedTargets
 from collabslam.slam.recovery import Recovery
@@ -41,11 +42,11 @@ from collabslam.slam.status import StatusMonitor
 from collabslam.slam.target_start import TargetStart
 from collabslam.slam.tracks import Tracks
 from collabslam.slam.worn_frame import WornMatcher
-from collabslam.types import Board, Tag, Target
+from collabslam.types import Board, Tag, Target, WornView
 
 KIND, VERSION = "engine state", 5
 """Of the file that `EngineParts.save` writes; the version counts the changes of what is in it."""
-CLASSES = (MapAside, Patch, Target)
+CLASSES = (KeptFrame, MapAside, Patch, Target, WornView)
 """Dataclasses that are in it."""
 
 Engine = TypeVar("Engine", bound="EngineParts")
@@ -96,6 +97,7 @@ class EngineParts:
         self._blank = BlankImageDetector(self._options.blank_image)
         self._tracks = Tracks(camera, self._options)
         self._worn = WornMatcher(core, camera, worn_camera, settings, self._options)
+        self._late = LateViews(core, camera, self._worn, self._tracks, settings, self._options)
         self._depth = DepthInput()
         self._relocaliser = Relocaliser(core, camera, self._tracks, self._options)
         self._printed = PrintedTargets(core, camera)

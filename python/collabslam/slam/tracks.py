@@ -246,6 +246,7 @@ class Tracks(PersistentState):
                 features, candidates, candidate_last = dict(recovered.other_map), {}, {}
         for i, patch in self._captured(view, pose, change.born):
             features[i], last[i] = patch, patch.uv_ref
+        features.update(change.earlier)
         for i, patch in self._captured(view, pose, change.candidates):
             candidates[i], candidate_last[i] = patch, patch.uv_ref
         # What was a candidate keeps the patch of its first view.
@@ -266,6 +267,10 @@ class Tracks(PersistentState):
     def adopt_map(self, ids: Ids, patches: Sequence[Patch]) -> None:
         """Takes over the landmarks of a map, none of which was seen yet, with their patches."""
         self._features = {**self._features, **dict(zip(ids.tolist(), patches, strict=True))}
+
+    def has(self, feature: int) -> bool:
+        """Whether there is such a feature."""
+        return feature in self._features
 
     def patch(self, feature: int) -> Patch:
         """The patch of a feature."""

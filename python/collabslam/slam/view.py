@@ -19,7 +19,7 @@ class View:
     image : (H, W) uint8
         Grey image of Cs.
     worn : WornView or None
-        The worn camera's view at the same instant.
+        The worn camera's view; if it was taken at another time, with T_CF between that and this frame.
     hidden : callable or None
         Which pixels of Cs show whoever wears Cf; None where that is nobody.
     corners : Corners
@@ -28,6 +28,8 @@ class View:
         Whether there was a map before this frame.
     lost : bool
         Whether the camera was lost before this frame.
+    captured : WornView or None
+        The worn camera's view as it was taken, if that was at another time.
     """
 
     t: float
@@ -37,3 +39,4 @@ class View:
     corners: Corners
     started: bool
     lost: bool
+    captured: WornView | None = None

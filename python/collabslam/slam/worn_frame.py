@@ -10,6 +10,7 @@ import numpy as np
 from collabslam._core import Camera, Filter, UpdateReport, WornMeasurement
 from collabslam.errors import InputError
 from collabslam.frontend.detect import Hidden
+from collabslam.frontend.patch import Patch, capture
 from collabslam.frontend.two_views import TwoViews, ViewedPoints
 from collabslam.frontend.wearer_mask import covered
 from collabslam.frontend.worn_match import WornMatches, match_worn
@@ -18,6 +19,7 @@ from collabslam.images import check_grey
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.settings.table import Settings
 from collabslam.slam.map_change import ImagePoints
+from collabslam.slam.state import SECONDS
 from collabslam.slam.tracks import Found
 from collabslam.slam.view import View
 from collabslam.types import Array, Ids, WornView
@@ -46,6 +48,8 @@ class Overlap:
         The view contradicts T_CF or the map: it is not used.
     baseline : float
         |t_CF|, metres; NaN without overlap.
+    view : View or None
+        The frame that the matches are of, where the view of Cf was taken at another time than the frame's.
     """
 
     ids: Ids = field(default_factory=lambda: np.empty(0, np.int64))
@@ -59,21 +63,36 @@ class Overlap:
     sigmas: float = float("nan")
     refused: bool = False
     baseline: float = float("nan")
+    view: View | None = None
 
     @property
     def observation(self) -> WornMeasurement | None:
         """The argument ``worn`` of :meth:`Filter.update`."""
         if self.worn is None:
             return None
-        worn = self.worn
-        return WornMeasurement(worn.t_cf, worn.covariance, self.ids, self.uv, self.uv_f, bias=worn.bias)
+        worn, capture = self.worn, None
+        if worn.t is not None and self.view is not None:
+            capture = (worn.t, self.view.t)
+        return WornMeasurement(
+            worn.t_cf, worn.covariance, self.ids, self.uv, self.uv_f, bias=worn.bias, capture=capture
+        )
 
-    def births(self, report: UpdateReport) -> tuple[ImagePoints, Ids]:
-        """Features born from pairs, and the candidates (C,) that are used up by that."""
+    def births(self, report: UpdateReport, t: float) -> tuple[ImagePoints, Ids]:
+        """Features born from pairs of the frame at ``t``, and the candidates (C,) that births use up."""
         if self.worn is None:
             return ImagePoints(), np.empty(0, np.int64)
         used = self.candidates[report.pairs.born >= 0]
-        return ImagePoints.born(report.pairs.born, self.uv), used[used >= 0]
+        earlier = self.view is not None and self.view.t != t
+        born = ImagePoints() if earlier else ImagePoints.born(report.pairs.born, self.uv)
+        return born, used[used >= 0]
+
+    def earlier_births(self, report: UpdateReport, core: Filter, t: float) -> dict[int, Patch]:
+        """Features born from pairs of a frame before the one at ``t``, with their patches from there."""
+        if self.view is None or self.view.t == t:
+            return {}
+        born = ImagePoints.born(report.pairs.born, self.uv)
+        patches = capture(self.view.image, born.uv, core.kept_pose(self.view.t))
+        return dict(zip(born.ids.tolist(), patches, strict=True))
 
     def counts(self, report: UpdateReport) -> dict[str, Any]:
         """Diagnostics of the worn camera."""
@@ -141,10 +160,17 @@ class WornMatcher:
         self._only_start = mode.startswith("mono")
         self._only_births = mode == "collab-init"
 
+    @property
+    def is_there(self) -> bool:
+        """Whether there may be views of Cf."""
+        return self._worn_camera is not None
+
     def checked(self, worn: WornView | None) -> WornView | None:
-        """The worn view; raises InputError if it does not fit its calibration."""
-        if worn is None:
-            return None
+        """As `require`, where there is a view."""
+        return None if worn is None else self.require(worn)
+
+    def require(self, worn: WornView) -> WornView:
+        """The worn view; raises InputError if it does not fit its calibration, or can be of no time."""
         camera = self._worn_camera
         if camera is None:
             raise InputError("there is a worn view but no worn_camera; give the calibration of Cf.")
@@ -156,6 +182,8 @@ class WornMatcher:
             raise InputError(
                 "the covariance of T_CF is singular; give every direction a standard deviation."
             ) from error
+        if worn.t is not None and not abs(worn.t) <= SECONDS:
+            raise InputError(f"the worn view's time is {worn.t}; give seconds, by the clock of Cs's stamps.")
         return replace(worn, image=image)
 
     def hidden(self, worn: WornView | None) -> Hidden | None:
@@ -215,12 +243,13 @@ class WornMatcher:
             candidates=candidates[rows].astype(np.int64),
             uv=uv[rows],
             uv_f=matches.uv_f[chosen],
-            worn=worn,
+            worn=view.captured or worn,
             matches=matches,
             points=len(uv),
             correction=correction,
             sigmas=sigmas,
             baseline=overlap.baseline,
+            view=None if view.captured is None else view,
         )
 
     def _contradicts(self, known: int, tried: int, matches: WornMatches) -> bool:

@@ -8,11 +8,9 @@ use crate::error::EkfError;
 use crate::guard::{check_once, check_pixels};
 use crate::math::pose::Pose;
 use crate::math::quat;
-use crate::observe::POSE_DIM;
 use crate::observe::point::CameraPose;
 use crate::settings::FirstPose;
-use crate::state::{BlockKind, LinearPart};
-use nalgebra::{SMatrix, SVector, Vector2};
+use nalgebra::Vector2;
 
 /// Inverse depth of a candidate that waits for parallax no longer where the map tells none, 1/m: what has shown none is far.
 const VAGUE_RHO: f64 = 0.1;
@@ -35,21 +33,7 @@ impl Filter {
         self.changes();
         let pose = self.state.camera_pose();
         let first = match self.settings.birth.first_pose {
-            FirstPose::Clone => {
-                let identity = SMatrix::<f64, 7, 7>::identity();
-                let mean: SVector<f64, 7> = self.state.part::<7>(0);
-                let part = LinearPart {
-                    offset: 0,
-                    width: POSE_DIM,
-                    matrix: identity.as_slice(),
-                };
-                let noise = SMatrix::zeros();
-                FirstView::Clone(
-                    self.state
-                        .append::<7>(BlockKind::Clone, &mean, &[part], &noise)
-                        .id,
-                )
-            }
+            FirstPose::Clone => FirstView::Clone(self.clone_pose()),
             FirstPose::Independent => {
                 FirstView::Remembered(pose, Box::new(self.state.p.block::<7, 7>(0, 0)))
             }

@@ -21,6 +21,7 @@ impl Filter {
             records,
             candidates,
             next_candidate,
+            kept_poses,
             batch,
             placed,
             handover,
@@ -51,6 +52,7 @@ impl Filter {
             records: records.clone(),
             candidates: candidates.clone(),
             next_candidate: *next_candidate,
+            kept_poses: kept_poses.clone(),
             placed: *placed,
             handover: *handover,
             misfit: *misfit,
@@ -79,6 +81,7 @@ impl Filter {
             records,
             candidates,
             next_candidate,
+            kept_poses,
             placed,
             handover,
             misfit,
@@ -93,6 +96,7 @@ impl Filter {
         self.candidates.clone_from(candidates);
         self.next_candidate = *next_candidate;
         self.handover = *handover;
+        self.kept_poses.clone_from(kept_poses);
         self.placed = *placed;
         self.misfit = *misfit;
         self.batch.remember_move(*moved_by);

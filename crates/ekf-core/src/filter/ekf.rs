@@ -2,6 +2,7 @@
 
 use super::candidate::Candidate;
 use super::handed::Handover;
+use super::pose_ring::KeptPoses;
 use super::record::FeatureRecord;
 use super::sources::Scratch;
 use super::undo::Undo;
@@ -32,6 +33,8 @@ pub struct Filter {
     pub(super) records: BTreeMap<u64, FeatureRecord>,
     pub(super) candidates: BTreeMap<u64, Candidate>,
     pub(super) next_candidate: u64,
+    /// Poses of the last second, for views of Cf that come late.
+    pub(super) kept_poses: KeptPoses,
     pub(super) batch: Workspace,
     pub(super) test: validate::Workspace,
     pub(super) placed: Placed,
@@ -76,6 +79,7 @@ impl Filter {
             records: BTreeMap::new(),
             candidates: BTreeMap::new(),
             next_candidate: 0,
+            kept_poses: KeptPoses::default(),
             batch: Workspace::default(),
             test: validate::Workspace::default(),
             placed: Placed::default(),

@@ -118,6 +118,7 @@ impl Filter {
             })
             .collect();
         needed.dedup();
+        needed.extend(self.kept_poses.ids());
         self.changes();
         if let Some(outside) = &mut self.outside {
             outside.remove(&mut self.state, |id| gone.contains(&id));

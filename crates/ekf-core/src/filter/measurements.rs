@@ -24,15 +24,27 @@ pub struct WornPair {
     pub uv_f: Vector2<f64>,
 }
 
+/// When a view of Cf was taken that is not of the frame's own instant (METHOD 21).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Capture {
+    /// When it was taken, seconds.
+    pub t: f64,
+    /// Time of the frame of Cs that it was matched with: the pixels in Cs are of its image. The present one, or one whose
+    /// pose is kept.
+    pub frame: f64,
+}
+
 /// What the worn camera contributes to a frame.
 #[derive(Clone, Debug)]
 pub struct WornObservation {
-    /// Measured T_CF: maps points of F into C.
+    /// Measured T_CF, at the time that it was taken: maps points of F into C.
     pub t_cf: Pose,
     /// 6x6 covariance of its error, (translation, rotation), right tangent.
     pub covariance: Matrix6<f64>,
     /// The part of that covariance that lasts from frame to frame; `worn.bias_share` of it if `None`.
     pub bias: Option<Matrix6<f64>>,
+    /// When it was taken; at the frame's own time if `None`.
+    pub capture: Option<Capture>,
     /// Matches between both images.
     pub pairs: Vec<WornPair>,
 }

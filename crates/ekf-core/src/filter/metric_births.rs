@@ -1,12 +1,13 @@
 //! Births that the worn camera or another source of depth makes possible (METHOD 5, 6, 10).
 
 use super::ekf::Filter;
-use super::measurements::{DepthObservation, Measurements, Outcome, UpdateReport};
-use crate::birth::new_feature::NewFeature;
+use super::measurements::{DepthObservation, Measurements, Outcome, UpdateReport, WornObservation};
+use crate::birth::new_feature::{FirstPoseCovariance, NewFeature};
 use crate::error::EkfError;
 use crate::guard;
 use crate::guard::{check_pose, is_covariance};
 use crate::math::pose::Pose;
+use crate::observe::point::CameraPose;
 use crate::state::{Block, BlockKind};
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 
@@ -23,24 +24,59 @@ impl Filter {
         let Some(worn) = &z.worn else {
             return Vec::new();
         };
+        // The frame that the pairs are of, whose pose is a clone if it is an earlier one.
+        let frame = worn
+            .capture
+            .and_then(|c| self.offset_of_frame(c.frame).ok());
+        let frame = frame.unwrap_or(0);
+        let pose = self.state.pose_at(frame);
+        let beside = WornObservation {
+            t_cf: self.seen_from(&pose, &worn.t_cf),
+            pairs: Vec::new(),
+            ..worn.clone()
+        };
+        if frame > 0 {
+            // Only features of one view share an anchor.
+            self.state.camera_moved();
+        }
         let sigma = self.settings.pixel.sigma_cs;
-        let pose = self.state.camera_pose();
         let mut newborn = Vec::new();
         for (i, pair) in worn.pairs.iter().enumerate() {
             if pair.id.is_some() {
                 continue;
             }
-            let new = self.intersect(worn, &pair.uv, &pair.uv_f).and_then(|view| {
-                let sd = TIGHT_RHO_RATIO * view.rho;
-                NewFeature::with_prior_depth(&self.camera, &pose, &pair.uv, sigma, view.rho, sd)
-            });
+            let new = self
+                .intersect(&beside, &pair.uv, &pair.uv_f)
+                .and_then(|view| {
+                    let sd = TIGHT_RHO_RATIO * view.rho;
+                    let camera = &self.camera;
+                    let mut new =
+                        NewFeature::with_prior_depth(camera, &pose, &pair.uv, sigma, view.rho, sd)?;
+                    if frame > 0 {
+                        new.seen_from_first_pose(FirstPoseCovariance::InState(frame));
+                    }
+                    Some(new)
+                });
             report.pairs[i] = Outcome::NotVisible;
             if let Some(Block { id, .. }) = new.and_then(|new| self.append_feature(&new)) {
                 newborn.push((i, id));
                 report.pairs[i] = Outcome::Born(id);
             }
         }
+        if frame > 0 {
+            self.state.camera_moved();
+        }
         newborn
+    }
+
+    /// A pose relative to the camera's present one, as it is relative to another pose of the state.
+    fn seen_from(&self, other: &CameraPose, relative: &Pose) -> Pose {
+        let now = self.state.camera_pose();
+        if *other == now {
+            return relative.clone();
+        }
+        let [other, now] = [other, &now].map(|pose| Pose::from_quat(pose.r, &pose.q));
+        other.inverse().compose(&now.compose(relative))
     }
 
     pub(super) fn judge_tight_births(

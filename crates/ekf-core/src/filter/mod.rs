@@ -15,12 +15,15 @@ mod conditional_prediction;
 mod ekf;
 mod handed;
 mod handover;
+mod kept_poses;
 mod known_map;
 mod landmarks;
 mod map;
 mod measurement;
 mod measurements;
 mod metric_births;
+mod other_time;
+mod pose_ring;
 mod predicted_features;
 mod prediction;
 mod record;
@@ -40,9 +43,11 @@ mod worn_error;
 pub use candidate::CandidateOutcome;
 pub use conditional_prediction::{ConditionalPrediction, ToldByFound};
 pub use ekf::Filter;
+pub use kept_poses::ViewTiming;
 pub use known_map::KnownMap;
 pub use landmarks::Landmark;
 pub use measurements::{
-    Bearing, DepthObservation, Measurements, Outcome, UpdateReport, WornObservation, WornPair,
+    Bearing, Capture, DepthObservation, Measurements, Outcome, UpdateReport, WornObservation,
+    WornPair,
 };
 pub use predicted_features::PredictedFeature;

@@ -63,6 +63,21 @@ impl Filter {
         Ok(())
     }
 
+    /// Forgets the time before the start, when nothing depends on it yet: a filter may start from a frame of before.
+    ///
+    /// # Errors
+    /// `InvalidInput` after the start.
+    pub fn forget_time(&mut self) -> Result<(), EkfError> {
+        if self.started {
+            return Err(EkfError::InvalidInput {
+                what: "time",
+                why: "the filter has started and cannot go back; restore a snapshot instead".into(),
+            });
+        }
+        self.time = None;
+        Ok(())
+    }
+
     fn predict_by(&mut self, dt: f64) {
         self.changes();
         let process = &self.settings.process;

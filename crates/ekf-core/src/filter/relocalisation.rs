@@ -70,6 +70,8 @@ impl Filter {
         report: &mut UpdateReport,
     ) -> Result<bool, EkfError> {
         self.make_whole();
+        // They are where the lost camera was believed to be.
+        self.forget_poses();
         let pose = CameraPose {
             r: pose.translation,
             q: quat::from_rotation(&pose.rotation),

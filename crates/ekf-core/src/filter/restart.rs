@@ -61,6 +61,7 @@ impl Filter {
         self.gauge = Gauge::default();
         self.records.clear();
         self.candidates.clear();
+        self.kept_poses = Default::default();
         self.started = false;
     }
 

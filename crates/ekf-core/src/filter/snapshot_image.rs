@@ -4,6 +4,7 @@
 use super::candidate::{Candidate, CandidateImage};
 use super::ekf::Filter;
 use super::handed::{Handed, Handover};
+use super::pose_ring::KeptPoses;
 use super::prediction::LAST_TIME;
 use super::record::FeatureRecord;
 use super::snapshot::{open, seal};
@@ -61,6 +62,7 @@ struct FilterImage {
     records: Vec<(u64, FeatureRecord)>,
     candidates: Vec<(u64, CandidateImage)>,
     next_candidate: u64,
+    kept_poses: KeptPoses,
     /// Covariance of the map's place in W.
     placed: Vec<f64>,
     /// Where the map was last handed on: the next id, and the pose `[r q]`; up to which id landmarks are a known map's.
@@ -119,6 +121,7 @@ impl Filter {
             records,
             candidates,
             next_candidate,
+            kept_poses,
             batch,
             placed,
             handover,
@@ -143,6 +146,7 @@ impl Filter {
             records: records.iter().map(|(&id, r)| (id, r.clone())).collect(),
             candidates: candidates.iter().map(|(&id, c)| (id, c.image())).collect(),
             next_candidate: *next_candidate,
+            kept_poses: kept_poses.clone(),
             placed: placed.0.as_slice().to_vec(),
             handed: handover.last.as_ref().map(handed_image),
             known: handover.known,
@@ -164,6 +168,7 @@ impl Filter {
             records,
             candidates,
             next_candidate,
+            kept_poses,
             placed,
             handed,
             known,
@@ -200,6 +205,8 @@ impl Filter {
         }
         let records = records_of(records, &state.layout, outside.as_ref())?;
         let candidates = candidates_of(candidates, next_candidate, &state.layout)?;
+        kept_poses.check(&state.layout, time, LAST_TIME)?;
+        kept_poses.check(&state.layout, time, LAST_TIME)?;
         let placed = of_frame(placed, "its map's place is no 6x6 matrix")?;
         if ![nis, dof].iter().all(|v| v.is_finite() && *v >= 0.0) {
             return Err(EkfError::bad_snapshot(
@@ -219,6 +226,7 @@ impl Filter {
             records,
             candidates,
             next_candidate,
+            kept_poses,
             batch,
             test: validate::Workspace::default(),
             placed: Placed(placed),

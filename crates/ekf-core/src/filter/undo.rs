@@ -2,6 +2,7 @@
 
 use super::candidate::Candidate;
 use super::handed::Handover;
+use super::pose_ring::KeptPoses;
 use super::record::FeatureRecord;
 use crate::local::{OutsideMark, OutsideSet};
 use crate::misfit::Misfit;
@@ -48,6 +49,7 @@ pub(super) struct Kept {
     pub(super) records: BTreeMap<u64, FeatureRecord>,
     pub(super) candidates: BTreeMap<u64, Candidate>,
     pub(super) next_candidate: u64,
+    pub(super) kept_poses: KeptPoses,
     pub(super) placed: Placed,
     pub(super) handover: Handover,
     pub(super) misfit: Misfit,

@@ -3,6 +3,7 @@
 
 use super::ekf::Filter;
 use super::measurements::{Measurements, Outcome, UpdateReport, refill};
+use super::other_time::Carried;
 use super::sources::{Scratch, WornForm};
 use super::validation::Test;
 use crate::batch::Workspace;
@@ -45,15 +46,34 @@ impl Filter {
         scratch: &mut Scratch,
     ) -> Result<(), EkfError> {
         self.check_measurements(z, scratch)?;
+        let brought = z.worn.as_ref().map(|worn| self.brought_here(worn));
+        let Some((worn, carried)) = brought.transpose()?.flatten() else {
+            return self.update_at_present(z, None, report, scratch);
+        };
+        let z = Measurements {
+            worn: Some(worn),
+            ..z.clone()
+        };
+        self.update_at_present(&z, Some(&carried), report, scratch)
+    }
+
+    /// The update with measurements that have been checked; `carried` is how T_CF came here from another time.
+    fn update_at_present(
+        &mut self,
+        z: &Measurements,
+        carried: Option<&Carried>,
+        report: &mut UpdateReport,
+        scratch: &mut Scratch,
+    ) -> Result<(), EkfError> {
         self.changes();
         self.fetch(z, &mut scratch.ids);
         let mark = self.state.mark();
         let form = self.worn_form(z);
         let worn = z.worn.as_ref().filter(|_| form != WornForm::Unused);
         if let Some(worn) = worn
-            && self.settings.worn.errors == WornErrors::Shared
+            && (self.settings.worn.errors == WornErrors::Shared || carried.is_some())
         {
-            self.open_worn_error(worn);
+            self.open_worn_error(worn, carried);
         }
         report.start(z);
         let newborn = match form {
@@ -75,17 +95,23 @@ impl Filter {
         self.depth_births(z, report);
         report.worn_error = self.state.worn_error();
         self.state.remove(|b| b.kind == BlockKind::WornError);
+        if let Some(capture) = z.worn.as_ref().and_then(|worn| worn.capture) {
+            self.kept_poses.remember(capture.t);
+        }
         self.finish(z, report);
         self.choose_working_set(&z.searched);
         Ok(())
     }
 
     fn worn_form(&self, z: &Measurements) -> WornForm {
-        if z.worn.is_none() {
+        let Some(worn) = &z.worn else {
             return WornForm::Unused;
-        }
+        };
         let shared = self.settings.worn.errors == WornErrors::Shared;
+        let earlier = worn.capture.is_some_and(|c| self.time != Some(c.frame));
         match self.settings.estimator.mode {
+            // The pixels in Cs of an earlier frame were measured then.
+            mode if earlier && mode.uses_worn() => WornForm::Tight,
             // All modes start alike, from the best that the first overlap gives.
             _ if !self.started && shared => WornForm::Tight,
             _ if !self.started => WornForm::BirthsOnly,

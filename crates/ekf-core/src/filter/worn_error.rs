@@ -2,6 +2,7 @@
 
 use super::ekf::Filter;
 use super::measurements::WornObservation;
+use super::other_time::Carried;
 use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
 use crate::guard::check_pose;
@@ -12,15 +13,17 @@ use crate::state::{BlockKind, LinearPart};
 use nalgebra::{Matrix6, Vector2, Vector6};
 
 impl Filter {
-    /// Appends the frame's error of T_CF, `xi = J b + white`. The bias `b` is along C's axes: its causes lie along the way
-    /// that both cameras travel, so it must not turn with F's axes when the wearer's head does.
-    pub(super) fn open_worn_error(&mut self, worn: &WornObservation) {
+    /// Appends the frame's error of T_CF, `xi = J b + white`, and what the motion of Cs adds where that was `carried` here from
+    /// another time. The bias `b` is along C's axes: its causes lie along the way that both cameras travel, so it must not
+    /// turn with F's axes when the wearer's head does.
+    pub(super) fn open_worn_error(&mut self, worn: &WornObservation, carried: Option<&Carried>) {
         let share = self.settings.worn.bias_share;
         let bias_covariance = worn.bias.unwrap_or(worn.covariance * share);
+        let rotation = carried.map_or(worn.t_cf.rotation, |carried| carried.taken);
         let mut j = Matrix6::zeros();
         for at in [0, 3] {
             j.fixed_view_mut::<3, 3>(at, at)
-                .copy_from(&worn.t_cf.rotation.transpose());
+                .copy_from(&rotation.transpose());
         }
         if bias_covariance.diagonal().max() > 0.0 && self.state.worn_bias().is_none() {
             let stationary = j.transpose() * bias_covariance * j;
@@ -30,7 +33,7 @@ impl Filter {
                 .append::<6>(BlockKind::WornBias, &Vector6::zeros(), &[], &stationary);
         }
         let bias = self.state.worn_bias();
-        let parts: Vec<LinearPart<'_>> = bias
+        let mut parts: Vec<LinearPart<'_>> = bias
             .iter()
             .map(|b| LinearPart {
                 offset: b.offset,
@@ -38,10 +41,14 @@ impl Filter {
                 matrix: j.as_slice(),
             })
             .collect();
-        let white = match bias {
+        let mut white = match bias {
             Some(_) => worn.covariance - bias_covariance,
             None => worn.covariance,
         };
+        if let Some(carried) = carried {
+            parts.extend(carried.linear_parts());
+            white += carried.noise;
+        }
         self.state
             .append::<6>(BlockKind::WornError, &Vector6::zeros(), &parts, &white);
     }

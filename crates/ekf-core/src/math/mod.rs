@@ -1,5 +1,6 @@
 //! Small fixed-size mathematics: quaternions, poses, inverse depth.
 
+pub mod between;
 pub mod inverse_depth;
 pub mod pose;
 pub mod quat;

@@ -236,6 +236,22 @@ impl Covariance {
         self.set_block(start, start, &((own + own.transpose()) * 0.5));
     }
 
+    /// Makes `count` rows from `at` on, stored side by side and for no other, the same as the first ones. O(n).
+    pub(crate) fn repeat_rows(&mut self, at: usize, count: usize) {
+        let to = self.slots[at];
+        for i in 0..count {
+            for j in (0..self.n).filter(|j| !(to..to + count).contains(j)) {
+                let value = self.stored_entry(i, j);
+                self.set_stored(j.max(to + i), j.min(to + i), value);
+            }
+        }
+        for i in 0..count {
+            for j in 0..=i {
+                self.set_stored(to + i, to + j, self.stored_entry(i, j));
+            }
+        }
+    }
+
     /// Makes the camera's rows and columns zero.
     pub(crate) fn clear_camera(&mut self) {
         for j in 0..CAMERA_DIM {

@@ -288,6 +288,15 @@ impl State {
         self.camera_moved();
     }
 
+    /// Makes a clone that of the camera's present pose: its rows of P are written over. O(n).
+    pub(crate) fn clone_again(&mut self, block: &Block) {
+        debug_assert!(block.kind == BlockKind::Clone);
+        let at = block.offset;
+        self.x.copy_within(..POSE_DIM, at);
+        self.reference.copy_within(..POSE_DIM, at);
+        self.p.repeat_rows(at, POSE_DIM);
+    }
+
     /// Removes blocks in one compaction.
     pub(crate) fn remove(&mut self, gone: impl Fn(&Block) -> bool) {
         if !self.layout.blocks().iter().any(&gone) {

@@ -3,7 +3,7 @@
 use crate::arrays_in::{
     Argument, covariance6, ids, numbers, optional_ids, pixels, pose, same_length,
 };
-use ekf_core::{Bearing, DepthObservation, WornObservation, WornPair};
+use ekf_core::{Bearing, Capture, DepthObservation, WornObservation, WornPair};
 use pyo3::prelude::*;
 
 /// The worn camera's part of a frame: its measured pose, and points that both cameras see.
@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 /// Parameters
 /// ----------
 /// t_cf : (4, 4) float64
-///     Measured pose of Cf relative to Cs at the frame's time: maps points of F into C, metres.
+///     Measured pose of Cf relative to Cs when the view was taken: maps points of F into C, metres.
 /// covariance : (6, 6) float64
 ///     Of it over (translation m, rotation rad), tangent on the right.
 /// ids : (M,) int64
@@ -21,6 +21,9 @@ use pyo3::prelude::*;
 /// bias : (6, 6) float64, optional
 ///     The part of the covariance that lasts from frame to frame; ``worn.bias_share`` of it if left
 ///     out.
+/// capture : (t, frame), optional
+///     When the view was taken, and the time of the frame of Cs whose image ``uv`` are of (the present one,
+///     or one of `Filter.kept_times`), seconds; at the frame's own time if left out (METHOD 21).
 ///
 /// Raises
 /// ------
@@ -32,7 +35,7 @@ pub(crate) struct PyWornMeasurement(pub(super) WornObservation);
 #[pymethods]
 impl PyWornMeasurement {
     #[new]
-    #[pyo3(signature = (t_cf, covariance, ids, uv, uv_f, *, bias = None))]
+    #[pyo3(signature = (t_cf, covariance, ids, uv, uv_f, *, bias = None, capture = None))]
     fn new(
         t_cf: Argument<'_>,
         covariance: Argument<'_>,
@@ -40,6 +43,7 @@ impl PyWornMeasurement {
         uv: Argument<'_>,
         uv_f: Argument<'_>,
         bias: Option<Argument<'_>>,
+        capture: Option<(f64, f64)>,
     ) -> PyResult<Self> {
         let ids = optional_ids("worn ids", &ids)?;
         let (uv, uv_f) = (pixels("worn uv", &uv)?, pixels("worn uv_f", &uv_f)?);
@@ -50,6 +54,7 @@ impl PyWornMeasurement {
             t_cf: pose("t_cf", &t_cf)?,
             covariance: covariance6("covariance", &covariance)?,
             bias: bias.map(|b| covariance6("bias of T_CF", &b)).transpose()?,
+            capture: capture.map(|(t, frame)| Capture { t, frame }),
             pairs: pairs
                 .map(|((id, uv), uv_f)| WornPair { id, uv, uv_f })
                 .collect(),

@@ -1,0 +1,309 @@
+"""Views of Cf that were not taken at a frame's own instant (METHOD section 21).
+
+They wait here until a frame comes that was taken after them.  Then they are matched with the frame of Cs that
+is nearest in time, of which image and points are kept as long as the filter keeps its pose.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from collabslam._core import Camera, Filter, SearchResult
+from collabslam.errors import InputError
+from collabslam.formats.schema import (
+    Check,
+    array,
+    covariance,
+    flag,
+    instance,
+    items,
+    number,
+    optional,
+    pose,
+    refuse,
+    table,
+    whole,
+)
+from collabslam.frontend.detect import Corners
+from collabslam.frontend.patch import SIZE
+from collabslam.frontend.search import FOUND
+from collabslam.settings.frontend import FrontendSettings
+from collabslam.settings.table import Settings
+from collabslam.slam.map_change import ImagePoints, MapChange
+from collabslam.slam.state import SECONDS, PersistentState
+from collabslam.slam.tracks import Found, Tracks
+from collabslam.slam.view import View
+from collabslam.slam.worn_frame import WornMatcher
+from collabslam.types import Array, Ids, Image, WornView
+
+MOST_PENDING = 32
+"""Most views that wait for their frame; of more, the oldest go."""
+MOST_FRAMES = 18
+"""Most frames of which the image is kept."""
+START_GAP = 0.1
+"""Largest time between a view and the frame that the filter starts from, as a share of ``worn.late``."""
+REASONS = ("stale", "future", "repeated", "superseded", "crowded")
+"""Why a view was not used: older than what is kept, more than that ahead of its frame, used before, a newer
+one came for the same frame, too many waited."""
+Step = tuple[float, Image, WornView | None]
+"""Time, image of Cs and view of Cf of one frame."""
+
+
+@dataclass(frozen=True)
+class KeptFrame:
+    """A frame of Cs that views may still come for.
+
+    Attributes
+    ----------
+    t : float
+        Seconds.
+    image : (H, W) uint8
+    ids, uv : (N,) int64, (N, 2) float64
+        Features that it showed, and their pixels.
+    rho, rho_sd : (N,) float64
+        Their inverse ranges and standard deviations, 1/m; NaN where unknown.
+    candidates, candidate_uv : (C,) int64, (C, 2) float64
+        Candidates, and their pixels.
+    """
+
+    t: float
+    image: Image
+    ids: Ids
+    uv: Array
+    rho: Array
+    rho_sd: Array
+    candidates: Ids
+    candidate_uv: Array
+
+
+_TIME = number(-SECONDS, SECONDS)
+_VIEW = instance(
+    WornView,
+    image=array("|u1", None, None),
+    t_cf=pose,
+    covariance=covariance(6),
+    bias=optional(covariance(6)),
+    t=_TIME,
+)
+
+
+def _frame(value: Any, where: str) -> None:
+    """A `KeptFrame` whose lists agree."""
+    instance(
+        KeptFrame,
+        t=_TIME,
+        image=array("|u1", None, None),
+        ids=array("<i8", None),
+        uv=array("<f8", None, 2),
+        rho=array("<f8", None, nan=True),
+        rho_sd=array("<f8", None, nan=True),
+        candidates=array("<i8", None),
+        candidate_uv=array("<f8", None, 2),
+    )(value, where)
+    lists = {len(value.ids), len(value.uv), len(value.rho), len(value.rho_sd)}
+    if len(lists) != 1 or len(value.candidates) != len(value.candidate_uv):
+        refuse(where, "a frame whose lists have one length")
+
+
+class LateViews(PersistentState):
+    """Keeps views until they are due, and frames until no view can come for them any more.
+
+    Parameters
+    ----------
+    core : Filter
+    camera : Camera
+        Cs.
+    worn : WornMatcher
+    tracks : Tracks
+    settings : Settings
+    options : FrontendSettings
+    """
+
+    PERSISTENT: ClassVar[Mapping[str, Check]] = {
+        "_pending": items(_VIEW),
+        "_frames": items(_frame),
+        "_awake": flag,
+        "dropped": table(str, whole(0)),
+    }
+
+    def __init__(
+        self,
+        core: Filter,
+        camera: Camera,
+        worn: WornMatcher,
+        tracks: Tracks,
+        settings: Settings,
+        options: FrontendSettings,
+    ) -> None:
+        self._filter, self._camera, self._worn, self._tracks = core, camera, worn, tracks
+        self._options = options
+        self._late = float(settings["filter.worn.late"])
+        self._tolerance = float(settings["filter.worn.tolerance"])
+        self._inbox: deque[WornView] = deque(maxlen=MOST_PENDING)
+        self._pending: tuple[WornView, ...] = ()
+        self._frames: tuple[KeptFrame, ...] = ()
+        self._awake = False
+        self.dropped: dict[str, int] = {}
+        """Views that were not used so far, by reason."""
+
+    def attributes(self) -> dict[str, Any]:
+        """As `PersistentState.attributes`; what was handed in since belongs to it."""
+        arrived: list[WornView] = []
+        while self._inbox:
+            arrived.append(self._inbox.popleft())
+        if arrived:
+            self._pending = (*self._pending, *arrived)
+        return super().attributes()
+
+    def state(self) -> dict[str, Any]:
+        """As `PersistentState.state`."""
+        kept = self.attributes()
+        return {**kept, "_pending": list(kept["_pending"]), "_frames": list(kept["_frames"])}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """As `PersistentState.restore`."""
+        super().restore(state)
+        self._pending = tuple(self._worn.require(view) for view in self._pending)
+        self._frames, shape = tuple(self._frames), (self._camera.height, self._camera.width)
+        if any(frame.image.shape != shape for frame in self._frames):
+            refuse("kept frames", "of this camera")
+
+    def add(self, view: WornView) -> None:
+        """Hands in a view, from any thread; see `Slam.add_worn`."""
+        if view.t is None:
+            raise InputError(
+                "a view that comes between frames needs its time; give WornView(..., t=seconds)."
+            )
+        self._inbox.append(self._worn.require(view))
+
+    def frames(self, t: float, image: Image, worn: WornView | None) -> Iterator[Step]:
+        """The frame with the view that it is to use; before it, if the filter can start from a view that came
+        late, the frames since."""
+        worn = self._choose(t, worn)
+        start = self._start_of(worn)
+        if start:
+            self._filter.forget_time()
+            yield start[0].t, start[0].image, worn
+            if self._filter.started:
+                yield from ((frame.t, frame.image, None) for frame in start[1:])
+            worn = None
+        yield t, image, worn
+
+    def place(
+        self, t: float, worn: WornView | None, *, lost: bool
+    ) -> tuple[WornView | None, WornView | None]:
+        """The view with its T_CF as it is for the frame at ``t``, and as it was taken, if at another time.
+
+        Neither where it cannot be used.
+        """
+        if worn is None or worn.t is None or worn.t == t:
+            return worn, None
+        timing = self._filter.view_timing(worn.t)
+        if lost and t - worn.t > START_GAP * self._late:
+            timing = "stale"  # nobody knows where Cs was
+        if timing in REASONS:
+            self._drop(timing)
+            return None, None
+        return self._carried(worn, t), worn
+
+    def beside(self, view: View, found: Found) -> tuple[View, Found]:
+        """The frame that the view of Cf is matched with, and what was found there: the nearest in time."""
+        captured = view.captured
+        if captured is None or captured.t is None or view.lost or not view.started:
+            return view, found
+        nearest = min(self._frames, key=lambda frame: abs(frame.t - _time(captured)), default=None)
+        if nearest is None or abs(view.t - captured.t) <= abs(nearest.t - captured.t):
+            return view, found
+        worn = self._carried(captured, nearest.t)
+        corners = Corners(nearest.image, self._options.detect, SIZE, hidden=self._worn.hidden(worn))
+        earlier = replace(view, t=nearest.t, image=nearest.image, worn=worn, corners=corners)
+        ids, alive = nearest.ids, np.isin(nearest.candidates, self._filter.candidates)
+        known = np.array([self._tracks.has(i) for i in ids.tolist()], np.bool_)
+        some, code = np.full(int(known.sum()), 1.0), np.full(int(known.sum()), FOUND)
+        return earlier, Found(
+            searched=ids[known],
+            result=SearchResult(nearest.uv[known], some, some, code),
+            rho=nearest.rho[known],
+            rho_sd=nearest.rho_sd[known],
+            candidates=nearest.candidates[alive],
+            candidate_uv=nearest.candidate_uv[alive],
+            lost=np.empty(0, np.int64),
+        )
+
+    def keep(self, view: View, found: Found, seen: ImagePoints, change: MapChange) -> None:
+        """At the end of a frame: keeps it if views come late, or may, as before the start."""
+        if self._awake and self._filter.started and self._filter.keep_pose():
+            row = {i: k for k, i in enumerate(found.searched.tolist())}
+            rows = np.array([row.get(i, -1) for i in seen.ids.tolist()], np.int64)
+            born = change.born
+            unknown = np.full(len(born), np.nan)
+            depths = [np.append(x, np.nan)[rows] for x in (found.rho, found.rho_sd)]
+            frame = KeptFrame(
+                view.t,
+                view.image.copy(),
+                np.concatenate([seen.ids, born.ids]),
+                np.concatenate([seen.uv, born.uv]),
+                np.concatenate([depths[0], unknown]),
+                np.concatenate([depths[1], unknown]),
+                np.concatenate([found.candidates, change.candidates.ids]),
+                np.concatenate([found.candidate_uv, change.candidates.uv]),
+            )
+            kept = set(self._filter.kept_times.tolist())
+            self._frames = tuple(f for f in (*self._frames, frame) if f.t in kept)
+        elif not self._filter.started and self._worn.is_there and self._is_time(view.t):
+            none, ids, uv = np.empty(0), np.empty(0, np.int64), np.empty((0, 2))
+            frame = KeptFrame(view.t, view.image.copy(), ids, uv, none, none, ids, uv)
+            recent = (f for f in self._frames if view.t - f.t <= self._late)
+            self._frames = (*recent, frame)[-MOST_FRAMES:]
+
+    def _is_time(self, t: float) -> bool:
+        return not self._frames or t - self._frames[-1].t >= 0.75 * START_GAP * self._late
+
+    def _carried(self, worn: WornView, frame: float) -> WornView:
+        t = frame if worn.t is None else worn.t
+        t_cf, spread = self._filter.carry_worn(worn.t_cf, worn.covariance, t, frame)
+        return replace(worn, t_cf=t_cf, covariance=spread)
+
+    def _choose(self, t: float, worn: WornView | None) -> WornView | None:
+        """The view for the frame at ``t``: the newest that was taken by then; later ones go on waiting."""
+        if worn is not None and worn.t is None:
+            worn = replace(worn, t=t)
+        given = () if worn is None else (worn,)
+        views: list[WornView] = sorted((*self._pending, *given), key=_time)
+        due = [view for view in views if _time(view) <= t + self._tolerance]
+        waiting = views[len(due) :]
+        ahead = [view for view in waiting if _time(view) > t + self._late]
+        waiting = waiting[: len(waiting) - len(ahead)]
+        self._drop("future", len(ahead))
+        self._drop("crowded", max(0, len(waiting) - MOST_PENDING))
+        self._pending = tuple(waiting[-MOST_PENDING:])
+        fresh = [v for v in due if self._filter.view_timing(_time(v)) != "repeated"]
+        self._drop("repeated", len(due) - len(fresh))
+        if not fresh:
+            return None
+        self._drop("superseded", len(fresh) - 1)
+        self._awake |= abs(_time(fresh[-1]) - t) > self._tolerance
+        return fresh[-1]
+
+    def _start_of(self, worn: WornView | None) -> tuple[KeptFrame, ...]:
+        """Frames of before, from the one that a filter starts from with a view that came late."""
+        if worn is None or worn.t is None or self._filter.started or not self._frames:
+            return ()
+        since = tuple(frame for frame in self._frames if frame.t >= worn.t - self._tolerance)
+        return since if since and since[0].t - worn.t <= START_GAP * self._late else ()
+
+    def _drop(self, reason: str, count: int = 1) -> None:
+        if count:
+            total = Counter(self.dropped)
+            total[reason] += count
+            self.dropped = dict(total)
+
+
+def _time(view: WornView) -> float:
+    assert view.t is not None
+    return view.t
