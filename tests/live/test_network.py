@@ -309,3 +309,16 @@ def test_a_worn_process_that_is_stopped_and_goes_on(place: Place) -> None:
     assert found.summary["links"]["mono"] >= 5
     assert found.summary["links"]["collab"] >= 60
     assert found.summary["statuses"].get("LOST", 0) == 0
+
+
+def test_kept_poses_cost_little(place: Place, figures: dict[str, Any]) -> None:
+    recording = collabslam.open_recording(place.walks[0].recording)
+    frames = [recording.frame(i) for i in range(len(recording))]
+    late = [None, *(None if f.worn is None else replace(f.worn, t=f.t) for f in frames[:-1])]
+    costs = []
+    for views in ([f.worn for f in frames], late):
+        slam = collabslam.Slam(recording.camera, recording.worn_camera)
+        steps = [slam.step(f.t, f.image, worn) for f, worn in zip(frames, views, strict=True)]
+        costs.append(float(np.median([s.diagnostics["ms_update"] for s in steps])))
+    figures["clones_share_of_update"] = max(0.0, (costs[1] - costs[0]) / costs[1])
+    assert figures["clones_share_of_update"] < 0.35

@@ -49,7 +49,7 @@ def core_of(posted: Posted, targets: list[Tag]) -> LiveCore:
 
 
 def fed(core: LiveCore, events: list[Event]) -> list[LivePose]:
-    return [pose for event in events for pose in core.handle(event)] + core.flush()
+    return [pose for event in events if (pose := core.handle(event)) is not None]
 
 
 def test_the_tag_tells_where_cf_is(clip: Clip, posted: Posted) -> None:

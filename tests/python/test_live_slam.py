@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -15,8 +16,8 @@ from collabslam import InputError, Slam
 from collabslam.live.clock import Exchange
 from collabslam.live.core import ClockReading, Event, LiveCore, LivePose, RobotFrame
 from collabslam.live.slam import BOUNDS, LiveSlam
-from collabslam.live.views import BROKEN, EARLY, LATE, NO_CLOCK, OTHER, REFUSED, REPEATED, LiveView
-from collabslam.types import Frame
+from collabslam.live.views import BROKEN, EARLY, LATE, NO_CLOCK, OTHER, REFUSED, REPEATED, SURPLUS, LiveView
+from collabslam.types import Frame, WornView
 
 FRAMES = 14
 OFFSET = 3.7
@@ -39,12 +40,10 @@ def robot(frame: Frame) -> RobotFrame:
 
 
 def events(frames: list[Frame], session: str = "anna/1") -> list[Event]:
-    """Each view a little after its frame; a clock reading says first that a sender is there."""
-    out: list[Event] = [ClockReading(session, Exchange(0.0, 0.0, 0.0, 0.0))]
+    """Each view arrives a little after the frame of its instant."""
+    out: list[Event] = []
     for frame in frames:
-        out.append(robot(frame))
-        if frame.worn is not None:
-            out.append(view_of(frame, session))
+        out += [robot(frame), view_of(frame, session)]
     return out
 
 
@@ -57,7 +56,7 @@ def core_of(clip: Clip, *, same_clock: bool = True) -> LiveCore:
 
 
 def fed(core: LiveCore, events: list[Event]) -> list[LivePose]:
-    return [pose for event in events for pose in core.handle(event)] + core.flush()
+    return [pose for event in events if (pose := core.handle(event)) is not None]
 
 
 def bits(poses: list[LivePose]) -> list[tuple[float, bytes, bytes]]:
@@ -67,7 +66,11 @@ def bits(poses: list[LivePose]) -> list[tuple[float, bytes, bytes]]:
 @pytest.fixture(scope="module")
 def offline(clip: Clip, frames: list[Frame]) -> list[tuple[float, bytes, bytes]]:
     slam = Slam(clip.recording.camera, clip.recording.worn_camera)
-    steps = [slam.step(f.t, f.image, f.worn) for f in frames]
+    worn: list[WornView | None] = [None]
+    for frame in frames[:-1]:
+        assert frame.worn is not None
+        worn.append(replace(frame.worn, t=frame.t))
+    steps = [slam.step(f.t, f.image, late) for f, late in zip(frames, worn, strict=True)]
     assert steps[-1].started
     return [(s.t, s.pose.tobytes(), s.covariance.tobytes()) for s in steps]
 
@@ -85,7 +88,7 @@ def test_live_is_offline_to_the_last_bit(
                 time.sleep(0.001)
     assert bits(poses) == offline
     assert live.dropped == {}
-    assert {p.link for p in poses} == {"collab"}
+    assert [p.link for p in poses] == ["mono"] + ["collab"] * (FRAMES - 1)
 
 
 def test_a_record_of_the_events_gives_the_same_poses(clip: Clip, frames: list[Frame]) -> None:
@@ -140,42 +143,38 @@ def test_pushing_returns_at_once_whatever_the_filter_does(clip: Clip, frames: li
     live.close(flush=False)
 
 
-def test_a_frame_without_a_sender_does_not_wait(clip: Clip, frames: list[Frame]) -> None:
+def test_the_newest_view_is_used_however_late(clip: Clip, frames: list[Frame]) -> None:
     core = core_of(clip)
-    assert [len(core.handle(robot(f))) for f in frames[:3]] == [1, 1, 1]
-
-
-def test_a_frame_waits_for_one_newer_frame_at_most(clip: Clip, frames: list[Frame]) -> None:
-    core = core_of(clip)
-    core.handle(view_of(frames[0]))
-    done = [[p.step.t for p in core.handle(robot(f))] for f in frames[:4]]
-    assert done == [[frames[0].t], [], [frames[1].t], [frames[2].t]]
+    fed(core, events(frames[:4]))
+    fed(core, [robot(f) for f in frames[4:8]])
+    (pose,) = fed(core, [view_of(frames[4]), view_of(frames[5]), robot(frames[8])])
+    assert pose.worn is not None
+    assert pose.worn.t == frames[5].t
+    assert pose.step.diagnostics["overlap"] == 1
+    assert core.views.dropped == Counter({SURPLUS: 1})  # that of frame 3 was used in frame 4
 
 
 def test_each_view_that_is_dropped_is_counted_by_its_reason(clip: Clip, frames: list[Frame]) -> None:
     core = core_of(clip)
-    for frame in frames[:3]:
-        core.handle(robot(frame))
-    core.handle(view_of(frames[3]))
+    poses = fed(core, [robot(f) for f in frames[:3]])
     wrong_size = LiveView("anna/1", frames[4].t, np.zeros((4, 4), np.uint8), np.eye(4), np.eye(6))
     no_image = LiveView("anna/1", frames[5].t, b"\xff\xd8 no picture", np.eye(4), np.eye(6))
     no_pose = LiveView("anna/1", frames[6].t, view_of(frames[6]).image, np.zeros((4, 4)), np.eye(6))
-    for event in (
+    strange = [
+        view_of(frames[3]),
         view_of(frames[3]),
         view_of(frames[0]),
         view_of(frames[3], shift=-60.0),
         view_of(frames[3], shift=60.0),
         view_of(frames[3], "berta/1", shift=1e-4),
-        wrong_size,
-        no_image,
-        no_pose,
-    ):
-        core.handle(event)
-    poses = [p for f in frames[3:7] for p in core.handle(robot(f))] + core.flush()
-    assert core.views.dropped == Counter({REPEATED: 1, LATE: 2, EARLY: 1, OTHER: 1, BROKEN: 2, REFUSED: 1})
+    ]
+    poses += fed(core, [*strange, robot(frames[3])])
+    for view, frame in zip((wrong_size, no_image, no_pose), frames[4:7], strict=True):
+        poses += fed(core, [view, robot(frame)])
+    counted = {REPEATED: 1, SURPLUS: 1, LATE: 1, EARLY: 1, OTHER: 1, BROKEN: 2, REFUSED: 1}
+    assert core.views.dropped == Counter(counted)
     assert core.views.reordered == 1
-    assert len(poses) == 4
-    assert [p.worn is not None for p in poses] == [True, False, False, False]
+    assert [p.worn is not None for p in poses] == [False, False, False, True, False, False, False]
 
 
 def test_without_a_clock_views_are_not_used(clip: Clip, frames: list[Frame]) -> None:
@@ -190,11 +189,9 @@ def test_a_clock_that_is_off_costs_certainty_of_t_cf(clip: Clip, frames: list[Fr
     poses: list[LivePose] = []
     for frame in frames:
         t = frame.t
-        poses += core.handle(
-            ClockReading("anna/1", Exchange(t + OFFSET, t + 0.02, t + 0.02, t + OFFSET + 0.04))
-        )
-        poses += core.handle(robot(frame))
-        poses += core.handle(view_of(frame, shift=OFFSET))
+        exchange = Exchange(t + OFFSET, t + 0.02, t + 0.02, t + OFFSET + 0.04)
+        reading = ClockReading("anna/1", exchange)
+        poses += fed(core, [reading, view_of(frame, shift=OFFSET), robot(frame)])
     used = [p for p in poses if p.worn is not None]
     assert len(used) == len(frames)
     before, after = frames[-1].worn, used[-1].worn
@@ -214,7 +211,7 @@ def test_a_sender_that_starts_anew_takes_its_place_at_once(clip: Clip, frames: l
     for frame in frames[4:6]:
         core.handle(view_of(frame, "anna/2"))
         core.handle(view_of(frame, "anna/1", shift=1e-3))
-        poses = core.handle(robot(frame))
+        poses = fed(core, [robot(frame)])
     assert [p.session for p in poses] == ["anna/2"]
     assert core.views.dropped == Counter({OTHER: 2})
 
@@ -226,7 +223,7 @@ def test_another_sender_takes_over_when_the_first_is_silent(clip: Clip, frames: 
     sessions = []
     for frame in frames[1:]:
         core.handle(view_of(frame, "berta/1"))
-        sessions += [p.session for p in core.handle(robot(frame))]
+        sessions += [p.session for p in fed(core, [robot(frame)])]
     silent = [before.t - frames[0].t > 1.0 for before in frames[:-1]]
     assert any(silent)
     assert sessions == ["berta/1" if s else None for s in silent]
@@ -240,8 +237,7 @@ def test_a_lost_link_is_mono_and_collab_again(clip: Clip, frames: list[Frame]) -
         t = 0.1 * k
         if not 5 <= k < 20:
             core.handle(view_of(frame, shift=t - frame.t))
-        links += [p.link for p in core.handle(RobotFrame(t, frame.image + np.uint8(k % 2)))]
-    links += [p.link for p in core.flush()]
+        links += [p.link for p in fed(core, [RobotFrame(t, frame.image + np.uint8(k % 2))])]
     assert links == ["collab"] * 15 + ["mono"] * 5 + ["collab"] * 10
 
 
@@ -251,7 +247,7 @@ def test_encoded_views_of_any_size_are_scaled_to_the_calibration(clip: Clip, fra
     encoded = cv2.imencode(".jpg", small)[1].tobytes()
     core = core_of(clip)
     core.handle(LiveView(view.session, view.stamp, encoded, view.t_cf, view.covariance))
-    (pose,) = core.handle(robot(frames[0]))
+    (pose,) = fed(core, [robot(frames[0])])
     assert pose.worn is not None
     assert clip.recording.worn_camera is not None
     assert pose.worn.image.shape == (clip.recording.worn_camera.height, clip.recording.worn_camera.width)

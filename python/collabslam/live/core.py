@@ -6,7 +6,7 @@ a live run the same as its record.
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,11 +21,6 @@ from collabslam.live.views import BROKEN, LATEST, REFUSED, UNPOSED, LiveView, Ti
 from collabslam.slam.engine import Slam
 from collabslam.slam.results import StepResult
 from collabslam.types import Array, Image, WornView
-
-PATIENCE = 1
-"""A frame whose view may still be on its way waits until so many newer frames have come."""
-EXPECTING = 10
-"""Frames after a sign of a sender during which a view is expected."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +71,8 @@ class LivePose:
 class LiveCore:
     """An engine that is fed by events.
 
-    A frame waits for a view of its instant only while a sender gives signs of life, and then until the view
-    is there or `PATIENCE` newer frames are.
+    A frame waits for nothing: it takes the newest view that is there, which the engine uses for the moment at
+    which it was taken (METHOD section 21).
 
     Parameters
     ----------
@@ -103,47 +98,28 @@ class LiveCore:
         self.refused: Counter[str] = Counter()
         """Frames of Cs that could not be used, by the error's text."""
         self._worn_camera, self._printed = worn_camera, printed
-        self._frames: deque[RobotFrame] = deque()
-        self._expecting = 0
+        self._last = self.slam.filter.time
         self._collab = -float("inf")
 
-    def handle(self, event: Event) -> list[LivePose]:
-        """Take one event; the poses of the frames that it completes.
+    def handle(self, event: Event) -> LivePose | None:
+        """Take one event; the answer to a frame, None for anything else and for a frame that is refused.
 
         Raises
         ------
         FilterError
             If the filter meets a numerical state from which it cannot go on.
         """
+        if isinstance(event, RobotFrame):
+            if self._printed is not None:
+                self._printed.frame(event.t, event.image)
+            return self._step(event)
         if isinstance(event, ClockReading):
             self.views.exchange(event.session, event.exchange)
-            self._expecting = EXPECTING
-        elif isinstance(event, LiveView):
-            if self._worn_camera is not None:
-                now = self._frames[-1].t if self._frames else self.slam.filter.time
-                self._expecting = EXPECTING
-                self.views.add(event, now)
-        else:
-            self._frames.append(event)
-            self._expecting = max(0, self._expecting - 1)
-        return self._ready()
-
-    def flush(self) -> list[LivePose]:
-        """The poses of the frames that wait, without what they wait for."""
-        self._expecting = 0
-        return self._ready()
-
-    def _ready(self) -> list[LivePose]:
-        poses: list[LivePose] = []
-        patience = PATIENCE if self._expecting else 0
-        while self._frames and (len(self._frames) > patience or self.views.holds(self._frames[0].t)):
-            pose = self._step(self._frames.popleft())
-            poses += [] if pose is None else [pose]
-        return poses
+        elif self._worn_camera is not None:
+            self.views.add(event, self._last)
+        return None
 
     def _step(self, frame: RobotFrame) -> LivePose | None:
-        if self._printed is not None:
-            self._printed.frame(frame.t, frame.image)
         timed = self.views.take(frame.t)
         worn = None if timed is None else self._worn_view(timed)
         try:
@@ -154,6 +130,7 @@ class LiveCore:
                 return None
             self.views.refuse(REFUSED)
             return self._step(frame)
+        self._last = frame.t
         if worn is not None:
             self._collab = frame.t
         link = "collab" if frame.t - self._collab <= LATEST else "mono"
@@ -170,14 +147,14 @@ class LiveCore:
             self.views.refuse(BROKEN)
             return None
         if view.t_cf is not None and view.covariance is not None:
-            worn = WornView(image, view.t_cf, view.covariance, view.bias)
+            worn = WornView(image, view.t_cf, view.covariance, view.bias, timed.t)
             return self._with_clock_error(worn, timed.t_sd)
         found = None if self._printed is None else self._printed.pose(timed.t, image)
         if found is None:
             self.views.refuse(UNPOSED)
             return None
-        _, t_cf, covariance = found
-        return WornView(image, t_cf, covariance)
+        t, t_cf, covariance = found
+        return WornView(image, t_cf, covariance, t=t)
 
     def _with_clock_error(self, worn: WornView, t_sd: float) -> WornView:
         """T_CF as uncertain as the view's instant makes it: the robot moves on while the view stands."""

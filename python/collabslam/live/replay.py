@@ -8,7 +8,7 @@ from typing import Any
 
 from collabslam.errors import SettingsError
 from collabslam.formats.trajectory import ARBITRARY, METRES
-from collabslam.live.core import LiveCore, LivePose
+from collabslam.live.core import LiveCore
 from collabslam.live.printed import make_slam, printed_poses
 from collabslam.live.record import EventReader
 from collabslam.live.results import LiveResults
@@ -49,14 +49,10 @@ def replay(record: Path, out: Path, *, overwrite: bool = False) -> dict[str, Any
         results = LiveResults(folder, settings, ARBITRARY if plan.start == "scale-free" else METRES)
         stack.callback(results.close)
         for event in reader.events():
-            _write(results, core.handle(event))
-        _write(results, core.flush())
+            pose = core.handle(event)
+            if pose is not None:
+                results.frame(pose)
         dropped = {f"dropped {k}": v for k, v in core.views.dropped.items()}
         facts = {**dropped, "interrupted": False, "folder": str(folder)}
         results.finish(slam, facts)
     return {**results.facts, **facts}
-
-
-def _write(results: LiveResults, poses: list[LivePose]) -> None:
-    for pose in poses:
-        results.frame(pose)

@@ -150,8 +150,10 @@ class LiveSlam:
 
     @property
     def dropped(self) -> dict[str, int]:
-        """Views that were dropped, by reason (`collabslam.live.views.REASONS`), and ``frames`` of Cs."""
+        """Views that were dropped, by reason (`collabslam.live.views.REASONS`, `Slam.worn_dropped`), and
+        ``frames`` of Cs."""
         counts = Counter(self._core.views.dropped)
+        counts.update(self.slam.worn_dropped)
         with self._change:
             counts[SURPLUS] += self._lost[LiveView]
             counts["frames"] = self._lost[RobotFrame] + sum(self._core.refused.values())
@@ -221,17 +223,14 @@ class LiveSlam:
             while (event := self._next()) is not None:
                 if self._on_event is not None:
                     self._on_event(event)
-                self._tell(self._core.handle(event))
-            self._tell(self._core.flush())
+                pose = self._core.handle(event)
+                if pose is not None:
+                    self._tell(pose)
         except BaseException as error:
             with self._change:
                 self._error = error
 
-    def _tell(self, poses: list[LivePose]) -> None:
-        for pose in poses:
-            self._tell_one(pose)
-
-    def _tell_one(self, pose: LivePose) -> None:
+    def _tell(self, pose: LivePose) -> None:
         try:
             if self._on_pose is not None:
                 self._on_pose(pose)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from collabslam.live.clock import ClockEstimator, Exchange
 from collabslam.types import Array, Image
 
-LATE = "late"  # its frame was long done, or came never
+LATE = "late"  # taken more than a second ago
 EARLY = "early"  # its stamp is ahead of the robot's time
 REPEATED = "repeated"  # a stamp that came before
 SURPLUS = "surplus"  # more views than frames, or than may wait
@@ -20,8 +20,8 @@ UNPOSED = "no target"  # it came without T_CF, and both cameras see no printed t
 REASONS = (LATE, EARLY, REPEATED, SURPLUS, NO_CLOCK, OTHER, BROKEN, REFUSED, UNPOSED)
 """Why a view was dropped; the keys of the counts."""
 
-TOLERANCE = 0.010
-"""Seconds between a frame of Cs and a view of Cf that count as one instant."""
+TOLERANCE = 0.001
+"""Seconds by which a view may be ahead of the frame that it comes with: clocks are not known better."""
 LATEST = 1.0
 """Seconds after which a view is of no use, and a session without views no longer at work."""
 WAITING, REMEMBERED, SESSIONS = 16, 64, 8
@@ -128,18 +128,13 @@ class WaitingViews:
             return self._drop(SURPLUS)
         return True
 
-    def holds(self, t: float) -> bool:
-        """Whether a view of the frame at ``t`` (seconds) waits."""
-        return any(abs(v.t - t) <= TOLERANCE for v in self._waiting)
-
     def take(self, t: float) -> TimedView | None:
-        """The view of the frame at ``t``, the nearest if there are several; earlier ones are dropped."""
-        near = [v for v in self._waiting if abs(v.t - t) <= TOLERANCE]
-        chosen = min(near, key=lambda v: abs(v.t - t), default=None)
-        for v in self._waiting:
-            if v is not chosen and v.t <= t + TOLERANCE:
-                self._drop(SURPLUS if v in near else LATE)
+        """The newest view that was taken before the frame at ``t`` or with it; earlier ones are dropped."""
+        there = [v for v in self._waiting if v.t <= t + TOLERANCE]
         self._waiting = [v for v in self._waiting if v.t > t + TOLERANCE]
+        chosen = there.pop() if there and there[-1].t >= t - LATEST else None
+        for v in there:
+            self._drop(LATE if v.t < t - LATEST else SURPLUS)
         return chosen
 
     def refuse(self, reason: str) -> None:
