@@ -103,19 +103,17 @@ class Engine:
             from distributed import Client, KilledWorker, LocalCluster
         except ImportError as error:
             raise DataError(
-                f"This needs distributed ({error}); install it with: .venv/bin/pip install './research[cluster]'."
+                f"This needs distributed ({error}): .venv/bin/pip install './research[cluster]'."
             ) from error
         with contextlib.ExitStack() as stack:
             stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": TRIES}))
             address = self.scheduler
             if address is None:
                 address = stack.enter_context(
-                    LocalCluster(  # type: ignore[no-untyped-call]
-                        n_workers=jobs, threads_per_worker=1, dashboard_address=None
-                    )
+                    LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None)
                 )
             try:
-                client = stack.enter_context(Client(address))  # type: ignore[no-untyped-call]
+                client = stack.enter_context(Client(address))
             except (OSError, ValueError) as error:
                 raise DataError(f"No scheduler answers at {address} ({error}); start one there.") from error
             executor = client.get_executor(pure=False)

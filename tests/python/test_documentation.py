@@ -159,7 +159,7 @@ def play(words: list[str], folder: Path) -> None:
     elif name == "make":
         assert f"\n{rest[0]}:" in (ROOT / "Makefile").read_text()
     elif words[:2] == ["pip", "install"]:
-        assert rest[1] in (".[live]", "./research[cluster]")  # from the tree: what is not published is not promised
+        assert rest[1] in (".[live]", "./research[cluster]")  # what is not published is not promised
     elif name == "cargo":
         assert rest[0] == "bench"
     else:
