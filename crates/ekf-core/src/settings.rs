@@ -204,13 +204,6 @@ settings! {
         /// Standard deviation of a view's time stamp against the clock of Cs, for views that state their time.
         clock_sd: f64 = 0.0, "s", Some(0.0), Some(1.0),
             User("Set it to how well the two clocks agree: 0.001 with PTP, 0.005 with NTP over a good link.");
-        /// Standard deviation of each component of Cs's velocity while it is not known, which is before the start: what a view
-        /// beside a frame is then worth goes down with the time between them.
-        gap_speed: f64 = 1.0, "m/s", Some(0.0), Some(100.0),
-            User("Lower it where Cs stands still or moves slowly until the first overlap.");
-        /// The same of its angular velocity.
-        gap_turn: f64 = 0.5, "rad/s", Some(0.0), Some(100.0),
-            User("Lower it where Cs does not turn until the first overlap.");
         /// Least number of births that starts the filter from a first overlap.
         start_births: usize = 8, "", Some(1.0), Some(1000.0),
             User("Lower it where the two cameras share too little texture for a run to start.");

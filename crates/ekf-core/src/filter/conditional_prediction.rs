@@ -104,7 +104,7 @@ impl Filter {
         self.batch.clear();
         let mut push = |bearing: &Bearing| {
             let block = self.bearing(bearing);
-            let block = block.map(|block| block.from_prior(&self.state.x, prior));
+            let block = block.map(|block| block.expected_from(&self.state.x, prior));
             block.map(|block| self.batch.push(block)).is_ok()
         };
         for (agrees, bearing) in agree.iter_mut().zip(found) {

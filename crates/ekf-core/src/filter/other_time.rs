@@ -12,6 +12,11 @@ use crate::observe::point::CameraPose;
 use crate::state::LinearPart;
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector6};
 
+/// Standard deviation of each component of Cs's velocity before the start, when nothing is known of it: m/s.
+const UNKNOWN_SPEED: f64 = 1.0;
+/// The same of its angular velocity: rad/s.
+const UNKNOWN_TURN: f64 = 0.5;
+
 /// T_CF as it is between a view of Cf and a frame of another time, with how its error comes about. All tangents are those of
 /// F, on the right.
 #[derive(Clone, Debug)]
@@ -140,10 +145,9 @@ impl Filter {
 
     /// Covariance of Cs's motion in a short time, or before its velocity is known.
     fn of_unknown_motion(&self, gap: f64) -> Matrix6<f64> {
-        let worn = &self.settings.worn;
-        let time = gap * gap + worn.clock_sd.powi(2);
+        let time = gap * gap + self.settings.worn.clock_sd.powi(2);
         if !self.started {
-            let (v, w) = (worn.gap_speed.powi(2) * time, worn.gap_turn.powi(2) * time);
+            let (v, w) = (UNKNOWN_SPEED.powi(2) * time, UNKNOWN_TURN.powi(2) * time);
             return Matrix6::from_diagonal(&Vector6::new(v, v, v, w, w, w));
         }
         let pose = self.pose().0;

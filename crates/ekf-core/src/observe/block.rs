@@ -19,7 +19,7 @@ pub struct MeasurementBlock {
 
 impl MeasurementBlock {
     /// The same rows, linearised at the mean `x`, with the innovation that is expected from the mean `prior`.
-    pub(crate) fn from_prior(mut self, x: &[f64], prior: &[f64]) -> Self {
+    pub(crate) fn expected_from(mut self, x: &[f64], prior: &[f64]) -> Self {
         let by_pose = self.rows.by_pose.as_slice().as_chunks::<3>().0;
         let by_feature = self.rows.by_numbers().as_chunks::<3>().0;
         let pose = by_pose.iter().zip(0..);
