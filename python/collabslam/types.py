@@ -27,6 +27,7 @@ class Status(str, enum.Enum):
     """What the filter can say of its own pose."""
 
     OK = "OK"
+    DOUBTFUL = "DOUBTFUL"
     COASTING = "COASTING"
     LOST = "LOST"
 

@@ -52,6 +52,7 @@ WORN = {"worn": 1, "overlap": 1, "cf_points": 100, "cf_matches": 30}
         (many(started=0), {"start": "target"}, "never started from 'target'"),
         (many(20) + many(5, status="COASTING") + many(5, status="LOST"), {}, "lost from frame 25 on (2.5 s)"),
         (many(25) + many(5, status="COASTING"), {}, "In 5 of 30 frames"),
+        (many(doubt="cf_matches"), {}, "30 frames are not to be trusted: points of the map"),
         (many(predicted=9), {}, "The map is thin: 9 features"),
         (many(rejected_low_score=20), {}, "50 % of the features searched look different"),
         (many(rejected_ambiguous=16), {}, "40 % of the features searched are ambiguous"),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from collabslam.runs.report import DOUBTS
 from collabslam.runs.run_folder import RunFolder
 from collabslam.types import Array, Mask
 
@@ -30,8 +32,8 @@ def diagnose(run: RunFolder) -> list[str]:
     summary = run.summary()
     if not frames.started.any():
         return [*_never_started(frames, summary), *_worn(frames)]
-    found = [*_lost(frames), *_tracking(frames), *_consistency(frames), *_clock(frames), *_worn(frames)]
-    found += _scale(frames, summary)
+    found = [*_lost(frames), *_doubted(frames), *_tracking(frames), *_consistency(frames)]
+    found += [*_clock(frames), *_worn(frames), *_scale(frames, summary)]
     return found or ["Nothing is wrong with this run as far as its diagnostics show."]
 
 
@@ -42,6 +44,7 @@ class Frames:
         self._rows = rows
         self.started: Mask = self["started"] == 1.0
         self.status = np.array([row.get("status", "") for row in rows])
+        self.doubts = Counter(row.get("doubt", "") for row in rows)
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -91,6 +94,21 @@ def _lost(frames: Frames) -> Iterator[str]:
         )
     elif coasting:
         yield f"In {coasting} of {len(frames) - first} frames fewer than {FEW_MATCHES} matches were accepted."
+
+
+_REMEDIES = {
+    "t_cf": "check its frame, unit, clock and covariance, and the focal lengths (collabslam check-calib)",
+    "cf_matches": "T_CF is off by more than its covariance says, or a focal length is wrong (check-calib)",
+    "matches": "things move over much of the image, the focal length is wrong, or one camera alone does not "
+    "find the depths on this path",
+    "noise": "check the calibration, or raise filter.pixel.sigma_cs",
+}
+
+
+def _doubted(frames: Frames) -> Iterator[str]:
+    for cause, count in frames.doubts.most_common():
+        if cause in _REMEDIES:
+            yield f"{count} frames are not to be trusted: {DOUBTS[cause]}; {_REMEDIES[cause]}."
 
 
 def _tracking(frames: Frames) -> Iterator[str]:

@@ -159,7 +159,7 @@ class RunRecord:
 
     @property
     def statuses(self) -> list[str]:
-        """OK, COASTING or LOST per frame."""
+        """OK, DOUBTFUL, COASTING or LOST per frame."""
         return [status_name(s.status) for s in self.steps]
 
     def valid_at(self, index: int) -> bool:
@@ -206,5 +206,5 @@ def _column(values: list[Any]) -> Any:
 
 
 def status_name(status: Any) -> str:
-    """``OK``, ``COASTING`` or ``LOST`` of a Status or its name."""
+    """``OK``, ``DOUBTFUL``, ``COASTING`` or ``LOST`` of a Status or its name."""
     return str(getattr(status, "value", status))

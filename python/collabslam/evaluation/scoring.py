@@ -176,6 +176,7 @@ def _activity(record: RunRecord, aligned: AlignedTruth | None, metric: bool) -> 
         "frames_ok": good,
         "frames_ok_reported": int(ok.sum()),
         "frames_ok_too_far": int((ok & far).sum()),
+        "frames_doubtful": int((statuses == "DOUBTFUL").sum()),
         "frames_coasting": int((statuses == "COASTING").sum()),
         "frames_lost": int((statuses == "LOST").sum()),
         "frames_valid": int(record.valid.sum()),

@@ -27,7 +27,7 @@ TIMES = "std_msgs/msg/Int64MultiArray"
 TEXT = "std_msgs/msg/String"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
-LEVELS = {"OK": b"\0", "COASTING": b"\1", "LOST": b"\2"}
+LEVELS = {"OK": b"\0", "DOUBTFUL": b"\1", "COASTING": b"\1", "LOST": b"\2"}
 
 
 @cache

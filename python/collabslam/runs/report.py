@@ -74,6 +74,15 @@ def summary_text(summary: Summary) -> str:
     return head + "\n" + text_table([[label, text(summary)] for label, text in LINES])
 
 
+DOUBTS = {
+    "t_cf": "the images contradict T_CF by more than its covariance allows",
+    "cf_matches": "points of the map are elsewhere in Cf than T_CF and its covariance say",
+    "matches": "more matches are refused than a scene that stands still leaves",
+    "noise": "features are found farther from where they are expected than the noise that is claimed",
+}
+"""What a run is doubted for, by the cause in ``frames.csv``."""
+
+
 def unused_text(summary: Summary) -> str:
     """Which frames of the stream could not be used, empty if all could."""
     counts = (
@@ -88,9 +97,11 @@ def lost_text(summary: Summary) -> str:
     """Why a run counts as having lost the camera."""
     if summary["start_frame"] is None:
         return "the filter never started"
-    text = f"the camera was lost: {summary['frames_ok']} of {summary['frames']} frames are OK"
+    text = f"the run is not to be trusted: {summary['frames_ok']} of {summary['frames']} frames are OK"
     if summary["frames_ok_too_far"]:
         text += f", {summary['frames_ok_too_far']} more claim to be but are more than 5 sigma off the truth"
+    if summary["frames_doubtful"]:
+        text += f", {summary['frames_doubtful']} are in doubt: {DOUBTS[next(iter(summary['doubts']))]}"
     return f"{text}; the last one is {summary['status_final']}"
 
 

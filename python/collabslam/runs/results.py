@@ -53,6 +53,7 @@ DIAGNOSTICS = (
     "found",
     "accepted",
     "refused",
+    "doubt",
     "relocalised",
     "restarted",
     "rejected_low_score",

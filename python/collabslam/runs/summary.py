@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,7 @@ def summarise(
         "ended_by": ended_by,
         "frames_available": len(recording),
         "frames_unseen": int(np.nansum(record.diagnostic("unseen"))),
+        "doubts": _doubts(record),
         "map_size_final": len(landmarks.ids),
         "settings_hash": plan.settings.hash(),
         "options": plan.notes,
@@ -65,9 +67,16 @@ def summarise(
 
 
 def is_trusted(summary: Summary) -> bool:
-    """Whether the camera was there at the end, and OK in at least half of the frames."""
+    """Whether the camera was there at the end, beyond doubt, and OK in at least half of the frames."""
     share = summary["ok_share"]
-    return summary["status_final"] != "LOST" and share is not None and share >= LEAST_OK_SHARE
+    ended_well = summary["status_final"] not in ("LOST", "DOUBTFUL")
+    return ended_well and share is not None and share >= LEAST_OK_SHARE
+
+
+def _doubts(record: RunRecord) -> dict[str, int]:
+    """Frames in which a run was doubted, by the cause, most first."""
+    causes = Counter(s.diagnostics.get("doubt") for s in record.steps)
+    return {str(cause): count for cause, count in causes.most_common() if cause}
 
 
 def _timing(record: RunRecord) -> Summary:

@@ -20,6 +20,7 @@ from collabslam.settings.table import Settings
 from collabslam.slam.blank_image import FROZEN
 from collabslam.slam.depth_input import Depths
 from collabslam.slam.diagnostics import StageTimes, search_counts
+from collabslam.slam.doubts import NOTHING
 from collabslam.slam.feature_states import (
     FrameFeatures,
     frame_features,
@@ -241,6 +242,7 @@ class Slam(EngineParts):
         relocalised = recovered is not None and recovered.begun is None
         inliers = _inliers(view, seen, change)
         status = self._judge(t, inliers, accepted=report.accepted or recovered is not None)
+        doubt = NOTHING if view.lost else self._doubts.judge(report, len(found.ids), overlap)
         if status is Status.OK and not relocalised:
             self._relocaliser.remember(view, self.filter.pose, seen)
         self._late.keep(view, found, seen, change)
@@ -251,11 +253,14 @@ class Slam(EngineParts):
             **change.counts(),
             **self._printed.counts(),
             "accepted": inliers,
+            "doubt": doubt,
             "unseen": 0,
             "relocalised": int(relocalised),
             "restarted": int(recovered is not None and not relocalised),
             "target_residual_px": self._target_residual(image),
         }
+        if doubt != NOTHING and status is Status.OK:
+            status = Status.DOUBTFUL
         times.done("map")
         return self._result(t, status, counts, frame_features(expected, found, report), times)
 

@@ -30,6 +30,7 @@ from collabslam.settings.table import STATE as SETTINGS_STATE
 from collabslam.settings.table import Settings
 from collabslam.slam.blank_image import BlankImageDetector
 from collabslam.slam.depth_input import DepthInput
+from collabslam.slam.doubts import Doubts
 from collabslam.slam.guard import Guard, alone
 from collabslam.slam.late_views import KeptFrame, LateViews
 from collabslam.slam.map_management import MapManager
@@ -108,6 +109,7 @@ class EngineParts:
         self._map = MapManager(
             core, settings, self._printed, scale_free=scale_free, target=self._target_start
         )
+        self._doubts = Doubts(settings.section("filter"))
         self._monitor = StatusMonitor(settings.section("filter"), lost=start == "map")
         self._recovery = Recovery(
             core, self._relocaliser, self._worn, self._map, self._monitor, metric=metric

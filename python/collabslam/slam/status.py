@@ -1,4 +1,4 @@
-"""Whether the estimate can be trusted: OK, COASTING, LOST."""
+"""Whether the camera is where its map says: OK, COASTING, LOST."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 CURVES = (
-    ("status", "status (2 OK, 1 COASTING, 0 LOST)", ("status",)),
+    ("status", "status (3 OK, 2 DOUBTFUL, 1 COASTING, 0 LOST)", ("status",)),
     ("features", "features", ("predicted", "accepted", "cf_matches", "map_size")),
     ("time", "ms a frame", ("ms_total",)),
     ("nis", "NIS of the bearings", ("nis",)),

@@ -33,7 +33,7 @@ COLOURS = {
     "not searched": (130, 130, 130),
 }
 CS, CF, TRUTH = (29, 111, 165), (242, 177, 50), (200, 200, 200)
-STATUS = {"OK": 2.0, "COASTING": 1.0, "LOST": 0.0}
+STATUS = {"OK": 3.0, "DOUBTFUL": 2.0, "COASTING": 1.0, "LOST": 0.0}
 UNIX_STAMPS = 1e8
 PLANE = 0.4
 JPEG_QUALITY = 80
