@@ -76,6 +76,20 @@ def test_what_adds_up_over_frames_is_named(cause: str, frame: tuple[Any, Overlap
     assert verdict(lambda k: frame) == cause
 
 
+def test_what_cf_showed_is_forgotten_where_it_shows_nothing_any_more() -> None:
+    judge, shifted = doubts(), seen(np.array([0.09, -0.09, 0.09, 0.03, 0.0, 0.0]))
+    said = [judge.judge(report(), FOUND, shifted if k < 10 else Overlap()) for k in range(50)]
+    assert said[9] == said[39] == "t_cf"
+    assert said[40:] == [NOTHING] * 10
+
+
+def test_four_frames_are_too_few() -> None:
+    judge = doubts()
+    said = [judge.judge(report(refused=FOUND // 2, nis=900.0), FOUND, Overlap()) for _ in range(5)]
+    assert said[:4] == [NOTHING] * 4
+    assert said[4] == "matches"
+
+
 def test_corrections_that_cancel_are_noise() -> None:
     sds = np.array([0.03] * 3 + [0.01] * 3)
     assert verdict(lambda k: (report(), seen(2.4 * sds * (-1.0) ** k))) == NOTHING

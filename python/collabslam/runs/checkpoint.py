@@ -16,18 +16,21 @@ from collabslam.formats import schema
 from collabslam.formats.container import read_container, write_container
 from collabslam.runs.plan import PLAN_STATE, Plan
 from collabslam.runs.results import CHECKPOINT, SUMMARY
+from collabslam.slam.doubts import CAUSES, NOTHING
 from collabslam.slam.engine import Slam
 from collabslam.slam.parts import CLASSES
 from collabslam.types import Recording, Status
 from collabslam.version import version
 
-KIND, VERSION = "run checkpoint", 3
+KIND, VERSION = "run checkpoint", 4
 """The version counts the changes of what a checkpoint holds; the engine's own state has another one."""
 
 _COLUMN = schema.any_of(
     schema.array("<f8", None, nan=True),
     schema.array("<i8", None),
-    schema.items(schema.optional(schema.any_of(schema.flag, schema.number(nan=True)))),
+    schema.items(
+        schema.optional(schema.any_of(schema.flag, schema.number(nan=True), schema.text((NOTHING, *CAUSES))))
+    ),
 )
 _RECORD = schema.fields(
     times=schema.array("<f8", None),

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from collabslam._core import UpdateReport, chi2_quantile
-from collabslam.formats.schema import Check, array
+from collabslam.formats.schema import Check, array, whole
 from collabslam.settings.setting import Value
 from collabslam.slam.state import PersistentState
 from collabslam.slam.worn_frame import Overlap
@@ -25,7 +25,7 @@ CAUSES = (WORN, WORN_MATCHES, MATCHES, NOISE)
 _LAST = 30
 """Frames, and views of Cf, that the tests look back on."""
 _LEAST = 5
-"""Views that say something together."""
+"""Frames, or views, that say something together."""
 _LEVEL = 0.9999
 """Level of each test."""
 
@@ -46,6 +46,7 @@ class Doubts(PersistentState):
         "_corrections": array("<f8", None, 6),
         "_claimed": array("<f8", None, 6, 6),
         "_refused": array("<f8", None),
+        "_without_view": whole(0),
     }
 
     def __init__(self, settings: Mapping[str, Value]) -> None:
@@ -57,6 +58,7 @@ class Doubts(PersistentState):
         self._corrections = np.empty((0, 6))
         self._claimed = np.empty((0, 6, 6))
         self._refused = np.empty(0)
+        self._without_view = 0
 
     def judge(self, report: UpdateReport, found: int, overlap: Overlap) -> str:
         """Takes a frame in, if it was used; returns one of `CAUSES`, or `NOTHING`."""
@@ -75,6 +77,9 @@ class Doubts(PersistentState):
         refused = bearings.rejected_gate + bearings.rejected_batch + bearings.rejected_conditional
         self._matches = _last(self._matches, [refused, found], _LAST)
         self._noise = _last(self._noise, [report.nis, report.dof], _LAST)
+        self._without_view = 0 if overlap.points else self._without_view + 1
+        if self._without_view > _LAST:  # Cf may have moved on since
+            self._forget_views()
         if overlap.points:
             wrong = pairs.rejected_gate + pairs.rejected_batch + pairs.rejected_conditional
             self._worn_matches = _last(self._worn_matches, [wrong, len(overlap.ids)], _LAST)
@@ -83,17 +88,22 @@ class Doubts(PersistentState):
             self._corrections = _last(self._corrections, overlap.correction, _LAST)
             self._claimed = _last(self._claimed, overlap.worn.covariance, _LAST)
 
+    def _forget_views(self) -> None:
+        """What views of Cf said does not count for ever once there are none."""
+        self._worn_matches, self._refused = self._worn_matches[:0], self._refused[:0]
+        self._corrections, self._claimed = self._corrections[:0], self._claimed[:0]
+
     def _too_many(self, counts: Array) -> bool:
         """Whether more matches were refused than the level of their tests explains, counts being Poisson."""
         refused, found = counts.sum(axis=0)
-        if refused < 1.0:
+        if len(counts) < _LEAST or refused < 1.0:
             return False
         return bool(0.5 * chi2_quantile(1.0 - _LEVEL, 2.0 * refused) > self._expected * found)
 
     def _too_loud(self) -> bool:
         """Whether innovations are larger than their covariance allows."""
         nis, dof = self._noise.sum(axis=0)
-        return bool(dof >= 1.0 and nis > chi2_quantile(_LEVEL, dof))
+        return bool(len(self._noise) >= _LEAST and dof >= 1.0 and nis > chi2_quantile(_LEVEL, dof))
 
     def _worn_is_elsewhere(self) -> bool:
         """Whether the matches correct T_CF again and again in one direction, by more than one error explains

@@ -45,7 +45,7 @@ from collabslam.slam.tracks import Tracks
 from collabslam.slam.worn_frame import WornMatcher
 from collabslam.types import Board, Tag, Target, WornView
 
-KIND, VERSION = "engine state", 5
+KIND, VERSION = "engine state", 6
 """Of the file that `EngineParts.save` writes; the version counts the changes of what is in it."""
 CLASSES = (KeptFrame, MapAside, Patch, Target, WornView)
 """Dataclasses that are in it."""
