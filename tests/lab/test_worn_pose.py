@@ -33,7 +33,7 @@ from collabslam.worn_pose import (
 from collabslam.worn_pose.crowd import Crowd
 from collabslam.worn_pose.estimator import turned
 from collabslam.worn_pose.evidence import known_before
-from collabslam.worn_pose.lever import trunk, worn_pose
+from collabslam.worn_pose.lever import Gait, trunk, worn_pose
 from collabslam.worn_pose.surroundings import Surroundings
 from collabslam.worn_pose.track import Candidates, LegTrack, carried
 from collabslam_lab.paper_simulation import worn_pose as experiment
@@ -359,7 +359,7 @@ def test_the_covariance_of_the_lever_arm() -> None:
     velocity = 1.3 * np.array([0.6, 0.8])
     way = trunk(velocity, r_nf)
     lean = way[:2, :2] @ (person.lean + np.array([swing @ person.surge, 0.0]))
-    t_cf, covariance, bias = worn_pose(config, r_nc, r_nf, legs, spread, plane, 1.3, way, swing)
+    t_cf, covariance, bias = worn_pose(config, r_nc, r_nf, legs, spread, plane, Gait(1.3, way, swing))
     n_f = np.asarray(person.neck_to_camera)
 
     def geometry(theta: np.ndarray) -> np.ndarray:

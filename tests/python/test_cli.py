@@ -20,7 +20,7 @@ from collabslam.datasets import FirstFrames
 from collabslam.demo import demo_run
 from collabslam.errors import DataError, FilterError, SettingsError
 from collabslam.runs import runner
-from collabslam.runs.plan import MODE_KEY, Plan
+from collabslam.runs.plan import MODE_KEY, Output, Plan
 from collabslam.runs.report import median_summary, summary_text
 from collabslam.runs.summary import is_trusted
 from collabslam.settings.table import Settings
@@ -86,7 +86,7 @@ class FakeSlam:
         )
 
 
-def go(recording: Walk, out: Path | None = None, **options):
+def go(recording: Walk, out: Path | Output | None = None, **options):
     slam = options.pop("slam", None) or FakeSlam(recording)
     return runner.run(recording, slam=slam, out=out, **options).summary
 
@@ -105,7 +105,7 @@ def _walk_instead(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_run_writes_results_and_scores_them(tmp_path: Path) -> None:
-    summary = go(Walk(), tmp_path, mode="collab-tight", notes={"seed": 3})
+    summary = go(Walk(), Output(tmp_path, notes={"seed": 3}), mode="collab-tight")
     stored = json.loads((tmp_path / "summary.json").read_text())
     assert stored["frames"] == stored["frames_ok"] == 30
     assert stored["scale_error"] == pytest.approx(1 / 1.05 - 1, abs=1e-6)

@@ -45,7 +45,7 @@ def events(posted: Posted) -> list[Event]:
 def core_of(posted: Posted, targets: list[Tag]) -> LiveCore:
     cameras = (posted.camera, posted.worn_camera)
     slam = make_slam(*cameras, targets)
-    return LiveCore(slam, posted.worn_camera, same_clock=True, printed=printed_poses(*cameras, targets))
+    return LiveCore(slam, same_clock=True, printed=printed_poses(*cameras, targets))
 
 
 def fed(core: LiveCore, events: list[Event]) -> list[LivePose]:

@@ -47,12 +47,12 @@ def events(frames: list[Frame], session: str = "anna/1") -> list[Event]:
     return out
 
 
+def engine(clip: Clip) -> Slam:
+    return Slam(clip.recording.camera, clip.recording.worn_camera)
+
+
 def core_of(clip: Clip, *, same_clock: bool = True) -> LiveCore:
-    return LiveCore(
-        Slam(clip.recording.camera, clip.recording.worn_camera),
-        clip.recording.worn_camera,
-        same_clock=same_clock,
-    )
+    return LiveCore(engine(clip), same_clock=same_clock)
 
 
 def fed(core: LiveCore, events: list[Event]) -> list[LivePose]:
@@ -65,7 +65,7 @@ def bits(poses: list[LivePose]) -> list[tuple[float, bytes, bytes]]:
 
 @pytest.fixture(scope="module")
 def offline(clip: Clip, frames: list[Frame]) -> list[tuple[float, bytes, bytes]]:
-    slam = Slam(clip.recording.camera, clip.recording.worn_camera)
+    slam = engine(clip)
     worn: list[WornView | None] = [None]
     for frame in frames[:-1]:
         assert frame.worn is not None
@@ -79,9 +79,7 @@ def test_live_is_offline_to_the_last_bit(
     clip: Clip, frames: list[Frame], offline: list[tuple[float, bytes, bytes]]
 ) -> None:
     poses: list[LivePose] = []
-    with LiveSlam(
-        clip.recording.camera, clip.recording.worn_camera, on_pose=poses.append, same_clock=True
-    ) as live:
+    with LiveSlam(engine(clip), on_pose=poses.append, same_clock=True) as live:
         for event in events(frames):
             live.push(event)
             while live._events:  # the order of arrival is what is fixed, not the speed
@@ -105,13 +103,7 @@ def test_a_record_of_the_events_gives_the_same_poses(clip: Clip, frames: list[Fr
             live.push(views[k])
             time.sleep(0.002)
 
-    with LiveSlam(
-        clip.recording.camera,
-        clip.recording.worn_camera,
-        on_pose=poses.append,
-        on_event=record.append,
-        same_clock=True,
-    ) as live:
+    with LiveSlam(engine(clip), on_pose=poses.append, on_event=record.append, same_clock=True) as live:
         thread = threading.Thread(target=send)
         thread.start()
         for event in others:
@@ -128,7 +120,7 @@ def test_pushing_returns_at_once_whatever_the_filter_does(clip: Clip, frames: li
         entered.set()
         free.wait(20.0)
 
-    live = LiveSlam(clip.recording.camera, clip.recording.worn_camera, on_pose=stuck, same_clock=True)
+    live = LiveSlam(engine(clip), on_pose=stuck, same_clock=True)
     live.push(robot(frames[0]))
     assert entered.wait(20.0)
     longest = 0.0
@@ -258,7 +250,7 @@ def test_what_a_callback_raises_ends_nothing(clip: Clip, frames: list[Frame]) ->
     def fails(pose: LivePose) -> None:
         raise RuntimeError("mine")
 
-    with LiveSlam(clip.recording.camera, clip.recording.worn_camera, on_pose=fails, same_clock=True) as live:
+    with LiveSlam(engine(clip), on_pose=fails, same_clock=True) as live:
         live.push(robot(frames[0]))
         live.push(robot(frames[1]))
     assert isinstance(live.callback_error, RuntimeError)
@@ -268,9 +260,7 @@ def test_what_a_callback_raises_ends_nothing(clip: Clip, frames: list[Frame]) ->
 
 def test_a_frame_that_cannot_be_used_costs_only_itself(clip: Clip, frames: list[Frame]) -> None:
     poses: list[LivePose] = []
-    with LiveSlam(
-        clip.recording.camera, clip.recording.worn_camera, on_pose=poses.append, same_clock=True
-    ) as live:
+    with LiveSlam(engine(clip), on_pose=poses.append, same_clock=True) as live:
         live.push(robot(frames[0]))
         live.push_robot(frames[0].t, frames[0].image)
         live.push_robot(frames[1].t, np.zeros((3, 3), np.uint8))
@@ -279,6 +269,6 @@ def test_a_frame_that_cannot_be_used_costs_only_itself(clip: Clip, frames: list[
     assert live.dropped == {"frames": 2}
     with (
         pytest.raises(InputError, match="shape"),
-        LiveSlam(clip.recording.camera, clip.recording.worn_camera) as live,
+        LiveSlam(engine(clip)) as live,
     ):
         live.push_worn(0.0, frames[0].image, np.eye(3), np.eye(6))

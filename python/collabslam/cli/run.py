@@ -95,6 +95,7 @@ def _run(arguments: argparse.Namespace) -> int:
         checkpoint_every=arguments.checkpoint_every,
         reopen=source,
         progress=True,
+        notes=options.notes_of(arguments),
     )
     with options.watching(recording, arguments) as watch:
         return _told(
@@ -104,7 +105,6 @@ def _run(arguments: argparse.Namespace) -> int:
                 start=arguments.map or arguments.start,
                 settings=settings,
                 out=output,
-                notes=options.notes_of(arguments),
                 printed=[*arguments.tag, *arguments.board],
                 watch=watch,
             ),

@@ -127,8 +127,13 @@ def run_pair(
             mode=mode,
             start="worn",
             settings=settings,
-            out=Output(None if out is None else out / mode, overwrite=True, latest=False, progress=progress),
-            notes={"seed": seed},
+            out=Output(
+                None if out is None else out / mode,
+                overwrite=True,
+                latest=False,
+                progress=progress,
+                notes={"seed": seed},
+            ),
         )
         for mode in MODES
     }

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from collabslam._core import Camera
 from collabslam.errors import DataError, InputError
 from collabslam.geometry import pose_inverse
 from collabslam.live.clock import Exchange
@@ -77,8 +76,6 @@ class LiveCore:
     Parameters
     ----------
     slam : Slam
-    worn_camera : Camera or None
-        The calibration that views are sent with.
     same_clock : bool
         Whether views are stamped in the robot's time.
     printed : PrintedPoses, optional
@@ -88,7 +85,6 @@ class LiveCore:
     def __init__(
         self,
         slam: Slam,
-        worn_camera: Camera | None,
         *,
         same_clock: bool = False,
         printed: PrintedPoses | None = None,
@@ -97,7 +93,7 @@ class LiveCore:
         self.views = WaitingViews(same_clock=same_clock)
         self.refused: Counter[str] = Counter()
         """Frames of Cs that could not be used, by the error's text."""
-        self._worn_camera, self._printed = worn_camera, printed
+        self._worn_camera, self._printed = slam.worn_camera, printed
         self._last = self.slam.filter.time
         self._collab = -float("inf")
 

@@ -43,7 +43,7 @@ def replay(record: Path, out: Path, *, overwrite: bool = False) -> dict[str, Any
         raise SettingsError(f"The record {record} is of another version. {error}") from error
     cameras = (reader.camera, reader.worn_camera)
     slam = make_slam(*cameras, plan.targets, settings=settings, mode=plan.mode, start=plan.start)
-    core = LiveCore(slam, reader.worn_camera, printed=printed_poses(*cameras, plan.targets))
+    core = LiveCore(slam, printed=printed_poses(*cameras, plan.targets))
     with contextlib.ExitStack() as stack:
         folder = claim(out, stack, overwrite=overwrite)
         results = LiveResults(folder, settings, ARBITRARY if plan.start == "scale-free" else METRES)

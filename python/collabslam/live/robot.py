@@ -110,9 +110,7 @@ class RobotNode:
             stack.callback(recorder.close)
             self._camera.begin()
             live = LiveSlam(
-                self._camera.camera,
-                worn_camera,
-                slam=slam,
+                slam,
                 targets=options.targets,
                 on_pose=lambda pose: self._done(pose, slam, results),
                 on_event=lambda event: recorder.write(event, self._camera.clock.now()),

@@ -20,6 +20,7 @@ from collabslam.live.downlink import MAP_EVERY, STATUS_EVERY, status_of
 from collabslam.live.pairing import Pairing
 from collabslam.live.slam import LiveSlam
 from collabslam.settings.table import Settings
+from collabslam.slam.engine import Slam
 from collabslam.types import Image
 
 NAME = "collabslam"
@@ -130,15 +131,9 @@ class RosNode:
             return
         self._cameras[which] = messages.camera_from(data, f"CameraInfo of {which}")
         if self._wanted <= self._cameras.keys():
-            self._live = LiveSlam(
-                self._cameras["cs"],
-                self._cameras.get("cf"),
-                on_pose=self._publish,
-                same_clock=True,
-                settings=self._settings,
-                mode=self._mode,
-                start=self._start,
-            )
+            cameras = self._cameras["cs"], self._cameras.get("cf")
+            slam = Slam(*cameras, settings=self._settings, mode=self._mode, start=self._start)
+            self._live = LiveSlam(slam, on_pose=self._publish, same_clock=True)
 
     def _robot(self, topic: str, data: bytes) -> None:
         if self._live is not None:

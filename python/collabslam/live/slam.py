@@ -11,15 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from collabslam._core import Camera
 from collabslam.errors import CollabslamError, InputError
 from collabslam.live.clock import Exchange
 from collabslam.live.core import ClockReading, Event, LiveCore, LivePose, RobotFrame
-from collabslam.live.printed import make_slam, printed_poses
+from collabslam.live.printed import printed_poses
 from collabslam.live.views import SURPLUS, LiveView
-from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
-from collabslam.slam.saved_map import SavedMap
 from collabslam.types import Board, Image, Tag
 
 BOUNDS: dict[type, int] = {RobotFrame: 4, LiveView: 16, ClockReading: 32}
@@ -35,10 +32,8 @@ class LiveSlam:
 
     Parameters
     ----------
-    camera : Camera
-        Cs.
-    worn_camera : Camera, optional
-        Cf.
+    slam : Slam
+        The engine, new or resumed; only ``on_pose`` may use it before `close`.
     on_pose : callable, optional
         Is given the `LivePose` of each frame.  It may use ``slam``.  What it raises ends nothing and is
         kept as ``callback_error``; but a `CollabslamError` ends the filter.
@@ -48,43 +43,29 @@ class LiveSlam:
         Whether both cameras are stamped by one clock; otherwise `push_clock` must say what the worn one's is.
     targets : sequence of Tag and Board
         Printed targets that stand still: where both cameras see one, it tells T_CF of views that come without
-        it; and where Cs sees one, it says what a metre is.
-    slam : Slam, optional
-        An engine that goes on, in place of a new one.
-    settings, mode, start, map
-        As of `collabslam.Slam`; with ``start="target"`` any of the targets.
+        it.  (`Slam.add_tag` says that one is a measure of length, too.)
 
     Attributes
     ----------
     slam : Slam
-        The engine; only ``on_pose`` may use it before `close`.
     callback_error : Exception or None
     """
 
     def __init__(
         self,
-        camera: Camera,
-        worn_camera: Camera | None = None,
+        slam: Slam,
         *,
         on_pose: Callable[[LivePose], None] | None = None,
         on_event: Callable[[Event], None] | None = None,
         same_clock: bool = False,
         targets: Sequence[Tag | Board] = (),
-        slam: Slam | None = None,
-        settings: Settings | None = None,
-        mode: str | None = None,
-        start: str = "worn",
-        map: SavedMap | None = None,
     ) -> None:
-        self.slam = slam or make_slam(
-            camera, worn_camera, targets, settings=settings, mode=mode, start=start, map=map
-        )
+        self.slam = slam
         self.callback_error: Exception | None = None
         self._core = LiveCore(
-            self.slam,
-            worn_camera,
+            slam,
             same_clock=same_clock,
-            printed=printed_poses(camera, worn_camera, targets),
+            printed=printed_poses(slam.camera, slam.worn_camera, targets),
         )
         self._on_pose, self._on_event = on_pose, on_event
         self._change = threading.Condition()

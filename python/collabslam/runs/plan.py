@@ -75,6 +75,8 @@ class Output:
         For the checkpoint: how the recording is opened again, where `run` is given one that is open.
     progress : bool
         Whether to show progress on standard error.
+    notes : mapping
+        Further facts for the summary's ``options``, such as how the worn camera was emulated.
     """
 
     folder: str | Path | None = None
@@ -84,6 +86,7 @@ class Output:
     checkpoint_every: int | str | None = None
     reopen: Source | None = None
     progress: bool = False
+    notes: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

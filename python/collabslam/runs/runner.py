@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -70,7 +70,6 @@ def run(
     start: str | SavedMap | Path | None = None,
     settings: Settings | None = None,
     out: str | Path | Output | None = None,
-    notes: Mapping[str, Any] | None = None,
     printed: Sequence[Tag | Board] = (),
     slam: SlamLike | None = None,
     watch: Watch | None = None,
@@ -100,8 +99,6 @@ def run(
     out : str, Path or Output, optional
         Result folder, or that and more: a checkpoint, a saved map, progress.  An earlier run's results are
         kept: `RunResult.folder` says where these are.  Nothing is written if left out.
-    notes : mapping, optional
-        Further facts for the summary's ``options``, such as how the worn camera was emulated.
     printed : sequence of Tag and Board, optional
         Printed targets in the scene: ``start="target"`` starts from one of them, and all are points of known
         distances wherever Cs sees them (see `Slam.add_tag`).
@@ -131,7 +128,7 @@ def run(
         start if isinstance(start, str) else "map",
         start != "scale-free" if isinstance(start, str) else start.metric,
         settings.replace({MODE_KEY: mode}),
-        jsonable({**(notes or {}), **_printed_note(printed)}),
+        jsonable({**output.notes, **_printed_note(printed)}),
         None if output.checkpoint_every is None else Interval.parse(output.checkpoint_every),
     )
     if plan.every is not None and (output.folder is None or slam is not None):

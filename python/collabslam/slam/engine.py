@@ -174,6 +174,16 @@ class Slam(EngineParts):
         self._late.add(worn)
 
     @property
+    def camera(self) -> Camera:
+        """Cs."""
+        return self._camera
+
+    @property
+    def worn_camera(self) -> Camera | None:
+        """Cf."""
+        return self._worn_camera
+
+    @property
     def worn_dropped(self) -> dict[str, int]:
         """How many views of Cf were not used, by reason: ``stale``, ``future``, ``repeated``, ``superseded``
         (by a newer one for the same frame), ``crowded`` (too many waited)."""

@@ -15,7 +15,7 @@ from collabslam.worn_pose.attitude import AttitudeTrack
 from collabslam.worn_pose.config import WornPoseConfig
 from collabslam.worn_pose.crowd import Crowd
 from collabslam.worn_pose.legs import FARTHEST, find_legs
-from collabslam.worn_pose.lever import trunk, worn_pose
+from collabslam.worn_pose.lever import Gait, trunk, worn_pose
 from collabslam.worn_pose.readings import AhrsReading, Diagnostics, LaserScan, WornPoseEstimate
 from collabslam.worn_pose.surroundings import REACH, Surroundings
 from collabslam.worn_pose.track import Candidates, carried
@@ -293,7 +293,7 @@ class WornPoseEstimator:
             return _none(t, f"the legs are known to {sd:.2f} m only", d)
         way = trunk(x[2:4], r_nf)
         swing = np.array([x[4:6], x[6:8] / (2.0 * pi * c.person.step_rate)]) @ way[:2, 0]
-        pose = worn_pose(c, r_nc, r_nf, away, legs, m.plane, speed, way, swing)
+        pose = worn_pose(c, r_nc, r_nf, away, legs, m.plane, Gait(speed, way, swing))
         return WornPoseEstimate(t, *pose, None, d, r_nc.T @ way, swing)
 
 

@@ -13,6 +13,7 @@ except for the white part of the heading: it differs between scan and image and 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import hypot
 
 import numpy as np
@@ -28,6 +29,25 @@ _WALKS, _STANDS = 0.1, 0.7
 """How far it then faces elsewhere, of somebody who walks fast and of somebody who stands, radians."""
 
 
+@dataclass(frozen=True)
+class Gait:
+    """How the person moves.
+
+    Attributes
+    ----------
+    speed : float
+        m/s.
+    way : (3, 3) array
+        `trunk`.
+    swing : (2,) array
+        As in `WornPoseEstimate.swing`.
+    """
+
+    speed: float
+    way: Array
+    swing: Array
+
+
 def worn_pose(
     config: WornPoseConfig,
     r_nc: Array,
@@ -35,9 +55,7 @@ def worn_pose(
     legs: Array,
     legs_covariance: Array,
     plane: float,
-    speed: float,
-    way: Array,
-    swing: Array,
+    gait: Gait,
 ) -> tuple[Array, Array, Array]:
     """``T_CF``, its covariance, and the part of it that is bias.
 
@@ -51,12 +69,7 @@ def worn_pose(
     legs_covariance : (2, 2) array
     plane : float
         Height of the scanner's plane over Cs, metres (negative below).
-    speed : float
-        Of the person, m/s.
-    way : (3, 3) array
-        `trunk`.
-    swing : (2,) array
-        As in `WornPoseEstimate.swing`.
+    gait : Gait
 
     Returns
     -------
@@ -64,6 +77,7 @@ def worn_pose(
         Covariances over (translation, rotation), tangent on the right.
     """
     person, ahrs = config.person, config.ahrs
+    speed, way, swing = gait.speed, gait.way, gait.swing
     arm = r_nf @ np.asarray(person.neck_to_camera)
     neck = person.camera_height + person.neck_to_camera[1] - config.camera_height
     height = neck + arm[2] + float(np.dot(person.bob, swing))

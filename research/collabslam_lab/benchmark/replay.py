@@ -101,14 +101,19 @@ def run_item(item: Item) -> Row:
     """Run one item and keep its summary; an error becomes a row."""
     place = None if item.folder is None else _beside(item.folder)
     try:
-        notes = {KEY: item.fingerprint(), "worn": item.entry.worn, "worn_available": item.entry.available}
+        notes = {
+            KEY: item.fingerprint(),
+            "worn": item.entry.worn,
+            "worn_available": item.entry.available,
+            "seed": item.seed,
+            "worn_bias_per_block": item.bias_per_block,
+        }
         summary = run(
             open_entry(item),
             mode=item.used_mode,
             start=item.entry.start,
             settings=item.settings,
-            out=Output(place, overwrite=True, latest=False),
-            notes={**notes, "seed": item.seed, "worn_bias_per_block": item.bias_per_block},
+            out=Output(place, overwrite=True, latest=False, notes=notes),
         ).summary
         if item.folder is None:
             write_summary(item.summary, summary)

@@ -4,6 +4,7 @@ use super::PyFilter;
 use crate::arrays_in::{Argument, covariance6, ids, pixels, rows, same_length, stack};
 use crate::arrays_out::{Column, column, to_ids};
 use ekf_core::CandidateOutcome;
+use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3};
 use pyo3::prelude::*;
 
 /// What became of candidates that were observed.
@@ -18,6 +19,30 @@ use pyo3::prelude::*;
 pub(crate) struct CandidateReport {
     born: Column<i64>,
     dropped: Column<bool>,
+}
+
+/// Points of known position in C, with the error that they share.
+struct KnownPoints {
+    points: Vec<Vector3<f64>>,
+    noise: Vec<Matrix3<f64>>,
+    shared: Vec<SMatrix<f64, 3, 6>>,
+    covariance: Matrix6<f64>,
+}
+
+impl KnownPoints {
+    fn parse(
+        points: &Argument<'_>,
+        noise: &Argument<'_>,
+        shared: &Argument<'_>,
+        covariance: &Argument<'_>,
+    ) -> PyResult<Self> {
+        Ok(Self {
+            points: rows::<3>("points", points)?,
+            noise: stack::<3, 3>("noise", noise)?,
+            shared: stack::<3, 6>("shared", shared)?,
+            covariance: covariance6("covariance", covariance)?,
+        })
+    }
 }
 
 #[pymethods]
@@ -170,12 +195,9 @@ impl PyFilter {
         shared: Argument<'_>,
         covariance: Argument<'_>,
     ) -> PyResult<Column<i64>> {
-        let points = rows::<3>("points", &points)?;
-        let noise = stack::<3, 3>("noise", &noise)?;
-        let shared = stack::<3, 6>("shared", &shared)?;
-        let covariance = covariance6("covariance", &covariance)?;
+        let k = KnownPoints::parse(&points, &noise, &shared, &covariance)?;
         let ids = self.write(py, |f| {
-            f.start_from_points(&points, &noise, &shared, &covariance)
+            f.start_from_points(&k.points, &k.noise, &k.shared, &k.covariance)
         })?;
         Ok(to_ids(py, ids.into_iter().map(Some)))
     }
@@ -213,11 +235,10 @@ impl PyFilter {
         shared: Argument<'_>,
         covariance: Argument<'_>,
     ) -> PyResult<Column<i64>> {
-        let points = rows::<3>("points", &points)?;
-        let noise = stack::<3, 3>("noise", &noise)?;
-        let shared = stack::<3, 6>("shared", &shared)?;
-        let covariance = covariance6("covariance", &covariance)?;
-        let ids = self.write(py, |f| f.add_points(&points, &noise, &shared, &covariance))?;
+        let k = KnownPoints::parse(&points, &noise, &shared, &covariance)?;
+        let ids = self.write(py, |f| {
+            f.add_points(&k.points, &k.noise, &k.shared, &k.covariance)
+        })?;
         Ok(to_ids(py, ids.into_iter().map(Some)))
     }
 }

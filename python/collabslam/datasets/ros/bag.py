@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -120,16 +121,10 @@ class Bag:
 
     def _read(self, topic: str, connections: list[Any], start: int | None) -> Iterator[tuple[int, Any]]:
         count = 0
-        try:
+        with self._broken():
             for connection, received, data in self._reader.messages(connections, start=start):
                 yield received, self._reader.deserialize(data, connection.msgtype)
                 count += 1
-        except DataError:
-            raise
-        except Exception as error:  # rosbags raises many kinds for broken files
-            raise DataError(
-                f"The bag {self.path} is broken ({error}); record it again or reindex it."
-            ) from error
         if not count and start is None:
             raise DataError(
                 f"The bag {self.path} is broken (its index tells of messages of {topic}, there are none); "
@@ -140,9 +135,15 @@ class Bag:
         """(topic, message) of several topics in order of recording; of those that the bag has."""
         found = [self._reader.topics[name] for name in topics if name in self._reader.topics]
         connections = [c for info in found for c in info.connections]
-        try:
+        with self._broken():
             for connection, _, data in self._reader.messages(connections):
                 yield connection.topic, self._reader.deserialize(data, connection.msgtype)
+
+    @contextmanager
+    def _broken(self) -> Iterator[None]:
+        """Says what to do about a broken bag, whatever rosbags raises for it."""
+        try:
+            yield
         except DataError:
             raise
         except Exception as error:  # rosbags raises many kinds for broken files
