@@ -1,4 +1,7 @@
-"""One end of a link in a process of its own: ``python ends.py robot|worn OPTIONS`` tells what it saw."""
+"""One end of a link in a process of its own: ``python ends.py robot|worn OPTIONS`` tells what it saw.
+
+The worn end says ``up`` when it is there.  All times that are told are the machine's (``time.monotonic``).
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import collabslam
-from collabslam.live import link
+from collabslam.live import link, messages, names
 from collabslam.live.cameras import PlayedRecording
 from collabslam.live.keys import Keys
 from collabslam.live.robot import RobotNode, RobotOptions
@@ -23,15 +26,15 @@ class OtherClock(SteadyClock):
 
     def __init__(self, offset: float, drift: float) -> None:
         super().__init__()
-        self._offset, self._drift = offset, drift
-        self._first = time.monotonic()
+        self._start += offset
+        self._drift = drift
 
     def now(self) -> float:
-        return super().now() + self._offset + self._drift * (time.monotonic() - self._first)
+        return self._start + (1.0 + self._drift) * (time.monotonic() - self._begun)
 
     def monotonic(self, stamp: float) -> float:
-        """The machine's own time at which it showed ``stamp``."""
-        return time.monotonic() - (self.now() - stamp) / (1.0 + self._drift)
+        """The machine's time at which it showed ``stamp``."""
+        return self._begun + (stamp - self._start) / (1.0 + self._drift)
 
 
 class Listed(WornDevice):
@@ -55,6 +58,7 @@ def worn(asked: dict[str, Any]) -> dict[str, Any]:
         device = Listed(session, keys.name, recording.worn_camera, clock)
         device.seen = []
         with device:
+            print("up", flush=True)
             send_all(device, camera, lambda: False)
             time.sleep(0.5)
     return {"seen": device.seen, "level": device.pace.level.size}
@@ -65,15 +69,24 @@ def robot(asked: dict[str, Any]) -> dict[str, Any]:
     camera = PlayedRecording(recording)
     record = Path(asked["record"]) if asked.get("record") else None
     options = RobotOptions(Path(asked["out"]), collabslam.Settings.default(), record=record)
+    exchanges: list[tuple[float, float]] = []
     with link.open_robot(link.Address(asked["host"]), Keys.read(Path(asked["keys"]))) as session:
         node = RobotNode(session, camera, options)
+        take = node.uplink.take
+
+        def listed(key: str, payload: bytes) -> None:
+            if key.endswith(names.EXCHANGE):
+                exchanges.append((camera.clock.now(), messages.exchange_from(payload)[1].delay))
+            take(key, payload)
+
+        node.uplink.take = listed  # type: ignore[method-assign]
         summary = node.run()
-    offset = time.monotonic() - camera.clock.now()
-    arrivals = [(a.stamp, a.taken, a.came) for a in node.uplink.arrivals("anna")]
+    offset = camera.clock._begun - camera.clock._start
     return {
         "summary": summary,
-        "arrivals": arrivals,
-        "monotonic": offset,
+        "arrivals": [(a.stamp, a.taken + offset, a.came + offset) for a in node.uplink.arrivals("anna")],
+        "exchanges": [(t + offset, delay) for t, delay in exchanges],
+        "offset": offset,
         "received": dict(node.uplink.received),
     }
 

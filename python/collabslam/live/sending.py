@@ -47,5 +47,6 @@ def _follow(device: WornDevice, camera: PlayedRecording, ended: Callable[[], boo
         if ended():
             return
         if worn is not None and device.behind(t) <= OVERDUE:
-            device.send(camera.clock.now() - device.behind(t), worn.image, (worn.t_cf, worn.covariance))
+            stamp = device.stamp_at(t, camera.clock.now())
+            device.send(stamp, worn.image, (worn.t_cf, worn.covariance))
             last = t

@@ -81,10 +81,15 @@ class WornDevice:
 
     def behind(self, t: float) -> float:
         """Seconds by which the robot's time is past ``t``; InputError before anything is known of it."""
-        found = self.robot_clock.robot_time(self._clock.now())
+        now = self._clock.now()
+        return now - self.stamp_at(t, now)
+
+    def stamp_at(self, t: float, now: float) -> float:
+        """What the device's clock shows at the robot's time ``t``, near its own time ``now``; raises likewise."""
+        found = self.robot_clock.robot_time(now)
         if found is None:
             raise InputError("The robot's time is not known yet; wait for it with wait_for_robot.")
-        return found[0] - t
+        return now - (found[0] - t)
 
     def wait_for_robot(self, seconds: float) -> bool:
         """Whether the robot's time is known, waited for so long."""
