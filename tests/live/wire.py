@@ -1,8 +1,8 @@
 """A network that loses, delays, reorders and chokes packets: two network namespaces and a relay between them.
 
 Each namespace has one network device (a TUN device) that this process reads and writes, packet by packet.
-Needs root, network namespaces and ``/dev/net/tun``.  SIGUSR1 lets nothing pass until the next one comes; SIGINT
-ends it with the counts.
+Needs root, network namespaces and ``/dev/net/tun``.  SIGUSR1 lets nothing pass until the next one comes;
+SIGINT ends it with the counts.
 
     python wire.py NAMESPACE NAMESPACE SECONDS '{"loss": 0.02, "delay_ms": 5}'
 """

@@ -85,7 +85,7 @@ class WornDevice:
         return now - self.stamp_at(t, now)
 
     def stamp_at(self, t: float, now: float) -> float:
-        """What the device's clock shows at the robot's time ``t``, near its own time ``now``; raises likewise."""
+        """What the device's clock shows at the robot's time ``t``, near its own ``now``; raises likewise."""
         found = self.robot_clock.robot_time(now)
         if found is None:
             raise InputError("The robot's time is not known yet; wait for it with wait_for_robot.")
