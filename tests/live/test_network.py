@@ -40,7 +40,7 @@ SEEDS = (0, 1, 2)
 FRESH = 0.5
 """Seconds: an image's age at the median, however busy the machine; a queue that grows is beyond it."""
 SANE = 0.5
-"""Metres of 15 by which a pose may be wrong where frames are lost, as on a busy machine; it is 0.03 otherwise."""
+"""Metres of 15 by which a pose may be wrong where frames are lost, as on a busy machine; otherwise 0.03."""
 
 
 @dataclass(frozen=True)

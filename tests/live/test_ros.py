@@ -31,6 +31,8 @@ TOPICS = {
     "--t-cf": "/t_cf",
 }
 FRAMES = 14
+SOON = 20.0
+"""Seconds in which the node does what it should, however busy the machine."""
 
 
 def test_images_in_and_the_pose_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -64,7 +66,7 @@ def test_images_in_and_the_pose_out(monkeypatch: pytest.MonkeyPatch) -> None:
         role: node.create_publisher(message_type(kinds[role]), topic, 10) for role, topic in TOPICS.items()
     }
     try:
-        end = time.monotonic() + 20.0
+        end = time.monotonic() + 3.0 * SOON
         while any(p.get_subscription_count() == 0 for p in out.values()) and time.monotonic() < end:
             rclpy.spin_once(node, timeout_sec=0.1)
         for _ in range(10):  # as cameras do, again and again
@@ -78,15 +80,12 @@ def test_images_in_and_the_pose_out(monkeypatch: pytest.MonkeyPatch) -> None:
             out["--t-cf"].publish(messages.pose(t, "cs", worn.t_cf, worn.covariance))
             out["--cf"].publish(messages.compressed_image(t, "cf", jpeg))
             out["--cs"].publish(messages.raw_image(t, "cs", frame.image))
-            until = time.monotonic() + 0.1
-            while time.monotonic() < until:
+            until, before = time.monotonic() + (SOON if poses else 1.0), len(poses)
+            while time.monotonic() < until and len(poses) == before:  # a busy machine is slower than a camera
                 rclpy.spin_once(node, timeout_sec=0.02)
-        end = time.monotonic() + 5.0
-        while len(poses) < FRAMES - 3 and time.monotonic() < end:
-            rclpy.spin_once(node, timeout_sec=0.1)
     finally:
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=20.0)
+        _, said = process.communicate(timeout=3.0 * SOON)
         node.destroy_subscription(kept)
         node.destroy_node()
         rclpy.shutdown()
