@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import itertools
 import json
 import shutil
 import subprocess
@@ -17,26 +18,47 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 
 
 class Browser:
-    """One page of a browser."""
+    """One page of a browser, or the browser itself if it has no session."""
 
-    def __init__(self, socket: Any, session: str) -> None:
-        self._socket, self._session, self._count = socket, session, 0
+    def __init__(self, socket: Any, session: str = "", count: Iterator[int] | None = None) -> None:
+        self._socket, self._session = socket, session
+        self._count = count or itertools.count(1)
+
+    def page(self) -> Browser:
+        """Another page, in a window of its own: one in the background plays no video."""
+        target = self.tell("Target.createTarget", url="about:blank", newWindow=True)["targetId"]
+        attached = self.tell("Target.attachToTarget", targetId=target, flatten=True)
+        return Browser(self._socket, attached["sessionId"], self._count)
+
+    def close(self) -> None:
+        """Close the page."""
+        self.tell("Page.close")
+
+    def before(self, script: str) -> None:
+        """JavaScript that runs in every document before the document's own."""
+        self.tell("Page.enable")
+        self.tell("Page.addScriptToEvaluateOnNewDocument", source=script)
 
     def tell(self, method: str, **parameters: Any) -> dict[str, Any]:
         """A command of the debugging protocol and its answer."""
-        self._count += 1
-        message = {"id": self._count, "method": method, "params": parameters}
+        number = next(self._count)
+        message = {"id": number, "method": method, "params": parameters}
         if self._session:
             message["sessionId"] = self._session
         self._socket.send(json.dumps(message))
         while True:
-            answer = json.loads(self._socket.recv(timeout=20.0))
-            if answer.get("id") == self._count:
+            answer = json.loads(self._socket.recv(timeout=60.0))
+            if answer.get("id") == number:
                 assert "error" not in answer, answer
                 return dict(answer["result"])
 
     def open(self, url: str, width: int, height: int) -> None:
         """A page in a window of so many pixels."""
+        self.resize(width, height)
+        self.tell("Page.navigate", url=url)
+
+    def resize(self, width: int, height: int) -> None:
+        """A window of so many pixels, a narrow one as a phone has it."""
         self.tell(
             "Emulation.setDeviceMetricsOverride",
             width=width,
@@ -44,8 +66,6 @@ class Browser:
             deviceScaleFactor=1,
             mobile=width < 600,
         )
-        self.tell("Page.navigate", url="about:blank")
-        self.tell("Page.navigate", url=url)
 
     def value(self, expression: str) -> Any:
         """What an expression of JavaScript gives."""
@@ -69,7 +89,7 @@ class Browser:
 
 @contextmanager
 def browser(video: Path) -> Iterator[Browser]:
-    """A browser whose camera plays a file of JPEGs (``.mjpeg``)."""
+    """A browser whose camera plays a file of JPEGs (``.mjpeg``); `Browser.page` opens its pages."""
     from websockets.sync.client import connect
 
     assert CHROMIUM is not None
@@ -83,6 +103,8 @@ def browser(video: Path) -> Iterator[Browser]:
             "--use-fake-ui-for-media-stream",
             "--use-fake-device-for-media-stream",
             f"--use-file-for-fake-video-capture={video}",
+            "--disable-backgrounding-occluded-windows",
+            "--disable-renderer-backgrounding",
             f"--user-data-dir={folder}",
             "--remote-debugging-port=0",
             "about:blank",
@@ -92,12 +114,7 @@ def browser(video: Path) -> Iterator[Browser]:
             assert process.stderr is not None
             line = next(text for text in process.stderr if "DevTools listening on" in text)
             with connect(line.split()[-1], max_size=None) as socket:
-                whole = Browser(socket, "")
-                target = whole.tell("Target.createTarget", url="about:blank")["targetId"]
-                attached = whole.tell("Target.attachToTarget", targetId=target, flatten=True)
-                page = Browser(socket, attached["sessionId"])
-                page._count = 1000
-                yield page
+                yield Browser(socket)
         finally:
             process.terminate()
             process.wait()

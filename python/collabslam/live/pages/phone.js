@@ -4,7 +4,7 @@ import { connect, facts, say } from "/link.js";
 const video = document.getElementById("video");
 const seconds = (ms) => (performance.timeOrigin + ms) / 1000;
 let socket = null, busy = false, last = -Infinity, sent = 0, asking = null;
-const shown = new Set(["link", "started", "cf matches"]);
+const shown = new Set(["link", "started", "metric", "cf matches"]);
 let level = { width: 640, quality: 0.5, rate: 10 };
 
 async function start() {
