@@ -70,6 +70,8 @@ def test_altered_messages_cost_only_themselves(part: str, monkeypatch: pytest.Mo
         up.take(names.key("eve", part), rubbish)
         up.take(names.key("eve", "another"), rubbish)
     assert up.counts()["malformed"] >= 300
+    assert up.said()["last refusal"].startswith("eve: ")
+    assert max(map(len, up.faults)) <= uplink.LONGEST
     events.clear()
     send(up, "anna")
     assert [e.session for e in events if isinstance(e, LiveView)] == ["anna/1"]

@@ -15,6 +15,7 @@ from conftest import Clip
 from collabslam import InputError, Slam
 from collabslam.live.clock import Exchange
 from collabslam.live.core import ClockReading, Event, LiveCore, LivePose, RobotFrame
+from collabslam.live.downlink import VIEW_WIDTH, view_picture
 from collabslam.live.slam import BOUNDS, LiveSlam
 from collabslam.live.views import BROKEN, EARLY, LATE, NO_CLOCK, OTHER, REFUSED, REPEATED, SURPLUS, LiveView
 from collabslam.types import Frame, WornView
@@ -272,3 +273,21 @@ def test_a_frame_that_cannot_be_used_costs_only_itself(clip: Clip, frames: list[
         LiveSlam(engine(clip)) as live,
     ):
         live.push_worn(0.0, frames[0].image, np.eye(3), np.eye(6))
+
+
+def test_the_picture_joins_what_both_see(clip: Clip, frames: list[Frame]) -> None:
+    pose = next(p for p in reversed(fed(core_of(clip), events(frames))) if p.worn is not None)
+    pairs = pose.step.features.pairs
+    assert len(pairs) == pose.step.diagnostics["cf_matches"] > 5
+    for camera, uv in ((clip.recording.camera, pairs[:, :2]), (clip.recording.worn_camera, pairs[:, 2:])):
+        assert (uv >= 0).all()
+        assert (uv <= (camera.width, camera.height)).all()
+    alone = replace(pose.step, features=replace(pose.step.features, pairs=np.empty((0, 4))))
+    with_lines, without = (
+        cv2.imdecode(np.frombuffer(view_picture(p), np.uint8), cv2.IMREAD_COLOR).astype(int)
+        for p in (pose, replace(pose, step=alone))
+    )
+    scale = VIEW_WIDTH / clip.recording.camera.width
+    u, v, u_f, v_f = scale * pairs[0]
+    middle = round(0.5 * (v + v_f)), round(0.5 * (u + u_f + VIEW_WIDTH))
+    assert np.abs(with_lines - without)[middle].max() > 40

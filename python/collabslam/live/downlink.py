@@ -17,7 +17,7 @@ STATUS_EVERY, MAP_EVERY, VIEW_EVERY = 0.5, 2.0, 0.3
 """Seconds between two messages of a kind."""
 VIEW_WIDTH = 480
 """Pixels of the picture for whoever watches."""
-_USED, _UNUSED = (80, 200, 80), (60, 60, 220)
+_USED, _UNUSED, _BOTH = (80, 200, 80), (60, 60, 220), (40, 170, 255)
 
 
 class Downlink:
@@ -96,22 +96,22 @@ def status_of(pose: LivePose, facts: Mapping[str, Any], devices: Mapping[str, An
 
 
 def view_picture(pose: LivePose) -> bytes:
-    """Cs with the features of the frame, and Cf beside it where it was used, as a small JPEG."""
+    """A JPEG: Cs with the frame's features, Cf beside it where it was used, lines between what both see."""
     left = cv2.cvtColor(pose.image, cv2.COLOR_GRAY2BGR)
     features = pose.step.features
     for predicted, found, state in zip(features.predicted, features.found, features.states, strict=True):
         used = state == "accepted"
         u, v = found if used else predicted
         cv2.circle(left, (round(float(u)), round(float(v))), 4, _USED if used else _UNUSED, 2)
-    picture = _scaled(left)
+    scale = min(1.0, VIEW_WIDTH / left.shape[1])
+    picture = cv2.resize(left, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     if pose.worn is not None:
         right = cv2.cvtColor(pose.worn.image, cv2.COLOR_GRAY2BGR)
-        height = picture.shape[0]
-        right = cv2.resize(right, (right.shape[1] * height // right.shape[0], height))
+        height, width = picture.shape[:2]
+        scale_f = height / right.shape[0]
+        right = cv2.resize(right, (round(scale_f * right.shape[1]), height), interpolation=cv2.INTER_AREA)
         picture = np.concatenate([picture, right], axis=1)
+        ends = features.pairs * [scale, scale, scale_f, scale_f] + [0.0, 0.0, width, 0.0]
+        for u, v, u_f, v_f in np.rint(ends).astype(int).tolist():
+            cv2.line(picture, (u, v), (u_f, v_f), _BOTH, 1, cv2.LINE_AA)
     return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 60])[1])
-
-
-def _scaled(image: Any) -> Any:
-    scale = min(1.0, VIEW_WIDTH / image.shape[1])
-    return cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

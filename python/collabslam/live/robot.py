@@ -152,7 +152,8 @@ class RobotNode:
 
     def _done(self, pose: LivePose, slam: Slam, results: LiveResults) -> None:
         """A frame is done: publish first, then write."""
-        self._downlink.frame(pose, slam, self._counts(), self.uplink.reports())
+        facts = self._counts() | self.uplink.said()
+        self._downlink.frame(pose, slam, facts, self.uplink.reports())
         results.frame(pose)
         results.checkpoint(slam)
 

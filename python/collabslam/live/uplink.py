@@ -37,6 +37,8 @@ RATES = {
 """Messages per second of each kind that a device may write."""
 REMEMBERED = 1000
 """Arrivals of images that are remembered of each device."""
+LONGEST = 300
+"""Characters of a refusal: what it quotes may be a hostile sender's."""
 BURST = 30.0
 """Messages of each kind that may come at once, after the network held them back."""
 
@@ -112,6 +114,11 @@ class Uplink:
             unpaired = sum(d.pairing.unpaired for d in self._devices.values())
             return {k: v for k, v in (*self.dropped.items(), (UNPAIRED, unpaired)) if v}
 
+    def said(self) -> dict[str, str]:
+        """The last refusal in words, if any."""
+        with self._lock:
+            return {"last refusal": self.faults[-1]} if self.faults else {}
+
     def arrivals(self, name: str) -> list[Arrival]:
         """The last images of a device."""
         with self._lock:
@@ -149,13 +156,14 @@ class Uplink:
                 event = self._event(name, device, part, payload)
             except CollabslamError as error:
                 self.dropped[MALFORMED] += 1
-                self.faults.append(f"{key}: {error}")
+                self.faults.append(f"{name}: {error}"[:LONGEST])
                 return
         if event is not None:
             try:
                 self._push(event)
             except CollabslamError as error:  # the filter has ended: its own thread says so
-                self.faults.append(str(error))
+                with self._lock:
+                    self.faults.append(str(error)[:LONGEST])
 
     def _event(self, name: str, device: _Device, part: str, payload: bytes) -> Event | None:
         if part == names.BEAT:

@@ -272,7 +272,7 @@ class Slam(EngineParts):
         if doubt != NOTHING and status is Status.OK:
             status = Status.DOUBTFUL
         times.done("map")
-        return self._result(t, status, counts, frame_features(expected, found, report), times)
+        return self._result(t, status, counts, frame_features(expected, found, report, overlap), times)
 
     @alone
     def landmarks(self) -> Landmarks:

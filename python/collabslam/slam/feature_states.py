@@ -9,6 +9,7 @@ import numpy as np
 from collabslam._core import Prediction, UpdateReport
 from collabslam.frontend.search import AMBIGUOUS, FOUND, LOW_SCORE
 from collabslam.slam.tracks import Found
+from collabslam.slam.worn_frame import Overlap
 from collabslam.types import Array, Ids
 
 STATES = ("accepted", "rejected", "unlike", "ambiguous", "outside", "not searched")
@@ -30,6 +31,8 @@ class FrameFeatures:
         Pixels where they were found; NaN elsewhere.
     states : (N,) of str
         One of `STATES` each.
+    pairs : (M, 4) float64
+        What both cameras see: pixels in Cs, when Cf took its view, and in Cf.
     """
 
     ids: Ids
@@ -37,10 +40,13 @@ class FrameFeatures:
     s: Array
     found: Array
     states: list[str]
+    pairs: Array
 
 
-def frame_features(expected: Prediction, found: Found, report: UpdateReport) -> FrameFeatures:
-    """Puts prediction, search and update of a frame together."""
+def frame_features(
+    expected: Prediction, found: Found, report: UpdateReport, overlap: Overlap
+) -> FrameFeatures:
+    """Puts prediction, search, update and overlap of a frame together."""
     ids = expected.ids
     names = {FOUND: "rejected", LOW_SCORE: "unlike", AMBIGUOUS: "ambiguous"}
     codes = found.result.code.tolist()
@@ -55,6 +61,7 @@ def frame_features(expected: Prediction, found: Found, report: UpdateReport) -> 
         expected.s,
         place,
         [states.get(i, "not searched") for i in ids.tolist()],
+        np.hstack([overlap.uv, overlap.uv_f]),
     )
 
 
@@ -67,4 +74,5 @@ def unsearched_features(expected: Prediction) -> FrameFeatures:
         expected.s,
         np.full((count, 2), np.nan),
         ["not searched"] * count,
+        np.empty((0, 4)),
     )

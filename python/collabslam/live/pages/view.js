@@ -2,7 +2,8 @@
 import { connect, facts, say } from "/link.js";
 
 const canvas = document.getElementById("map"), pen = canvas.getContext("2d");
-let way = [], points = [], heard = 0;
+const NEAR = 8; // so far from the camera points of the map are shown whole
+let way = [], points = [], heard = 0, unit = "m";
 
 function take(message) {
   if (message.refused) { say(message.refused, false); return; }
@@ -10,11 +11,11 @@ function take(message) {
   if (message.way) way = message.way;
   if (message.point) { way.push(message.point); if (way.length > 5000) way.shift(); }
   if (message.map) points = message.map;
-  if (message.facts) facts(message.facts);
+  if (message.facts) { facts(message.facts); unit = message.facts.metric === "True" ? "m" : "units"; }
   if (message.status) say(`${message.status} · ${message.link}`, message.status === "OK");
 }
 
-// W's x to the right and z upwards, both in metres; everything fits.
+// W's x to the right and z upwards; the way fits, and what of the map is near the camera.
 function draw() {
   requestAnimationFrame(draw);
   if (performance.now() - heard > 3000 && heard) say("the robot is silent", false);
@@ -22,18 +23,19 @@ function draw() {
   const { width, height } = canvas;
   pen.clearRect(0, 0, width, height);
   if (!way.length) return;
-  const xs = way.map((p) => p[0]), zs = way.map((p) => p[1]);
-  const left = Math.min(...xs) - 2, right = Math.max(...xs) + 2, low = Math.min(...zs) - 2, high = Math.max(...zs) + 2;
+  const [x, z, a, b, turn] = way[way.length - 1];
+  const shown = [...way, ...points.filter((p) => Math.hypot(p[0] - x, p[1] - z) < NEAR)];
+  const xs = shown.map((p) => p[0]), zs = shown.map((p) => p[1]);
+  const left = Math.min(...xs) - 1, right = Math.max(...xs) + 1, low = Math.min(...zs) - 1, high = Math.max(...zs) + 1;
   const scale = Math.min(width / (right - left), height / (high - low));
   const at = (x, z) => [width / 2 + (x - (left + right) / 2) * scale, height / 2 - (z - (low + high) / 2) * scale];
   pen.fillStyle = "#d98200";
-  for (const [x, z] of points) { const [u, v] = at(x, z); pen.fillRect(u - 1.5, v - 1.5, 3, 3); }
+  for (const p of points) { const [u, v] = at(...p); pen.fillRect(u - 1.5, v - 1.5, 3, 3); }
   pen.strokeStyle = style;
   pen.lineWidth = 2;
   pen.beginPath();
-  way.forEach(([x, z], k) => pen[k ? "lineTo" : "moveTo"](...at(x, z)));
+  way.forEach((p, k) => pen[k ? "lineTo" : "moveTo"](...at(p[0], p[1])));
   pen.stroke();
-  const [x, z, a, b, turn] = way[way.length - 1];
   pen.strokeStyle = "#2f7de1";
   pen.beginPath();
   pen.ellipse(...at(x, z), Math.max(2, 3 * a * scale), Math.max(2, 3 * b * scale), -turn, 0, 2 * Math.PI);
@@ -45,6 +47,5 @@ function draw() {
   pen.fillText(`${metre} ${unit}`, 20, height - 32);
 }
 
-const unit = "m";
 connect("view", () => ({}), take, () => {});
 draw();
