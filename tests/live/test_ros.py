@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,10 +18,11 @@ pytest.importorskip("rclpy", reason="ROS 2 is not there: make test-live installs
 
 import cv2
 import rclpy
+from scenario import frames_of
 
 from collabslam.demo import corridor_recording
 from collabslam.live import messages
-from collabslam.live.ros import _type as message_type
+from collabslam.live.ros_types import message_class
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the parsers that rclpy brings
 
@@ -53,7 +56,7 @@ def test_images_in_and_the_pose_out(monkeypatch: pytest.MonkeyPatch) -> None:
     process = subprocess.Popen(command, stderr=subprocess.PIPE)
     poses: list[bytes] = []
     kept = node.create_subscription(
-        message_type(messages.POSE), "/collabslam/pose", lambda data: poses.append(bytes(data)), 10, raw=True
+        message_class(messages.POSE), "/collabslam/pose", lambda data: poses.append(bytes(data)), 10, raw=True
     )
     kinds = {
         "--cs": messages.IMAGE,
@@ -63,7 +66,7 @@ def test_images_in_and_the_pose_out(monkeypatch: pytest.MonkeyPatch) -> None:
         "--t-cf": messages.POSE,
     }
     out: dict[str, Any] = {
-        role: node.create_publisher(message_type(kinds[role]), topic, 10) for role, topic in TOPICS.items()
+        role: node.create_publisher(message_class(kinds[role]), topic, 10) for role, topic in TOPICS.items()
     }
     try:
         end = time.monotonic() + 3.0 * SOON
@@ -95,3 +98,46 @@ def test_images_in_and_the_pose_out(monkeypatch: pytest.MonkeyPatch) -> None:
     true = np.linalg.inv(recording.truth[0]) @ recording.truth[round((t - 1.0) * 10.0)]
     assert np.linalg.norm(pose[:3, 3] - true[:3, 3]) < 0.15
     assert np.linalg.eigvalsh(covariance)[0] > 0.0
+
+
+def test_a_topic_is_the_robots_camera(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    recording = corridor_recording()
+    images = [recording.image(i) for i in range(FRAMES)]
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        port = s.getsockname()[1]
+    command = [sys.executable, "-m", "collabslam", "live", "robot", "ros:/cs/image_raw", "--insecure"]
+    command += ["--listen", f"127.0.0.1:{port}", "--out", str(tmp_path / "out")]
+    command += ["--mode", "mono", "--start", "scale-free"]
+    monkeypatch.setenv("ROS_LOCALHOST_ONLY", "1")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(101 + os.getpid() % 100))
+    rclpy.init(args=[])
+    node = rclpy.create_node("camera")
+    info = node.create_publisher(message_class(messages.CAMERA_INFO), "/cs/camera_info", 10)
+    out = node.create_publisher(message_class(messages.IMAGE), "/cs/image_raw", 10)
+    process = subprocess.Popen(command, stderr=subprocess.PIPE)
+    stamps = []
+    try:
+        end = time.monotonic() + 3.0 * SOON
+        while out.get_subscription_count() == 0 and time.monotonic() < end:
+            time.sleep(0.1)
+        for image in images:
+            stamps.append(time.time())
+            info.publish(messages.camera_info(stamps[-1], "cs", recording.camera))
+            out.publish(messages.raw_image(stamps[-1], "cs", image))
+            before, until = len(frames_of(tmp_path / "out")), time.monotonic() + SOON
+            while len(frames_of(tmp_path / "out")) == before and time.monotonic() < until:
+                time.sleep(0.05)
+                if before == 0:  # until it has its calibration
+                    info.publish(messages.camera_info(time.time(), "cs", recording.camera))
+                    stamps.append(time.time())
+                    out.publish(messages.raw_image(stamps[-1], "cs", image))
+    finally:
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=3.0 * SOON)
+        node.destroy_node()
+        rclpy.shutdown()
+    assert process.returncode == 0, said.decode()
+    times = [t for t, _ in frames_of(tmp_path / "out")]
+    assert len(times) >= FRAMES - 3
+    assert np.abs(np.subtract.outer(times, stamps)).min(axis=1).max() < 1e-6

@@ -22,7 +22,7 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "source",
         metavar="SOURCE",
-        help="/dev/video0, a URL of a video stream, or a recording, which is played at its own pace",
+        help="/dev/video0, a URL of a video stream, ros:TOPIC (ROS 2), or a recording at its own pace",
     )
     parser.add_argument(
         "--camera", metavar="FILE", type=Path, help="calibration (Kalibr or OpenCV YAML) of these images"

@@ -15,7 +15,16 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cf", metavar="TOPIC", help="images of Cf")
     parser.add_argument("--cf-info", metavar="TOPIC", help="CameraInfo of Cf")
     parser.add_argument(
-        "--t-cf", metavar="TOPIC", help="T_CF as PoseWithCovarianceStamped, with the stamps of Cf's images"
+        "--t-cf",
+        metavar="TOPIC",
+        help="T_CF as PoseWithCovarianceStamped, with the stamps of Cf's images; or /tf, which tells it "
+        "between the frames that both cameras' images name",
+    )
+    parser.add_argument(
+        "--t-cf-sd",
+        metavar="METRES,DEGREES",
+        type=_deviations,
+        help="with --t-cf /tf, which tells none: standard deviations of T_CF's coordinates and angles",
     )
     parser.add_argument(
         "--out", metavar="NAME", default="/collabslam", help="of published topics (default %(default)s)"
@@ -24,16 +33,26 @@ def configure(parser: argparse.ArgumentParser) -> None:
     options.add_settings(parser)
 
 
+def _deviations(text: str) -> tuple[float, float]:
+    """``0.03,1.0``: metres and degrees."""
+    try:
+        metres, degrees = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"'{text}' is no METRES,DEGREES, as 0.03,1.0") from error
+    return metres, degrees
+
+
 def main(arguments: argparse.Namespace) -> int:
     """Run until Ctrl-C."""
     from collabslam.errors import SettingsError
-    from collabslam.live.ros import NAME, RosNode, RosTopics, rclpy_of
+    from collabslam.live.ros import NAME, RosNode, RosTopics
+    from collabslam.live.ros_types import rclpy_of
 
     worn = (arguments.cf, arguments.cf_info, arguments.t_cf)
     if any(worn) and not all(worn):
         raise SettingsError("A worn camera needs --cf, --cf-info and --t-cf; give all three or none.")
     rclpy = rclpy_of()
-    topics = RosTopics(arguments.cs, arguments.cs_info, *worn, out=arguments.out)
+    topics = RosTopics(arguments.cs, arguments.cs_info, *worn, t_cf_sd=arguments.t_cf_sd, out=arguments.out)
     mode, start = (arguments.mode, "worn") if arguments.cf else (arguments.mode or "mono", "scale-free")
     rclpy.init(args=[])
     node = rclpy.create_node(NAME)

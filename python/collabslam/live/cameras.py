@@ -20,6 +20,8 @@ from collabslam.types import Image, Recording, WornView
 
 BROKEN = 30
 """So many reads running without an image end a camera."""
+ROS_TOPIC = "ros:"
+"""Before a topic's name, where a user names a camera."""
 LEAD = 1.0
 """Seconds before a recording's first frame, in which devices learn of the clock."""
 
@@ -134,9 +136,9 @@ def open_camera(source: str, calibration: Path | None, given: Source | None = No
     Parameters
     ----------
     source : str
-        ``/dev/video0`` or ``0``, a text with ``://``, or a path.
+        ``/dev/video0`` or ``0``, a text with ``://``, ``ros:TOPIC``, or a path.
     calibration : Path or None
-        Needed for the first two.
+        Needed for the first two; a topic may have its own beside it.
     given : Source, optional
         How a recording is opened, if not just by its path.
 
@@ -147,6 +149,10 @@ def open_camera(source: str, calibration: Path | None, given: Source | None = No
     SettingsError
         If the calibration is missing.
     """
+    if source.startswith(ROS_TOPIC):
+        from collabslam.live.ros_camera import RosCamera  # it builds on this module
+
+        return RosCamera(source.removeprefix(ROS_TOPIC), calibration)
     if source.isdigit() or source.startswith("/dev/video") or "://" in source:
         if calibration is None:
             raise SettingsError(f"The camera {source} carries no calibration; give it with --camera FILE.")

@@ -8,24 +8,24 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 from collabslam._core import Camera
-from collabslam.datasets.ros.messages import image_of
-from collabslam.errors import CollabslamError, DataError
+from collabslam.errors import CollabslamError, DataError, SettingsError
 from collabslam.live import messages
 from collabslam.live.core import LivePose
 from collabslam.live.downlink import MAP_EVERY, STATUS_EVERY, status_of
 from collabslam.live.pairing import Pairing
+from collabslam.live.ros_types import image_kind, message_class, stamped_image, subscribe
 from collabslam.live.slam import LiveSlam
+from collabslam.live.transforms import WaitingStamps
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
-from collabslam.types import Image
 
 NAME = "collabslam"
 SESSION = "ros/1"
 """Of the one worn camera that the topics tell of."""
+TF, TF_STATIC = "/tf", "/tf_static"
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,10 @@ class RosTopics:
     cs, cs_info : str
         Images of Cs and their CameraInfo.
     cf, cf_info, t_cf : str or None
-        The same of Cf, and T_CF as PoseWithCovarianceStamped with the stamps of Cf's images.
+        The same of Cf, and T_CF as PoseWithCovarianceStamped with the stamps of Cf's images; or `TF`: then it
+        is between the frames that both cameras' images name.
+    t_cf_sd : tuple of float, optional
+        Standard deviations of T_CF by tf, which has none: metres of each coordinate, degrees about each axis.
     out : str
         What the published topics' names begin with.
     """
@@ -47,6 +50,7 @@ class RosTopics:
     cf: str | None = None
     cf_info: str | None = None
     t_cf: str | None = None
+    t_cf_sd: tuple[float, float] | None = None
     out: str = "/collabslam"
 
 
@@ -68,6 +72,8 @@ class RosNode:
     ------
     DataError
         If message types are not installed.
+    SettingsError
+        If T_CF is to come from tf and its standard deviations are missing.
     """
 
     def __init__(
@@ -87,21 +93,33 @@ class RosNode:
         self._live: LiveSlam | None = None
         self._refused = 0
         self._due = dict.fromkeys(("status", "map"), -float("inf"))
-        self._kept = []
+        self._frame = ""
+        self._tf: WaitingStamps | None = None
         takes: list[tuple[str | None, str, Callable[[bytes], None]]] = [
             (topics.cs_info, messages.CAMERA_INFO, lambda data: self._calibration("cs", data)),
             (topics.cf_info, messages.CAMERA_INFO, lambda data: self._calibration("cf", data)),
-            (topics.cs, _image_type(topics.cs), lambda data: self._robot(topics.cs, data)),
-            (topics.cf, _image_type(topics.cf or ""), lambda data: self._worn(str(topics.cf), data)),
-            (topics.t_cf, messages.POSE, lambda data: self._pose(data)),
+            (topics.cs, image_kind(topics.cs), lambda data: self._robot(topics.cs, data)),
+            (topics.cf, image_kind(topics.cf or ""), lambda data: self._worn(str(topics.cf), data)),
         ]
-        qos = import_module("rclpy.qos").qos_profile_sensor_data
-        for topic, kind, take in takes:
-            if topic is not None:
-                guarded = _guarded(take, self._refuse)
-                self._kept.append(node.create_subscription(_type(kind), topic, guarded, qos, raw=True))
+        if topics.t_cf == TF:
+            if topics.t_cf_sd is None:
+                raise SettingsError(
+                    "tf tells no uncertainty; give that of T_CF with --t-cf-sd METRES,DEGREES, as measured."
+                )
+            self._tf = WaitingStamps(topics.t_cf_sd)
+            takes += [
+                (TF, messages.TRANSFORMS, lambda data: self._transforms(data, static=False)),
+                (TF_STATIC, messages.TRANSFORMS, lambda data: self._transforms(data, static=True)),
+            ]
+        else:
+            takes.append((topics.t_cf, messages.POSE, lambda data: self._pose(data)))
+        self._kept = [
+            subscribe(node, topic, kind, take, self._refuse, latched=topic == TF_STATIC)
+            for topic, kind, take in takes
+            if topic is not None
+        ]
         self._out = {
-            name: node.create_publisher(_type(kind), f"{topics.out}/{name}", 10)
+            name: node.create_publisher(message_class(kind), f"{topics.out}/{name}", 10)
             for name, kind in (
                 ("pose", messages.POSE),
                 ("odometry", messages.ODOMETRY),
@@ -117,7 +135,7 @@ class RosNode:
     def _offer(self, node: Any, name: str, kind: str, topic: str) -> None:
         """A topic of messages that a small ROS may lack."""
         try:
-            self._out[name] = node.create_publisher(_type(kind), topic, 10)
+            self._out[name] = node.create_publisher(message_class(kind), topic, 10)
         except DataError as error:
             node.get_logger().warning(f"no {topic}: {error}")
 
@@ -136,12 +154,25 @@ class RosNode:
             self._live = LiveSlam(slam, on_pose=self._publish, same_clock=True)
 
     def _robot(self, topic: str, data: bytes) -> None:
+        t, image, self._frame = stamped_image(topic, data)
         if self._live is not None:
-            self._live.push_robot(*_image(topic, data))
+            self._live.push_robot(t, image)
 
     def _worn(self, topic: str, data: bytes) -> None:
-        stamp, image = _image(topic, data)
+        stamp, image, frame = stamped_image(topic, data)
         self._push(self._pairing.image(SESSION, stamp, image))
+        if self._tf is not None:
+            self._tf.add(stamp, frame)
+            self._poses_of_tf(self._tf)
+
+    def _transforms(self, data: bytes, *, static: bool) -> None:
+        assert self._tf is not None
+        self._tf.tree.take(messages.decoded(messages.TRANSFORMS, data), static=static)
+        self._poses_of_tf(self._tf)
+
+    def _poses_of_tf(self, tf: WaitingStamps) -> None:
+        for found in tf.known(self._frame):
+            self._push(self._pairing.pose(*found))
 
     def _pose(self, data: bytes) -> None:
         self._push(self._pairing.pose(*messages.pose_from(data, "T_CF")))
@@ -176,46 +207,3 @@ class RosNode:
             return False
         self._due[name] = now
         return True
-
-
-def rclpy_of() -> Any:
-    """The module ``rclpy``; raises DataError if there is none."""
-    try:
-        return import_module("rclpy")
-    except ImportError as error:
-        raise DataError(
-            f"ROS 2 is not there ({error}); source its setup.bash first, or, with Python 3.11, pip install "
-            "ros-rclpy ros-rmw-fastrtps-cpp ros-sensor-msgs ros-nav-msgs ros-geometry-msgs."
-        ) from error
-
-
-def _type(kind: str) -> Any:
-    """The class of a message type of ROS 2."""
-    package, _, name = kind.split("/")
-    try:
-        return getattr(import_module(f"{package}.msg"), name)
-    except ImportError as error:
-        raise DataError(f"The messages {package} of ROS 2 are not installed ({error}).") from error
-
-
-def _image_type(topic: str) -> str:
-    return messages.COMPRESSED if topic.endswith("compressed") else messages.IMAGE
-
-
-def _image(topic: str, data: bytes) -> tuple[float, Image]:
-    message = messages.decoded(_image_type(topic), data)
-    return messages.stamp_of(message), image_of(message, topic)
-
-
-def _guarded(
-    take: Callable[[bytes], None], refuse: Callable[[CollabslamError], None]
-) -> Callable[[bytes], None]:
-    """``take`` for messages that may be broken: each costs itself only."""
-
-    def guarded(data: bytes) -> None:
-        try:
-            take(bytes(data))
-        except CollabslamError as error:
-            refuse(error)
-
-    return guarded

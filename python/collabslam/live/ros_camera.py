@@ -1,0 +1,127 @@
+"""A topic of ROS 2 as a live camera."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
+
+from collabslam._core import Camera
+from collabslam.datasets.calibration import check_resolution, load_camera
+from collabslam.errors import CollabslamError, DataError
+from collabslam.live import messages
+from collabslam.live.cameras import Shot
+from collabslam.live.ros_types import image_kind, rclpy_of, stamped_image, subscribe
+from collabslam.live.steady import SteadyClock
+from collabslam.types import Image
+
+PATIENCE = 10.0
+"""Seconds without a calibration, or without images, after which a topic counts as silent."""
+APART = 1.0
+"""Seconds by which an image's stamp may differ from this machine's time."""
+WAITING = 4
+"""Images that wait to be taken; the oldest gives way."""
+
+
+class SystemClock(SteadyClock):
+    """The system's time, by which ROS stamps what it sends."""
+
+    def now(self) -> float:
+        """Seconds since 1970."""
+        return time.time()
+
+
+class RosCamera:
+    """Images of a topic, Image or CompressedImage, at their own stamps.
+
+    Parameters
+    ----------
+    topic : str
+    calibration : Path or None
+        Without it the calibration is that of the topic ``camera_info`` beside it.
+
+    Raises
+    ------
+    DataError
+        If ROS 2 is not there, or nobody tells the calibration.
+    """
+
+    def __init__(self, topic: str, calibration: Path | None) -> None:
+        self.name, self.clock = "camera", SystemClock()
+        self._topic = topic
+        self._images: deque[tuple[float, Image]] = deque(maxlen=WAITING)
+        self._cameras: list[Camera] = [] if calibration is None else [load_camera(calibration)]
+        self._fault: CollabslamError | None = None
+        rclpy = rclpy_of()
+        self._context = rclpy.Context()
+        self._context.init()
+        self._node = rclpy.create_node("collabslam_camera", context=self._context)
+        executors = import_module("rclpy.executors")
+        self._executor = executors.SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        info = f"{topic.removesuffix('/compressed').rpartition('/')[0]}/camera_info"
+        self._kept = [
+            subscribe(self._node, topic, image_kind(topic), self._image, self._refuse),
+            subscribe(self._node, info, messages.CAMERA_INFO, self._info, self._refuse),
+        ]
+        try:
+            self._spin_until(lambda: bool(self._cameras), f"No calibration came on {info}")
+        except BaseException:
+            self._close()
+            raise
+        self.camera = self._cameras[0]
+
+    def begin(self) -> None:
+        """The clock is the system's."""
+
+    def shots(self, ended: Callable[[], bool]) -> Iterator[Shot]:
+        """Each image when it comes, until ``ended()``.
+
+        Raises
+        ------
+        DataError
+            If no usable image comes for `PATIENCE` seconds.
+        """
+        try:
+            while not ended():
+                self._spin_until(lambda: bool(self._images) or ended(), f"No image came on {self._topic}")
+                while self._images:
+                    yield Shot(*self._images.popleft())
+        finally:
+            self._close()
+
+    def _image(self, data: bytes) -> None:
+        t, image, _ = stamped_image(self._topic, data)
+        off = self.clock.now() - t
+        if abs(off) > APART:
+            raise DataError(
+                f"its images are stamped {off:.1f} s before this machine's time: let one clock set both "
+                "machines, or give a recording by its path"
+            )
+        if self._cameras:
+            check_resolution(self._cameras[0], image, f"of {self._topic}")
+        self._images.append((t, image))
+
+    def _info(self, data: bytes) -> None:
+        if not self._cameras:
+            self._cameras.append(messages.camera_from(data, f"CameraInfo beside {self._topic}"))
+
+    def _refuse(self, error: CollabslamError) -> None:
+        self._fault = error
+
+    def _spin_until(self, there: Callable[[], bool], fault: str) -> None:
+        end = time.monotonic() + PATIENCE
+        while not there():
+            self._executor.spin_once(timeout_sec=0.1)
+            if time.monotonic() > end:
+                raise DataError(
+                    f"{fault} for {PATIENCE:.0f} s ({self._fault or 'silence'}); see 'ros2 topic hz', "
+                    "and give --camera FILE where there is no CameraInfo."
+                )
+
+    def _close(self) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._context.try_shutdown()

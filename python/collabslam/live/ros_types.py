@@ -1,0 +1,75 @@
+"""What everything that talks to rclpy needs: the module, message classes, images with their stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+from collabslam.datasets.ros.messages import image_of
+from collabslam.errors import CollabslamError, DataError
+from collabslam.live import messages
+from collabslam.types import Image
+
+
+def rclpy_of() -> Any:
+    """The module ``rclpy``; raises DataError if there is none."""
+    try:
+        return import_module("rclpy")
+    except ImportError as error:
+        raise DataError(
+            f"ROS 2 is not there ({error}); source its setup.bash first, or, with Python 3.11, pip install "
+            "ros-rclpy ros-rmw-fastrtps-cpp ros-sensor-msgs ros-nav-msgs ros-geometry-msgs."
+        ) from error
+
+
+def message_class(kind: str) -> Any:
+    """The class of a message type of ROS 2; raises DataError if its package is not installed."""
+    package, _, name = kind.split("/")
+    try:
+        return getattr(import_module(f"{package}.msg"), name)
+    except ImportError as error:
+        raise DataError(f"The messages {package} of ROS 2 are not installed ({error}).") from error
+
+
+def image_kind(topic: str) -> str:
+    """CompressedImage where the topic's name ends so, Image elsewhere."""
+    return messages.COMPRESSED if topic.endswith("compressed") else messages.IMAGE
+
+
+def stamped_image(topic: str, data: bytes) -> tuple[float, Image, str]:
+    """Stamp (seconds), image (H, W) uint8 and frame of a message in CDR; raises DataError."""
+    message = messages.decoded(image_kind(topic), data)
+    return messages.stamp_of(message), image_of(message, topic), str(message.header.frame_id)
+
+
+def subscribe(
+    node: Any,
+    topic: str,
+    kind: str,
+    take: Callable[[bytes], None],
+    refuse: Callable[[CollabslamError], None],
+    *,
+    latched: bool = False,
+) -> Any:
+    """Calls ``take`` with each message in CDR, ``refuse`` with what it raises: a message costs itself only.
+
+    Parameters
+    ----------
+    node
+        A ``rclpy`` node.
+    latched : bool
+        Whether what was sent before is to come, too.
+    """
+
+    def guarded(data: bytes) -> None:
+        try:
+            take(bytes(data))
+        except CollabslamError as error:
+            refuse(error)
+
+    qos = import_module("rclpy.qos")
+    profile = qos.qos_profile_sensor_data
+    if latched:
+        profile = qos.QoSProfile(depth=100, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL)
+    return node.create_subscription(message_class(kind), topic, guarded, profile, raw=True)

@@ -1,0 +1,153 @@
+"""T_CF from tf: a tree of frames that changes, and images that wait until it tells their pose."""
+
+from __future__ import annotations
+
+import sys
+import time
+import types
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Clip
+
+pytest.importorskip("rosbags", reason="the extra ros is not installed")
+
+from collabslam import DataError, Settings, SettingsError
+from collabslam.geometry import pose, pose_inverse, rotation_exp
+from collabslam.live import messages, ros, ros_types
+from collabslam.live.ros import RosNode, RosTopics
+from collabslam.live.transforms import FRAMES, GAP, KEPT, TransformTree, WaitingStamps
+from collabslam.types import Array
+
+A = pose(rotation_exp([0.1, 0.2, 0.3]), [1.0, 2.0, 3.0])
+B = pose(rotation_exp([-0.2, 0.1, 0.0]), [0.5, 0.0, -1.0])
+C = pose(rotation_exp([0.0, 0.0, 0.4]), [0.0, 0.7, 0.2])
+
+
+def tf(*links: tuple[str, str, float, Array]) -> Any:
+    """A TFMessage of (parent, child, stamp, pose of the child in the parent)."""
+    whole = []
+    for parent, child, t, matrix in links:
+        place = messages.maker().pose(matrix)
+        vector = messages.make("geometry_msgs/msg/Vector3", *vars(place.position).values())
+        transform = messages.make("geometry_msgs/msg/Transform", vector, place.orientation)
+        header = messages.header(t, parent)
+        whole.append(messages.make("geometry_msgs/msg/TransformStamped", header, child, transform))
+    return messages.make(messages.TRANSFORMS, whole)
+
+
+def tree_of(*links: tuple[str, str, float, Array]) -> TransformTree:
+    tree = TransformTree()
+    tree.take(tf(("odom", "robot", 1.0, A), ("robot", "cs", 1.0, B)), static=True)
+    tree.take(tf(*links), static=False)
+    return tree
+
+
+def test_a_way_through_the_tree_in_both_directions() -> None:
+    tree = tree_of(("/odom", "person", 5.0, C), ("person", "cf", 5.0, B))
+    found = tree.between("cs", "cf", 5.0)
+    assert found is not None
+    np.testing.assert_allclose(found, pose_inverse(A @ B) @ C @ B, atol=1e-9)
+    back = tree.between("/cf", "cs", 5.0)
+    assert back is not None
+    np.testing.assert_allclose(found @ back, np.eye(4), atol=1e-9)
+
+
+def test_between_two_samples_it_goes_evenly() -> None:
+    start, end = C, C @ pose(rotation_exp([0.0, 0.2, 0.0]), [0.2, 0.0, 0.0])
+    tree = tree_of(("cs", "cf", 5.2, end), ("cs", "cf", 5.0, start))
+    found = tree.between("cs", "cf", 5.1)
+    assert found is not None
+    step = pose_inverse(start) @ found
+    np.testing.assert_allclose(step, pose(rotation_exp([0.0, 0.1, 0.0]), [0.1, 0.0, 0.0]), atol=1e-9)
+
+
+@pytest.mark.parametrize("t", [4.9, 5.3, 5.2 + 0.5 * (GAP + 0.1)])
+def test_what_tf_does_not_tell_is_not_made_up(t: float) -> None:
+    tree = tree_of(("cs", "cf", 5.0, C), ("cs", "cf", 5.2, C), ("cs", "cf", 5.3 + GAP, C))
+    assert tree.between("cs", "cf", 5.1) is not None
+    assert tree.between("cs", "cf", t) is None
+    assert tree.between("cs", "elsewhere", 5.1) is None
+
+
+def test_a_ring_and_too_much_of_all_end() -> None:
+    tree = TransformTree()
+    tree.take(tf(("a", "b", 1.0, A), ("b", "a", 1.0, B)), static=False)
+    assert tree.between("a", "cs", 1.0) is None
+    for k in range(2 * KEPT):
+        tree.take(tf(("cs", "cf", float(k), A)), static=False)
+    assert tree.between("cs", "cf", 1.0) is None
+    with pytest.raises(DataError, match="leave some out"):
+        tree.take(tf(*(("cs", f"frame{k}", 1.0, A) for k in range(FRAMES))), static=False)
+
+
+def test_images_wait_for_their_pose() -> None:
+    stamps = WaitingStamps((0.03, 1.0))
+    stamps.add(5.0, "cf")
+    stamps.add(5.05, "cf")
+    assert stamps.known("cs") == []
+    stamps.tree.take(tf(("cs", "cf", 4.95, C), ("cs", "cf", 5.02, C)), static=False)
+    ((stamp, t_cf, covariance),) = stamps.known("cs")
+    assert stamp == 5.0
+    np.testing.assert_allclose(t_cf, C, atol=1e-9)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), [0.03] * 3 + [np.deg2rad(1.0)] * 3)
+    stamps.tree.take(tf(("cs", "cf", 5.1, C)), static=False)
+    assert [t for t, _, _ in stamps.known("cs")] == [5.05]
+    with pytest.raises(SettingsError, match="above 0"):
+        WaitingStamps((0.0, 1.0))
+
+
+class Node:
+    """Of rclpy, without ROS."""
+
+    def __init__(self) -> None:
+        self.takes: dict[str, Any] = {}
+        self.sent: dict[str, list[bytes]] = {}
+
+    def create_subscription(self, kind: Any, topic: str, take: Any, qos: Any, *, raw: bool) -> None:
+        self.takes[topic] = take
+
+    def create_publisher(self, kind: Any, topic: str, depth: int) -> Any:
+        sent = self.sent.setdefault(topic, [])
+        return types.SimpleNamespace(publish=sent.append)
+
+
+def test_a_node_finds_the_worn_camera_by_tf(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    qos = types.ModuleType("rclpy.qos")
+    vars(qos).update(
+        qos_profile_sensor_data=0,
+        QoSProfile=lambda **_: 1,
+        DurabilityPolicy=types.SimpleNamespace(TRANSIENT_LOCAL=2),
+    )
+    monkeypatch.setitem(sys.modules, "rclpy", types.ModuleType("rclpy"))
+    monkeypatch.setitem(sys.modules, "rclpy.qos", qos)
+    for module in (ros, ros_types):
+        monkeypatch.setattr(module, "message_class", lambda kind: kind)
+    topics = RosTopics("/cs", "/cs_info", "/cf", "/cf_info", ros.TF)
+    with pytest.raises(SettingsError, match="--t-cf-sd"):
+        RosNode(Node(), topics, Settings.default())
+    node = Node()
+    topics = RosTopics("/cs", "/cs_info", "/cf", "/cf_info", ros.TF, (0.03, 1.0))
+    running = RosNode(node, topics, Settings.default())
+    node.takes["/cs_info"](messages.camera_info(0.0, "cs", clip.recording.camera))
+    node.takes["/cf_info"](messages.camera_info(0.0, "cf", clip.recording.worn_camera))
+    hold = messages.encoded(messages.TRANSFORMS, tf(("odom", "cs", 0.0, A)))
+    node.takes[ros.TF_STATIC](hold)
+    for count, frame in enumerate(clip.frames[:10]):
+        t, worn = frame.t + 1.0, frame.worn
+        assert worn is not None
+        node.takes["/cf"](messages.raw_image(t, "cf", worn.image))
+        told = tf(("odom", "cf", t - 0.01, A @ worn.t_cf), ("odom", "cf", t + 0.01, A @ worn.t_cf))
+        node.takes["/cs"](messages.raw_image(t, "cs", frame.image))
+        node.takes[ros.TF](messages.encoded(messages.TRANSFORMS, told))
+        end = time.monotonic() + 20.0
+        while len(node.sent["/collabslam/pose"]) < count - 1 and time.monotonic() < end:
+            time.sleep(0.005)
+    node.takes[ros.TF](b"no message")
+    running.close()
+    assert len(node.sent["/collabslam/pose"]) >= 8
+    last = messages.status_from(node.sent["/diagnostics"][-1])["robot"]
+    assert last["metric"] == "True"
+    assert last["refused"] == "0"
+    assert messages.decoded(messages.TRANSFORMS, node.sent["/tf"][-1]).transforms[0].child_frame_id
