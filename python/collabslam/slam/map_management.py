@@ -71,6 +71,10 @@ class MapManager:
         kept = ~np.isin(found.ids, deleted)
         became = np.isin(found.candidates, [*delayed, *promoted])
         taken = [found.uv[kept], instant.uv, measured.uv, found.candidate_uv[waiting | became]]
+        if self._target is not None and self._filter.started:
+            known, here = int(report.bearings.accepted.sum()), np.concatenate(taken)
+            others = self._target.others(view, here, self.in_view - len(here), known)
+            instant, taken = instant.with_more(others), [here, others.uv]
         undelayed, candidates = self._begin_others(view, np.concatenate(taken))
         if self._target is not None and not self._filter.started:
             instant = self._target.start(view.image, self.in_view)

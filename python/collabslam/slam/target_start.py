@@ -20,6 +20,7 @@ from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.printed_targets import PrintedTargets, by_pose_error, known_points
 from collabslam.slam.state import PATCH, PersistentState
+from collabslam.slam.view import View
 from collabslam.targets.printed import Sighting
 from collabslam.types import Array, Image, Mask, Target
 
@@ -28,6 +29,8 @@ _ELSEWHERE = 1.0, 0.5
 """Depth of all others as a share of the target's, and its sd as a share of that: on a desk, say."""
 _BEYOND = 2.0, 1.0
 """The same about a printed target, which is put where it is near: anything from its half to infinity."""
+_LEAST_KNOWN = 4
+"""Points that tell how the camera moves."""
 
 
 class TargetStart(PersistentState):
@@ -43,7 +46,11 @@ class TargetStart(PersistentState):
     options : FrontendSettings
     """
 
-    PERSISTENT: ClassVar[Mapping[str, Check]] = {"_points_w": array("<f8", None, 3), "_patches": items(PATCH)}
+    PERSISTENT: ClassVar[Mapping[str, Check]] = {
+        "_points_w": array("<f8", None, 3),
+        "_patches": items(PATCH),
+        "_elsewhere": array("<f8", 2),
+    }
 
     def __init__(
         self,
@@ -57,9 +64,10 @@ class TargetStart(PersistentState):
         self._target, self._printed = target, printed
         self._points_w = np.empty((0, 3))
         self._patches: list[Patch] = []
+        self._elsewhere = np.zeros(2)  # depth of all others and its sd, metres; zero where they are born
 
     def start(self, image: Image, count: int) -> ImagePoints:
-        """Starts the filter; all features born, the target's points first.
+        """Starts the filter; the features born on the target's plane, its points first.
 
         Where no target is found nothing is born, and the next frame is tried.
         """
@@ -79,22 +87,42 @@ class TargetStart(PersistentState):
             np.concatenate([shared, by_pose_error(flat)]),
             seen.covariance,
         )
-        elsewhere = corners[~on_plane]
         share, sd = _ELSEWHERE if seen.target is None else _BEYOND
-        depth = np.full(len(elsewhere), share * known[:, 2].mean())
-        none = np.empty(0, np.int64)
-        new = np.full(len(elsewhere), -1)
-        depths = DepthMeasurement(new, elsewhere, depth, sd * depth)
-        features = self._core.update(none, none, np.empty((0, 2)), depths=depths).depths.born
-        born = features >= 0
+        self._elsewhere = share * known[:, 2].mean() * np.array([1.0, sd])
         self._points_w, self._patches = known, capture(image, seen.uv, np.eye(4))
-        uv = np.concatenate([seen.uv, corners[on_plane], elsewhere[born]])
+        uv = np.concatenate([seen.uv, corners[on_plane]])
         if options.target.withhold:
             self._core.remove_features(ids[: len(known)])
             ids, uv = ids[len(known) :], uv[len(known) :]
         elif seen.target is not None:
             self._printed.adopt(seen, ids[: len(known)])
-        return ImagePoints(np.concatenate([ids, features[born]]), uv)
+        return ImagePoints(ids, uv)
+
+    def others(self, view: View, taken: Array, missing: int, known: int) -> ImagePoints:
+        """Features where the view has none, of about the target's depth, once its points told how Cs moves.
+
+        Before that the prediction is that Cs stands still, and there nothing that a pixel moves by is put
+        down to a wrong depth: all would be taken for the way that goes with the depths as they are supposed.
+
+        Parameters
+        ----------
+        view : View
+        taken : (N, 2) float64
+            Pixels of what there is.
+        missing : int
+            How many features the view lacks.
+        known : int
+            Points measured in this frame.
+        """
+        depth, sd = self._elsewhere
+        if depth == 0.0 or known < _LEAST_KNOWN:
+            return ImagePoints()
+        self._elsewhere = np.zeros(2)
+        uv = view.corners.pick(taken, max(0, missing))
+        none, new = np.empty(0, np.int64), np.ones(len(uv))
+        depths = DepthMeasurement(np.full(len(uv), -1), uv, depth * new, sd * new)
+        born = self._core.update(none, none, np.empty((0, 2)), depths=depths).depths.born
+        return ImagePoints.born(born, uv)
 
     def _seen(self, image: Image) -> Sighting | None:
         """The target in this frame; None where it is not found."""
