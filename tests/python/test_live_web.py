@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import socket
 import ssl
@@ -87,14 +88,17 @@ def served(gateway: Gateway, keys: Path, visit: Any) -> Any:
 
     async def both() -> Any:
         async with WebServer(gateway, TOKENS).serving("127.0.0.1", 0, keys / "web") as port:
-            return await asyncio.wait_for(visit(port, trusting(keys)), 20.0)
+            return await asyncio.wait_for(visit(port, trusting(keys)), 60.0)
 
     return asyncio.run(both())
 
 
 def open_socket(port: int, context: ssl.SSLContext, role: str, origin: str | None = None) -> Any:
     return connect(
-        f"wss://127.0.0.1:{port}/{role}", ssl=context, origin=origin or f"https://127.0.0.1:{port}"
+        f"wss://127.0.0.1:{port}/{role}",
+        ssl=context,
+        origin=origin or f"https://127.0.0.1:{port}",
+        close_timeout=1.0,  # it waits for what the server has still to say
     )
 
 
@@ -277,3 +281,32 @@ def test_the_ellipse_lies_along_the_larger_deviation() -> None:
     assert (x, z) == (0.0, 0.0)
     assert (a, b) == (0.2, 0.1)
     assert abs(angle) == pytest.approx(np.pi / 2, abs=1e-3)
+
+
+def test_a_thousand_connections_do_not_disturb_an_open_page(robot: tuple[Robot, Gateway], keys: Path) -> None:
+    there, gateway = robot
+
+    async def visit(port: int, context: ssl.SSLContext) -> tuple[str, int]:
+        crowd: list[socket.socket] = []
+        async with open_socket(port, context, "view") as page:
+            await page.send(json.dumps({"token": TOKENS.view}))
+            for k in range(1000):
+                one = socket.socket()
+                one.setblocking(False)
+                one.connect_ex(("127.0.0.1", port))
+                if k % 2:
+                    with contextlib.suppress(OSError):
+                        one.send(b"GET / HTTP/1.1\r\n\r\n")
+                crowd.append(one)
+            told: dict[str, Any] = {}
+            while told.get("status") != "OK":
+                there.status.put(messages.status(1.0, {"robot": ("OK", "OK", {"link": "mono"})}))
+                message = await page.recv()
+                told |= {} if isinstance(message, bytes) else json.loads(message)
+            for one in crowd:
+                one.close()
+        _, writer = await asyncio.open_connection("127.0.0.1", port, ssl=context)
+        writer.close()
+        return told["status"], len(crowd)
+
+    assert served(gateway, keys, visit) == ("OK", 1000)
