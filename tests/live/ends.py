@@ -54,7 +54,7 @@ def worn(asked: dict[str, Any]) -> dict[str, Any]:
     camera.clock = clock = OtherClock(asked["offset"], asked["drift"])
     keys = Keys.read(Path(asked["keys"]))
     assert recording.worn_camera is not None
-    with link.open_device(link.Address(asked["host"]), keys) as session:
+    with link.open_device(link.Address.parse(asked["host"]), keys) as session:
         device = Listed(session, keys.name, recording.worn_camera, clock)
         device.seen = []
         with device:
@@ -70,7 +70,7 @@ def robot(asked: dict[str, Any]) -> dict[str, Any]:
     record = Path(asked["record"]) if asked.get("record") else None
     options = RobotOptions(Path(asked["out"]), collabslam.Settings.default(), record=record)
     exchanges: list[tuple[float, float]] = []
-    with link.open_robot(link.Address(asked["host"]), Keys.read(Path(asked["keys"]))) as session:
+    with link.open_robot(link.Address.parse(asked["host"]), Keys.read(Path(asked["keys"]))) as session:
         node = RobotNode(session, camera, options)
         take = node.uplink.take
 

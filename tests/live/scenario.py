@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import wire as w
+from networks import Network, network
 
 import collabslam
 from collabslam.datasets import write_recording
@@ -192,35 +193,37 @@ def play(
     folder: Path,
     wire: w.Wire,
     *,
+    between: Callable[[w.Wire], Any] = network,
     record: bool = False,
     trouble: Callable[[Playing], tuple[float, float]] | None = None,
 ) -> Outcome:
     """A walk over a network; ``trouble`` tells when it began and ended."""
     folder.mkdir()
-    common = {"recording": str(walk.recording), "host": w.ADDRESSES[0]}
-    to_robot = common | {
+    to_robot = {
+        "recording": str(walk.recording),
         "keys": str(keys / "robot"),
         "out": str(folder / "out"),
         "tell": str(folder / "robot.json"),
     }
     if record:
         to_robot |= {"record": str(folder / "record")}
-    to_worn = common | {
+    to_worn = {
+        "recording": str(walk.recording),
         "keys": str(keys / "anna"),
         "tell": str(folder / "worn.json"),
         "offset": OFFSET,
         "drift": DRIFT,
     }
     began = ended = 0.0
-    with w.namespaces() as names, w.relay(names, wire, 180.0) as relay:
-        worn = _end(names[1], "worn", to_worn)
+    with between(wire) as net:
+        worn = _end(net, "worn", to_worn)
         ends = [worn]
         try:
             assert worn.stdout is not None
             assert worn.stdout.readline() == b"up\n"
-            ends.append(_end(names[0], "robot", to_robot))
+            ends.append(_end(net, "robot", to_robot))
             if trouble is not None:
-                began, ended = trouble(Playing(folder / "out", worn, relay))
+                began, ended = trouble(Playing(folder / "out", worn, net.relay))
             for process in reversed(ends):
                 _, said = process.communicate(timeout=90.0)
                 assert process.returncode == 0, said.decode()
@@ -228,14 +231,15 @@ def play(
             for process in ends:
                 process.kill()
                 process.wait()
-        relay.send_signal(signal.SIGINT)
-        counts = w.Counts(**json.loads(relay.communicate()[0].splitlines()[-1]))
+        net.relay.send_signal(signal.SIGINT)
+        counts = w.Counts(**json.loads(net.relay.communicate()[0].splitlines()[-1]))
     return _outcome(walk, folder, counts, began, ended)
 
 
-def _end(namespace: str, role: str, asked: dict[str, Any]) -> subprocess.Popen[bytes]:
+def _end(net: Network, role: str, asked: dict[str, Any]) -> subprocess.Popen[bytes]:
     one_core = ["taskset", "-c", "0" if role == "robot" else str((os.cpu_count() or 1) - 1)]
-    command = ["ip", "netns", "exec", namespace, *one_core, sys.executable, str(HERE / "ends.py"), role]
+    command = [*net.inside[role], *one_core, sys.executable, str(HERE / "ends.py"), role]
+    asked = asked | {"host": net.hosts[role]}
     return subprocess.Popen([*command, json.dumps(asked)], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
 

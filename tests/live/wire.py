@@ -94,20 +94,6 @@ def namespaces() -> Iterator[tuple[str, str]]:
             subprocess.run(["ip", "netns", "del", name], check=False, capture_output=True)
 
 
-@contextmanager
-def relay(names: tuple[str, str], wire: Wire, seconds: float) -> Iterator[subprocess.Popen[str]]:
-    """The network in a process of its own; its output is `Counts` as JSON."""
-    command = [sys.executable, __file__, *names, str(seconds), json.dumps(asdict(wire))]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "up\n"
-        yield process
-    finally:
-        process.terminate()
-        process.wait()
-
-
 def main(first: str, second: str, seconds: float, wire: Wire) -> Counts:
     """Relay for so long, whatever else the machine does: a network does not slow down with its computers."""
     os.nice(-15)
@@ -138,7 +124,7 @@ def _enter(namespace: int) -> None:
         raise OSError(ctypes.get_errno(), "setns")
 
 
-class _Loss:
+class Loss:
     """Packets that are lost, in bursts (Gilbert)."""
 
     def __init__(self, wire: Wire) -> None:
@@ -163,7 +149,7 @@ def _pass(ends: list[int], wire: Wire, until: float, counts: Counts) -> None:
     random.seed(0)
     dark = [False]
     signal.signal(signal.SIGUSR1, lambda *_: dark.append(not dark.pop()))
-    losses, free = [_Loss(wire), _Loss(wire)], [0.0, 0.0]
+    losses, free = [Loss(wire), Loss(wire)], [0.0, 0.0]
     waiting: list[tuple[float, int, int, bytes]] = []
     while (now := time.monotonic()) < until:
         due = min(until, waiting[0][0] if waiting else until)
