@@ -1,12 +1,14 @@
 """Work in a child process of its own, with a time limit for each piece: where it dies, one piece has failed.
 
 The child is a fresh interpreter, whatever the parent is (a worker of a cluster may start no process of
-Python's own kind), and ends itself when its parent is gone.  Pieces and answers are pickles of this package's
-own making, through pipes.  Needs a system with ``select`` on pipes: not Windows.
+Python's own kind), and ends itself when its parent is gone.  One that has done all it was asked waits for
+more: starting an interpreter and loading the package takes as long as a short replay.  Pieces and answers are
+pickles of this package's own making, through pipes.  Needs a system with ``select`` on pipes: not Windows.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import pickle
@@ -23,6 +25,10 @@ from collabslam_lab.processes import ONE_THREAD, use_one_thread
 
 _LENGTH = struct.Struct("<Q")
 _ORPHAN_SECONDS = 1.0
+
+
+_idle: list[subprocess.Popen[bytes]] = []
+"""Children that wait for more; a list's ``pop`` and ``append`` are whole, whatever threads do."""
 
 
 class Died(RuntimeError):
@@ -55,24 +61,49 @@ def isolated(
     """
     left = list(pieces)
     while left:
-        child = subprocess.Popen(
-            [sys.executable, "-m", __name__],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            env={**os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join(sys.path)},
-        )
+        child, whole = _child(), False
         try:
             for answer in _answers(child, function, left, seconds):
                 left.pop(0)
                 if isinstance(answer, BaseException) and not isinstance(answer, Died):
                     raise answer
+                whole = not left and not isinstance(answer, Died)
                 yield answer
         finally:
-            child.kill()
-            child.wait()
-            for pipe in (child.stdin, child.stdout):
-                with contextlib.suppress(OSError):
-                    pipe.close()  # type: ignore[union-attr]
+            if whole:
+                _idle.append(child)
+            else:
+                _end(child)
+
+
+def _child() -> subprocess.Popen[bytes]:
+    """One that waits, or a new one."""
+    with contextlib.suppress(IndexError):  # none is left
+        while True:
+            child = _idle.pop()
+            if child.poll() is None:
+                return child
+            _end(child)
+    return subprocess.Popen(
+        [sys.executable, "-m", __name__],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+
+
+@atexit.register
+def _end_idle() -> None:
+    while _idle:
+        _end(_idle.pop())
+
+
+def _end(child: subprocess.Popen[bytes]) -> None:
+    child.kill()
+    child.wait()
+    for pipe in (child.stdin, child.stdout):
+        with contextlib.suppress(OSError):
+            pipe.close()  # type: ignore[union-attr]
 
 
 def _answers(
@@ -82,9 +113,9 @@ def _answers(
     assert child.stdin is not None
     assert child.stdout is not None
     with contextlib.suppress(BrokenPipeError):
-        _send(child.stdin.fileno(), (function, pieces, os.getpid()))
+        _send(child.stdin.fileno(), (function, list(pieces), os.getpid()))
     try:
-        for _ in pieces:
+        for _ in range(len(pieces)):
             yield _receive(child.stdout.fileno(), time.monotonic() + seconds)
     except TimeoutError:
         yield Died(f"it took longer than {seconds:g} s")
@@ -129,15 +160,20 @@ def _work() -> None:
     """The child: answers through what was standard output, which from now on is standard error."""
     answers = os.dup(1)
     os.dup2(2, 1)
-    function, pieces, parent = _receive(0)
-    threading.Thread(target=_watch, args=(parent,), daemon=True).start()
     use_one_thread()
-    for arguments in pieces:
-        try:
-            answer = function(*arguments)
-        except Exception as error:
-            answer = error
-        _send(answers, answer)
+    watched = False
+    with contextlib.suppress(EOFError):
+        while True:
+            function, pieces, parent = _receive(0)
+            if not watched:
+                threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+                watched = True
+            for arguments in pieces:
+                try:
+                    answer = function(*arguments)
+                except Exception as error:
+                    answer = error
+                _send(answers, answer)
 
 
 def _watch(parent: int) -> None:

@@ -75,6 +75,22 @@ def test_a_child_that_dies_fails_one_piece() -> None:
         one(act, ("die",), 20.0)
 
 
+def pid() -> int:
+    return os.getpid()
+
+
+def test_a_child_that_did_all_it_was_asked_is_used_again() -> None:
+    first = one(pid, (), 20.0)
+    assert list(isolated(pid, [(), ()], 20.0)) == [first, first]
+    with pytest.raises(Died):
+        one(act, ("die",), 20.0)
+    second = one(pid, (), 20.0)
+    assert second != first
+    os.kill(second, signal.SIGKILL)  # while nobody asks it anything
+    psutil.wait_procs([psutil.Process(second)], timeout=20.0)
+    assert one(pid, (), 20.0) not in (first, second)
+
+
 def test_a_child_ends_with_its_parent(tmp_path: Path) -> None:
     mark = tmp_path / "pid"
     code = (

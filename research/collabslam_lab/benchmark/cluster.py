@@ -50,7 +50,9 @@ def measure_cluster(
     Returns
     -------
     dict
-        ``overhead_pct``, ``identical``, ``lost``, ``workers_killed``, ``tasks_per_second``.
+        ``overhead_pct`` (the start of the workers is in it), ``start_seconds``, ``identical``, ``lost``,
+        ``workers_killed``, ``tasks_per_second``, ``seconds_for_1000_workers`` (the shortest replay with which
+        one scheduler keeps 1000 workers at work).
     """
     data = out / "data"
     if not data.is_dir():
@@ -65,6 +67,7 @@ def measure_cluster(
     killed: list[int] = []
     if scheduler is None:
         rows["killed"] = _run(plan, data, out / "killed", jobs, dask, _killer(killed))
+    start, rate = _start_and_rate(dask, jobs, tasks)
     results = {
         "replays": len(rows["local"]),
         "jobs": jobs,
@@ -73,7 +76,9 @@ def measure_cluster(
         "identical": all(_same(plan, data, out, name) for name in rows if name != "local"),
         "lost": sum(row["status"] != "done" for name in rows for row in rows[name]),
         "workers_killed": len(killed),
-        "tasks_per_second": _tasks_per_second(dask, jobs, tasks),
+        "start_seconds": start,
+        "tasks_per_second": rate,
+        "seconds_for_1000_workers": 1000.0 / rate,
     }
     write_summary(out / "cluster.json", results)
     write_text(out / "cluster.md", cluster_markdown(results) + "\n")
@@ -129,13 +134,15 @@ def _same(plan: Plan, data: Path, out: Path, name: str) -> bool:
     )
 
 
-def _tasks_per_second(engine: Engine, jobs: int, count: int) -> float:
+def _start_and_rate(engine: Engine, jobs: int, count: int) -> tuple[float, float]:
+    """Seconds until there is a worker that answers, and tasks of no work a second from then on."""
+    began = time.monotonic()
     with engine.workers(jobs) as workers:
         workers.submit(int, 0).result()
-        began = time.monotonic()
+        ready = time.monotonic()
         for future in [workers.submit(int, k) for k in range(count)]:
             future.result()
-        return count / (time.monotonic() - began)
+        return ready - began, count / (time.monotonic() - ready)
 
 
 def cluster_markdown(results: dict[str, Any]) -> str:
@@ -144,10 +151,15 @@ def cluster_markdown(results: dict[str, Any]) -> str:
         ("replays, in two modes each", f"{results['replays']}"),
         ("processes or workers", f"{results['jobs']}"),
         ("seconds, local and dask", f"{results['seconds']['local']:.1f}, {results['seconds']['dask']:.1f}"),
-        ("overhead", f"{results['overhead_pct']:.1f} %"),
+        ("overhead, the start of the workers in it", f"{results['overhead_pct']:.1f} %"),
+        ("seconds until the workers answer", f"{results['start_seconds']:.1f}"),
         ("trajectory, covariance and map identical to the byte", "yes" if results["identical"] else "NO"),
         ("workers killed meanwhile, in a third run", f"{results['workers_killed']}"),
         ("replays lost", f"{results['lost']}"),
         ("tasks of no work that the scheduler hands out a second", f"{results['tasks_per_second']:.0f}"),
+        (
+            "seconds of a replay from which on it keeps 1000 workers at work",
+            f"{results['seconds_for_1000_workers']:.1f}",
+        ),
     ]
     return markdown_table(("what", "measured"), rows)

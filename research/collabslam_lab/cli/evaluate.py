@@ -49,7 +49,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="what to run (default: DATA_DIR/evaluate.yaml, or the package's own plan)",
     )
-    parser.add_argument("--only", metavar="NAME,..", type=_names, default=(), help="only these recordings")
+    parser.add_argument("--only", metavar="NAME,..", type=names, default=(), help="only these recordings")
     parser.add_argument("--seeds", metavar="A-B", type=options.seed_list, default=(), help="not the plan's")
     parser.add_argument("--modes", metavar="MODE,..", type=_modes, default=(), help="only these modes")
     studies = parser.add_mutually_exclusive_group()
@@ -87,12 +87,12 @@ def main(arguments: argparse.Namespace) -> int:
     return NOT_TRUSTED if failed(evaluate(arguments.data, arguments.out, choice)) else OK
 
 
-def _names(text: str) -> tuple[str, ...]:
+def names(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
 def _modes(text: str) -> tuple[str, ...]:
-    modes = _names(text)
+    modes = names(text)
     for mode in modes:
         if mode not in MODES:
             raise argparse.ArgumentTypeError(f"there is no mode '{mode}'; there are {', '.join(MODES)}")
