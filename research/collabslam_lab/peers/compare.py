@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -196,7 +197,7 @@ def _rows(
         try:
             if fault is not None or not isinstance(python, Path):
                 raise fault or DataError("It has no environment.")
-            write_job(
+            spread = write_job(
                 recording,
                 folder,
                 right=rig.right if rig and peer.stereo else None,
@@ -204,9 +205,7 @@ def _rows(
                 vocabulary=words if isinstance(words, Path) else None,
                 few=asked.few,
             )
-            given = (
-                len(json.loads((folder / "job.json").read_text())["few"]) if peer.offline else len(recording)
-            )
+            given = len(spread) if peer.offline else len(recording)
             found = run_script(peer, python, folder, asked.seconds)
             yield {
                 **row,
@@ -216,6 +215,8 @@ def _rows(
             }
         except CollabslamError as error:
             yield {**row, **_failed(str(error))}
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 _NOTHING = Found({}, {}, 0.0)

@@ -59,8 +59,8 @@ def write_job(
     baseline: float = 0.0,
     vocabulary: Path | None = None,
     few: int = 100,
-) -> None:
-    """Writes images and what else a script needs.
+) -> list[int]:
+    """Writes images and what else a script needs; returns the frames for systems that work offline.
 
     Parameters
     ----------
@@ -83,16 +83,18 @@ def write_job(
     if right is not None:
         np.save(folder / "right.npy", np.stack(right))
     times = np.asarray(recording.times) - recording.times[0]
+    spread = list(range(0, count, -(-count // few)))
     job = {
         "intrinsics": camera.intrinsics,
         "times": times.tolist(),
         "baseline": baseline,
         "vocabulary": None if vocabulary is None else str(vocabulary.absolute()),
-        "few": list(range(0, count, -(-count // few))),
+        "few": spread,
         "features": COLMAP_FEATURES,
     }
     (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
     (folder / "settings.yaml").write_text(_settings(camera, times, baseline), encoding="utf-8")
+    return spread
 
 
 def _settings(camera: Camera, times: Array, baseline: float) -> str:

@@ -53,7 +53,7 @@ def scored(found: Found, truth: Array, *, metric: bool, given: int) -> Row:
 
 def _ate(positions: Positions, truth: Array, *, with_scale: bool) -> float | None:
     known = np.asarray(np.isfinite(truth[:, :3, 3]).all(axis=1))
-    frames = [k for k in sorted(positions) if known[k]]
+    frames = [k for k in sorted(positions) if 0 <= k < len(known) and known[k]]
     path = metrics.path_length(truth[known, :3, 3])
     if len(frames) < LEAST or path <= 0.0:
         return None
