@@ -645,8 +645,8 @@ class Filter:
             Those that are no candidates any more do not count.
         """
     def add_undelayed(self, uv: ArrayLike) -> _Ids:
-        """Starts features with a vague depth at pixels of the present view. Before the start this is the
-        scale-free start.
+        """Starts features with a vague depth at pixels of the present view; the filter too, in an arbitrary
+        unit, if it has not started.
 
         Parameters
         ----------
@@ -662,6 +662,31 @@ class Filter:
         ------
         InputError
             For a wrong shape or NaN.
+        """
+    def start_from_views(self, times: ArrayLike, views: ArrayLike) -> _Ids:
+        """The scale-free start: at the last of several views of one camera, if they tell how it has moved
+        (METHOD 5).
+
+        W is the first view; the unit is such that the mean inverse depth is ``birth.undelayed_rho``.
+
+        Parameters
+        ----------
+        times : (K,) float64
+            Of the views, seconds, increasing.
+        views : (K, N, 2) float64
+            Pixels in Cs of the same N points in each of them.
+
+        Returns
+        -------
+        (N,) int64
+            Feature ids, -1 for a point that gives none; all are -1 where the views do not tell it yet: the
+            filter has not started then.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, fewer than two views, times that do not increase, or a filter that has
+            started; it stays as it was.
         """
     def start_from_points(
         self, points: ArrayLike, noise: ArrayLike, shared: ArrayLike, covariance: ArrayLike

@@ -49,6 +49,7 @@ WORN = {"worn": 1, "overlap": 1, "cf_points": 100, "cf_matches": 30}
         (many(started=0), {}, "no frame has a view of it"),
         (many(started=0, worn=1), {}, "never overlap"),
         (many(started=0, **{**WORN, "cf_matches": 3}), {}, "at most 3 points match"),
+        (many(started=0), {"start": "scale-free"}, "not only turn"),
         (many(started=0), {"start": "target"}, "never started from 'target'"),
         (many(20) + many(5, status="COASTING") + many(5, status="LOST"), {}, "lost from frame 25 on (2.5 s)"),
         (many(25) + many(5, status="COASTING"), {}, "In 5 of 30 frames"),

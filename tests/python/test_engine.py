@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from conftest import Clip
 
+from collabslam import geometry as g
 from collabslam.errors import InputError, SettingsError
 from collabslam.runs.results import DIAGNOSTICS
 from collabslam.settings.modes import MODES
@@ -136,12 +138,43 @@ def test_before_the_first_overlap_nothing_is_valid(clip: Clip) -> None:
 
 def test_scale_free_start(clip: Clip) -> None:
     slam = Slam(clip.recording.camera, mode="mono", start="scale-free")
-    steps = [slam.step(f.t, f.image) for f in clip.frames[:6]]
-    assert steps[0].started
-    assert steps[0].diagnostics["births_undelayed"] > 20
-    assert all(s.status is Status.OK for s in steps[1:])
+    steps = [slam.step(f.t, f.image) for f in clip.frames]
+    first = next(k for k, s in enumerate(steps) if s.started)
+    assert 0 < first < 10  # one view says nothing of the motion, a few do
+    assert not any(s.valid for s in steps[:first])
+    assert steps[first].diagnostics["births_instant"] > 20
+    assert all(s.status is Status.OK for s in steps[first + 1 :])
     assert all(s.diagnostics["cf_matches"] == 0 for s in steps)
-    assert np.isfinite([s.pose for s in steps]).all()
+    true = np.array([np.linalg.inv(clip.recording.truth[0]) @ p for p in clip.recording.truth[: len(steps)]])
+    for k in range(first, len(steps)):
+        turn = steps[k].pose[:3, :3].T @ true[k][:3, :3]
+        assert np.linalg.norm(g.rotation_log(turn)) < np.radians(1.0)
+        along = steps[k].pose[:3, 3] @ true[k][:3, 3]
+        assert along > 0.98 * np.linalg.norm(steps[k].pose[:3, 3]) * np.linalg.norm(true[k][:3, 3])
+
+
+def test_a_scale_free_start_that_waits_goes_on_from_a_file(clip: Clip, tmp_path: Path) -> None:
+    slam = Slam(clip.recording.camera, mode="mono", start="scale-free")
+    frames = [clip.frames[0], *clip.frames[2:]]
+    for f in frames[:2]:
+        assert not slam.step(f.t, f.image).started
+    slam.save(tmp_path / "waits")
+    again = Slam.load(tmp_path / "waits")
+    for f in frames[2:]:
+        a, b = slam.step(f.t, f.image), again.step(f.t, f.image)
+        assert a.pose.tobytes() == b.pose.tobytes()
+    assert a.started
+
+
+def test_a_camera_that_stands_does_not_start_scale_free(clip: Clip) -> None:
+    slam = Slam(clip.recording.camera, mode="mono", start="scale-free")
+    noise = np.random.default_rng(0)
+    still = clip.frames[0].image.astype(int)
+    for k in range(8):
+        image = np.clip(still + noise.integers(-2, 3, still.shape), 0, 255).astype(np.uint8)
+        step = slam.step(0.1 * k, image)
+        assert not step.started
+        assert step.status is not Status.OK
 
 
 def _worn(frame: Frame, **changes: Any) -> WornView:

@@ -7,6 +7,7 @@
 mod births;
 mod cameras;
 mod conditional_prediction;
+mod free_start;
 mod gauge;
 mod guards;
 mod handover;

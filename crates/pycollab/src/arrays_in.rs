@@ -237,6 +237,23 @@ pub(crate) fn rows<const K: usize>(
         .collect())
 }
 
+/// `(K, N, 2)` pixels, view by view.
+pub(crate) fn views(what: &'static str, value: &Argument<'_>) -> PyResult<Vec<Vec<Vector2<f64>>>> {
+    let array = array::<f64, Ix3>(what, "(K, N, 2)", value)?;
+    let all = array.as_array();
+    if all.shape()[2] != 2 {
+        return Err(bad_shape(what, "(K, N, 2)", all.shape()));
+    }
+    let views = all.outer_iter();
+    Ok(views
+        .map(|view| {
+            view.outer_iter()
+                .map(|uv| Vector2::new(uv[0], uv[1]))
+                .collect()
+        })
+        .collect())
+}
+
 /// `(N, 2)` pixels.
 pub(crate) fn pixels(what: &'static str, value: &Argument<'_>) -> PyResult<Vec<Vector2<f64>>> {
     rows::<2>(what, value)

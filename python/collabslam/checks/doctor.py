@@ -75,6 +75,11 @@ def _never_started(frames: Frames, summary: dict[str, Any]) -> Iterator[str]:
             f"The filter never started: Cf overlaps in {frames.total('overlap'):.0f} frames, but at most "
             f"{np.nanmax(frames['cf_matches']):.0f} points match; see the next lines."
         )
+    elif start == "scale-free":
+        yield (
+            "The filter never started: the images do not tell how the camera moved; it must move, not "
+            "only turn, by some percent of the distance of what it sees, among things that stand still."
+        )
     else:
         yield f"The filter never started from '{start}': the first frames show too few points to track."
 

@@ -7,6 +7,7 @@ import numpy as np
 from collabslam._core import Filter, UpdateReport
 from collabslam.settings.table import Settings
 from collabslam.slam.depth_input import Depths
+from collabslam.slam.free_start import FreeStart
 from collabslam.slam.map_change import ImagePoints, MapChange
 from collabslam.slam.printed_targets import PrintedTargets
 from collabslam.slam.target_start import TargetStart
@@ -25,10 +26,10 @@ class MapManager:
     settings : Settings
     printed : PrintedTargets
         Printed targets that come into view.
-    scale_free : bool
-        Whether the map begins with features of unknown depth.
     target : TargetStart, optional
         A known target to begin with.
+    free : FreeStart, optional
+        Begins with points of unknown depth, in an arbitrary unit.
     """
 
     def __init__(
@@ -37,10 +38,10 @@ class MapManager:
         settings: Settings,
         printed: PrintedTargets,
         *,
-        scale_free: bool,
         target: TargetStart | None,
+        free: FreeStart | None,
     ) -> None:
-        self._filter, self._scale_free, self._target = core, scale_free, target
+        self._filter, self._target, self._free = core, target, free
         self._printed = printed
         self.in_view = int(settings["filter.map.in_view"])
         self._reserve = round(self.in_view * float(settings.switch("filter.map.reserve")))
@@ -76,9 +77,17 @@ class MapManager:
             others = self._target.others(view, here, self.in_view - len(here), known)
             instant, taken = instant.with_more(others), [here, others.uv]
         undelayed, candidates = self._begin_others(view, np.concatenate(taken))
-        if self._target is not None and not self._filter.started:
-            instant = self._target.start(view.image, self.in_view)
+        if not self._filter.started:
+            instant = self._start(view, instant)
         return MapChange(instant, measured, undelayed, delayed, promoted, candidates, earlier, deleted)
+
+    def _start(self, view: View, instant: ImagePoints) -> ImagePoints:
+        """The first features, if what the map is to begin with is seen."""
+        if self._target is not None:
+            return self._target.start(view.image, self.in_view)
+        if self._free is not None:
+            return self._free.start(view, self.in_view)
+        return instant
 
     def begin(self, view: View, overlap: Overlap, report: UpdateReport) -> MapChange:
         """After a restart: the features that the new map begins with, and candidates beside them."""
@@ -108,10 +117,9 @@ class MapManager:
 
     def _begin_others(self, view: View, taken: Array) -> tuple[ImagePoints, ImagePoints]:
         """Undelayed features, or else candidates, where the view lacks points besides those ``taken``."""
-        scale_free = not self._filter.started and self._scale_free
-        if not (self._filter.started or scale_free):
+        if not self._filter.started:
             return ImagePoints(), ImagePoints()
-        wait = not (self._undelayed or scale_free)
+        wait = not self._undelayed
         lacking = self.in_view + (self._reserve if wait else 0) - len(taken)
         if lacking < self.in_view // 8:
             return ImagePoints(), ImagePoints()

@@ -31,6 +31,7 @@ from collabslam.settings.table import Settings
 from collabslam.slam.blank_image import BlankImageDetector
 from collabslam.slam.depth_input import DepthInput
 from collabslam.slam.doubts import Doubts
+from collabslam.slam.free_start import FreeStart
 from collabslam.slam.guard import Guard, alone
 from collabslam.slam.late_views import KeptFrame, LateViews
 from collabslam.slam.map_management import MapManager
@@ -105,9 +106,9 @@ class EngineParts:
         self._target_start: TargetStart | None = None
         if start == "target":
             self._target_start = TargetStart(core, camera, target, self._printed, self._options)
-        scale_free = start == "scale-free"
+        self._free_start = FreeStart(core, camera) if start == "scale-free" else None
         self._map = MapManager(
-            core, settings, self._printed, scale_free=scale_free, target=self._target_start
+            core, settings, self._printed, target=self._target_start, free=self._free_start
         )
         self._doubts = Doubts(settings.section("filter"))
         self._monitor = StatusMonitor(settings.section("filter"), lost=start == "map")

@@ -2,6 +2,7 @@
 //! and births from points of known depth.
 
 pub mod new_feature;
+pub(crate) mod several_views;
 pub mod two_view;
 
 pub use new_feature::NewFeature;

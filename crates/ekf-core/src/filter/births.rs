@@ -210,7 +210,8 @@ impl Filter {
     /// Starts features in the view in which they are first seen, with the weak prior of `birth.undelayed_rho` on their
     /// inverse depth (METHOD 5, undelayed).
     ///
-    /// Before the start this is the scale-free start: the depth prior fixes an arbitrary scale.
+    /// Before the start it starts the filter: the prior fixes an arbitrary scale. While the camera has hardly moved this is
+    /// linearised where a turn and a step to the side look alike; [`Self::start_from_views`] is not.
     ///
     /// # Errors
     /// `NonFinite` for a bad pixel.

@@ -13,6 +13,7 @@ mod checkpoint;
 mod checks;
 mod conditional_prediction;
 mod ekf;
+mod free_start;
 mod handed;
 mod handover;
 mod kept_poses;

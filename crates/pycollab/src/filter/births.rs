@@ -1,7 +1,9 @@
 //! New features: known points at the start, candidates that wait for parallax, and features of vague depth.
 
 use super::PyFilter;
-use crate::arrays_in::{Argument, covariance6, ids, pixels, rows, same_length, stack};
+use crate::arrays_in::{
+    Argument, covariance6, ids, numbers, pixels, rows, same_length, stack, views as views_of,
+};
 use crate::arrays_out::{Column, column, to_ids};
 use ekf_core::CandidateOutcome;
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3};
@@ -141,8 +143,8 @@ impl PyFilter {
         })
     }
 
-    /// Starts features with a vague depth at pixels of the present view. Before the start this is the
-    /// scale-free start.
+    /// Starts features with a vague depth at pixels of the present view; the filter too, in an arbitrary
+    /// unit, if it has not started.
     ///
     /// Parameters
     /// ----------
@@ -161,6 +163,40 @@ impl PyFilter {
     fn add_undelayed(&self, py: Python<'_>, uv: Argument<'_>) -> PyResult<Column<i64>> {
         let uv = pixels("uv", &uv)?;
         let ids = self.write(py, |f| f.add_undelayed(&uv))?;
+        Ok(to_ids(py, ids))
+    }
+
+    /// The scale-free start: at the last of several views of one camera, if they tell how it has moved
+    /// (METHOD 5).
+    ///
+    /// W is the first view; the unit is such that the mean inverse depth is ``birth.undelayed_rho``.
+    ///
+    /// Parameters
+    /// ----------
+    /// times : (K,) float64
+    ///     Of the views, seconds, increasing.
+    /// views : (K, N, 2) float64
+    ///     Pixels in Cs of the same N points in each of them.
+    ///
+    /// Returns
+    /// -------
+    /// (N,) int64
+    ///     Feature ids, -1 for a point that gives none; all are -1 where the views do not tell it yet: the
+    ///     filter has not started then.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For wrong shapes, NaN, fewer than two views, times that do not increase, or a filter that has
+    ///     started; it stays as it was.
+    fn start_from_views(
+        &self,
+        py: Python<'_>,
+        times: Argument<'_>,
+        views: Argument<'_>,
+    ) -> PyResult<Column<i64>> {
+        let (times, views) = (numbers("times", &times)?, views_of("views", &views)?);
+        let ids = self.write(py, |f| f.start_from_views(&times, &views))?;
         Ok(to_ids(py, ids))
     }
 

@@ -1,0 +1,126 @@
+"""Start of one camera alone: points are followed until their views tell how it has moved (METHOD 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from collabslam._core import Camera, Filter
+from collabslam.formats.schema import Check, array, items, number, optional, refuse
+from collabslam.slam.map_change import ImagePoints
+from collabslam.slam.state import FARTHEST_PIXEL, SECONDS, PersistentState
+from collabslam.slam.view import View
+from collabslam.types import Array, Image, Mask
+
+_VIEWS = 5
+"""That are fitted at most: the first, the last two, and others between."""
+_WINDOW = (15, 15)
+_LEVELS = 4
+_MAX_GAP = 0.5
+"""Pixels between a point and itself followed to this frame and back."""
+_LEAST_MOTION = 2.0
+"""Pixels, by which half of the points must have moved before anything is worked out."""
+
+
+Pixels = NDArray[np.float32]
+
+
+class FreeStart(PersistentState):
+    """Follows the corners of a first image, the reference, until the filter can start from them.
+
+    Where too many are lost before, the present image is the next reference.
+
+    Parameters
+    ----------
+    core : Filter
+    camera : Camera
+    """
+
+    PERSISTENT: ClassVar[Mapping[str, Check]] = {
+        "_reference": optional(array("|u1", None, None)),
+        "_times": items(number(-SECONDS, SECONDS)),
+        "_views": items(array("<f8", None, 2)),
+    }
+
+    def __init__(self, core: Filter, camera: Camera) -> None:
+        self._core, self._camera = core, camera
+        self._reference: Image | None = None
+        self._times: tuple[float, ...] = ()
+        self._views: tuple[Array, ...] = ()
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """As `PersistentState.restore`."""
+        super().restore(state)
+        self._times, self._views = tuple(self._times), tuple(self._views)
+        shape = (self._camera.height, self._camera.width)
+        if self._reference is not None and self._reference.shape != shape:
+            refuse("reference", "an image of this camera")
+        if len({len(v) for v in self._views}) > 1 or len(self._views) != len(self._times):
+            refuse("views", "of the same points, one for each time")
+        if any(np.abs(v).max(initial=0.0) > FARTHEST_PIXEL for v in self._views):
+            refuse("views", "pixels")
+
+    def start(self, view: View, count: int) -> ImagePoints:
+        """Starts the filter, with ``count`` points at most, where the views tell the motion already."""
+        if self._reference is None:
+            return self._begin(view, count)
+        uv, kept = self._follow(self._reference, view)
+        if kept.sum() < count // 2:
+            return self._begin(view, count)
+        uv, views = uv[kept], tuple(v[kept] for v in self._views)
+        moved = float(np.median(np.linalg.norm(uv - views[0], axis=1)))
+        times, views = _thinned((*self._times, view.t), (*views, uv))
+        self._times, self._views = times, views
+        if moved < _LEAST_MOTION:
+            return ImagePoints()
+        ids = self._core.start_from_views(times, np.stack(views))
+        if self._core.started:
+            self._reference, self._times, self._views = None, (), ()
+        return ImagePoints.born(ids, uv)
+
+    def _begin(self, view: View, count: int) -> ImagePoints:
+        self._reference = view.image.copy()
+        self._times, self._views = (view.t,), (view.corners.pick(np.empty((0, 2)), count),)
+        return ImagePoints()
+
+    def _follow(self, reference: Image, view: View) -> tuple[Array, Mask]:
+        """Where the reference's points are now, and which of them were found."""
+        first, image = self._views[0], view.image
+        if not len(first):
+            return first, np.empty(0, np.bool_)
+        p = first.astype(np.float32).reshape(-1, 1, 2)
+        guess = self._views[-1].astype(np.float32).reshape(-1, 1, 2).copy()
+        q, seen = _flow(reference, image, p, guess)
+        # The way back starts from the undone guess: the point itself would be confirmed too easily.
+        home, back = _flow(image, reference, q, q - guess + p)
+        uv = q.reshape(-1, 2).astype(np.float64)
+        height, width = image.shape
+        kept = seen & back & (np.abs(home - p).reshape(-1, 2).max(axis=1) <= _MAX_GAP)
+        kept &= np.all((uv >= 0.0) & (uv <= [width - 1.0, height - 1.0]), axis=1)
+        if view.hidden is not None:
+            kept[kept] = ~view.hidden(uv[kept])
+        return uv, kept
+
+
+def _flow(a: Image, b: Image, p: Pixels, guess: Pixels) -> tuple[Pixels, Mask]:
+    """Lucas-Kanade flow of points (N, 1, 2) from image a to b, and which of them it found."""
+    q, seen, _ = cv2.calcOpticalFlowPyrLK(
+        a, b, p, guess.copy(), winSize=_WINDOW, maxLevel=_LEVELS, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01), minEigThreshold=1e-4,
+    )  # fmt: skip
+    return np.asarray(q, np.float32), np.asarray(seen.ravel() == 1)
+
+
+def _thinned(
+    times: tuple[float, ...], views: tuple[Array, ...]
+) -> tuple[tuple[float, ...], tuple[Array, ...]]:
+    """At most `_VIEWS` of them: the one between whose neighbours are nearest in time goes."""
+    while len(times) > _VIEWS:
+        gaps = [times[k + 1] - times[k - 1] for k in range(1, len(times) - 2)]
+        k = 1 + int(np.argmin(gaps))
+        times, views = times[:k] + times[k + 1 :], views[:k] + views[k + 1 :]
+    return times, views
