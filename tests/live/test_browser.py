@@ -26,10 +26,11 @@ from scenario import frames_of
 from collabslam import Settings
 from collabslam.datasets.poses import read_track
 from collabslam.live import link
-from collabslam.live.cameras import PlayedRecording, Shot
+from collabslam.live.cameras import PlayedRecording
 from collabslam.live.gateway import Gateway
 from collabslam.live.keys import make_keys
 from collabslam.live.robot import RobotNode, RobotOptions
+from collabslam.live.shots import Shot
 from collabslam.live.web import Tokens, WebServer
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium on this machine")

@@ -136,8 +136,10 @@ def test_a_frame_by_column_gives_the_same_step() -> None:
     steps = []
     for order in (np.ascontiguousarray, np.asfortranarray):
         slam = Slam(camera, start="scale-free")
-        for k in range(4):
-            step = slam.step(0.1 * k, order(np.roll(image, k, axis=1)))
+        for k in range(8):
+            # Two planes at two distances, seen by a camera that moves sideways.
+            seen = np.concatenate([np.roll(image[:128], k, axis=1), np.roll(image[128:], 3 * k, axis=1)])
+            step = slam.step(0.1 * k, order(seen))
         steps.append(step)
     assert steps[0].diagnostics["found"] > 5
     assert steps[0].diagnostics["found"] == steps[1].diagnostics["found"]

@@ -155,12 +155,10 @@ def test_scale_free_start(clip: Clip) -> None:
 
 def test_a_scale_free_start_that_waits_goes_on_from_a_file(clip: Clip, tmp_path: Path) -> None:
     slam = Slam(clip.recording.camera, mode="mono", start="scale-free")
-    frames = [clip.frames[0], *clip.frames[2:]]
-    for f in frames[:2]:
-        assert not slam.step(f.t, f.image).started
+    assert not slam.step(clip.frames[0].t, clip.frames[0].image).started
     slam.save(tmp_path / "waits")
     again = Slam.load(tmp_path / "waits")
-    for f in frames[2:]:
+    for f in clip.frames[1:6]:
         a, b = slam.step(f.t, f.image), again.step(f.t, f.image)
         assert a.pose.tobytes() == b.pose.tobytes()
     assert a.started

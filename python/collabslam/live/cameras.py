@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import cv2
 import numpy as np
 
-from collabslam._core import Camera
 from collabslam.datasets.calibration import check_resolution, load_camera
 from collabslam.datasets.source import Source
 from collabslam.errors import DataError, SettingsError
+from collabslam.live.shots import LiveCamera, Shot
 from collabslam.live.steady import SteadyClock
-from collabslam.types import Image, Recording, WornView
+from collabslam.types import Image, Recording
 
 BROKEN = 30
 """So many reads running without an image end a camera."""
@@ -24,34 +22,6 @@ ROS_TOPIC = "ros:"
 """Before a topic's name, where a user names a camera."""
 LEAD = 1.0
 """Seconds before a recording's first frame, in which devices learn of the clock."""
-
-
-@dataclass(frozen=True)
-class Shot:
-    """An image (H, W) uint8 taken at ``t`` seconds by this machine's clock; a recording's view of Cf."""
-
-    t: float
-    image: Image
-    worn: WornView | None = None
-
-
-class LiveCamera(Protocol):
-    """What delivers images while they are taken."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def camera(self) -> Camera: ...
-    @property
-    def clock(self) -> SteadyClock: ...
-
-    def begin(self) -> None:
-        """The clock starts, if it has not."""
-        ...
-
-    def shots(self, ended: Callable[[], bool]) -> Iterator[Shot]:
-        """Each image when it is taken, until there are no more or ``ended()``; raises DataError."""
-        ...
 
 
 class DeviceCamera:
@@ -150,7 +120,7 @@ def open_camera(source: str, calibration: Path | None, given: Source | None = No
         If the calibration is missing.
     """
     if source.startswith(ROS_TOPIC):
-        from collabslam.live.ros_camera import RosCamera  # it builds on this module
+        from collabslam.live.ros_camera import RosCamera  # rclpy is there with ROS alone
 
         return RosCamera(source.removeprefix(ROS_TOPIC), calibration)
     if source.isdigit() or source.startswith("/dev/video") or "://" in source:

@@ -13,12 +13,13 @@ from collabslam._core import Camera
 from collabslam.errors import CollabslamError, DataError
 from collabslam.formats.trajectory import ARBITRARY, METRES
 from collabslam.live import link, messages, names
-from collabslam.live.cameras import LiveCamera, PlayedRecording
+from collabslam.live.cameras import PlayedRecording
 from collabslam.live.core import Event, LivePose
 from collabslam.live.downlink import Downlink
 from collabslam.live.printed import make_slam
 from collabslam.live.record import EventWriter, LivePlan
 from collabslam.live.results import ENGINE, LiveResults
+from collabslam.live.shots import LiveCamera
 from collabslam.live.slam import LiveSlam
 from collabslam.live.uplink import Uplink
 from collabslam.runs.folder import claim, locked

@@ -12,8 +12,8 @@ from collabslam._core import Camera
 from collabslam.datasets.calibration import check_resolution, load_camera
 from collabslam.errors import CollabslamError, DataError
 from collabslam.live import messages
-from collabslam.live.cameras import Shot
 from collabslam.live.ros_types import image_kind, rclpy_of, stamped_image, subscribe
+from collabslam.live.shots import Shot
 from collabslam.live.steady import SteadyClock
 from collabslam.types import Image
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from collabslam.live.cameras import LiveCamera, PlayedRecording
+from collabslam.live.cameras import PlayedRecording
+from collabslam.live.shots import LiveCamera
 from collabslam.live.worn import WornDevice
 
 OVERDUE = 0.25

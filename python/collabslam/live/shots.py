@@ -1,0 +1,39 @@
+"""What delivers images while they are taken, and what it delivers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from collabslam._core import Camera
+from collabslam.live.steady import SteadyClock
+from collabslam.types import Image, WornView
+
+
+@dataclass(frozen=True)
+class Shot:
+    """An image (H, W) uint8 taken at ``t`` seconds by this machine's clock; a recording's view of Cf."""
+
+    t: float
+    image: Image
+    worn: WornView | None = None
+
+
+class LiveCamera(Protocol):
+    """What delivers images while they are taken."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def camera(self) -> Camera: ...
+    @property
+    def clock(self) -> SteadyClock: ...
+
+    def begin(self) -> None:
+        """The clock starts, if it has not."""
+        ...
+
+    def shots(self, ended: Callable[[], bool]) -> Iterator[Shot]:
+        """Each image when it is taken, until there are no more or ``ended()``; raises DataError."""
+        ...
