@@ -103,7 +103,7 @@ impl Life {
 
     /// The next call, as the bytes say.
     pub(crate) fn call(&mut self, bytes: &mut Bytes<'_>) -> Done {
-        match bytes.below(18) {
+        match bytes.below(19) {
             0..=2 => ("predict", self.predict(bytes)),
             3..=5 => ("update", self.update(bytes, false, false)),
             6 | 7 => ("update with worn", self.update(bytes, true, false)),
@@ -128,6 +128,7 @@ impl Life {
             14 => ("start_from_points, add_points", self.start(bytes)),
             15 => ("snapshot and restore", self.save()),
             16 => ("promote_candidates", self.promote(bytes)),
+            17 => ("start_from_views", self.start_from_views(bytes)),
             _ => ("overlap", self.overlap(bytes)),
         }
     }
@@ -327,6 +328,26 @@ impl Life {
             filter.start_from_points(&points, &noise, &shared, &covariance)
         };
         born.map(|_| ())
+    }
+
+    /// Up to four views of ten points: of a camera that moves sideways, or anything.
+    fn start_from_views(&mut self, bytes: &mut Bytes<'_>) -> Result<(), EkfError> {
+        let first = pixels(bytes, 10);
+        let moved: Vec<f64> = first.iter().map(|_| bytes.near(8.0, 6.0)).collect();
+        let count = bytes.below(5);
+        let views: Vec<Vec<_>> = (0..count)
+            .map(|k| {
+                let shifted = first.iter().zip(&moved);
+                let step = Vector2::new(k as f64, 0.0);
+                shifted
+                    .map(|(uv, by)| near(bytes, &(uv + step * *by), 0.3))
+                    .collect()
+            })
+            .collect();
+        let times: Vec<f64> = (0..count)
+            .map(|k| bytes.near(0.1 * k as f64, 0.01))
+            .collect();
+        self.filter.start_from_views(&times, &views).map(|_| ())
     }
 
     /// Goes on with the filter restored from a snapshot, whose own snapshot is the same.

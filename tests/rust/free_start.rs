@@ -199,6 +199,8 @@ fn bad_views_change_nothing() {
     );
     assert!(filter.start_from_views(&[], &[]).is_err());
     assert!(!filter.started() && filter.map_size() == 0);
+    let many = vec![vec![Vector2::new(10.0, 10.0); 501]; 4];
+    assert!(filter.start_from_views(&TIMES, &many).is_err());
     let none = vec![Vec::new(); 4];
     assert_eq!(filter.start_from_views(&TIMES, &none), Ok(Vec::new()));
     filter.start_from_views(&TIMES, &pixels).expect("views");

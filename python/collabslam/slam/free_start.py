@@ -18,6 +18,8 @@ from collabslam.types import Array, Image, Mask
 
 _VIEWS = 5
 """That are fitted at most: the first, the last two, and others between."""
+_POINTS = 100
+"""That are followed at most; more make the start no better."""
 _WINDOW = (15, 15)
 _LEVELS = 4
 _MAX_GAP = 0.5
@@ -61,11 +63,14 @@ class FreeStart(PersistentState):
             refuse("reference", "an image of this camera")
         if len({len(v) for v in self._views}) > 1 or len(self._views) != len(self._times):
             refuse("views", "of the same points, one for each time")
+        if len(self._views) > _VIEWS or any(len(v) > _POINTS for v in self._views):
+            refuse("views", "as few as are kept")
         if any(np.abs(v).max(initial=0.0) > FARTHEST_PIXEL for v in self._views):
             refuse("views", "pixels")
 
     def start(self, view: View, count: int) -> ImagePoints:
         """Starts the filter, with ``count`` points at most, where the views tell the motion already."""
+        count = min(count, _POINTS)
         if self._reference is None:
             return self._begin(view, count)
         uv, kept = self._follow(self._reference, view)

@@ -385,8 +385,10 @@ impl<'a> Fit<'a> {
             tells[at] = 1.0 / (count as f64 * rho);
         }
         let cov = DMatrix::from_fn(n, n, |i, j| cov[(i, j)] * unit[i] * unit[j]);
-        let map = DMatrix::identity(n, n) + grows * tells.transpose();
-        let covariance = &map * cov * map.transpose();
+        // (1 + grows tells^T) cov (1 + grows tells^T)^T
+        let told = &cov * &tells;
+        let pull = &told + &grows * (0.5 * tells.dot(&told));
+        let covariance = cov + &grows * pull.transpose() + &pull * grows.transpose();
         let known = |i: &usize| {
             let variance = covariance[(12 + 3 * i + 2, 12 + 3 * i + 2)];
             variance.max(0.0).sqrt() <= max_rho_ratio * points[*i].z

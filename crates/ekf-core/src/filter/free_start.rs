@@ -10,6 +10,9 @@ use crate::observe::point::CameraPose;
 use crate::state::CAMERA_DIM;
 use nalgebra::{SMatrix, Vector2};
 
+/// Points and views at most.
+const MOST: (usize, usize) = (500, 20);
+
 /// Rows of the two poses in [`Structure::covariance`].
 const POSES: usize = 12;
 
@@ -21,7 +24,7 @@ impl Filter {
     /// the filter has not started then.
     ///
     /// # Errors
-    /// `BadShape`, `NonFinite`, `InvalidInput` (fewer than two views, times that do not increase, a filter that has
+    /// `BadShape`, `NonFinite`, `InvalidInput` (fewer than two views, more than 20, more than 500 points, times that do not increase, a filter that has
     /// started); nothing changes then.
     pub fn start_from_views(
         &mut self,
@@ -113,9 +116,10 @@ impl Filter {
             }
             for &(other_row, other_at) in &born[..a] {
                 for (i, j) in (0..3).flat_map(|i| (0..3).map(move |j| (i, j))) {
-                    self.state
-                        .p
-                        .set(row + i, other_row + j, whole[(at + i, other_at + j)]);
+                    // They share the calibration's error already.
+                    let shared = self.state.p.get(row + i, other_row + j);
+                    let own = whole[(at + i, other_at + j)];
+                    self.state.p.set(row + i, other_row + j, shared + own);
                 }
             }
         }
@@ -133,6 +137,12 @@ impl Filter {
             return invalid("start", "the filter has started already; make a new one");
         }
         let count = views.first().map_or(0, Vec::len);
+        if count > MOST.0 || views.len() > MOST.1 {
+            return invalid(
+                "views",
+                "there may be 500 points in 20 views at most; leave some out",
+            );
+        }
         if times.len() != views.len() || views.iter().any(|view| view.len() != count) {
             return Err(EkfError::BadShape {
                 what: "views",

@@ -187,7 +187,8 @@ impl PyFilter {
     /// Raises
     /// ------
     /// InputError
-    ///     For wrong shapes, NaN, fewer than two views, times that do not increase, or a filter that has
+    ///     For wrong shapes, NaN, fewer than two views or more than 20, more than 500 points, times that do
+    ///     not increase, or a filter that has
     ///     started; it stays as it was.
     fn start_from_views(
         &self,
