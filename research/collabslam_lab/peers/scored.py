@@ -75,7 +75,7 @@ def peers_markdown(rows: Sequence[Row]) -> str:
         if row["status"] != "done":
             faults.append(f"- {row['recording']}, {row['system']}: {row['error']}")
             continue
-        few = "" if row["given"] == row["frames"] else f" of {row['given']}"
+        few = "" if row["given"] == row["frames"] else f" (of {row['given']} frames)"
         lines.append(
             [
                 row["recording"],
