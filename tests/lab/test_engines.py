@@ -9,6 +9,7 @@ import sys
 import time
 from concurrent.futures import Future
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import psutil
@@ -20,7 +21,7 @@ from test_viewing import Short
 from collabslam.datasets import write_recording
 from collabslam.errors import DataError, SettingsError
 from collabslam_lab import engines
-from collabslam_lab.benchmark import remote
+from collabslam_lab.benchmark import cluster, remote
 from collabslam_lab.benchmark.evaluate import Choice, _items, chosen
 from collabslam_lab.benchmark.plan import find_plan
 from collabslam_lab.benchmark.running import run_items
@@ -150,6 +151,32 @@ def test_a_poisonous_task_is_blamed_alone(monkeypatch: pytest.MonkeyPatch) -> No
         with pytest.raises(Exception, match="kill"):
             futures["kill the worker"].result()
         assert pool.submit(double, 4).result() == 8
+
+
+def test_what_else_the_machine_does_is_not_the_clusters_overhead(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [0.0]
+
+    def run(*arguments: Any) -> list[Row]:
+        """Four replays side by side in two; with Dask the machine is half as fast, and 6 % are lost."""
+        slow = 1.0 if arguments[4].is_local else 2.0
+        clock[0] += 10.0 * slow * (1.0 if arguments[4].is_local else 1.06)
+        return [{"status": "done", "seconds": 5.0 * slow} for _ in range(4)]
+
+    (tmp_path / "data").mkdir()
+    monkeypatch.setattr(cluster, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    monkeypatch.setattr(cluster, "_run", run)
+    monkeypatch.setattr(cluster, "_same", lambda *_: True)
+    monkeypatch.setattr(cluster, "_start_and_rate", lambda *_: (1.06, 500.0))
+    results = cluster.measure_cluster(tmp_path, replays=2, jobs=2, tasks=10)
+    assert results["overhead_pct"] == pytest.approx(6.0)
+    assert results["overhead_running_pct"] == pytest.approx(100.0 * (1.06 * 0.95 - 1.0))
+    assert (results["lost"], results["identical"], results["seconds_for_1000_workers"]) == (0, True, 2.0)
+    assert "6.0 %" in (tmp_path / "cluster.md").read_text()
+    monkeypatch.setattr(cluster, "_run", lambda *_: [{"status": "failed", "error": "no image"}])
+    with pytest.raises(DataError, match="no image"):
+        cluster.measure_cluster(tmp_path, replays=2, jobs=2, tasks=10)
 
 
 def untimed(row: Row) -> Row:
