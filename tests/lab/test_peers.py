@@ -74,7 +74,8 @@ def table(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> list[dict[str
     np.save(place / "truth.npy", clip.recording.truth[:FRAMES, :3, 3])
     made_up(place / "envs", place / "truth.npy")
     words = ["--out", str(place / "out"), "--envs", str(place / "envs"), "--offline-frames", "6"]
-    assert cli.main(["peers", str(place / "data"), *words]) == 0
+    assert cli.main(["peers", str(place / "data"), "--systems", "collabslam,svo", *words]) == 0
+    assert cli.main(["peers", str(place / "data"), "--systems", "orbslam3-mono,svo,colmap", *words]) == 0
     assert "orbslam3-mono" in (place / "out" / "peers.md").read_text()
     rows: list[dict[str, object]] = json.loads((place / "out" / "peers.json").read_text())
     return rows
@@ -82,6 +83,7 @@ def table(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> list[dict[str
 
 def test_every_system_has_a_row(table: list[dict[str, object]]) -> None:
     rows = {str(row["system"]): row for row in table}
+    assert len(rows) == len(table)
     assert set(rows) == {"collabslam, one camera", "collabslam, with Cf", "orbslam3-mono", "svo", "colmap"}
     assert {row["recording"] for row in table} == {"walk"}
     mono, colmap, ours = rows["orbslam3-mono"], rows["colmap"], rows["collabslam, with Cf"]

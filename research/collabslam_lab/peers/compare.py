@@ -74,7 +74,7 @@ class _Rig:
 def compare(data: Path, out: Path, asked: Asked | None = None) -> list[Row]:
     """Run every system on every recording that has a truth; writes ``peers.json`` and ``peers.md``.
 
-    Rows of recordings that are not asked for stay as they are in ``peers.json``.
+    Rows of recordings and systems that are not asked for stay as they are in ``peers.json``.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def compare(data: Path, out: Path, asked: Asked | None = None) -> list[Row]:
         raise SettingsError(f"The number of frames is {asked.few}; give 1 or more.")
     items = _items(data, out, asked)
     chosen = [peer for peer in PEERS if not asked.systems or peer.name in asked.systems]
-    rows = _earlier(out, {item.entry.name for item in items})
+    rows = _earlier(out, {item.entry.name for item in items}, asked)
     pythons = {peer.name: _environment(peer, asked) for peer in chosen}
     words: Path | DataError | None = None
     if any(peer.words for peer in chosen):
@@ -262,10 +262,14 @@ def _rig(item: Item) -> _Rig | None:
     return _Rig([read(rig.paths[i]) for i in range(len(recording))], float(across[0]))
 
 
-def _earlier(out: Path, again: set[str]) -> list[Row]:
+def _earlier(out: Path, recordings: set[str], asked: Asked) -> list[Row]:
+    """Rows of an earlier run that this one does not make again."""
+    systems = {peer.name for peer in PEERS if not asked.systems or peer.name in asked.systems}
+    if not asked.systems or OURS in asked.systems:
+        systems |= {ALONE, TOGETHER}
     try:
         rows = json.loads((out / "peers.json").read_text(encoding="utf-8"))
-        return [row for row in rows if row["recording"] not in again]
+        return [row for row in rows if row["recording"] not in recordings or row["system"] not in systems]
     except (OSError, ValueError, KeyError, TypeError):
         return []
 
@@ -279,7 +283,8 @@ def _said(row: Row) -> str:
 
 def _write(out: Path, rows: Sequence[Row], asked: Asked, data: Path) -> None:
     order = {entry.name: k for k, entry in enumerate(find_plan(data, asked.plan).recordings)}
-    rows = sorted(rows, key=lambda row: order.get(row["recording"], len(order)))
+    systems = {name: k for k, name in enumerate([ALONE, TOGETHER, *(peer.name for peer in PEERS)])}
+    rows = sorted(rows, key=lambda row: (order.get(row["recording"], len(order)), systems[row["system"]]))
     text = json.dumps(jsonable(rows), indent=2, allow_nan=False)
     write_text(out / "peers.json", text + "\n")
     write_text(out / "peers.md", peers_markdown(rows) + "\n")
