@@ -46,6 +46,5 @@ def main(arguments: argparse.Namespace) -> int:
         few=arguments.offline_frames,
         seconds=arguments.limit,
     )
-    rows = compare(arguments.data, arguments.out, asked)
-    print("\n" + peers_markdown(rows))
+    print("\n" + peers_markdown(compare(arguments.data, arguments.out, asked)))
     return OK

@@ -115,8 +115,7 @@ def compare(data: Path, out: Path, asked: Asked | None = None) -> list[Row]:
                 rows.append(row)
                 print(f"{row['recording']}, {row['system']}: {_said(row)}", flush=True)
                 _write(out, rows, asked, data)
-    _write(out, rows, asked, data)
-    return rows
+    return _write(out, rows, asked, data)
 
 
 def _items(data: Path, out: Path, asked: Asked) -> list[Item]:
@@ -281,10 +280,12 @@ def _said(row: Row) -> str:
     return f"ATE Sim(3) {ate}, pose in {row['coverage']:.0%}, {row['cpu_ms']:.0f} ms a frame"
 
 
-def _write(out: Path, rows: Sequence[Row], asked: Asked, data: Path) -> None:
+def _write(out: Path, rows: Sequence[Row], asked: Asked, data: Path) -> list[Row]:
+    """Writes both files; returns the rows in the order of plan and systems."""
     order = {entry.name: k for k, entry in enumerate(find_plan(data, asked.plan).recordings)}
     systems = {name: k for k, name in enumerate([ALONE, TOGETHER, *(peer.name for peer in PEERS)])}
     rows = sorted(rows, key=lambda row: (order.get(row["recording"], len(order)), systems[row["system"]]))
     text = json.dumps(jsonable(rows), indent=2, allow_nan=False)
     write_text(out / "peers.json", text + "\n")
     write_text(out / "peers.md", peers_markdown(rows) + "\n")
+    return rows
