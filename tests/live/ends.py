@@ -9,11 +9,12 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import collabslam
-from collabslam.live import link, messages, names
+from collabslam.live import link, messages, names, slam
 from collabslam.live.cameras import PlayedRecording
+from collabslam.live.core import Event, LiveCore, LivePose
 from collabslam.live.keys import Keys
 from collabslam.live.robot import RobotNode, RobotOptions
 from collabslam.live.sending import send_all
@@ -64,12 +65,26 @@ def worn(asked: dict[str, Any]) -> dict[str, Any]:
     return {"seen": device.seen, "level": device.pace.level.size}
 
 
+class Timed(LiveCore):
+    """Keeps how long each frame took, and how long the thread that did it worked."""
+
+    frames: ClassVar[list[tuple[float, float]]] = []
+
+    def handle(self, event: Event) -> LivePose | None:
+        began = time.perf_counter(), time.thread_time()
+        pose = super().handle(event)
+        if pose is not None:
+            self.frames.append((time.perf_counter() - began[0], time.thread_time() - began[1]))
+        return pose
+
+
 def robot(asked: dict[str, Any]) -> dict[str, Any]:
     recording = collabslam.open_recording(asked["recording"])
     camera = PlayedRecording(recording)
     record = Path(asked["record"]) if asked.get("record") else None
     options = RobotOptions(Path(asked["out"]), collabslam.Settings.default(), record=record)
     exchanges: list[tuple[float, float]] = []
+    slam.LiveCore = Timed  # type: ignore[misc]
     with link.open_robot(link.Address.parse(asked["host"]), Keys.read(Path(asked["keys"]))) as session:
         node = RobotNode(session, camera, options)
         take = node.uplink.take
@@ -87,6 +102,7 @@ def robot(asked: dict[str, Any]) -> dict[str, Any]:
         "arrivals": [(a.stamp, a.taken + offset, a.came + offset) for a in node.uplink.arrivals("anna")],
         "exchanges": [(t + offset, delay) for t, delay in exchanges],
         "offset": offset,
+        "frames": Timed.frames,
         "received": dict(node.uplink.received),
     }
 

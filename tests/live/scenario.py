@@ -67,6 +67,9 @@ class Outcome:
         When Cs took its frames.
     collab : (M,) array of bool
         Whether the robot used the worn camera then.
+    lasted, worked : (M,) array
+        Seconds that a frame took, and those of them in which the machine worked on it: when it is busy with
+        other things, too, the second is what is the frame's.
     began, ended : float
         Of the trouble.
     """
@@ -83,6 +86,8 @@ class Outcome:
     bytes_received: int
     frames: Array
     collab: Any
+    lasted: Array
+    worked: Array
     began: float
     ended: float
 
@@ -124,6 +129,24 @@ class Small(WrappedRecording):
 
     def frame(self, i: int) -> Frame:
         return replace(super().frame(i), worn=self._small.get(i))
+
+
+class Without(WrappedRecording):
+    """A recording without some of Cf's views: those for whose frames ``gone`` holds."""
+
+    def __init__(self, base: Any, gone: Callable[[int], bool]) -> None:
+        super().__init__(base)
+        self._gone = gone
+
+    def frame(self, i: int) -> Frame:
+        frame = super().frame(i)
+        return replace(frame, worn=None) if self._gone(i) else frame
+
+
+def error_without(walk: Walk, gone: Callable[[int], bool], out: Path) -> float:
+    """Mean position error, metres, offline without some views."""
+    collabslam.run(Without(Small(collabslam.open_recording(walk.recording)), gone), out=out)
+    return position_error(out, walk.times, walk.truth)
 
 
 def position_error(out: Path, times: Any, truth: Any) -> float:
@@ -262,6 +285,8 @@ def _outcome(walk: Walk, folder: Path, counts: w.Counts, began: float, ended: fl
         bytes_received=robot["received"].get("anna", 0),
         frames=np.array([t for t, _ in frames]) + robot["offset"],
         collab=np.array([link == "collab" for _, link in frames]),
+        lasted=np.array(robot["frames"])[:, 0],
+        worked=np.array(robot["frames"])[:, 1],
         began=began,
         ended=ended,
     )

@@ -20,7 +20,7 @@ import wire as w
 pytest.importorskip("zenoh", reason="the extra live is not installed")
 
 from networks import loopback
-from scenario import HERE, Outcome, Walk, dark, play, stopped, walk
+from scenario import HERE, Outcome, Walk, dark, error_without, play, stopped, walk
 
 import collabslam
 from collabslam.demo import corridor_recording
@@ -121,11 +121,9 @@ def test_clocks_that_are_apart(clean: Outcome, figures: dict[str, Any]) -> None:
 
 
 def test_robot_frames_are_not_held_up(clean: Outcome, figures: dict[str, Any]) -> None:
-    lines = (clean.out / "frames.csv").read_text().splitlines()
-    column = lines[0].split(",").index("ms_total")
-    times = [float(line.split(",")[column]) for line in lines[1:]]
-    figures["frame_p99_ms"] = float(np.quantile(times, 0.99))
-    assert np.median(times) < 100.0  # the camera's own pace
+    figures["frame_p99_ms"] = quantile_ms(clean.lasted, 0.99)
+    figures["frame_work_p99_ms"] = quantile_ms(clean.worked, 0.99)
+    assert np.median(clean.lasted) < 0.1  # the camera's own pace
 
 
 def test_a_replay_is_the_same(place: Place, clean: Outcome, figures: dict[str, Any]) -> None:
@@ -146,10 +144,12 @@ def test_two_percent_lost(place: Place, figures: dict[str, Any]) -> None:
 
 
 def test_ten_percent_lost_in_bursts(place: Place, figures: dict[str, Any]) -> None:
-    found = place.play("burst10", BURSTS)
-    figures["age_p99_ms_burst10"] = quantile_ms(found.ages, 0.99)
-    assert np.median(found.ages) < FRESH
-    assert found.unused.size == 0
+    for name, again_ms in (("burst10", 0.0), ("burst10_rto_min_20", 20.0)):
+        found = place.play(name, replace(BURSTS, again_ms=again_ms))
+        figures[f"age_p99_ms_{name}"] = quantile_ms(found.ages, 0.99)
+        figures[f"images_{name}"] = len(found.ages)
+        assert np.median(found.ages) < FRESH
+        assert found.unused.size == 0
 
 
 def test_the_pose_at_ten_percent_lost(place: Place, figures: dict[str, Any]) -> None:
@@ -158,6 +158,21 @@ def test_the_pose_at_ten_percent_lost(place: Place, figures: dict[str, Any]) -> 
     figures["error_ratio_loss10"] = error / sum(on.offline_error for on in place.corridors)
     assert all(f.error < SANE for f in found)
     assert all(f.unused.size == 0 for f in found)
+
+
+def test_the_pose_without_views(place: Place, figures: dict[str, Any], tmp_path: Path) -> None:
+    """What is lost on the way costs accuracy only as far as it is not there: exact, so it may be asserted."""
+    lost = np.random.default_rng(5).random(len(place.corridors[0].times)) < 0.1
+    missing = {"dark": lambda i: 35 <= i < 65, "lost": lambda i: i > 2 and lost[i]}
+    errors = {
+        name: sum(error_without(on, gone, tmp_path / f"{name}-{k}") for k, on in enumerate(place.corridors))
+        for name, gone in missing.items()
+    }
+    mono, offline = (sum(getattr(on, f"{e}_error") for on in place.corridors) for e in ("mono", "offline"))
+    figures["blackout_error_over_mono"] = errors["dark"] / mono
+    figures["error_ratio_lost_views"] = errors["lost"] / offline
+    assert errors["dark"] < mono
+    assert errors["lost"] < 1.5 * offline
 
 
 def test_a_thin_line(place: Place) -> None:
@@ -188,7 +203,7 @@ def returned(found: Outcome) -> float:
 
 def test_a_blackout_of_three_seconds(place: Place, figures: dict[str, Any]) -> None:
     found = place.play("blackout", CLEAN, trouble=dark)
-    figures["blackout_error_over_mono"] = found.error / place.ahead.mono_error
+    figures["blackout_error_over_mono_ahead"] = found.error / place.ahead.mono_error
     figures["back_after_blackout_s"] = returned(found)
     assert found.error < SANE
 
