@@ -23,6 +23,7 @@ from networks import loopback
 from scenario import HERE, Outcome, Walk, dark, error_without, play, stopped, walk
 
 import collabslam
+from collabslam.datasets.wrapped import FirstFrames
 from collabslam.demo import corridor_recording
 from collabslam.demo.recording import DemoRecording
 from collabslam.demo.walk import CorridorWalk
@@ -30,6 +31,7 @@ from collabslam.live.keys import make_keys
 from collabslam.live.pace import LEVELS
 from collabslam.live.replay import replay
 from collabslam.live.views import LATEST
+from collabslam_lab.worlds.recording import world_recording
 
 RESULTS = HERE.parents[1] / "results" / "live.json"
 CLEAN = w.Wire()
@@ -173,6 +175,20 @@ def test_the_pose_without_views(place: Place, figures: dict[str, Any], tmp_path:
     figures["error_ratio_lost_views"] = errors["lost"] / offline
     assert errors["dark"] < mono
     assert errors["lost"] < 1.5 * offline
+
+
+def test_a_turn(place: Place, figures: dict[str, Any]) -> None:
+    """Another way than the demo's: round a corner, as the laboratory renders it."""
+    around = walk(FirstFrames(world_recording("turn90-0"), 80), place.folder / "turn")
+    found = place.play("turn-live", replace(CLEAN, loss=0.02), around)
+    figures["turn_uplink_kBps"] = found.rate / 1e3
+    figures["turn_age_p50_ms"] = quantile_ms(found.ages, 0.5)
+    figures["turn_age_p99_ms_loss2"] = quantile_ms(found.ages, 0.99)
+    figures["turn_error_ratio_loss2"] = found.error / around.offline_error
+    assert found.rate < 150e3
+    assert np.median(found.ages) < FRESH
+    assert found.unused.size == 0
+    assert found.error < SANE
 
 
 def test_a_thin_line(place: Place) -> None:

@@ -73,7 +73,7 @@ def robot() -> Iterator[tuple[Robot, Gateway]]:
     with link.open_robot(address, None) as session, link.open_device(address, None) as device:
         robot = Robot(session)
         gateway = Gateway(device, "web", CAMERA)
-        end = time.monotonic() + 5.0
+        end = time.monotonic() + 60.0
         while not link.connected(device) and time.monotonic() < end:
             time.sleep(0.02)
         yield robot, gateway
@@ -127,7 +127,9 @@ def test_a_phone_is_a_worn_camera(robot: tuple[Robot, Gateway], keys: Path) -> N
             await page.send(struct.pack(">d", taken) + picture())
             await page.send("no object")
             await page.send(b"short")
-            await asyncio.sleep(0.5)
+            while not there.of(names.IMAGE) or len(there.of(names.EXCHANGE)) < 3:
+                await asyncio.sleep(0.05)
+            await asyncio.sleep(0.2)  # what is no image has come, too
             return taken
 
     taken = served(gateway, keys, visit)
