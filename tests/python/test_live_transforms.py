@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 import types
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,11 +15,13 @@ from conftest import Clip
 pytest.importorskip("rosbags", reason="the extra ros is not installed")
 
 from collabslam import DataError, Settings, SettingsError
+from collabslam.datasets.ros.sensors import ESTIMATED, WornSensors, write_sensors
 from collabslam.geometry import pose, pose_inverse, rotation_exp
 from collabslam.live import messages, ros, ros_types
 from collabslam.live.ros import RosNode, RosTopics
 from collabslam.live.transforms import FRAMES, GAP, KEPT, TransformTree, WaitingStamps
 from collabslam.types import Array
+from collabslam.worn_pose import WornPoseConfig
 
 A = pose(rotation_exp([0.1, 0.2, 0.3]), [1.0, 2.0, 3.0])
 B = pose(rotation_exp([-0.2, 0.1, 0.0]), [0.5, 0.0, -1.0])
@@ -113,7 +116,9 @@ class Node:
         return types.SimpleNamespace(publish=sent.append)
 
 
-def test_a_node_finds_the_worn_camera_by_tf(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def without_ros(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a `RosNode` needs of rclpy."""
     qos = types.ModuleType("rclpy.qos")
     vars(qos).update(
         qos_profile_sensor_data=0,
@@ -124,6 +129,10 @@ def test_a_node_finds_the_worn_camera_by_tf(clip: Clip, monkeypatch: pytest.Monk
     monkeypatch.setitem(sys.modules, "rclpy.qos", qos)
     for module in (ros, ros_types):
         monkeypatch.setattr(module, "message_class", lambda kind: kind)
+
+
+@pytest.mark.usefixtures("without_ros")
+def test_a_node_finds_the_worn_camera_by_tf(clip: Clip) -> None:
     topics = RosTopics("/cs", "/cs_info", "/cf", "/cf_info", ros.TF)
     with pytest.raises(SettingsError, match="--t-cf-sd"):
         RosNode(Node(), topics, Settings.default())
@@ -151,3 +160,16 @@ def test_a_node_finds_the_worn_camera_by_tf(clip: Clip, monkeypatch: pytest.Monk
     assert last["metric"] == "True"
     assert last["refused"] == "0"
     assert messages.decoded(messages.TRANSFORMS, node.sent["/tf"][-1]).transforms[0].child_frame_id
+
+
+@pytest.mark.usefixtures("without_ros")
+def test_a_node_hears_the_sensors_that_a_file_names(tmp_path: Path) -> None:
+    topics: dict[Any, str] = {"robot": "/imu", "worn": "/glasses/imu"}
+    scans = {name: f"/scan_{name}" for name in WornPoseConfig().scanners}
+    write_sensors(tmp_path / "sensors.yaml", WornSensors(WornPoseConfig(), scans, topics))
+    node, poses = Node(), f"{ESTIMATED}{tmp_path / 'sensors.yaml'}"
+    running = RosNode(node, RosTopics("/cs", "/cs_info", "/cf", "/cf_info", poses), Settings.default())
+    assert {*topics.values(), *scans.values()} < node.takes.keys()
+    for topic in (*topics.values(), *scans.values()):
+        node.takes[topic](b"no message")
+    assert running._refused == 4

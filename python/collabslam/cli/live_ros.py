@@ -18,7 +18,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--t-cf",
         metavar="TOPIC",
         help="T_CF as PoseWithCovarianceStamped, with the stamps of Cf's images; or /tf, which tells it "
-        "between the frames that both cameras' images name",
+        "between the frames that both cameras' images name; or sensors:FILE, which says how the scanners "
+        "and AHRSs are mounted from which it is estimated",
     )
     parser.add_argument(
         "--t-cf-sd",

@@ -26,6 +26,7 @@ STATUS = "diagnostic_msgs/msg/DiagnosticArray"
 TIMES = "std_msgs/msg/Int64MultiArray"
 TEXT = "std_msgs/msg/String"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
+SCAN, IMU = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu"
 
 LEVELS = {"OK": b"\0", "DOUBTFUL": b"\1", "COASTING": b"\1", "LOST": b"\2"}
 

@@ -32,7 +32,7 @@ class Pairing:
         self.unpaired = 0
         self._unposed = unposed
         self._images: OrderedDict[float, tuple[str, Image | bytes]] = OrderedDict()
-        self._poses: OrderedDict[float, tuple[Array, Array]] = OrderedDict()
+        self._poses: OrderedDict[float, tuple[Array, Array, Array | None]] = OrderedDict()
 
     def image(self, session: str, stamp: float, image: Image | bytes) -> LiveView | None:
         """An image; the view, if its pose is there."""
@@ -41,9 +41,11 @@ class Pairing:
         self.unpaired += _keep(self._images, stamp, (session, image))
         return self._view(stamp)
 
-    def pose(self, stamp: float, t_cf: Array, covariance: Array) -> LiveView | None:
-        """A pose; the view, if its image is there."""
-        _keep(self._poses, stamp, (t_cf, covariance))
+    def pose(
+        self, stamp: float, t_cf: Array, covariance: Array, bias: Array | None = None
+    ) -> LiveView | None:
+        """A pose, as in `collabslam.WornView`; the view, if its image is there."""
+        _keep(self._poses, stamp, (t_cf, covariance, bias))
         return self._view(stamp)
 
     def _view(self, stamp: float) -> LiveView | None:

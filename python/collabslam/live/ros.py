@@ -8,19 +8,24 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 from collabslam._core import Camera
+from collabslam.datasets.ros.sensors import ESTIMATED, WornSensors, read_sensors
 from collabslam.errors import CollabslamError, DataError, SettingsError
 from collabslam.live import messages
 from collabslam.live.core import LivePose
 from collabslam.live.downlink import MAP_EVERY, STATUS_EVERY, status_of
 from collabslam.live.pairing import Pairing
 from collabslam.live.ros_types import image_kind, message_class, stamped_image, subscribe
+from collabslam.live.sensed import SensedPoses, reading_from, scan_from
 from collabslam.live.slam import LiveSlam
 from collabslam.live.transforms import WaitingStamps
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
+from collabslam.worn_pose.readings import Wearer
 
 NAME = "collabslam"
 SESSION = "ros/1"
@@ -38,7 +43,8 @@ class RosTopics:
         Images of Cs and their CameraInfo.
     cf, cf_info, t_cf : str or None
         The same of Cf, and T_CF as PoseWithCovarianceStamped with the stamps of Cf's images; or `TF`: then it
-        is between the frames that both cameras' images name.
+        is between the frames that both cameras' images name; or ``sensors:FILE``: then it is estimated from
+        the laser scans and AHRSs whose topics and mounts the file tells.
     t_cf_sd : tuple of float, optional
         Standard deviations of T_CF by tf, which has none: metres of each coordinate, degrees about each axis.
     out : str
@@ -71,7 +77,7 @@ class RosNode:
     Raises
     ------
     DataError
-        If message types are not installed.
+        If message types are not installed, or the sensors file is not usable.
     SettingsError
         If T_CF is to come from tf and its standard deviations are missing.
     """
@@ -95,6 +101,7 @@ class RosNode:
         self._due = dict.fromkeys(("status", "map"), -float("inf"))
         self._frame = ""
         self._tf: WaitingStamps | None = None
+        self._sensed: SensedPoses | None = None
         takes: list[tuple[str | None, str, Callable[[bytes], None]]] = [
             (topics.cs_info, messages.CAMERA_INFO, lambda data: self._calibration("cs", data)),
             (topics.cf_info, messages.CAMERA_INFO, lambda data: self._calibration("cf", data)),
@@ -111,6 +118,8 @@ class RosNode:
                 (TF, messages.TRANSFORMS, lambda data: self._transforms(data, static=False)),
                 (TF_STATIC, messages.TRANSFORMS, lambda data: self._transforms(data, static=True)),
             ]
+        elif (topics.t_cf or "").startswith(ESTIMATED):
+            takes += self._sensors(read_sensors(Path(str(topics.t_cf).removeprefix(ESTIMATED))))
         else:
             takes.append((topics.t_cf, messages.POSE, lambda data: self._pose(data)))
         self._kept = [
@@ -161,18 +170,42 @@ class RosNode:
     def _worn(self, topic: str, data: bytes) -> None:
         stamp, image, frame = stamped_image(topic, data)
         self._push(self._pairing.image(SESSION, stamp, image))
-        if self._tf is not None:
-            self._tf.add(stamp, frame)
-            self._poses_of_tf(self._tf)
+        for source in self._sources():
+            source.add(stamp, frame)
+        self._measured()
 
     def _transforms(self, data: bytes, *, static: bool) -> None:
         assert self._tf is not None
         self._tf.tree.take(messages.decoded(messages.TRANSFORMS, data), static=static)
-        self._poses_of_tf(self._tf)
+        self._measured()
 
-    def _poses_of_tf(self, tf: WaitingStamps) -> None:
-        for found in tf.known(self._frame):
-            self._push(self._pairing.pose(*found))
+    def _sensors(self, sensors: WornSensors) -> list[tuple[str | None, str, Callable[[bytes], None]]]:
+        """What is to be heard of the sensors."""
+        self._sensed = sensed = SensedPoses(sensors.config)
+
+        def scan(name: str, data: bytes) -> None:
+            sensed.scan(scan_from(messages.decoded(messages.SCAN, data), name))
+
+        def reading(where: Wearer, data: bytes) -> None:
+            sensed.reading(reading_from(messages.decoded(messages.IMU, data), where))
+            self._measured()
+
+        takes: list[tuple[str | None, str, Callable[[bytes], None]]] = []
+        for name, topic in sensors.scans.items():
+            takes.append((topic, messages.SCAN, partial(scan, name)))
+        for where, topic in sensors.ahrs.items():
+            takes.append((topic, messages.IMU, partial(reading, where)))
+        return takes
+
+    def _sources(self) -> list[WaitingStamps | SensedPoses]:
+        """What measures T_CF for images that wait."""
+        return [source for source in (self._tf, self._sensed) if source is not None]
+
+    def _measured(self) -> None:
+        """Views of the images whose T_CF is known by now."""
+        for source in self._sources():
+            for found in source.known(self._frame):
+                self._push(self._pairing.pose(*found))
 
     def _pose(self, data: bytes) -> None:
         self._push(self._pairing.pose(*messages.pose_from(data, "T_CF")))
@@ -197,6 +230,8 @@ class RosNode:
             return
         if "status" in self._out and self._is_due("status", STATUS_EVERY):
             dropped = {f"dropped {k}": v for k, v in live.dropped.items()} | {"refused": self._refused}
+            if self._sensed is not None:
+                dropped |= {f"no pose: {k}": v for k, v in self._sensed.reasons.items()}
             self._out["status"].publish(status_of(pose, dropped, {}))
         if step.started and self._is_due("map", MAP_EVERY):
             self._out["map"].publish(messages.cloud(step.t, live.slam.landmarks().points))

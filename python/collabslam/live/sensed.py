@@ -1,0 +1,108 @@
+"""T_CF from laser scans and AHRSs while they come, for images that wait for them (METHOD 11)."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections import Counter
+from typing import Any
+
+from collabslam.datasets.ros.messages import imu_of, scans_of
+from collabslam.errors import DataError, InputError
+from collabslam.live.messages import stamp_of
+from collabslam.types import Array
+from collabslam.worn_pose import LaserScan, WornPoseConfig, WornPoseEstimator, ahrs_readings, laser_scans
+from collabslam.worn_pose.readings import AhrsReading, Wearer
+
+WAITING = 64
+"""Scans and images that wait for attitudes; the oldest gives way."""
+
+
+class SensedPoses:
+    """Estimates T_CF at the instants of Cf's images, with the scans up to each and no later one.
+
+    Scans and images wait until both AHRSs have told what was a little after them: then all that was before
+    has come, whatever order it came in, and the estimates are those of the same readings in a bag.
+
+    Parameters
+    ----------
+    config : WornPoseConfig
+    """
+
+    def __init__(self, config: WornPoseConfig) -> None:
+        self.reasons: Counter[str] = Counter()
+        """Why there was no pose for an image, and how often."""
+        self._estimator = WornPoseEstimator(config)
+        self._after = 2.0 * config.max_ahrs_age
+        self._heard: dict[Wearer, float] = {"robot": -float("inf"), "worn": -float("inf")}
+        self._waiting: list[tuple[float, int, int, LaserScan | None]] = []
+        self._count = itertools.count()
+
+    def reading(self, reading: AhrsReading) -> None:
+        """An attitude; raises InputError if it is not later than the one before."""
+        self._estimator.add_ahrs(reading)
+        self._heard[reading.where] = reading.t
+
+    def scan(self, scan: LaserScan) -> None:
+        """A scan."""
+        self._wait(scan.t + 0.5 * scan.time_increment * (len(scan.ranges) - 1), scan)
+
+    def add(self, stamp: float, frame: str) -> None:
+        """An image was taken at ``stamp``."""
+        self._wait(stamp, None)
+
+    def known(self, robot_frame: str) -> list[tuple[float, Array, Array, Array | None]]:
+        """Stamp, T_CF (4, 4), covariance (6, 6) and what of it lasts, of each image that is due.
+
+        Raises
+        ------
+        InputError
+            If a scan is not later than the one before, or of an unknown scanner; it is left out.
+        """
+        due = min(self._heard.values()) - self._after
+        found = []
+        while self._waiting and self._waiting[0][0] <= due:
+            t, _, _, scan = heapq.heappop(self._waiting)
+            if scan is not None:
+                self._estimator.add_scan(scan)
+                continue
+            estimate = self._estimator.pose_at(t)
+            if estimate.t_cf is None or estimate.covariance is None:
+                self.reasons[str(estimate.reason)] += 1
+            else:
+                found.append((t, estimate.t_cf, estimate.covariance, estimate.bias))
+        return found
+
+    def _wait(self, t: float, scan: LaserScan | None) -> None:
+        """Scans come before images of their instant."""
+        heapq.heappush(self._waiting, (t, scan is None, next(self._count), scan))
+        if len(self._waiting) > WAITING:
+            heapq.heappop(self._waiting)
+
+
+def scan_from(message: Any, scanner: str) -> LaserScan:
+    """A LaserScan message; raises DataError."""
+    try:
+        found = scans_of([(stamp_of(message), message)])
+        step = float(found.angles[1] - found.angles[0]) if len(found.angles) > 1 else 0.0
+        (scan,) = laser_scans(
+            found.times,
+            found.ranges,
+            float(found.angles[0]) if len(found.angles) else 0.0,
+            step,
+            scanner=scanner,
+            time_increment=found.time_increment,
+        )
+    except InputError as error:
+        raise DataError(f"The scan of {scanner} is not usable: {error}") from error
+    return scan
+
+
+def reading_from(message: Any, where: Wearer) -> AhrsReading:
+    """The attitude of an Imu message; raises DataError."""
+    imu = imu_of([(stamp_of(message), message)])
+    try:
+        (reading,) = ahrs_readings(imu.times, imu.orientation[:, [1, 2, 3, 0]], where)
+    except InputError as error:
+        raise DataError(f"The attitude of the {where} is not usable: {error}") from error
+    return reading
