@@ -26,7 +26,7 @@ test: $(VENV)/.built check
 	$(BIN)/maturin build --release --locked --out dist
 	$(BIN)/python -m pytest -m wheel
 
-# Robot and worn camera over bad networks, with a real browser and a real ROS 2: results/live.json. About five minutes.
+# Robot and worn camera over bad networks, with a real browser and a real ROS 2: results/live.json. About six minutes.
 # What the machine lacks (root, Chromium, Python 3.11 for the wheels of ROS 2) is left out, and says so.
 ROS2 := ros-rclpy ros-rmw-fastrtps-cpp ros-sensor-msgs ros-nav-msgs ros-geometry-msgs
 test-live: $(VENV)/.built
