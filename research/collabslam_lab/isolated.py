@@ -162,7 +162,7 @@ def _work() -> None:
     os.dup2(2, 1)
     use_one_thread()
     watched = False
-    with contextlib.suppress(EOFError):
+    with contextlib.suppress(EOFError, BrokenPipeError):  # the parent is gone
         while True:
             function, pieces, parent = _receive(0)
             if not watched:
