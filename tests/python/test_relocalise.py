@@ -12,6 +12,7 @@ import pytest
 
 from collabslam._core import settings_schema
 from collabslam.demo import DemoRecording, corridor_recording
+from collabslam.frontend import place_recognition
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.patch import capture
 from collabslam.frontend.place_recognition import (
@@ -19,6 +20,7 @@ from collabslam.frontend.place_recognition import (
     describe_views,
     match_descriptors,
     pose_by_ransac,
+    pose_of_agreeing,
 )
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
 from collabslam.settings.table import Settings
@@ -327,3 +329,33 @@ class TestPlaceRecognition:
     def test_no_pose_from_too_little(self, recording: DemoRecording) -> None:
         uv = np.array([[100.0, 100.0], [200.0, 100.0], [100.0, 300.0]])
         assert pose_by_ransac(np.ones((3, 3)), uv, recording.camera, 3.0, 100) is None
+
+
+def test_wrong_matches_leave_a_pose_in_few_rounds(
+    recording: DemoRecording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their number does not decide how long a frame takes."""
+    rng = np.random.default_rng(5)
+    camera = recording.camera
+    uv = rng.uniform([30.0, 30.0], [camera.width - 30.0, camera.height - 30.0], (60, 2))
+    rays = camera.unproject(uv)
+    seen = rays * (rng.uniform(2.0, 6.0, 60) / rays[:, 2])[:, None]
+    truth = se3_exp(np.array([0.3, -0.2, 0.1, 0.05, 0.1, -0.02]))
+    points = seen @ truth[:3, :3].T + truth[:3, 3]
+    wrong = np.arange(60) < 25
+    off = rng.standard_normal((25, 2))
+    uv[wrong] += off / np.linalg.norm(off, axis=1)[:, None] * np.geomspace(8.0, 80.0, 25)[:, None]
+    rounds = []
+    work_out = place_recognition.pose_from_points
+
+    def counted(*args: Any) -> Any:
+        rounds.append(args)
+        return work_out(*args)
+
+    monkeypatch.setattr(place_recognition, "pose_from_points", counted)
+    guess = truth @ se3_exp(np.array([0.02, 0.01, -0.02, 0.01, -0.01, 0.0]))
+    agreed = pose_of_agreeing(points, uv, camera, guess, 4.0)
+    assert agreed is not None
+    assert agreed[1].tolist() == np.flatnonzero(~wrong).tolist()
+    assert np.linalg.norm(se3_log(pose_inverse(agreed[0]) @ truth)) < 1e-6
+    assert len(rounds) <= 8

@@ -248,7 +248,7 @@ def confirmed(
     """A pose that the landmarks' patches vouch for; None where too few of them are found."""
     for _ in range(2):  # the second search starts from the pose of the first
         index, uv, possible = _search_from(image, camera, pose, views, settings)
-        agreed = _refined(views.points[index], uv, camera, pose, _MAX_RESIDUAL)
+        agreed = pose_of_agreeing(views.points[index], uv, camera, pose, _MAX_RESIDUAL)
         if agreed is None or len(agreed[1]) < max(MIN_PATCHES, _MIN_SHARE * possible):
             return None
         pose, kept = agreed
@@ -290,10 +290,14 @@ def _corners(image: Image, settings: FrontendSettings) -> Array:
     return refine_corners(image, peaks[:_CORNERS].astype(np.float64))
 
 
-def _refined(
+def pose_of_agreeing(
     points: Array, uv: Array, camera: Camera, pose: Array, tolerance: float
 ) -> tuple[Array, Indices] | None:
-    """The pose of least squares, and the matches that agree with it, the worst left out one by one."""
+    """The pose of least squares, and the matches that agree with it.
+
+    All that are off by more than the tolerance and by at least half of what the worst one is off by are left
+    out at once, and the pose is worked out again: so the rounds are few whatever the number of wrong matches.
+    """
     kept = np.arange(len(points))
     while len(kept) >= 4:
         try:
@@ -302,8 +306,8 @@ def _refined(
             return None
         seen = np.ascontiguousarray((points[kept] - pose[:3, 3]) @ pose[:3, :3])
         residual = np.linalg.norm(camera.project(seen).uv - uv[kept], axis=1)
-        worst = int(np.argmax(residual))
-        if residual[worst] <= tolerance:
+        agree = residual <= max(tolerance, 0.5 * float(residual.max()))
+        if agree.all():
             return pose, kept
-        kept = np.delete(kept, worst)
+        kept = kept[agree]
     return None
