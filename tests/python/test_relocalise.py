@@ -12,7 +12,6 @@ import pytest
 
 from collabslam._core import settings_schema
 from collabslam.demo import DemoRecording, corridor_recording
-from collabslam.frontend import place_recognition
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.patch import capture
 from collabslam.frontend.place_recognition import (
@@ -28,6 +27,7 @@ from collabslam.slam.engine import Slam
 from collabslam.slam.relocalise import Relocaliser
 from collabslam.slam.results import StepResult
 from collabslam.slam.status import StatusMonitor
+from collabslam.targets.pose import pose_from_points
 from collabslam.types import Array, Image, Status
 
 SEEN = 20
@@ -345,14 +345,13 @@ def test_wrong_matches_leave_a_pose_in_few_rounds(
     wrong = np.arange(60) < 25
     off = rng.standard_normal((25, 2))
     uv[wrong] += off / np.linalg.norm(off, axis=1)[:, None] * np.geomspace(8.0, 80.0, 25)[:, None]
-    rounds = []
-    work_out = place_recognition.pose_from_points
+    rounds: list[Any] = []
 
     def counted(*args: Any) -> Any:
         rounds.append(args)
-        return work_out(*args)
+        return pose_from_points(*args)
 
-    monkeypatch.setattr(place_recognition, "pose_from_points", counted)
+    monkeypatch.setattr("collabslam.frontend.place_recognition.pose_from_points", counted)
     guess = truth @ se3_exp(np.array([0.02, 0.01, -0.02, 0.01, -0.01, 0.0]))
     agreed = pose_of_agreeing(points, uv, camera, guess, 4.0)
     assert agreed is not None
