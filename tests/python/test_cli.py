@@ -21,7 +21,7 @@ from collabslam.demo import demo_run
 from collabslam.errors import DataError, FilterError, SettingsError
 from collabslam.runs import runner
 from collabslam.runs.plan import MODE_KEY, Output, Plan
-from collabslam.runs.report import median_summary, summary_text
+from collabslam.runs.report import median_summary, summary_text, untrusted_text
 from collabslam.runs.summary import is_trusted
 from collabslam.settings.table import Settings
 from collabslam.types import Frame, WornView
@@ -59,9 +59,16 @@ class FakeSlam:
     """Knows the truth, makes it a little too long, and loses it from a frame on."""
 
     def __init__(
-        self, recording: Walk, *, scale: float = 1.05, lost_from: int = 10**6, stop_at: int = -1
+        self,
+        recording: Walk,
+        *,
+        scale: float = 1.05,
+        lost_from: int = 10**6,
+        stop_at: int = -1,
+        doubted: range = range(0),
     ) -> None:
         self._recording, self._scale, self._lost_from, self._stop_at = recording, scale, lost_from, stop_at
+        self._doubted = doubted
         self._frame = 0
 
     def step(self, t: float, image: np.ndarray, worn: WornView | None = None) -> SimpleNamespace:
@@ -71,9 +78,11 @@ class FakeSlam:
             raise KeyboardInterrupt
         pose = self._recording.truth[k].copy()
         pose[:3, 3] = self._scale * (pose[:3, 3])
-        status = "OK" if k < self._lost_from else "LOST"
+        doubted = k in self._doubted
+        status = "LOST" if k >= self._lost_from else "DOUBTFUL" if doubted else "OK"
         diagnostics = {"accepted": 20, "overlap": worn is not None, "depth_rows": 3 if worn else 0,
-                       "ms_update": 1.0, "ms_total": 2.0, "nis": 30.0, "nis_dof": 40}  # fmt: skip
+                       "ms_update": 1.0, "ms_total": 2.0, "nis": 30.0, "nis_dof": 40,
+                       "doubt": "matches" if doubted else ""}  # fmt: skip
         return SimpleNamespace(
             t=t, pose=pose, covariance=np.eye(6) * (1e-3 * (k + 1)), status=status, valid=status != "LOST",
             started=True, diagnostics=diagnostics,
@@ -160,7 +169,6 @@ def test_a_scale_free_run_never_speaks_of_metres(tmp_path: Path) -> None:
         walk = Walk()
         summary = go(walk, tmp_path / start, start=start, slam=FakeSlam(walk, scale=40.0))
         assert summary["unit"] == word
-        assert is_trusted(summary) == (start == "scale-free")  # far off counts where there are metres
         assert f"seconds, {word};" in (tmp_path / start / "trajectory.tum").read_text().splitlines()[0]
         assert ("not metres" in summary_text(summary)) == (start == "scale-free")
         assert summary["metric"] == (start == "worn")
@@ -187,8 +195,42 @@ def test_a_lost_camera_is_told(tmp_path: Path) -> None:
     assert not is_trusted(summary)
     assert summary["frames_lost"] == 10
     assert len(np.loadtxt(tmp_path / "trajectory.tum", comments="#")) == 20
+
+
+@pytest.mark.parametrize("scale", [1.05, 40.0])
+@pytest.mark.parametrize(
+    ("run", "trusted"),
+    [
+        ({}, True),
+        ({"lost_from": 29}, False),  # it ends lost
+        ({"doubted": range(29, 30)}, False),  # it ends in doubt
+        ({"doubted": range(10, 13)}, True),
+        ({"doubted": range(10, 14)}, False),  # more than a tenth
+    ],
+)
+def test_trust_is_what_the_run_says_with_a_truth_or_without(
+    run: dict[str, object], trusted: bool, scale: float
+) -> None:
+    known, unknown = Walk(), Walk()
+    unknown.truth = None
+    for walk in (known, unknown):
+        assert is_trusted(go(walk, slam=FakeSlam(known, scale=scale, **run))) == trusted
+
+
+def test_half_of_the_frames_must_say_ok() -> None:
+    summary = {"frames": 10, "frames_ok_reported": 5, "frames_doubtful": 0, "status_final": "OK"}
+    assert is_trusted(summary)
+    assert not is_trusted(summary | {"frames_ok_reported": 4})
+    assert not is_trusted(summary | {"frames": 0, "frames_ok_reported": 0})
+
+
+def test_why_a_run_is_not_trusted_is_told() -> None:
     walk = Walk()
-    assert not is_trusted(go(walk, slam=FakeSlam(walk, scale=40.0)))  # OK by itself, and far off
+    summary = go(walk, slam=FakeSlam(walk, scale=40.0, doubted=range(5, 30)))
+    told = untrusted_text(summary)
+    assert "5 of 30 frames say OK, 25 are in doubt: more matches are refused" in told
+    assert "the last one is DOUBTFUL" in told
+    assert "frames OK but over 5 sigma off" in summary_text(summary)
 
 
 @pytest.mark.usefixtures("_no_picture")

@@ -178,7 +178,7 @@ def _show(result: RunResult, arguments: argparse.Namespace) -> int:
 
 def _report(summary: Summary, folder: Path) -> int:
     """Print what came out, and say it as an exit status."""
-    from collabslam.runs.report import lost_text, summary_text, unused_text
+    from collabslam.runs.report import summary_text, untrusted_text, unused_text
     from collabslam.runs.summary import TERMINATED as BY_SIGTERM
     from collabslam.runs.summary import is_trusted
 
@@ -191,5 +191,5 @@ def _report(summary: Summary, folder: Path) -> int:
         return TERMINATED if summary["ended_by"] == BY_SIGTERM else INTERRUPTED
     if is_trusted(summary):
         return OK
-    print(f"collabslam: {lost_text(summary)}; frames.csv says why.", file=sys.stderr)
+    print(f"collabslam: {untrusted_text(summary)}; frames.csv says why.", file=sys.stderr)
     return NOT_TRUSTED

@@ -25,6 +25,7 @@ STAGES = ("predict", "search", "cf", "update", "map", "rest")
 LINES: tuple[tuple[str, Callable[[Summary], str]], ...] = (
     ("frames with a pose", lambda s: number(s["coverage"], 1, "%", 100.0)),
     ("frames OK", lambda s: f"{s['frames_ok']} of {s['frames']} ({number(s['ok_share'], 1, '%', 100.0)})"),
+    ("frames OK but over 5 sigma off", lambda s: number(s["ok_but_wrong_share"], 1, "%", 100.0)),
     ("status at the end", lambda s: str(s["status_final"])),
     ("path length", lambda s: number(s["path_length_m"], 2, "m")),
     ("ATE, all frames", lambda s: _all_frames(s)),
@@ -93,13 +94,12 @@ def unused_text(summary: Summary) -> str:
     return "; ".join(parts)
 
 
-def lost_text(summary: Summary) -> str:
-    """Why a run counts as having lost the camera."""
+def untrusted_text(summary: Summary) -> str:
+    """Why a run is not to be trusted."""
     if summary["start_frame"] is None:
         return "the filter never started"
-    text = f"the run is not to be trusted: {summary['frames_ok']} of {summary['frames']} frames are OK"
-    if summary["frames_ok_too_far"]:
-        text += f", {summary['frames_ok_too_far']} more claim to be but are more than 5 sigma off the truth"
+    ok, frames = summary["frames_ok_reported"], summary["frames"]
+    text = f"the run is not to be trusted: {ok} of {frames} frames say OK"
     if summary["frames_doubtful"]:
         text += f", {summary['frames_doubtful']} are in doubt: {DOUBTS[next(iter(summary['doubts']))]}"
     return f"{text}; the last one is {summary['status_final']}"

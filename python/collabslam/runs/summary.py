@@ -16,7 +16,9 @@ from collabslam.version import version
 Summary = dict[str, Any]
 
 LEAST_OK_SHARE = 0.5
-"""A run with a smaller share of OK frames counts as having lost the camera."""
+"""A run that says OK in a smaller share of its frames counts as having lost the camera."""
+MOST_DOUBTFUL_SHARE = 0.1
+"""A run with a larger share of frames in doubt is in doubt as a whole."""
 INTERRUPTED, TERMINATED = "Ctrl-C", "SIGTERM"
 """How a run can have been ended, besides by an error's message."""
 
@@ -67,10 +69,17 @@ def summarise(
 
 
 def is_trusted(summary: Summary) -> bool:
-    """Whether the camera was there at the end, beyond doubt, and OK in at least half of the frames."""
-    share = summary["ok_share"]
+    """Whether a run is to be trusted, by what it says of itself: a truth, where there is one, is not asked.
+
+    The camera was there at the end, beyond doubt; OK in at least half of the frames; in doubt in at most a
+    tenth of them.  A doubt looks back on 30 frames, so one that passes does not spoil a run of some length;
+    but nothing puts right what went wrong while one lasted.
+    """
+    frames = summary["frames"]
     ended_well = summary["status_final"] not in ("LOST", "DOUBTFUL")
-    return ended_well and share is not None and share >= LEAST_OK_SHARE
+    enough = summary["frames_ok_reported"] >= LEAST_OK_SHARE * frames
+    doubted = summary["frames_doubtful"] > MOST_DOUBTFUL_SHARE * frames
+    return bool(frames and ended_well and enough and not doubted)
 
 
 def _doubts(record: RunRecord) -> dict[str, int]:
