@@ -76,6 +76,32 @@ class DepthPoints:
 
 
 @dataclass(frozen=True)
+class Odometry:
+    """What wheels or another sensor of motion measured beside a recording (METHOD section 23).
+
+    Attributes
+    ----------
+    times : (N,) float64
+        Stamps, seconds, increasing, by the clock of Cs.
+    twists : (N, 6) float64
+        Mean velocity and angular velocity of the odometry's frame B since the sample before, along the axes
+        of B, m/s and rad/s.
+    covariances : (N, 6, 6) float64
+        Of them, as independent from sample to sample; positive definite.
+    t_bc : (4, 4) float64
+        Where Cs sits: maps points of C into B, metres.
+    """
+
+    times: Array
+    twists: Array
+    covariances: Array
+    t_bc: Array
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+
+@dataclass(frozen=True)
 class Frame:
     """One frame of a recording.
 

@@ -28,6 +28,7 @@ mod local;
 pub mod math;
 mod misfit;
 pub mod observe;
+mod odometry;
 pub mod overlap;
 pub mod performance;
 mod placed;

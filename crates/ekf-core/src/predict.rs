@@ -5,7 +5,8 @@
 //! error of the model with the same sign in each frame, which a view without known depths turns into rotation.
 
 use crate::math::quat;
-use crate::settings::{MotionModel, ProcessSettings, WornSettings};
+use crate::odometry::Motion;
+use crate::settings::{MotionModel, OdometrySettings, ProcessSettings, WornSettings};
 use crate::state::{BlockKind, CAMERA_DIM, State};
 use nalgebra::{Matrix3, Matrix3x4, SMatrix, Vector3};
 
@@ -103,29 +104,56 @@ pub fn process_noise(q: &quat::Quat, dt: f64, settings: &ProcessSettings) -> Cam
     noise
 }
 
-/// Predicts the whole state over `dt` seconds. Only the camera's block and its cross-covariances change, and the
-/// worn camera's bias decays (Gauss-Markov, METHOD 6).
-pub(crate) fn predict(state: &mut State, dt: f64, process: &ProcessSettings, worn: &WornSettings) {
+/// Predicts the whole state over `dt` seconds. Only the camera's block and its cross-covariances change.
+pub(crate) fn predict(state: &mut State, dt: f64, process: &ProcessSettings) {
     let f = transition(&mut state.x, dt, process.velocity);
     state.camera_moved();
     state.p.transform(0, &f);
     let q = state.part::<4>(3);
     state.p.add_block(0, &process_noise(&q, dt, process));
     state.normalise_quaternions();
-    let bias = state.layout.of_kind(BlockKind::WornBias).next().copied();
-    if let Some(block) = bias {
-        decay_bias(state, block.offset, dt, worn);
+}
+
+/// Predicts the whole state along a motion that odometry tells (METHOD 23), with the errors of its scales at `scale`.
+pub(crate) fn predict_along(state: &mut State, motion: &Motion, scale: Option<usize>) {
+    state.x[..CAMERA_DIM].copy_from_slice(&motion.x);
+    state.camera_moved();
+    state.p.transform(0, &motion.by_camera);
+    if let Some(at) = scale {
+        state.p.add_to_camera(at, &motion.by_scale);
+    }
+    state.p.add_block(0, &motion.noise);
+    state.normalise_quaternions();
+}
+
+/// `dt` seconds in which errors that last are partly replaced by fresh ones (Gauss-Markov): the worn camera's bias, and the
+/// odometry's scales.
+pub(crate) fn forget(state: &mut State, dt: f64, worn: &WornSettings, odometry: &OdometrySettings) {
+    let offset = |kind| state.layout.of_kind(kind).next().map(|b| b.offset);
+    let scale = offset(BlockKind::OdometryScale).zip(odometry.covariance());
+    if let Some(offset) = offset(BlockKind::WornBias) {
+        let stationary = state.bias_stationary;
+        decay(state, offset, (-dt / worn.bias_time).exp(), &stationary);
+    }
+    if let Some((offset, stationary)) = scale {
+        let share = (-dt / odometry.scale_time).exp();
+        let mean = state.part::<2>(offset) * share;
+        state.set_part(offset, &mean);
+        decay(state, offset, share, &stationary);
     }
 }
 
-/// `b <- b exp(-dt/tau)`, its mean being zero and its covariance the stationary one: what decays is replaced by fresh noise.
-fn decay_bias(state: &mut State, offset: usize, dt: f64, worn: &WornSettings) {
-    let decay = (-dt / worn.bias_time).exp();
-    let stationary = state.bias_stationary;
+/// `b <- b share`: what decays of its covariance is replaced by fresh noise of the stationary one. The mean is the caller's.
+fn decay<const N: usize>(
+    state: &mut State,
+    offset: usize,
+    share: f64,
+    stationary: &SMatrix<f64, N, N>,
+) {
     state
         .p
-        .transform(offset, &(SMatrix::<f64, 6, 6>::identity() * decay));
+        .transform(offset, &(SMatrix::<f64, N, N>::identity() * share));
     state
         .p
-        .add_block(offset, &(stationary * (1.0 - decay * decay)));
+        .add_block(offset, &(stationary * (1.0 - share * share)));
 }

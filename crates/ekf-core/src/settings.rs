@@ -12,7 +12,7 @@ pub use value::{Audience, SettingInfo, Value};
 
 use crate::error::EkfError;
 use Audience::{Lab, User};
-use nalgebra::{Matrix6, Vector6};
+use nalgebra::{Matrix2, Matrix6, Vector2, Vector6};
 use value::Setting;
 
 macro_rules! settings {
@@ -137,6 +137,18 @@ settings! {
         /// with this many times the part of the innovations that is beyond a patch's own noise, by angle (METHOD 20); 0 for
         /// errors that are as the noise of the pixels says.
         handover: f64 = 10.0, "", Some(0.0), Some(100.0), Lab;
+    }
+    /// Odometry as motion input (METHOD 23).
+    odometry: OdometrySettings {
+        /// Standard deviation of the scale of its translation, relative: of a wheel's radius, and of the slip that lasts.
+        scale_sd: f64 = 0.05, "", Some(0.0), Some(1.0),
+            User("Lower it to 0.01 for well calibrated wheels on a hard floor, raise it for soft ground; 0 takes the scale as exact.");
+        /// The same of its turns.
+        turn_scale_sd: f64 = 0.05, "", Some(0.0), Some(1.0),
+            User("Raise it for skid steering, lower it where a gyroscope measures the turns.");
+        /// For how long such an error lasts.
+        scale_time: f64 = 30.0, "s", Some(0.1), Some(1e6),
+            User("Lower it to some seconds where the ground changes often, raise it where only the wheels' radius is in doubt.");
     }
     /// How well Cs is calibrated. A calibration's error is the same in every frame, so that no number of features averages it
     /// out: the filter considers it and does not estimate it (METHOD 4). All zero: the calibration is exact.
@@ -274,5 +286,13 @@ impl CalibrationSettings {
         );
         let sds = Vector6::new(focal, aspect, centre, centre, radial, radial);
         (sds.max() > 0.0).then(|| Matrix6::from_diagonal(&sds.component_mul(&sds)))
+    }
+}
+
+impl OdometrySettings {
+    /// Covariance of the errors of both scales; `None` where they are exact.
+    pub fn covariance(&self) -> Option<Matrix2<f64>> {
+        let sds = Vector2::new(self.scale_sd, self.turn_scale_sd);
+        (sds.max() > 0.0).then(|| Matrix2::from_diagonal(&sds.component_mul(&sds)))
     }
 }

@@ -5,13 +5,15 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from collabslam.errors import CollabslamError
+from collabslam.errors import CollabslamError, SettingsError
 
 if TYPE_CHECKING:
+    from collabslam.datasets.odometry import OdometryGiven
     from collabslam.datasets.source import Source
     from collabslam.runs.runner import Watch
     from collabslam.settings.table import Settings
@@ -52,6 +54,30 @@ def add_source(parser: argparse.ArgumentParser, *, optional: bool = False) -> No
         type=topics,
         help="of a bag: cs, cf, t_cf (a topic, tf:CS:CF:METRES:DEGREES, or rig), cs_info, cf_info, truth; of "
         "any recording with images of Cf: t_cf=tag:36h11:3=0.16",
+    )
+
+
+def add_odometry(parser: argparse.ArgumentParser) -> None:
+    """What moved Cs."""
+    group = parser.add_argument_group("odometry, in place of constant velocity")
+    group.add_argument(
+        "--odometry",
+        metavar="FILE|TOPIC",
+        help="CSV: stamp, vx, vy, vz (m/s), wx, wy, wz (rad/s), 21 numbers of the covariance; or of a bag: a "
+        "topic of twists or nav_msgs/Odometry",
+    )
+    group.add_argument(
+        "--odometry-camera",
+        metavar="X,Y,Z[,R,P,Y]",
+        type=_numbers("--odometry-camera", 3, 6),
+        help="where Cs sits in the odometry's frame (x ahead, y left, z up): metres, and degrees of roll, "
+        "pitch and yaw of a camera that looks along x (default 0,0,0)",
+    )
+    group.add_argument(
+        "--odometry-sd",
+        metavar="M/S,RAD/S",
+        type=_numbers("--odometry-sd", 2),
+        help="noise of a sample along and about every axis, in place of the covariances of FILE or TOPIC",
     )
 
 
@@ -147,8 +173,24 @@ def source_of(arguments: argparse.Namespace) -> Source:
     from collabslam.datasets.source import Source
 
     named = {} if arguments.depth is None else {"depth": arguments.depth}
-    given = Given(arguments.camera, arguments.times, arguments.poses, {**(arguments.topics or {}), **named})
+    files = (arguments.camera, arguments.times, arguments.poses)
+    given = Given(*files, {**(arguments.topics or {}), **named}, odometry_of(arguments))
     return Source(arguments.source, given)
+
+
+def odometry_of(arguments: argparse.Namespace) -> OdometryGiven | None:
+    """What `add_odometry` asks for; raises SettingsError if its options lack the odometry."""
+    from collabslam.datasets.odometry import OdometryGiven
+
+    given = vars(arguments)
+    source, mount, sd = (given.get(k) for k in ("odometry", "odometry_camera", "odometry_sd"))
+    if source is None:
+        if mount is not None or sd is not None:
+            raise SettingsError(
+                "--odometry-camera and --odometry-sd belong to --odometry FILE|TOPIC; give it."
+            )
+        return None
+    return OdometryGiven(source, mount or (0.0, 0.0, 0.0), sd)
 
 
 def source_with_worn(arguments: argparse.Namespace) -> Source:
@@ -202,6 +244,22 @@ def noise(text: str) -> tuple[float, ...]:
     if len(values) != 4:
         raise argparse.ArgumentTypeError(f"'{text}' is no noise; give four numbers as 0.03,0.5,0.5,1")
     return values
+
+
+def _numbers(option: str, *counts: int) -> Callable[[str], tuple[float, ...]]:
+    """Reads numbers that commas part."""
+
+    def read(text: str) -> tuple[float, ...]:
+        try:
+            values = tuple(float(x) for x in text.split(","))
+        except ValueError:
+            values = ()
+        if len(values) not in counts or not all(map(math.isfinite, values)):
+            wanted = " or ".join(map(str, counts))
+            raise argparse.ArgumentTypeError(f"'{text}' does not do for {option}; give {wanted} numbers")
+        return values
+
+    return read
 
 
 def topics(text: str) -> dict[str, str]:

@@ -23,6 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     options.add_source(parser, optional=True)
     options.add_worn(parser)
+    options.add_odometry(parser)
     options.add_printed(parser)
     parser.add_argument(
         "--mode", choices=MODES, help="default: the setting's, or mono where there is no worn camera"

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from collabslam.datasets.calibration import load_camera
+from collabslam.datasets.odometry import OdometryGiven, read_odometry
 from collabslam.datasets.ordered import DiskRecording, in_order
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.printed_pose import printed_source
@@ -25,7 +26,9 @@ from collabslam.datasets.readers import (
 )
 from collabslam.datasets.recording import ImageRecording
 from collabslam.datasets.ros import reader as bag_recording
+from collabslam.datasets.ros.odometry_topic import read_odometry_topic
 from collabslam.errors import DataError
+from collabslam.types import Odometry
 
 
 class Reader(NamedTuple):
@@ -124,6 +127,7 @@ def open_recording(
     times: str | Path | None = None,
     poses: str | Path | None = None,
     topics: Mapping[str, str] | None = None,
+    odometry: OdometryGiven | None = None,
 ) -> DiskRecording:
     """Open a recording; its layout is recognised from the files.
 
@@ -142,6 +146,8 @@ def open_recording(
         True trajectory of Cs in TUM format, used to emulate a worn camera and to score, never by the filter.
     topics
         Of a bag: the topic for each role, see `collabslam.datasets.ros.reader.ROLES`.
+    odometry
+        What moved Cs, in a file or a topic of the bag, in place of the recording's own.
 
     Raises
     ------
@@ -149,11 +155,26 @@ def open_recording(
         If the recording is missing, no layout fits, or a file is missing, broken or of the wrong size.
     """
     camera, times, poses = (None if p is None else Path(p) for p in (camera, times, poses))
-    given = Given(camera, times, poses, dict(topics or {}))
+    given = Given(camera, times, poses, dict(topics or {}), odometry)
     path = Path(source).resolve()
     recording = recognise(path, given).open(path, given)
     if given.poses is not None:
         recording = replace(recording, truth=folder.track_truth(given.poses, recording.times))
+    if given.odometry is not None:
+        recording = replace(recording, odometry=_odometry(path, given.odometry))
     recording = in_order(recording)
     recording.image(0)  # Says at once if the calibration is for another resolution.
     return recording
+
+
+def _odometry(path: Path, given: OdometryGiven) -> Odometry:
+    """Odometry that is given beside the recording at ``path``."""
+    file = Path(given.source)
+    if file.is_file():
+        return read_odometry(file, given)
+    if bag_recording.matches(path):
+        return read_odometry_topic(path, given)
+    raise DataError(
+        f"There is no file {file} with odometry, and {path} is no bag with such a topic; give a CSV file: stamp, "
+        "vx, vy, vz, wx, wy, wz."
+    )

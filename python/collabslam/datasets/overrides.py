@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from collabslam.datasets.odometry import OdometryGiven
+
 
 @dataclass(frozen=True)
 class Given:
@@ -21,9 +23,12 @@ class Given:
         True trajectory of Cs in TUM format.
     topics : mapping
         Topic of a bag for each role; see `collabslam.datasets.ros.bag.ROLES`.
+    odometry : OdometryGiven or None
+        Odometry beside the recording, or a topic of it, in place of its own.
     """
 
     camera: Path | None = None
     times: Path | None = None
     poses: Path | None = None
     topics: Mapping[str, str] = field(default_factory=dict)
+    odometry: OdometryGiven | None = None

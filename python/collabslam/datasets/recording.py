@@ -13,7 +13,7 @@ from collabslam._core import Camera
 from collabslam.datasets.depth_image import DepthImage
 from collabslam.datasets.images import read_grey
 from collabslam.errors import DataError, InputError
-from collabslam.types import Array, Frame, Image, Recording, Target, WornView
+from collabslam.types import Array, Frame, Image, Odometry, Recording, Target, WornView
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,7 @@ class ImageRecording:
         Depth images by frame index.
     left_out : int
         Frames of the source that are not in it, as their stamps cannot be used; see `ordered.in_order`.
+    odometry : Odometry or None
 
     Raises
     ------
@@ -79,6 +80,7 @@ class ImageRecording:
     worn: RecordedWorn | None = None
     depth: Mapping[int, DepthImage] | None = None
     left_out: int = 0
+    odometry: Odometry | None = None
 
     def __post_init__(self) -> None:
         if len(self.times) != len(self.paths):

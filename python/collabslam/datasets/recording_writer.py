@@ -16,18 +16,21 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike
 
-from collabslam._core import Camera
+from collabslam._core import Camera, Filter
 from collabslam.datasets.calibration import sensor_mapping
+from collabslam.datasets.odometry import TRIANGLE
 from collabslam.datasets.poses import NANOSECONDS, rigid
-from collabslam.datasets.readers.collab import FORMAT, TRIANGLE, VERSION, folder_name
+from collabslam.datasets.readers.collab import FORMAT, VERSION, folder_name
 from collabslam.errors import DataError, InputError
 from collabslam.formats.files import LineFile, write_text
 from collabslam.geometry import quaternion_wxyz
 from collabslam.images import check_grey
-from collabslam.types import Array, Image, Recording, WornView
+from collabslam.types import Array, Image, Odometry, Recording, WornView
 
 _POSE_COLUMNS = "#timestamp [ns],p_x [m],p_y [m],p_z [m],q_w,q_x,q_y,q_z"
 _IMAGE_COLUMNS = "#timestamp [ns],filename"
+_TWIST_COLUMNS = "#timestamp [ns],v_x [m/s],v_y,v_z,w_x [rad/s],w_y,w_z"
+_TRIANGLE_COLUMNS = ",".join(f"c{r + 1}{c + 1}" for r, c in zip(*TRIANGLE, strict=True))
 _QUATERNION_DECIMALS = 14
 
 
@@ -50,11 +53,13 @@ class RecordingWriter:
         Of the recording; the folder's unless told.
     overwrite : bool
         Replace an earlier recording in this layout.
+    t_bc : (4, 4) array, optional
+        Where Cs sits in the frame B of `add_odometry`: maps points of C into B, metres; B is C if left out.
 
     Raises
     ------
     InputError
-        If a camera is no `Camera`, or the name is no name of a folder.
+        If a camera is no `Camera`, ``t_bc`` no pose, or the name is no name of a folder.
     DataError
         If the folder exists (without ``overwrite``, or when it is no recording), or cannot be written.
     """
@@ -67,6 +72,7 @@ class RecordingWriter:
         *,
         name: str | None = None,
         overwrite: bool = False,
+        t_bc: ArrayLike | None = None,
     ) -> None:
         for lens in (camera,) if worn_camera is None else (camera, worn_camera):
             if not isinstance(lens, Camera):
@@ -78,7 +84,8 @@ class RecordingWriter:
         self._camera, self._worn_camera = camera, worn_camera
         self._partial = self._out.with_name(f".{self._out.name}.partial")
         self._lists: dict[Path, LineFile] = {}
-        self._last = -1
+        self._last = self._last_odometry = -1
+        self._t_bc = np.eye(4) if t_bc is None else _pose(t_bc, "T_BC")
         self._frames = 0
         self._open = True
         title = folder_name(self._out.resolve().name if name is None else name, InputError)
@@ -129,7 +136,7 @@ class RecordingWriter:
         """
         if not self._open:
             raise InputError("The recording is closed; begin another one, in another folder.")
-        stamp = self._stamp(t)
+        stamp = _stamp(t, self._last)
         image = check_grey(image, self._camera, "image")
         view = None if worn is None else self._checked(worn)
         true = None if truth is None else _pose(truth, "truth")
@@ -144,6 +151,40 @@ class RecordingWriter:
             self._append(self._partial / "cam0" / "data.csv", _IMAGE_COLUMNS, f"{stamp},{name}")
         self._last = stamp
         self._frames += 1
+
+    def add_odometry(self, t: float, twist: ArrayLike, covariance: ArrayLike) -> None:
+        """Adds a sample of odometry, in any order with the frames.  What is refused leaves all as it was.
+
+        Parameters
+        ----------
+        t : float
+            Stamp, seconds, not negative, later than the last sample's; by the clock of the frames.
+        twist : (6,) array
+            As for `collabslam.Slam.add_odometry`, m/s and rad/s.
+        covariance : (6, 6) array
+            Of it.
+
+        Raises
+        ------
+        InputError
+            For what `collabslam.Slam.add_odometry` refuses.
+        DataError
+            If the disk is full.
+        """
+        if not self._open:
+            raise InputError("The recording is closed; begin another one, in another folder.")
+        stamp = _stamp(t, self._last_odometry)
+        moved, spread = _numbers(twist, (6,), "twist"), _numbers(covariance, (6, 6), "covariance")
+        Filter.check_odometry(moved, spread)
+        fields = [repr(float(x) + 0.0) for x in (*moved, *spread[TRIANGLE])]
+        with self._writable():
+            sensor = self._partial / "odometry" / "sensor.yaml"
+            if not sensor.exists():
+                sensor.parent.mkdir()
+                _write_yaml(sensor, {"T_BC": [float(x) for x in self._t_bc.ravel()]})
+            line = ",".join([str(stamp), *fields])
+            self._append(sensor.parent / "data.csv", f"{_TWIST_COLUMNS},{_TRIANGLE_COLUMNS}", line)
+        self._last_odometry = stamp
 
     def close(self) -> None:
         """Gives the folder its name; raises DataError if there is no frame, or the name cannot be taken."""
@@ -179,20 +220,6 @@ class RecordingWriter:
                 "another place."
             ) from error
 
-    def _stamp(self, t: float) -> int:
-        try:
-            stamp = round(Fraction(float(t)) * NANOSECONDS)
-        except (TypeError, ValueError, OverflowError) as error:
-            raise InputError(f"The time stamp is {t!r}; give seconds as a finite number.") from error
-        if not 0 <= stamp < 1 << 63:
-            raise InputError(f"The time stamp is {t} s; give seconds from 0 to 9e9.")
-        if stamp <= self._last:
-            raise InputError(
-                f"The time stamp {t} s does not follow the last one, {self._last / NANOSECONDS} s; give "
-                "stamps in seconds that increase by a nanosecond or more."
-            )
-        return stamp
-
     def _checked(self, worn: WornView) -> tuple[Image, Array, list[Array]]:
         """Image, T_CF, its covariance and, where it is known, the part of that which lasts."""
         if self._worn_camera is None:
@@ -213,9 +240,8 @@ class RecordingWriter:
             _write_yaml(sensor, sensor_mapping(self._worn_camera))
         name = self._write_image("cam1", stamp, image)
         triangles = [repr(float(x) + 0.0) for c in covariances for x in c[TRIANGLE]]
-        names = ",".join(f"c{r + 1}{c + 1}" for r, c in zip(*TRIANGLE, strict=True))
         line = ",".join([str(stamp), *_pose_fields(t_cf), *triangles])
-        self._append(self._partial / "relpose" / "data.csv", f"{_POSE_COLUMNS},{names}", line)
+        self._append(self._partial / "relpose" / "data.csv", f"{_POSE_COLUMNS},{_TRIANGLE_COLUMNS}", line)
         self._append(self._partial / "cam1" / "data.csv", _IMAGE_COLUMNS, f"{stamp},{name}")
 
     def _write_image(self, folder: str, stamp: int, image: Image) -> str:
@@ -247,7 +273,7 @@ def write_recording(
     Parameters
     ----------
     recording
-        Any recording; its worn views and truth are written where it has them.
+        Any recording; its worn views, odometry and truth are written where it has them.
     out_dir
         New folder.
     overwrite
@@ -273,10 +299,20 @@ def write_recording(
         raise DataError(
             f"The recording {source} would be destroyed by writing into {out}; give a folder apart from it."
         )
+    odometry: Odometry | None = getattr(recording, "odometry", None)
     writer = RecordingWriter(
-        out, recording.camera, recording.worn_camera, name=recording.name, overwrite=overwrite
+        out,
+        recording.camera,
+        recording.worn_camera,
+        name=recording.name,
+        overwrite=overwrite,
+        t_bc=None if odometry is None else odometry.t_bc,
     )
     try:
+        if odometry is not None:
+            rows = zip(odometry.times.tolist(), odometry.twists, odometry.covariances, strict=True)
+            for t, twist, covariance in rows:
+                writer.add_odometry(t, twist, covariance)
         for i, t in enumerate(recording.times.tolist()):
             frame = recording.frame(i)
             true = None if recording.truth is None else recording.truth[i]
@@ -288,6 +324,22 @@ def write_recording(
     finally:
         writer.discard()
     return out
+
+
+def _stamp(t: float, last: int) -> int:
+    """Nanoseconds of a stamp that follows the last one."""
+    try:
+        stamp = round(Fraction(float(t)) * NANOSECONDS)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"The time stamp is {t!r}; give seconds as a finite number.") from error
+    if not 0 <= stamp < 1 << 63:
+        raise InputError(f"The time stamp is {t} s; give seconds from 0 to 9e9.")
+    if stamp <= last:
+        raise InputError(
+            f"The time stamp {t} s does not follow the last one, {last / NANOSECONDS} s; give stamps in "
+            "seconds that increase by a nanosecond or more."
+        )
+    return stamp
 
 
 def stable_quaternion(rotation: Array) -> list[float]:

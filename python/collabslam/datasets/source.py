@@ -10,6 +10,7 @@ from typing import Any
 
 from collabslam.datasets.emulated.pose_noise import PoseNoise
 from collabslam.datasets.emulated.worn import WornRecording, attach_worn
+from collabslam.datasets.odometry import OdometryGiven
 from collabslam.datasets.opening import open_recording
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.rig import with_rig
@@ -82,7 +83,7 @@ class Source:
         given = {k: _absolute(v) if isinstance(v, Path) else v for k, v in vars(self.given).items()}
         return {
             "path": _absolute(self.path),
-            "given": given | {"topics": dict(self.given.topics)},
+            "given": given | {"topics": dict(self.given.topics), "odometry": _odometry_state(self.given)},
             "worn": None if self.worn is None else self._worn_state(self.worn),
             "frames": self.frames,
         }
@@ -102,7 +103,7 @@ class Source:
         files = {k: None if given[k] is None else Path(given[k]) for k in ("camera", "times", "poses")}
         return cls(
             Path(state["path"]),
-            Given(**files, topics=given["topics"]),
+            Given(**files, topics=given["topics"], odometry=_odometry_of(given["odometry"])),
             None if worn is None else WornSpec(**worn),
             state["frames"],
         )
@@ -111,7 +112,13 @@ class Source:
 STATE = fields(
     path=text(),
     given=fields(
-        camera=optional(text()), times=optional(text()), poses=optional(text()), topics=table(str, text())
+        camera=optional(text()),
+        times=optional(text()),
+        poses=optional(text()),
+        topics=table(str, text()),
+        odometry=optional(
+            fields(source=text(), mount=items(number()), sd=optional(items(number(0.0), 2))),
+        ),
     ),
     worn=optional(
         fields(
@@ -131,3 +138,21 @@ STATE = fields(
 
 def _absolute(path: Path) -> str:
     return str(path.resolve())
+
+
+def _odometry_state(given: Given) -> dict[str, Any] | None:
+    """In plain values; a file by its absolute path."""
+    odometry = given.odometry
+    if odometry is None:
+        return None
+    file = Path(odometry.source)
+    source = _absolute(file) if file.is_file() else odometry.source
+    sd = None if odometry.sd is None else list(odometry.sd)
+    return {"source": source, "mount": list(odometry.mount), "sd": sd}
+
+
+def _odometry_of(state: Mapping[str, Any] | None) -> OdometryGiven | None:
+    if state is None:
+        return None
+    sd = None if state["sd"] is None else (float(state["sd"][0]), float(state["sd"][1]))
+    return OdometryGiven(state["source"], tuple(state["mount"]), sd)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from collabslam._core import Camera
 from collabslam.datasets.calibration import check_resolution
 from collabslam.datasets.recording import check_frames, frame_index
-from collabslam.types import Array, DepthPoints, Frame, Image, Target, WornView
+from collabslam.types import Array, DepthPoints, Frame, Image, Odometry, Target, WornView
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class StreamRecording:
         Depths of a frame, or None; None where the source has none.
     left_out : int
         Frames of the source that are not in it, as their stamps cannot be used; see `ordered.in_order`.
+    odometry : Odometry or None
 
     Raises
     ------
@@ -46,6 +47,7 @@ class StreamRecording:
     target: Target | None = None
     read_depth: Callable[[int], DepthPoints | None] | None = None
     left_out: int = 0
+    odometry: Odometry | None = None
 
     def __post_init__(self) -> None:
         check_frames(self.source, self.times, self.truth)

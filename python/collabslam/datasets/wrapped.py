@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collabslam._core import Camera
 from collabslam.errors import SettingsError
-from collabslam.types import Array, Frame, Image, Recording, Target
+from collabslam.types import Array, Frame, Image, Odometry, Recording, Target
 
 
 class WrappedRecording:
@@ -26,6 +26,7 @@ class WrappedRecording:
         self.target: Target | None = base.target
         self.left_out: int = getattr(base, "left_out", 0)
         self.rig_used: bool = getattr(base, "rig_used", False)
+        self.odometry: Odometry | None = getattr(base, "odometry", None)
         self.has_depth: bool = getattr(base, "has_depth", False)
 
     def __len__(self) -> int:

@@ -38,7 +38,16 @@ class ClockReading:
     exchange: Exchange
 
 
-Event = RobotFrame | LiveView | ClockReading
+@dataclass(frozen=True, eq=False)
+class OdometrySample:
+    """Odometry of the robot at ``t`` seconds by its own clock, as `collabslam.Slam.add_odometry` takes it."""
+
+    t: float
+    twist: Array
+    covariance: Array
+
+
+Event = RobotFrame | LiveView | ClockReading | OdometrySample
 """What can reach the filter."""
 
 
@@ -93,6 +102,8 @@ class LiveCore:
         self.views = WaitingViews(same_clock=same_clock)
         self.refused: Counter[str] = Counter()
         """Frames of Cs that could not be used, by the error's text."""
+        self.refused_odometry: Counter[str] = Counter()
+        """Samples of odometry that could not be used, by the error's text."""
         self._worn_camera, self._printed = slam.worn_camera, printed
         self._last = self.slam.filter.time
         self._collab = -float("inf")
@@ -111,6 +122,11 @@ class LiveCore:
             return self._step(event)
         if isinstance(event, ClockReading):
             self.views.exchange(event.session, event.exchange)
+        elif isinstance(event, OdometrySample):
+            try:
+                self.slam.add_odometry(event.t, event.twist, event.covariance)
+            except InputError as error:
+                self.refused_odometry[str(error)] += 1
         elif self._worn_camera is not None:
             self.views.add(event, self._last)
         return None

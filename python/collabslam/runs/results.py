@@ -56,6 +56,7 @@ DIAGNOSTICS = (
     "doubt",
     "relocalised",
     "restarted",
+    "slipped",
     "rejected_low_score",
     "rejected_ambiguous",
     "rejected_hohct",

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
+
+import numpy as np
 
 from collabslam.datasets.source import Source
 from collabslam.datasets.stamps import usable_frames
@@ -25,7 +28,7 @@ from collabslam.runs.summary import INTERRUPTED, TERMINATED, Summary, summarise
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
 from collabslam.slam.saved_map import SavedMap
-from collabslam.types import Array, Board, Frame, Image, Indices, Recording, Tag, WornView
+from collabslam.types import Array, Board, Frame, Image, Indices, Odometry, Recording, Tag, WornView
 from collabslam.version import version
 
 
@@ -35,6 +38,9 @@ class SlamLike(Protocol):
     def step(self, t: float, image: Image, worn: WornView | None = None) -> Step: ...
     def landmarks(self) -> Landmarks: ...
 
+
+LONGEST_ODOMETRY = 2.0
+"""Seconds of odometry before the first frame that a run begins with."""
 
 Watch = Callable[[Frame, Any, Any], None]
 
@@ -199,7 +205,9 @@ def default_start(recording: Recording, printed: Sequence[Tag | Board] = ()) -> 
         return "worn"
     if printed or recording.target is not None:
         return "target"
-    return "depth" if getattr(recording, "has_depth", False) else "scale-free"
+    if getattr(recording, "has_depth", False):
+        return "depth"
+    return "scale-free" if getattr(recording, "odometry", None) is None else "odometry"
 
 
 def _printed_note(printed: Sequence[Tag | Board]) -> dict[str, list[str]]:
@@ -216,6 +224,12 @@ def make_engine(
             f"The start 'depth' needs depth images and {recording.name} has none; give --depth "
             "TOPIC (of a bag), or take another start."
         )
+    odometry = getattr(recording, "odometry", None)
+    if plan.start == "odometry" and odometry is None:
+        raise SettingsError(
+            f"The start 'odometry' needs odometry and {recording.name} has none; give --odometry FILE|TOPIC, or "
+            "take another start."
+        )
     slam = Slam(
         recording.camera,
         recording.worn_camera,
@@ -224,10 +238,22 @@ def make_engine(
         start=plan.start,
         target=next(iter(printed), recording.target) if plan.start == "target" else None,
         map=map,
+        t_bc=None if odometry is None else odometry.t_bc,
     )
     for target in printed:
         slam.announce(target)
     return slam
+
+
+def give_odometry(slam: Slam, odometry: Odometry, t: float) -> None:
+    """Gives the samples that a frame at ``t`` (seconds) needs: from the last one given to the one after it."""
+    last = slam.filter.odometry_time
+    begin = t - LONGEST_ODOMETRY if last is None else last
+    first = int(np.searchsorted(odometry.times, begin, side="right"))
+    until = int(np.searchsorted(odometry.times, t, side="left")) + 1
+    rows = zip(odometry.times, odometry.twists, odometry.covariances, strict=True)
+    for stamp, twist, covariance in itertools.islice(rows, first, until):
+        slam.add_odometry(float(stamp), twist, covariance)
 
 
 @dataclass
@@ -302,6 +328,9 @@ class _Run:
 
     def _step(self, t: float, frame: Frame) -> Step:
         began = time.perf_counter()
+        odometry = getattr(self.recording, "odometry", None)
+        if odometry is not None and isinstance(self.engine, Slam):
+            give_odometry(self.engine, odometry, t)
         if frame.depth is not None and isinstance(self.engine, Slam):
             self.engine.add_depth(frame.depth.uv, frame.depth.depth, frame.depth.sigma)
         step: Step = self.engine.step(t, frame.image, frame.worn)

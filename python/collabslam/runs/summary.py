@@ -61,6 +61,7 @@ def summarise(
         "ended_by": ended_by,
         "frames_available": len(recording),
         "frames_unseen": int(np.nansum(record.diagnostic("unseen"))),
+        "frames_slipped": int(np.nansum(record.diagnostic("slipped"))),
         "doubts": _doubts(record),
         "map_size_final": len(landmarks.ids),
         "settings_hash": plan.settings.hash(),

@@ -7,8 +7,9 @@ MODES = ("mono", "mono-undelayed", "collab-init", "collab", "collab-tight")
 `collab`: Cf gives births and points with depth (the paper).  `collab-tight`: Cf's pixels are measured, with
 T_CF in the state."""
 
-STARTS = ("worn", "target", "depth", "scale-free")
-"""Where the scale comes from: the first overlap with Cf, a known target, another sensor's depths, nowhere."""
+STARTS = ("worn", "target", "depth", "odometry", "scale-free")
+"""Where the scale comes from: the first overlap with Cf, a known target, another sensor's depths, odometry,
+nowhere."""
 
 SLAM_STARTS = (*STARTS, "map")
 """The same for `collabslam.Slam`, which may also be given a map to find itself in."""

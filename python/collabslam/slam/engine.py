@@ -52,19 +52,23 @@ class Slam(EngineParts):
         The defaults if left out.
     mode : str, optional
         One of ``modes.MODES``; the settings' ``filter.estimator.mode`` if left out.
-    start : {"worn", "target", "scale-free", "depth", "map"}
+    start : {"worn", "target", "scale-free", "depth", "odometry", "map"}
         Where the scale comes from: the first overlap, a known target, nowhere (then it is arbitrary), the
-        first depths given with `add_depth`, or a map of an earlier run.  In a map the camera is LOST until it
-        has found itself; W is the earlier run's.
+        first depths given with `add_depth`, what `add_odometry` says of the way, or a map of an earlier run.
+        In a map the camera is LOST until it has found itself; W is the earlier run's.
     target : Target, Tag or Board, optional
         Needed with ``start="target"``; `add_tag` and `add_board` announce further printed ones.
     map : SavedMap, optional
         Needed with ``start="map"``.  Another camera may have made it.
+    t_bc : (4, 4) array, optional
+        Where Cs sits in the frame B of `add_odometry`: maps points of C into B, metres; B is C if left out.
 
     Raises
     ------
     SettingsError
         If the mode or the start does not exist or lacks what it needs.
+    InputError
+        If ``t_bc`` is no pose.
     """
 
     def __init__(
@@ -77,6 +81,7 @@ class Slam(EngineParts):
         start: str = "worn",
         target: Target | Tag | Board | None = None,
         map: SavedMap | None = None,
+        t_bc: ArrayLike | None = None,
     ) -> None:
         check_start(start, mode=mode, worn_camera=worn_camera, target=target, map=map)
         settings = settings or Settings.default()
@@ -92,6 +97,8 @@ class Slam(EngineParts):
             settings=settings.section("filter"),
             switches=settings.section_switches("filter"),
         )
+        if t_bc is not None:
+            core.set_odometry_frame(t_bc)
         metric = start != "scale-free" if map is None else map.metric
         patches = target if isinstance(target, Target) else None
         self._assemble(core, camera, worn_camera, settings, start, patches, metric)
@@ -159,6 +166,35 @@ class Slam(EngineParts):
         """
         self._depth.add(uv, depth, sigma)
 
+    @alone
+    def add_odometry(self, t: float, twist: ArrayLike, covariance: ArrayLike) -> None:
+        """Gives odometry, which the frames that follow use in place of constant velocity (METHOD section 23).
+
+        All samples up to a frame, and best the one after it, should be given before its `step`.  Of a silence of
+        more than a second a sample says nothing; there the velocity is constant again.
+
+        Parameters
+        ----------
+        t : float
+            Stamp, seconds, by the clock of the frames; later than the last sample's.
+        twist : (6,) array
+            Mean velocity and angular velocity of the odometry's frame B since the last sample, along the axes of
+            B: vx, vy, vz, m/s, and wx, wy, wz, rad/s.
+        covariance : (6, 6) array
+            Of ``twist``, as independent from sample to sample, (m/s)^2 and (rad/s)^2.  Positive definite: an
+            axis along which wheels cannot move has its small variance, too, one that was not measured a
+            large one.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, a covariance that is none, a stamp that does not follow, or if thousands of
+            samples wait for a frame; nothing is kept then.
+        BusyError
+            If another thread is at work in this engine.
+        """
+        self.filter.add_odometry(_stamp(t), twist, covariance)
+
     def add_worn(self, worn: WornView) -> None:
         """Hands in a view of Cf between frames, from any thread, also while another one is at work in `step`.
 
@@ -224,13 +260,16 @@ class Slam(EngineParts):
         """One frame, its image judged by `BlankImageDetector` and its view of Cf due."""
         times = StageTimes()
         self.filter.predict(t)
+        followed = self.filter.followed_odometry
         if blank:
-            return self._coast(t, blank, times)
+            return self._coast(t, blank, times, followed=followed)
         view = self._view(t, image, worn)
         expected = self._expected(view)
         times.done("predict")
-        found = self._tracks.search(view, self.filter.pose, expected, self.filter.predict_conditional)
-        found = self._printed.place(view, expected, found)
+        found = self._search(view, expected)
+        slipped = followed and self._may_have_slipped(view, found)
+        if slipped:
+            expected, found, slipped = self._after_slip(view, expected, found)
         times.done("search")
         missing = 0 if view.lost else self._map.missing(found)
         overlap = Overlap() if view.lost else self._worn.match(*self._late.beside(view, found), missing)
@@ -251,7 +290,7 @@ class Slam(EngineParts):
         seen = _matched(found, report) if recovered is None else recovered.seen
         relocalised = recovered is not None and recovered.begun is None
         inliers = _inliers(view, seen, change)
-        status = self._judge(t, inliers, accepted=report.accepted or recovered is not None)
+        status = self._judge(t, inliers, accepted=report.accepted or recovered is not None, followed=followed)
         doubt = NOTHING if view.lost else self._doubts.judge(report, len(found.ids), overlap)
         if status is Status.OK and not relocalised:
             self._relocaliser.remember(view, self.filter.pose, seen)
@@ -265,6 +304,7 @@ class Slam(EngineParts):
             "accepted": inliers,
             "doubt": doubt,
             "unseen": 0,
+            "slipped": int(slipped),
             "relocalised": int(relocalised),
             "restarted": int(recovered is not None and not relocalised),
             "target_residual_px": self._target_residual(image),
@@ -295,6 +335,27 @@ class Slam(EngineParts):
             expected = expected.subset(~view.hidden(expected.uv))
         return searchable(expected, self._options.search) if view.lost else expected
 
+    def _search(self, view: View, expected: Prediction) -> Found:
+        """What the image shows of them (METHOD 7.3)."""
+        found = self._tracks.search(view, self.filter.pose, expected, self.filter.predict_conditional)
+        return self._printed.place(view, expected, found)
+
+    def _may_have_slipped(self, view: View, found: Found) -> bool:
+        """Whether the image contradicts the odometry that was followed."""
+        least = self._monitor.min_inliers(len(found.searched))
+        return not view.lost and self.filter.contradicts_odometry(found.ids, found.uv, least)
+
+    def _after_slip(self, view: View, expected: Prediction, found: Found) -> tuple[Prediction, Found, bool]:
+        """The search as if the wheels may have slipped, if it explains the image; else the one before."""
+        self.filter.distrust_odometry()
+        wider = self._expected(view)
+        again = self._search(view, wider)
+        least = self._monitor.min_inliers(len(again.searched))
+        if len(again.ids) >= max(least, len(found.ids) // 2, 1):
+            return wider, again, True
+        self.filter.trust_odometry()
+        return expected, found, False
+
     def _update(self, found: Found, overlap: Overlap, depths: Depths) -> UpdateReport:
         """The batch test and the update (METHOD 7.5 to 7.7)."""
         return self.filter.update(
@@ -306,11 +367,11 @@ class Slam(EngineParts):
             min_inliers=self._monitor.min_inliers(len(found.searched)),
         )
 
-    def _judge(self, t: float, inliers: int, *, accepted: bool) -> Status:
+    def _judge(self, t: float, inliers: int, *, accepted: bool, followed: bool) -> Status:
         """Status of the frame; before the start nothing can be said of a pose."""
         if not self.filter.started:
             return Status.COASTING
-        return self._monitor.update(t, inliers, accepted=accepted)
+        return self._monitor.update(t, inliers, accepted=accepted, followed=followed)
 
     def _target_residual(self, image: Image) -> float:
         """Pixels by which the pose misplaces the target; NaN where none is known or seen."""
@@ -318,10 +379,11 @@ class Slam(EngineParts):
             return float("nan")
         return self._target_start.residual(image, self.filter.pose)
 
-    def _coast(self, t: float, blank: str, times: StageTimes) -> StepResult:
+    def _coast(self, t: float, blank: str, times: StageTimes, *, followed: bool) -> StepResult:
         """A frame that was predicted and shows nothing; depths given for it are gone.
 
-        A blank image says that the camera sees nothing; a frozen one says nothing of the camera.
+        A blank image says that the camera sees nothing; a frozen one says nothing of the camera.  Neither
+        says anything against odometry that was followed.
         """
         self._depth.forget()
         times.done("predict")
@@ -329,8 +391,8 @@ class Slam(EngineParts):
         if frozen and self.filter.started and self._monitor.is_fresh(t):
             status = Status.OK
         else:
-            status = self._judge(t, 0, accepted=frozen)
-        counts = {"accepted": 0, "relocalised": 0, "unseen": 1}
+            status = self._judge(t, 0, accepted=frozen or followed, followed=followed)
+        counts = {"accepted": 0, "relocalised": 0, "unseen": 1, "slipped": 0}
         return self._result(t, status, counts, unsearched_features(self.filter.predict_pixels()), times)
 
     def _result(

@@ -108,7 +108,12 @@ class EngineParts:
             self._target_start = TargetStart(core, camera, target, self._printed, self._options)
         self._free_start = FreeStart(core, camera) if start == "scale-free" else None
         self._map = MapManager(
-            core, settings, self._printed, target=self._target_start, free=self._free_start
+            core,
+            settings,
+            self._printed,
+            target=self._target_start,
+            free=self._free_start,
+            wheels=start == "odometry",
         )
         self._doubts = Doubts(settings.section("filter"))
         self._monitor = StatusMonitor(settings.section("filter"), lost=start == "map")

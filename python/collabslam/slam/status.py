@@ -71,7 +71,7 @@ class StatusMonitor(PersistentState):
         """
         return not self.lost and self._last_ok is not None and t - self._last_ok < _FRESH
 
-    def update(self, t: float, inliers: int, *, accepted: bool) -> Status:
+    def update(self, t: float, inliers: int, *, accepted: bool, followed: bool = False) -> Status:
         """Status of the frame at ``t`` (seconds).
 
         Parameters
@@ -80,6 +80,9 @@ class StatusMonitor(PersistentState):
             Accepted matches, births with depth included.
         accepted : bool
             Whether the frame was: it had as many as `min_inliers` asks for.
+        followed : bool
+            Whether odometry carried the camera here: it is not lost then for not having seen anything for
+            long.
         """
         if self._last_ok is None:
             self._last_ok = t
@@ -90,5 +93,6 @@ class StatusMonitor(PersistentState):
         if accepted and inliers >= self._min_matches:
             self._last_ok, self.lost, self.found = t, False, True
             return Status.OK
-        self.lost = self.lost or self._failed >= _FAILED_FRAMES or t - self._last_ok > self._seconds
+        unseen = t - self._last_ok > self._seconds and not followed
+        self.lost = self.lost or self._failed >= _FAILED_FRAMES or unseen
         return Status.LOST if self.lost else Status.COASTING

@@ -26,6 +26,8 @@ impl Filter {
             placed,
             handover,
             misfit,
+            odometry,
+            wheels,
             gauge,
             outside,
             undo,
@@ -56,6 +58,8 @@ impl Filter {
             placed: *placed,
             handover: *handover,
             misfit: *misfit,
+            odometry: odometry.clone(),
+            wheels: *wheels,
             moved_by: batch.moved_by(),
             followed: gauge.followed().to_vec(),
             outside: outside.as_ref().map(OutsideSet::mark),
@@ -85,6 +89,8 @@ impl Filter {
             placed,
             handover,
             misfit,
+            odometry,
+            wheels,
             moved_by,
             followed,
             outside: mark,
@@ -99,6 +105,8 @@ impl Filter {
         self.kept_poses.clone_from(kept_poses);
         self.placed = *placed;
         self.misfit = *misfit;
+        self.odometry.clone_from(odometry);
+        self.wheels = *wheels;
         self.batch.remember_move(*moved_by);
         self.gauge.follow_all(followed);
         let outside = self.undo.given_up.take().or(self.outside.take());

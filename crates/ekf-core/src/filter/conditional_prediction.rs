@@ -94,7 +94,7 @@ impl Filter {
 
     /// Fills and factors the batch at the present mean: first those found that `agree`, which is filled in, then the
     /// wanted. Returns the rows of the former and which of the latter have any; `None` where P says nothing.
-    fn agreement(
+    pub(super) fn agreement(
         &mut self,
         found: &[Bearing],
         wanted: &[Bearing],

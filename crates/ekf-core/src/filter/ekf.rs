@@ -2,6 +2,7 @@
 
 use super::candidate::Candidate;
 use super::handed::Handover;
+use super::odometry::Wheels;
 use super::pose_ring::KeptPoses;
 use super::record::FeatureRecord;
 use super::sources::Scratch;
@@ -13,6 +14,7 @@ use crate::gauge::Gauge;
 use crate::local::{Buffers, OutsideSet};
 use crate::math::quat;
 use crate::misfit::Misfit;
+use crate::odometry::Odometry;
 use crate::placed::Placed;
 use crate::settings::{Consistency, Settings};
 use crate::state::{BlockKind, CAMERA_DIM, Mark, State};
@@ -40,6 +42,8 @@ pub struct Filter {
     pub(super) placed: Placed,
     pub(super) handover: Handover,
     pub(super) misfit: Misfit,
+    pub(super) odometry: Odometry,
+    pub(super) wheels: Wheels,
     pub(super) gauge: Gauge,
     pub(super) scratch: Scratch,
     /// Room for the next list of features that the gauge follows.
@@ -85,6 +89,8 @@ impl Filter {
             placed: Placed::default(),
             handover: Handover::default(),
             misfit: Misfit::default(),
+            odometry: Odometry::default(),
+            wheels: Wheels::default(),
             gauge: Gauge::default(),
             scratch: Scratch::default(),
             in_view: Vec::new(),

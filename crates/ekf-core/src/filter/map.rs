@@ -128,6 +128,7 @@ impl Filter {
             BlockKind::Clone => !needed.contains(&b.id),
             BlockKind::WornBias
             | BlockKind::Calibration
+            | BlockKind::OdometryScale
             | BlockKind::WornError
             | BlockKind::Auxiliary(_) => false,
         });

@@ -23,6 +23,8 @@ mod map;
 mod measurement;
 mod measurements;
 mod metric_births;
+mod odometry;
+mod odometry_image;
 mod other_time;
 mod pose_ring;
 mod predicted_features;

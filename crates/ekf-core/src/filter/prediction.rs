@@ -1,16 +1,16 @@
 //! Prediction (METHOD 3), the features that it brings into view, and what the map hands on.
 
 use super::ekf::Filter;
+use super::kept_poses::REACH;
+use super::odometry::Wheels;
 use super::visibility::{MAYBE, appearance, visibility};
 use crate::error::EkfError;
+use crate::guard::LAST_TIME;
 use crate::kernel::Panels;
 use crate::observe::FeatureState;
 use crate::observe::point::CameraPose;
 use crate::state::{CAMERA_DIM, State};
 use crate::{guard, predict};
-
-/// Largest time stamp, seconds: some thousand years; nanoseconds since 1970 are far beyond.
-pub(crate) const LAST_TIME: f64 = 1e11;
 
 /// Shortest time between two frames, seconds: the steps of f64 time stamps since 1970 are a quarter of it.
 const SHORTEST_STEP: f64 = 1e-6;
@@ -54,11 +54,26 @@ impl Filter {
                 if t - last > LONGEST_GAP {
                     return Err(EkfError::LongGap { t, last });
                 }
-                let dt = (t - last).min(LONGEST_MOTION);
-                guard::prediction(&self.state, dt, &self.settings.process)?;
-                self.predict_by(dt);
+                if let Some(motion) = self.told_motion(last, t, LONGEST_MOTION) {
+                    self.check_motion(&motion)?;
+                    self.changes();
+                    self.follow_odometry(&motion, t - last);
+                } else {
+                    let dt = (t - last).min(LONGEST_MOTION);
+                    guard::prediction(&self.state, dt, &self.settings.process)?;
+                    self.changes();
+                    self.predict_by(dt);
+                }
+                self.look_about();
             }
         }
+        // Before the start a late view may still take the filter back.
+        let late = if self.started {
+            0.0
+        } else {
+            self.settings.worn.late
+        };
+        self.odometry.forget_until(t - REACH * late);
         self.time = Some(t);
         Ok(())
     }
@@ -79,9 +94,14 @@ impl Filter {
     }
 
     fn predict_by(&mut self, dt: f64) {
-        self.changes();
-        let process = &self.settings.process;
-        predict::predict(&mut self.state, dt, process, &self.settings.worn);
+        self.wheels = Wheels::default();
+        let settings = &self.settings;
+        predict::predict(&mut self.state, dt, &settings.process);
+        predict::forget(&mut self.state, dt, &settings.worn, &settings.odometry);
+    }
+
+    /// What the camera's motion brings into view, and what the map hands on.
+    fn look_about(&mut self) {
         let pose = self.state.camera_pose();
         if let Some(outside) = &mut self.outside {
             // A feature that comes into view joins the working set, and those about to come into view join with it:

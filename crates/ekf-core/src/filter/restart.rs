@@ -55,8 +55,12 @@ impl Filter {
         let pose = self.state.camera_pose();
         self.placed = Placed::by_pose(&pose, &self.pose_covariance());
         self.handover = Default::default();
-        self.state
-            .remove(|b| !matches!(b.kind, BlockKind::WornBias | BlockKind::Calibration));
+        self.state.remove(|b| {
+            !matches!(
+                b.kind,
+                BlockKind::WornBias | BlockKind::Calibration | BlockKind::OdometryScale
+            )
+        });
         self.state.reset_camera(&pose);
         self.gauge = Gauge::default();
         self.records.clear();
@@ -88,6 +92,7 @@ impl Filter {
         );
         trial.time = self.time;
         trial.misfit = self.misfit;
+        trial.odometry = self.odometry.clone();
         trial.next_candidate = self.next_candidate;
         let ids = trial.start_from_map_after(map, self.state.layout.next_id())?;
         let bearing = |&(landmark, uv): &(usize, Vector2<f64>)| {

@@ -4,8 +4,8 @@
 use super::candidate::{Candidate, CandidateImage};
 use super::ekf::Filter;
 use super::handed::{Handed, Handover};
+use super::odometry_image::OdometryImage;
 use super::pose_ring::KeptPoses;
-use super::prediction::LAST_TIME;
 use super::record::FeatureRecord;
 use super::snapshot::{open, seal};
 use super::sources::Scratch;
@@ -14,6 +14,7 @@ use crate::batch::Workspace;
 use crate::camera::Camera;
 use crate::error::EkfError;
 use crate::gauge::Gauge;
+use crate::guard::LAST_TIME;
 use crate::local::{Buffers, OutsideSet, OutsideSetImage};
 use crate::math::quat;
 use crate::misfit::Misfit;
@@ -70,6 +71,7 @@ struct FilterImage {
     known: u64,
     /// NIS of all updates, and their degrees of freedom.
     misfit: (f64, f64),
+    odometry: OdometryImage,
     moved_by: f64,
     /// Features that the gauge follows.
     followed: Vec<u64>,
@@ -126,6 +128,8 @@ impl Filter {
             placed,
             handover,
             misfit,
+            odometry,
+            wheels,
             gauge,
             outside,
             // Buffers, and what is worked out again when it is asked for.
@@ -151,6 +155,7 @@ impl Filter {
             handed: handover.last.as_ref().map(handed_image),
             known: handover.known,
             misfit: (misfit.nis, misfit.dof),
+            odometry: OdometryImage::of(odometry, wheels),
             moved_by: batch.moved_by(),
             followed: gauge.followed().to_vec(),
             outside: outside.as_ref().map(|outside| outside.image(state)),
@@ -173,6 +178,7 @@ impl Filter {
             handed,
             known,
             misfit: (nis, dof),
+            odometry,
             moved_by,
             followed,
             outside,
@@ -206,7 +212,6 @@ impl Filter {
         let records = records_of(records, &state.layout, outside.as_ref())?;
         let candidates = candidates_of(candidates, next_candidate, &state.layout)?;
         kept_poses.check(&state.layout, time, LAST_TIME)?;
-        kept_poses.check(&state.layout, time, LAST_TIME)?;
         let placed = of_frame(placed, "its map's place is no 6x6 matrix")?;
         if ![nis, dof].iter().all(|v| v.is_finite() && *v >= 0.0) {
             return Err(EkfError::bad_snapshot(
@@ -214,6 +219,7 @@ impl Filter {
             ));
         }
         let last = handed.map(handed_of).transpose()?;
+        let (odometry, wheels) = odometry.restored()?;
         let mut batch = Workspace::default();
         batch.remember_move(moved_by);
         let filter = Self {
@@ -232,6 +238,8 @@ impl Filter {
             placed: Placed(placed),
             handover: Handover { last, known },
             misfit: Misfit { nis, dof },
+            odometry,
+            wheels,
             gauge: Gauge::following(followed),
             in_view: Vec::new(),
             scratch: Scratch::default(),

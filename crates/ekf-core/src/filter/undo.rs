@@ -2,10 +2,12 @@
 
 use super::candidate::Candidate;
 use super::handed::Handover;
+use super::odometry::Wheels;
 use super::pose_ring::KeptPoses;
 use super::record::FeatureRecord;
 use crate::local::{OutsideMark, OutsideSet};
 use crate::misfit::Misfit;
+use crate::odometry::Odometry;
 use crate::placed::Placed;
 use crate::state::State;
 use std::collections::BTreeMap;
@@ -53,6 +55,8 @@ pub(super) struct Kept {
     pub(super) placed: Placed,
     pub(super) handover: Handover,
     pub(super) misfit: Misfit,
+    pub(super) odometry: Odometry,
+    pub(super) wheels: Wheels,
     pub(super) moved_by: f64,
     pub(super) followed: Vec<u64>,
     pub(super) outside: Option<OutsideMark>,

@@ -98,6 +98,7 @@ impl Filter {
         if let Some(capture) = z.worn.as_ref().and_then(|worn| worn.capture) {
             self.kept_poses.remember(capture.t);
         }
+        self.settle_odometry();
         self.finish(z, report);
         self.choose_working_set(&z.searched);
         Ok(())

@@ -229,6 +229,7 @@ fn carried_blocks<'a>(layout: &'a Layout, followed: &'a [u64]) -> impl Iterator<
         BlockKind::Clone => true,
         BlockKind::WornBias
         | BlockKind::Calibration
+        | BlockKind::OdometryScale
         | BlockKind::WornError
         | BlockKind::Auxiliary(_) => false,
     })

@@ -7,10 +7,10 @@ mod input;
 mod state;
 
 pub(crate) use input::{
-    check_bias, check_once, check_pixels, check_pose, check_rigid, depth, is_covariance, lengths,
-    pixel, variances,
+    LAST_TIME, check_bias, check_once, check_pixels, check_pose, check_rigid, depth, is_covariance,
+    lengths, pixel, variances,
 };
 pub(crate) use state::{
-    ROUNDING, attitude_is_sane, newborn_is_located, newborn_is_sane, prediction, state_is_sane,
-    update_is_sane,
+    ROUNDING, attitude_is_sane, moved_is_sane, newborn_is_located, newborn_is_sane, prediction,
+    state_is_sane, update_is_sane,
 };

@@ -61,13 +61,23 @@ pub(crate) fn prediction(
     let p: SMatrix<f64, CAMERA_DIM, CAMERA_DIM> = state.covariance().block(0, 0);
     let q = SMatrix::from_column_slice(&x[3..7]);
     let p = f * p * f.transpose() + predict::process_noise(&q, dt, process);
+    moved_is_sane(&x, &p)
+}
+
+/// Whether mean and covariance of the camera's block may stand after a prediction.
+pub(crate) fn moved_is_sane(
+    x: &[f64; CAMERA_DIM],
+    p: &SMatrix<f64, CAMERA_DIM, CAMERA_DIM>,
+) -> Result<(), EkfError> {
     if within(x.iter().copied(), LARGEST) && within(p.iter().copied(), LARGEST * LARGEST) {
         return Ok(());
     }
-    let why = format!(
-        "after {dt} s more without a measurement nothing is known of the pose; start a new filter"
-    );
-    Err(EkfError::InvalidInput { what: "time", why })
+    let why =
+        "after so long without a measurement nothing is known of the pose; start a new filter";
+    Err(EkfError::InvalidInput {
+        what: "time",
+        why: why.into(),
+    })
 }
 
 /// Whether `x + moved` and `P - V V^T` are a state, from the diagonal of `V V^T`; both by stored rows.

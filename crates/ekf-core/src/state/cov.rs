@@ -236,6 +236,25 @@ impl Covariance {
         self.set_block(start, start, &((own + own.transpose()) * 0.5));
     }
 
+    /// `x_c <- x_c + G y`, for the camera's rows `x_c` and `M` others, `y`, from `from` on. O(n).
+    pub(crate) fn add_to_camera<const M: usize>(
+        &mut self,
+        from: usize,
+        g: &SMatrix<f64, CAMERA_DIM, M>,
+    ) {
+        let with = g * self.block::<M, CAMERA_DIM>(from, 0);
+        let own = g * self.block::<M, M>(from, from) * g.transpose();
+        let rows: [usize; M] = std::array::from_fn(|m| self.slots[from + m]);
+        for j in CAMERA_DIM..self.n {
+            let more = g * SVector::<f64, M>::from_fn(|m, _| self.stored_entry(rows[m], j));
+            for c in 0..CAMERA_DIM {
+                self.data[j + c * self.ld] += more[c];
+            }
+        }
+        let own = with + with.transpose() + (own + own.transpose()) * 0.5;
+        self.add_block(0, &own);
+    }
+
     /// Makes `count` rows from `at` on, stored side by side and for no other, the same as the first ones. O(n).
     pub(crate) fn repeat_rows(&mut self, at: usize, count: usize) {
         let to = self.slots[at];

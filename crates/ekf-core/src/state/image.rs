@@ -161,6 +161,7 @@ fn in_order(kind: BlockKind, slots: &[usize]) -> bool {
         | BlockKind::Clone
         | BlockKind::WornBias
         | BlockKind::Calibration
+        | BlockKind::OdometryScale
         | BlockKind::WornError => side_by_side(slots),
     }
 }

@@ -17,6 +17,8 @@ pub enum BlockKind {
     WornBias,
     /// The error of Cs's calibration, 6 numbers of a warp of its image.
     Calibration,
+    /// The errors of the odometry's scales, of translation and of turns, relative, 2 numbers.
+    OdometryScale,
     /// The error of one frame's T_CF, tangent, 6 numbers; lives for that frame only.
     WornError,
     /// Auxiliary rows of the local update; only a working state has them, never the state that is shown.
@@ -30,6 +32,7 @@ impl BlockKind {
             Self::Clone => POSE_DIM,
             Self::Auxiliary(rows) => rows,
             Self::Feature(form) => form.dim(),
+            Self::OdometryScale => 2,
             Self::WornBias | Self::Calibration | Self::WornError => 6,
         }
     }
@@ -46,6 +49,7 @@ impl BlockKind {
             Self::Clone => "Clone",
             Self::WornBias => "WornBias",
             Self::Calibration => "Calibration",
+            Self::OdometryScale => "OdometryScale",
             Self::WornError => "WornError",
             Self::Auxiliary(_) => "Auxiliary",
         }

@@ -4,6 +4,7 @@ mod births;
 mod late_views;
 mod map;
 pub(crate) mod measurements;
+mod odometry;
 mod prediction;
 mod report;
 mod update;

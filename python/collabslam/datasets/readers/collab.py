@@ -7,10 +7,12 @@
     cam1/data/*.png  cam1/data.csv  cam1/sensor.yaml     Cf: only the frames where it was there
     relpose/data.csv            measured T_CF: ns, position, quaternion w x y z, 21 or 42 numbers
     groundtruth/data.csv        optional T_WC of Cs at frames' stamps: ns, position, quaternion w x y z
+    odometry/data.csv           optional: ns, vx vy vz (m/s), wx wy wz (rad/s), 21 numbers
+    odometry/sensor.yaml        T_BC: 16 numbers, row by row; maps points of Cs into the odometry's frame
 
 The 21 numbers are the lower triangle, row by row, of the 6x6 covariance of ``T_CF`` over (translation,
 rotation), tangent on the right, m^2 and rad^2; 21 more are the part of it that lasts from frame to
-frame, where that is known.  Stamps are integer nanoseconds; a view of Cf and its relative pose belong to the
+frame, where that is known.  Those of odometry are of its twist's covariance, (m/s)^2 and (rad/s)^2.  Stamps are integer nanoseconds; a view of Cf and its relative pose belong to the
 frame of Cs whose stamp is the nearest within 5 ms.
 """
 
@@ -31,22 +33,22 @@ from collabslam.datasets.poses import (
     nanoseconds,
     number_fields,
     read_track,
+    rigid,
     seconds,
 )
+from collabslam.datasets.odometry import TRIANGLE, of_table
 from collabslam.datasets.printed_pose import with_printed_poses
 from collabslam.datasets.readers.stamped import match_stamps, read_stream
 from collabslam.datasets.recording import ImageRecording, RecordedView, RecordedWorn
 from collabslam.datasets.stream import StreamRecording
 from collabslam.errors import CollabslamError, DataError
 from collabslam.geometry import pose_from_quaternion
-from collabslam.types import Array, Board, Tag
+from collabslam.types import Array, Board, Odometry, Tag
 
 LAYOUT = "a two-camera recording (recording.yaml, cam0/, cam1/, relpose/data.csv)"
 FORMAT = "collabslam-recording"
 VERSION = 1
 _TOLERANCE = 5_000_000
-TRIANGLE = np.tril_indices(6)
-"""Rows and columns of the 21 numbers."""
 
 
 def matches(path: Path) -> bool:
@@ -130,6 +132,31 @@ def _read_worn(path: Path, stamps: list[int], relative_poses: Path) -> RecordedW
     return RecordedWorn(load_camera(folder / "sensor.yaml"), found)
 
 
+def _read_odometry(folder: Path) -> Odometry | None:
+    """Odometry of the layout; None where there is none."""
+    path = folder / "data.csv"
+    if not path.is_file():
+        return None
+    sensor = folder / "sensor.yaml"
+    t_bc = read_yaml(sensor).get("T_BC")
+    if not isinstance(t_bc, list) or len(t_bc) != 16:
+        raise DataError(f"{sensor} has no T_BC of 16 numbers; say where Cs sits in the odometry's frame.")
+    rows = data_lines(path)
+    if not rows:
+        raise DataError(f"{path} holds no odometry; remove it, or give one row for each sample.")
+    numbers = []
+    for number, texts in rows:
+        where = f"Line {number} of {path}"
+        if len(texts) != 28:
+            raise DataError(f"{where} has {len(texts)} columns; 28 are needed: stamp, twist, covariance.")
+        stamp = seconds(nanoseconds(texts[0], where))
+        numbers.append((stamp, *number_fields(texts[1:], where)))
+    pose = rigid(np.asarray(number_fields(t_bc, f"T_BC of {sensor}")).reshape(4, 4), f"T_BC of {sensor}")
+    if not bool(np.isfinite(pose).all()):
+        raise DataError(f"T_BC of {sensor} is not finite; correct it.")
+    return of_table(np.asarray(numbers), pose, str(path))
+
+
 def open(path: Path, relative_poses: Path | None = None) -> ImageRecording:
     """Open a two-camera recording.
 
@@ -159,7 +186,15 @@ def open_printed(path: Path, targets: list[Tag | Board]) -> StreamRecording:
     base, stamps = _robot(path)
     view_stamps, paths = read_stream(path / "cam1")
     camera = load_camera(path / "cam1" / "sensor.yaml")
-    stream = StreamRecording(base.name, base.source, base.camera, base.times, base.image, truth=base.truth)
+    stream = StreamRecording(
+        base.name,
+        base.source,
+        base.camera,
+        base.times,
+        base.image,
+        truth=base.truth,
+        odometry=base.odometry,
+    )
     views = match_stamps(stamps, view_stamps, _TOLERANCE)
     return with_printed_poses(stream, camera, views, lambda k: read_grey(paths[k], camera), targets)
 
@@ -174,6 +209,7 @@ def _robot(path: Path) -> tuple[ImageRecording, list[int]]:
     if truth_file.is_file():
         truth = interpolate_track(*read_track(truth_file, euroc=True), times, widest=0.0)
     recording = ImageRecording(
+        odometry=_read_odometry(path / "odometry"),
         name=name,
         source=str(path),
         camera=load_camera(path / "cam0" / "sensor.yaml"),

@@ -1,0 +1,172 @@
+"""Odometry beside a recording: files of twists, checked before a run begins (METHOD section 23)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from collabslam._core import Filter
+from collabslam.datasets.poses import check_position, data_lines, number_fields, parse_stamp
+from collabslam.errors import DataError, InputError
+from collabslam.geometry import pose_inverse, rotation_log
+from collabslam.types import Array, Odometry
+
+TRIANGLE = np.tril_indices(6)
+"""Rows and columns of the 21 numbers of a covariance."""
+_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+_UNKNOWN = 1e4  # (m/s)^2, (rad/s)^2: what is not measured, whatever larger number stands for it
+
+
+@dataclass(frozen=True)
+class OdometryGiven:
+    """Odometry that is given beside a recording.
+
+    Attributes
+    ----------
+    source : str
+        A file, or a topic of a bag.
+    mount : tuple of float
+        Where Cs sits in the odometry's frame B (x ahead, y left, z up): x, y, z, metres, and roll, pitch,
+        yaw, degrees, of a camera that looks along x; the angles may be left out.
+    sd : tuple of float or None
+        Standard deviations of velocity, m/s, and angular velocity, rad/s, of every axis, in place of the
+        source's covariances.
+    """
+
+    source: str
+    mount: tuple[float, ...]
+    sd: tuple[float, float] | None = None
+
+    def t_bc(self) -> Array:
+        """(4, 4), maps points of C into B, metres."""
+        return mounted(self.mount)
+
+
+def mounted(mount: Sequence[float]) -> Array:
+    """T_BC (4, 4) of x, y, z (metres) and, if given, roll, pitch, yaw (degrees, about the fixed x, y, z of B)
+    of a camera that looks along x without them; raises DataError for other numbers."""
+    if len(mount) not in (3, 6) or not np.isfinite(mount).all():
+        raise DataError(
+            f"The camera's place in the odometry's frame has {len(mount)} numbers; give x,y,z (metres) or "
+            "x,y,z,roll,pitch,yaw (metres, degrees)."
+        )
+    check_position(mount[:3], "The camera's place in the odometry's frame")
+    roll, pitch, yaw = np.deg2rad(mount[3:]) if len(mount) == 6 else (0.0, 0.0, 0.0)
+    (cr, cp, cy), (sr, sp, sy) = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
+    turn_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    turn_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    turn_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+    t_bc = np.eye(4)
+    t_bc[:3, :3] = turn_z @ turn_y @ turn_x @ _OPTICAL
+    t_bc[:3, 3] = mount[:3]
+    return t_bc
+
+
+def read_odometry(path: Path, given: OdometryGiven) -> Odometry:
+    """Odometry of a text file: stamp, vx vy vz (m/s), wx wy wz (rad/s), and 21 numbers of the covariance.
+
+    Commas or blanks part the fields, ``#`` starts a comment.  The 21 numbers are the lower triangle of the
+    6x6 covariance, row by row; they may be left out where ``given.sd`` says it.
+
+    Raises
+    ------
+    DataError
+        If the file cannot be read or a row is none.
+    """
+    rows = []
+    for number, texts in data_lines(path):
+        where = f"Line {number} of {path}"
+        if len(texts) not in (7, 28):
+            raise DataError(
+                f"{where} has {len(texts)} columns; 7 are needed (stamp, vx, vy, vz, wx, wy, wz), or 28 with "
+                "21 of the covariance."
+            )
+        stamp = parse_stamp(texts[0], where)
+        rows.append((stamp, *number_fields(texts[1:], where)))
+    if len({len(row) for row in rows}) > 1:
+        raise DataError(f"Some rows of {path} have a covariance and some have none; give all of them one.")
+    if not rows:
+        raise DataError(f"The file {path} holds no odometry; give one row for each sample.")
+    return of_table(np.asarray(rows, np.float64), given.t_bc(), str(path), given.sd)
+
+
+def of_table(table: Array, t_bc: Array, where: str, sd: tuple[float, float] | None = None) -> Odometry:
+    """Odometry of rows of stamp, twist and, if they have them, 21 numbers of the covariance; as `checked`."""
+    covariances = np.zeros((len(table), 6, 6))
+    if table.shape[1] > 7:
+        covariances[:, TRIANGLE[0], TRIANGLE[1]] = table[:, 7:]
+        covariances[:, TRIANGLE[1], TRIANGLE[0]] = table[:, 7:]
+    return checked(table[:, 0], table[:, 1:7], covariances, t_bc, where, sd)
+
+
+def checked(
+    times: Array,
+    twists: Array,
+    covariances: Array,
+    t_bc: Array,
+    where: str,
+    sd: tuple[float, float] | None = None,
+) -> Odometry:
+    """Odometry whose numbers the filter takes; raises DataError naming the first sample that it would not.
+
+    Variances beyond (100 m/s)^2 stand for axes that were not measured, whatever their size; ``sd`` is in
+    place of all of them.
+    """
+    if sd is not None:
+        v, w = sd
+        covariances = np.tile(np.diag([v * v] * 3 + [w * w] * 3), (len(times), 1, 1))
+    covariances = _bounded(covariances)
+    steps = np.flatnonzero(~(np.diff(times) > 0.0))
+    if len(steps):
+        t = times[steps[0] + 1]
+        raise DataError(f"The stamp {t} s in {where} does not follow the one before; sort the samples.")
+    remedy = "" if sd is not None else "; or state the noise: --odometry-sd M_PER_S,RAD_PER_S"
+    for t, twist, covariance in zip(times.tolist(), twists, covariances, strict=True):
+        _check(twist, covariance, f"The sample at {t} s in {where}", remedy)
+    return Odometry(times, twists, covariances, t_bc)
+
+
+def _check(twist: Array, covariance: Array, which: str, remedy: str) -> None:
+    try:
+        Filter.check_odometry(twist, covariance)
+    except InputError as error:
+        raise DataError(f"{which} cannot be used: {error}{remedy}.") from error
+
+
+def increments(times: Array, poses: Array, first: Array) -> Array:
+    """Mean twists (N, 6) between poses T_OB (N, 4, 4), each since the one before; ``first`` (6,) of the first.
+
+    A body that moves with a constant twist from one pose comes to the next.
+    """
+    twists = [np.asarray(first, np.float64)]
+    for k in range(1, len(times)):
+        step = pose_inverse(poses[k - 1]) @ poses[k]
+        dt = times[k] - times[k - 1]
+        turn = rotation_log(step[:3, :3])
+        way = np.linalg.solve(_left_jacobian(turn), step[:3, 3])
+        twists.append(np.concatenate([way, turn]) / dt)
+    return np.asarray(twists)
+
+
+def _left_jacobian(turn: Array) -> Array:
+    """(3, 3): the mean of Exp(s turn) over s from 0 to 1."""
+    x, y, z = turn.tolist()
+    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = float(np.linalg.norm(turn))
+    if angle < 1e-4:
+        return np.asarray(np.eye(3) + 0.5 * k + k @ k / 6.0)
+    b, c = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
+    return np.asarray(np.eye(3) + b * k + c * k @ k)
+
+
+def _bounded(covariances: Array) -> Array:
+    """Covariances in which an axis that was not measured has one and the same large variance."""
+    out = covariances.copy()
+    samples, axes = np.nonzero(np.diagonal(covariances, axis1=1, axis2=2) > _UNKNOWN)
+    out[samples, axes, :] = 0.0
+    out[samples, :, axes] = 0.0
+    out[samples, axes, axes] = _UNKNOWN
+    return out
