@@ -17,6 +17,7 @@ mod layers;
 mod local;
 mod long_run;
 mod map;
+mod odometry;
 mod overlap;
 mod poses;
 mod properties;

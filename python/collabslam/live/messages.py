@@ -25,6 +25,7 @@ CLOUD = "sensor_msgs/msg/PointCloud2"
 STATUS = "diagnostic_msgs/msg/DiagnosticArray"
 TIMES = "std_msgs/msg/Int64MultiArray"
 TEXT = "std_msgs/msg/String"
+TWIST = "geometry_msgs/msg/TwistWithCovarianceStamped"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 SCAN, IMU = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu"
 
@@ -114,6 +115,14 @@ def pose_from(data: bytes, where: str) -> tuple[float, Array, Array]:
 def odometry(t: float, t_wc: Array, covariance: Array) -> bytes:
     """The robot's pose as Odometry; see `collabslam.formats.ros_odometry`."""
     return encoded(ODOMETRY, odometry_message(store().types, nanoseconds(t), t_wc, covariance))
+
+
+def twist(t: float, value: Array, covariance: Array) -> bytes:
+    """A twist (6,) with covariance (6, 6) as TwistWithCovarianceStamped, along the axes of the odometry's frame."""
+    halves = [make("geometry_msgs/msg/Vector3", *map(float, half)) for half in (value[:3], value[3:])]
+    inner = make("geometry_msgs/msg/Twist", *halves)
+    whole = make("geometry_msgs/msg/TwistWithCovariance", inner, covariance.ravel())
+    return encoded(TWIST, make(TWIST, header(t, "base_link"), whole))
 
 
 def robot_pose(t: float, t_wc: Array, covariance: Array) -> bytes:

@@ -11,11 +11,11 @@ from typing import Any
 
 from collabslam._core import Camera
 from collabslam.datasets.ros.bag import Bag
-from collabslam.datasets.ros.messages import image_of, pose_and_covariance_of
+from collabslam.datasets.ros.messages import image_of, pose_and_covariance_of, twist_of
 from collabslam.errors import DataError
 from collabslam.extras import needs
 from collabslam.live import messages
-from collabslam.live.core import ClockReading, Event, RobotFrame
+from collabslam.live.core import ClockReading, Event, OdometrySample, RobotFrame
 from collabslam.live.steady import nanoseconds
 from collabslam.live.views import LiveView
 from collabslam.runs.results import jsonable
@@ -23,7 +23,7 @@ from collabslam.types import Board, Tag
 
 ROBOT_IMAGE, ROBOT_INFO = "/cs/image_raw", "/cs/camera_info"
 WORN_IMAGE, WORN_INFO = "/cf/image/compressed", "/cf/camera_info"
-T_CF, CLOCK, PLAN = "/t_cf", "/clock_readings", "/plan"
+T_CF, CLOCK, PLAN, ODOMETRY = "/t_cf", "/clock_readings", "/plan", "/odometry"
 ROLES = {"cs": ROBOT_IMAGE, "cf": WORN_IMAGE, "t_cf": T_CF}
 """Topics as ``collabslam.open_recording(path, topics=...)`` takes them, if all cameras have one clock."""
 _ROBOT, _WORN = "cs_optical", "cf_optical"
@@ -95,6 +95,9 @@ class EventWriter:
             self._write(ROBOT_IMAGE, messages.IMAGE, data, now)
         elif isinstance(event, ClockReading):
             self._write(CLOCK, messages.TIMES, messages.exchange(event.session, event.exchange), now)
+        elif isinstance(event, OdometrySample):
+            twist = messages.twist(event.t, event.twist, event.covariance)
+            self._write(ODOMETRY, messages.TWIST, twist, now)
         else:
             image = event.image
             if not isinstance(image, bytes):
@@ -151,12 +154,14 @@ class EventReader:
     def events(self) -> Iterator[Event]:
         """Each event in the order in which the filter took it."""
         poses: dict[float, Any] = {}
-        for topic, message in self._bag.all_messages((ROBOT_IMAGE, CLOCK, T_CF, WORN_IMAGE)):
+        for topic, message in self._bag.all_messages((ROBOT_IMAGE, CLOCK, ODOMETRY, T_CF, WORN_IMAGE)):
             where = f"{topic} in {self._path}"
             if topic == ROBOT_IMAGE:
                 yield RobotFrame(messages.stamp_of(message), image_of(message, where))
             elif topic == CLOCK:
                 yield ClockReading(*messages.exchange_of(message))
+            elif topic == ODOMETRY:
+                yield OdometrySample(messages.stamp_of(message), *twist_of(message))
             elif topic == T_CF:
                 poses = {messages.stamp_of(message): pose_and_covariance_of(message, where)}
             else:

@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike
 
 from collabslam.errors import CollabslamError, InputError
 from collabslam.live.clock import Exchange
-from collabslam.live.core import ClockReading, Event, LiveCore, LivePose, RobotFrame
+from collabslam.live.core import ClockReading, Event, LiveCore, LivePose, OdometrySample, RobotFrame
 from collabslam.live.printed import printed_poses
 from collabslam.live.views import SURPLUS, LiveView
 from collabslam.slam.engine import Slam
 from collabslam.types import Board, Image, Tag
 
-BOUNDS: dict[type, int] = {RobotFrame: 4, LiveView: 16, ClockReading: 32}
+BOUNDS: dict[type, int] = {RobotFrame: 4, LiveView: 16, ClockReading: 32, OdometrySample: 1000}
 """Events of each kind that wait for the filter at most; the oldest of a kind gives way."""
 
 
@@ -121,12 +121,28 @@ class LiveSlam:
         """
         self._push(live_view(session, t, image, t_cf, covariance, bias))
 
+    def push_odometry(self, t: float, twist: ArrayLike, covariance: ArrayLike) -> None:
+        """Odometry of the robot, by its clock, as `collabslam.Slam.add_odometry` takes it; ``t_bc`` of ``slam``
+        says where Cs sits.  What the engine refuses is counted in `refused`.
+
+        Raises
+        ------
+        InputError
+            For arrays of another shape, or if it is closed.
+        CollabslamError
+            Whatever ended the filter.
+        """
+        arrays = np.array(twist, np.float64), np.array(covariance, np.float64)
+        if arrays[0].shape != (6,) or arrays[1].shape != (6, 6):
+            raise InputError("Odometry is a twist (6,) with a covariance (6, 6); correct the shapes.")
+        self._push(OdometrySample(float(t), *arrays))
+
     def push_clock(self, session: str, exchange: Exchange) -> None:
         """What a sender's clock said; raises as `push_robot` does."""
         self._push(ClockReading(session, exchange))
 
     def push(self, event: Event) -> None:
-        """Any of the three; raises as `push_robot` does."""
+        """Any of these; raises as `push_robot` does."""
         self._push(event)
 
     @property
@@ -142,8 +158,8 @@ class LiveSlam:
 
     @property
     def refused(self) -> dict[str, int]:
-        """Why frames of Cs were refused, in words, and how often."""
-        return dict(self._core.refused)
+        """Why frames of Cs, or odometry, were refused, in words, and how often."""
+        return {**self._core.refused, **self._core.refused_odometry}
 
     @property
     def session(self) -> str | None:

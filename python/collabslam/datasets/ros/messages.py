@@ -209,6 +209,18 @@ def pose_and_covariance_of(message: Any, where: str) -> tuple[Array, Array]:
     return pose, rounded_covariance(fixed_to_tangent(pose, 0.5 * (covariance + covariance.T)))
 
 
+def twist_of(message: Any) -> tuple[Array, Array]:
+    """Twist (6,) of a TwistStamped, with or without covariance, or an Odometry, and its covariance (6, 6), zeros
+    where it has none."""
+    inner = message.twist
+    covariance = np.zeros((6, 6))
+    if hasattr(inner, "covariance"):
+        covariance = np.asarray(inner.covariance, np.float64).reshape(6, 6)
+        inner = inner.twist
+    v, w = inner.linear, inner.angular
+    return np.array([v.x, v.y, v.z, w.x, w.y, w.z]), covariance
+
+
 def scans_of(messages: Iterable[tuple[float, Any]]) -> Scans:
     """Laser scans of LaserScan messages with their stamps."""
     times: list[float] = []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from collabslam.datasets.odometry import OdometryGiven, checked, increments
 from collabslam.datasets.ros import messages as m
 from collabslam.datasets.ros.bag import Bag
 from collabslam.errors import DataError
-from collabslam.types import Array, Odometry
+from collabslam.types import Odometry
 
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 TWIST_TYPES = ("geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/TwistWithCovarianceStamped")
@@ -36,7 +35,7 @@ def read_odometry_topic(path: Path, given: OdometryGiven) -> Odometry:
     kept = [k for k in range(len(rows)) if k == 0 or rows[k][0] > rows[k - 1][0]]
     times = np.asarray([rows[k][0] for k in kept])
     found = [rows[k][1] for k in kept]
-    parts = [_twist_of(message) for message in found]
+    parts = [m.twist_of(message) for message in found]
     twists = np.asarray([twist for twist, _ in parts])
     if hasattr(found[0], "pose"):
         poses = np.asarray([m.pose_of(message.pose.pose, where) for message in found])
@@ -45,14 +44,3 @@ def read_odometry_topic(path: Path, given: OdometryGiven) -> Odometry:
         twists = increments(times, poses, twists[0])
     covariances = np.asarray([covariance for _, covariance in parts])
     return checked(times, twists, covariances, given.t_bc(), where, given.sd)
-
-
-def _twist_of(message: Any) -> tuple[Array, Array]:
-    """Twist (6,) and covariance (6, 6), zeros where the message has none."""
-    inner = message.twist
-    covariance = np.zeros((6, 6))
-    if hasattr(inner, "covariance"):
-        covariance = np.asarray(inner.covariance, np.float64).reshape(6, 6)
-        inner = inner.twist
-    v, w = inner.linear, inner.angular
-    return np.array([v.x, v.y, v.z, w.x, w.y, w.z]), covariance

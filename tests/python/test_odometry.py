@@ -1,0 +1,212 @@
+"""Odometry as motion input: through the dark, past wheels that slip, from files, bags and recordings, resumed."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Clip
+
+from collabslam import DataError, InputError, RecordingWriter, SettingsError, Slam, open_recording, run
+from collabslam.cli import main as cli
+from collabslam.datasets.odometry import OdometryGiven, increments, mounted
+from collabslam.datasets.wrapped import WrappedRecording
+from collabslam.geometry import pose_inverse
+from collabslam.runs.plan import Output
+from collabslam.runs.runner import resume
+from collabslam.types import Frame, Image, Odometry, Status
+
+RATE = 50
+COVARIANCE = np.diag([2e-2, 2e-2, 2e-2, 1e-2, 1e-2, 1e-2]) ** 2
+T_BC = mounted((0.2, 0.0, 0.9, 0.0, 5.0, 0.0))
+
+
+def wheels(clip: Clip, *, t_bc: np.ndarray = T_BC) -> Odometry:
+    """Odometry without errors of the demo's first seconds."""
+    times = np.arange(0, int(clip.frames[-1].t * RATE) + 2) / RATE - 0.01
+    bases = np.stack([clip.recording.robot(float(t)) @ pose_inverse(t_bc) for t in times])
+    twists = increments(times, bases, np.zeros(6))
+    return Odometry(times, twists, np.tile(COVARIANCE, (len(times), 1, 1)), t_bc)
+
+
+class Driven(WrappedRecording):
+    """The demo's first frames with odometry; some of them are black."""
+
+    def __init__(self, clip: Clip, odometry: Odometry | None, dark: range = range(0)) -> None:
+        super().__init__(clip.recording)
+        count = len(clip.frames)
+        self.times, self.truth = self.times[:count], clip.recording.truth[:count]
+        self.odometry, self._frames, self._dark = odometry, clip.frames, dark
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def image(self, i: int) -> Image:
+        return self.frame(i).image
+
+    def frame(self, i: int) -> Frame:
+        frame = self._frames[i]
+        return replace(frame, image=0 * frame.image, worn=None) if i in self._dark else frame
+
+
+def way(poses: np.ndarray, a: int, b: int) -> np.ndarray:
+    return (pose_inverse(poses[a]) @ poses[b])[:3, 3]
+
+
+def test_it_carries_the_camera_through_the_dark(clip: Clip) -> None:
+    dark = range(6, 13)
+    blind = run(Driven(clip, None, dark)).record
+    driven = run(Driven(clip, wheels(clip), dark)).record
+    assert blind.statuses[12] == Status.LOST
+    assert {driven.statuses[i] for i in dark} == {Status.COASTING}
+    assert driven.valid.all()
+    true = way(clip.recording.truth, 5, 12)
+    assert np.linalg.norm(way(driven.poses, 5, 12) - true) < 0.02 * np.linalg.norm(true)
+    assert driven.statuses[13] == Status.OK
+    # Sure, but not surer than its wheels.
+    sd = np.sqrt(np.trace(driven.covariances[12][:3, :3]))
+    assert 0.002 < sd < 0.5 * np.sqrt(np.trace(blind.covariances[12][:3, :3]))
+
+
+def test_wheels_that_spin_are_not_believed(clip: Clip) -> None:
+    spinning = wheels(clip)
+    spinning.twists[(spinning.times > 0.9) & (spinning.times < 1.1)] *= 4.0
+    result = run(Driven(clip, spinning))
+    assert 1 <= result.summary["frames_slipped"] <= 3
+    assert result.summary["frames_ok"] == len(clip.frames)
+    still = run(Driven(clip, wheels(clip)))
+    assert still.summary["frames_slipped"] == 0
+    worse = result.summary["avg_position_error_m"] - still.summary["avg_position_error_m"]
+    assert worse < 0.02
+
+
+def test_odometry_makes_one_camera_metric(clip: Clip) -> None:
+    result = run(Driven(clip, wheels(clip)), mode="mono", start="odometry")
+    assert result.summary["metric"]
+    assert result.summary["unit"] == "metres"
+    assert abs(result.summary["scale_error"]) < 0.1
+    with pytest.raises(SettingsError, match="needs odometry"):
+        run(Driven(clip, None), mode="mono", start="odometry")
+
+
+@pytest.mark.parametrize(
+    ("t", "twist", "covariance", "message"),
+    [
+        (0.1, [np.nan] * 6, COVARIANCE, "NaN"),
+        (0.1, [1.0] * 5, COVARIANCE, "shape"),
+        (0.1, np.ones(6), np.zeros((6, 6)), "positive definite"),
+        (0.1, np.ones(6), -COVARIANCE, "positive definite"),
+        (0.1, np.ones(6), COVARIANCE[:5], "shape"),
+        (0.1, 1e9 * np.ones(6), COVARIANCE, "too fast"),
+        (0.0, np.ones(6), COVARIANCE, "must increase"),
+        (1e4, np.ones(6), COVARIANCE, "give stamps in seconds"),
+        ("now", np.ones(6), COVARIANCE, "time stamp"),
+    ],
+)
+def test_bad_odometry_leaves_the_engine_as_it_was(
+    clip: Clip, t: Any, twist: Any, covariance: Any, message: str
+) -> None:
+    slam = Slam(clip.recording.camera, clip.recording.worn_camera)
+    slam.add_odometry(0.0, np.ones(6), COVARIANCE)
+    before = slam.filter.snapshot()
+    with pytest.raises(InputError, match=message):
+        slam.add_odometry(t, twist, covariance)
+    assert slam.filter.snapshot() == before
+
+
+def test_a_run_goes_on_bit_for_bit(clip: Clip, tmp_path: Path) -> None:
+    recording = Driven(clip, wheels(clip), range(8, 10))
+    whole = run(recording, out=tmp_path / "whole")
+
+    def stop(frame: Frame, step: Any, engine: Any) -> None:
+        if frame.index == 8:
+            raise KeyboardInterrupt
+
+    run(recording, out=Output(tmp_path / "parts", checkpoint_every=3), watch=stop)
+    again = resume(tmp_path / "parts", recording)
+    np.testing.assert_array_equal(again.record.poses, whole.record.poses)
+    np.testing.assert_array_equal(again.record.covariances, whole.record.covariances)
+
+
+def test_a_file_serves_the_command_line(clip: Clip, tmp_path: Path) -> None:
+    source = clip.recording
+    with RecordingWriter(tmp_path / "walk", source.camera, source.worn_camera) as writer:
+        for frame in clip.frames[:8]:
+            writer.add(frame.t, frame.image, frame.worn, truth=source.truth[frame.index])
+    odometry = wheels(clip)
+    rows = [f"{t!r}," + ",".join(map(repr, row.tolist())) for t, row in _rows(odometry)]
+    file = tmp_path / "wheels.csv"
+    file.write_text("# stamp, twist\n" + "\n".join(rows) + "\n")
+    options = ["run", str(tmp_path / "walk"), "--odometry", str(file), "--overwrite"]
+    out = tmp_path / "out"
+    mount = ["--odometry-camera", "0.2,0,0.9,0,5,0"]
+    assert cli.main([*options, *mount, "--odometry-sd", "0.02,0.01", "--out", str(out)]) == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["frames_ok"] == 8
+    assert summary["frames_slipped"] == 0
+    # What is wrong with it is said at once.
+    assert cli.main([*options, *mount, "--out", str(out)]) != 0  # no noise is stated
+    assert cli.main(["run", str(tmp_path / "walk"), "--odometry", str(tmp_path / "none.csv")]) != 0
+    assert cli.main(["run", str(tmp_path / "walk"), "--odometry-sd", "0.02,0.01"]) != 0
+
+
+def _rows(odometry: Odometry) -> list[tuple[float, np.ndarray]]:
+    return list(zip(odometry.times.tolist(), odometry.twists, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no odometry"),
+        ("0 1 0 0 0 0\n", "columns"),
+        ("0 1 0 0 0 0 0\n0 1 0 0 0 0 0\n", "does not follow"),
+        ("0 1 0 0 0 0 nan\n", "NaN"),
+        ("0 1 0 0 0 0 x\n", "not a number"),
+    ],
+)
+def test_broken_files_are_named(tmp_path: Path, text: str, message: str) -> None:
+    from collabslam.datasets.odometry import read_odometry
+
+    file = tmp_path / "wheels.csv"
+    file.write_text(text)
+    with pytest.raises(DataError, match=message):
+        read_odometry(file, OdometryGiven(str(file), (0.0, 0.0, 0.0), (0.1, 0.1)))
+
+
+def test_a_recording_keeps_it(clip: Clip, tmp_path: Path) -> None:
+    source, odometry = clip.recording, wheels(clip)
+    with RecordingWriter(tmp_path / "walk", source.camera, source.worn_camera, t_bc=T_BC) as writer:
+        for frame in clip.frames[:6]:
+            writer.add(frame.t, frame.image, frame.worn)
+        for t, twist, covariance in zip(
+            odometry.times[1:], odometry.twists[1:], odometry.covariances[1:], strict=True
+        ):
+            writer.add_odometry(t, twist, covariance)
+        with pytest.raises(InputError, match="does not follow"):
+            writer.add_odometry(0.0, odometry.twists[1], COVARIANCE)
+        with pytest.raises(InputError, match="positive definite"):
+            writer.add_odometry(9.0, odometry.twists[1], np.zeros((6, 6)))
+    read = open_recording(tmp_path / "walk").odometry
+    assert read is not None
+    np.testing.assert_allclose(read.times, odometry.times[1:], atol=1e-9)
+    np.testing.assert_array_equal(read.twists, odometry.twists[1:])
+    np.testing.assert_array_equal(read.covariances, odometry.covariances[1:])
+    np.testing.assert_allclose(read.t_bc, T_BC, atol=1e-12)
+    assert run(tmp_path / "walk").summary["frames_ok"] == 6
+    data = tmp_path / "walk" / "odometry" / "data.csv"
+    data.write_text(data.read_text() + "1,2,3\n")
+    with pytest.raises(DataError, match="28 are needed"):
+        open_recording(tmp_path / "walk")
+
+
+def test_increments_lead_from_pose_to_pose() -> None:
+    # A quarter of a circle to the left in a second, of radius 1.
+    quarter = np.eye(4)
+    quarter[:2, :2] = [[0.0, -1.0], [1.0, 0.0]]
+    quarter[:2, 3] = [1.0, 1.0]
+    twists = increments(np.array([0.0, 1.0]), np.stack([np.eye(4), quarter]), np.zeros(6))
+    np.testing.assert_allclose(twists[1], [np.pi / 2, 0, 0, 0, 0, np.pi / 2], atol=1e-12)
