@@ -449,6 +449,84 @@ class Filter:
         InputError
             Saying why it cannot.
         """
+    def set_odometry_frame(self, t_bc: ArrayLike) -> None:
+        """Says where Cs sits in the odometry's frame, before there is any; the identity unless told.
+
+        Parameters
+        ----------
+        t_bc : (4, 4) float64
+            Maps points of C into the odometry's frame B, metres.
+
+        Raises
+        ------
+        InputError
+            For an impossible pose, or once there was odometry.
+        """
+    def add_odometry(self, t: float, twist: ArrayLike, covariance: ArrayLike) -> None:
+        """Gives the mean twist of the odometry's frame since the sample before, for predictions to follow.
+
+        Parameters
+        ----------
+        t : float
+            Its end, seconds, later than the last one's.
+        twist : (6,) float64
+            Velocity and angular velocity along the axes of the odometry's frame, m/s and rad/s.
+        covariance : (6, 6) float64
+            Of it, as independent from sample to sample; positive definite.
+
+        Raises
+        ------
+        InputError
+            For NaN, impossible numbers, a time that does not follow, or if too many samples wait for a
+            frame; nothing is kept then.
+        """
+    @staticmethod
+    def check_odometry(twist: ArrayLike, covariance: ArrayLike) -> None:
+        """Checks that a sample could be given to :meth:`add_odometry`, but for its time.
+
+        Parameters
+        ----------
+        twist, covariance
+            As there.
+
+        Raises
+        ------
+        InputError
+            Saying why it could not.
+        """
+    @property
+    def odometry_time(self) -> float | None:
+        """Stamp of the last sample, seconds, or None."""
+    @property
+    def odometry_scale(self) -> tuple[_Array, _Array] | None:
+        """Errors of the odometry's scales as they are estimated, of translation and of turns, relative, and
+        their covariance: (2,) and (2, 2) float64.  None before the first motion that odometry told, and where
+        the settings take the scales as exact.
+        """
+    @property
+    def followed_odometry(self) -> bool:
+        """Whether the last prediction followed odometry, for most of its time; until a frame is measured."""
+    def contradicts_odometry(self, found: ArrayLike, uv: ArrayLike, least: int) -> bool:
+        """Whether what Cs shows contradicts the odometry that the last prediction followed.
+
+        Parameters
+        ----------
+        found, uv : (N,) int64, (N, 2) float64
+            Features found in Cs and their pixels.
+        least : int
+            Fewer than these contradict it, too.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, unknown ids, an id given twice.
+        """
+    def distrust_odometry(self) -> None:
+        """Takes the last motion as if the wheels may have slipped: P reaches from what odometry tells to what
+        the camera's own velocity does, and features are looked for in wider places.
+        """
+    def trust_odometry(self) -> None:
+        """Takes `distrust_odometry` back, before anything was measured."""
     @staticmethod
     def check_depths(depth: ArrayLike, sigma: ArrayLike) -> None:
         """Checks that depths can be measured.

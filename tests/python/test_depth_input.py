@@ -52,5 +52,5 @@ def test_bad_depths_are_refused(clip: Clip, uv: object, depth: object, sigma: ob
 
 
 def test_there_is_no_other_start(clip: Clip) -> None:
-    with pytest.raises(SettingsError, match="worn, target, depth, scale-free, map"):
+    with pytest.raises(SettingsError, match="worn, target, depth, odometry, scale-free, map"):
         Slam(clip.recording.camera, start="guess")

@@ -1,4 +1,4 @@
-"""Odometry as motion input: through the dark, past wheels that slip, from files, bags and recordings, resumed."""
+"""Odometry as motion input: in the dark, with wheels that slip, from files, bags and recordings, resumed."""
 
 from __future__ import annotations
 
@@ -7,15 +7,25 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from conftest import Clip
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 from collabslam import DataError, InputError, RecordingWriter, SettingsError, Slam, open_recording, run
 from collabslam.cli import main as cli
-from collabslam.datasets.odometry import OdometryGiven, increments, mounted
+from collabslam.datasets.odometry import OdometryGiven, increments, mounted, read_odometry
+from collabslam.datasets.overrides import Given
+from collabslam.datasets.ros.odometry_topic import read_odometry_topic
+from collabslam.datasets.source import STATE as SOURCE_STATE
+from collabslam.datasets.source import Source
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.geometry import pose_inverse
+from collabslam.live import messages
+from collabslam.live.core import LivePose, OdometrySample
+from collabslam.live.record import EventReader, EventWriter, LivePlan
+from collabslam.live.slam import LiveSlam
 from collabslam.runs.plan import Output
 from collabslam.runs.runner import resume
 from collabslam.types import Frame, Image, Odometry, Status
@@ -89,6 +99,10 @@ def test_odometry_makes_one_camera_metric(clip: Clip) -> None:
     assert result.summary["metric"]
     assert result.summary["unit"] == "metres"
     assert abs(result.summary["scale_error"]) < 0.1
+    # An arbitrary unit has no room for metres.
+    slam = Slam(clip.recording.camera, mode="mono", start="scale-free")
+    with pytest.raises(InputError, match="arbitrary unit"):
+        slam.add_odometry(0.0, np.ones(6), COVARIANCE)
     with pytest.raises(SettingsError, match="needs odometry"):
         run(Driven(clip, None), mode="mono", start="odometry")
 
@@ -154,6 +168,19 @@ def test_a_file_serves_the_command_line(clip: Clip, tmp_path: Path) -> None:
     assert cli.main(["run", str(tmp_path / "walk"), "--odometry-sd", "0.02,0.01"]) != 0
 
 
+def test_a_checkpoint_knows_where_it_came_from(tmp_path: Path) -> None:
+    file = (tmp_path / "wheels.csv").resolve()
+    file.write_text("0 1 0 0 0 0 0\n")
+    for given in (
+        OdometryGiven(str(file), (0.0, 0.1, 0.2), (0.1, 0.2)),
+        OdometryGiven("/odom", (0.0, 0.1, 0.2)),
+    ):
+        source = Source(tmp_path.resolve(), Given(odometry=given))
+        state = source.state()
+        SOURCE_STATE(state, "source")
+        assert Source.from_state(state) == source
+
+
 def _rows(odometry: Odometry) -> list[tuple[float, np.ndarray]]:
     return list(zip(odometry.times.tolist(), odometry.twists, strict=True))
 
@@ -169,8 +196,6 @@ def _rows(odometry: Odometry) -> list[tuple[float, np.ndarray]]:
     ],
 )
 def test_broken_files_are_named(tmp_path: Path, text: str, message: str) -> None:
-    from collabslam.datasets.odometry import read_odometry
-
     file = tmp_path / "wheels.csv"
     file.write_text(text)
     with pytest.raises(DataError, match=message):
@@ -210,3 +235,61 @@ def test_increments_lead_from_pose_to_pose() -> None:
     quarter[:2, 3] = [1.0, 1.0]
     twists = increments(np.array([0.0, 1.0]), np.stack([np.eye(4), quarter]), np.zeros(6))
     np.testing.assert_allclose(twists[1], [np.pi / 2, 0, 0, 0, 0, np.pi / 2], atol=1e-12)
+
+
+def test_a_live_run_takes_it_and_records_it(clip: Clip, tmp_path: Path) -> None:
+    source, odometry = clip.recording, wheels(clip)
+    plan = LivePlan("collab-tight", "worn", {}, [], [])
+    poses: list[LivePose] = []
+    with EventWriter(tmp_path / "record", plan, source.camera, source.worn_camera) as record:
+        slam = Slam(source.camera, source.worn_camera, t_bc=T_BC)
+        live = LiveSlam(slam, on_pose=poses.append, on_event=lambda e: record.write(e, 0.0), same_clock=True)
+        with live:
+            for t, twist in _rows(odometry)[1:]:
+                live.push_odometry(t, twist, COVARIANCE)
+            live.push_odometry(0.1, odometry.twists[1], COVARIANCE)
+            live.push_odometry(9.0, odometry.twists[1], np.zeros((6, 6)))
+            with pytest.raises(InputError, match="correct the shapes"):
+                live.push_odometry(9.0, [1.0], COVARIANCE)
+            view = clip.frames[0].worn
+            assert view is not None
+            picture = cv2.imencode(".png", view.image)[1].tobytes()
+            live.push_worn(clip.frames[0].t, picture, view.t_cf, view.covariance)
+            for frame in (clip.frames[0], replace(clip.frames[1], image=0 * clip.frames[1].image)):
+                live.push_robot(frame.t, frame.image)
+    assert len(live.refused) == 2
+    assert [pose.step.started for pose in poses] == [True, True]
+    true = way(source.truth, 0, 1)
+    assert np.linalg.norm(way(np.stack([p.step.pose for p in poses]), 0, 1) - true) < 0.05 * np.linalg.norm(
+        true
+    )
+    samples = [e for e in EventReader(tmp_path / "record").events() if isinstance(e, OdometrySample)]
+    np.testing.assert_array_equal([e.twist for e in samples[:-2]], odometry.twists[1:])
+    np.testing.assert_array_equal(samples[-1].covariance, np.zeros((6, 6)))
+
+
+@pytest.mark.parametrize("topic", ["/twist", "/odom"])
+def test_a_topic_of_a_bag(clip: Clip, tmp_path: Path, topic: str) -> None:
+    odometry = wheels(clip)
+    poses = [clip.recording.robot(t) @ pose_inverse(T_BC) for t in odometry.times.tolist()]
+    with Writer(tmp_path / "bag", version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP) as bag:
+        kinds = {"/twist": messages.TWIST, "/odom": messages.ODOMETRY}
+        link = bag.add_connection(topic, kinds[topic], typestore=messages.store())
+        for k, (t, twist) in enumerate(_rows(odometry)):
+            stamp = t + 1.0
+            data = messages.twist(stamp, twist, COVARIANCE)
+            if topic == "/odom":
+                data = messages.odometry(stamp, poses[k], np.eye(6))
+            for _ in range(2):  # as some drivers repeat themselves
+                bag.write(link, round(1e9 * stamp), data)
+    mount = (0.2, 0.0, 0.9, 0.0, 5.0, 0.0)
+    # What the poses' twist says of its noise is that there is nothing to say.
+    sd = (0.02, 0.01) if topic == "/odom" else None
+    read = read_odometry_topic(tmp_path / "bag", OdometryGiven(topic, mount, sd))
+    np.testing.assert_allclose(read.times, odometry.times + 1.0, atol=1e-9)
+    np.testing.assert_allclose(read.twists[1:], odometry.twists[1:], atol=1e-6)
+    np.testing.assert_allclose(read.covariances[1], COVARIANCE, atol=1e-15)
+    np.testing.assert_allclose(read.t_bc, T_BC)
+    if topic == "/odom":
+        with pytest.raises(DataError, match="odometry-sd"):
+            read_odometry_topic(tmp_path / "bag", OdometryGiven(topic, mount))

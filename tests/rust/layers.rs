@@ -32,6 +32,7 @@ const CRATE: Table = &[
             "error", "math", "settings", "observe", "birth", "state", "predict",
         ],
     ),
+    ("odometry", &["error", "math", "predict", "guard"]),
     (
         "batch",
         &[
@@ -43,6 +44,7 @@ const CRATE: Table = &[
         &[
             "error", "math", "camera", "settings", "observe", "overlap", "validate", "birth",
             "misfit", "placed", "kernel", "state", "gauge", "local", "predict", "guard", "batch",
+            "odometry", "chi2",
         ],
     ),
 ];
@@ -57,7 +59,12 @@ const FILTER: Table = &[
     ("record", &[]),
     ("pose_ring", &[]),
     ("sources", &["measurements"]),
-    ("undo", &["candidate", "handed", "record", "pose_ring"]),
+    ("wheels", &[]),
+    ("odometry_image", &["wheels"]),
+    (
+        "undo",
+        &["candidate", "handed", "record", "pose_ring", "wheels"],
+    ),
     (
         "ekf",
         &[
@@ -67,6 +74,7 @@ const FILTER: Table = &[
             "pose_ring",
             "sources",
             "undo",
+            "wheels",
         ],
     ),
     ("births", &["candidate", "ekf"]),
@@ -84,7 +92,8 @@ const FILTER: Table = &[
     ("metric_births", &["measurements", "ekf"]),
     ("predicted_features", &["visibility", "ekf"]),
     ("handover", &["handed", "ekf"]),
-    ("prediction", &["visibility", "ekf"]),
+    ("odometry", &["measurements", "sources", "ekf", "wheels"]),
+    ("prediction", &["visibility", "ekf", "wheels"]),
     ("relocalisation", &["measurements", "sources", "ekf"]),
     ("scale", &["ekf"]),
     ("restart", &["measurements", "sources", "known_map", "ekf"]),
@@ -103,7 +112,7 @@ const FILTER: Table = &[
             "sources",
             "undo",
             "ekf",
-            "prediction",
+            "odometry_image",
         ],
     ),
     (

@@ -9,7 +9,7 @@ from collabslam.cli import OK, options
 
 if TYPE_CHECKING:
     from collabslam._core import Camera
-    from collabslam.types import Recording
+    from collabslam.types import Odometry, Recording
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -56,10 +56,15 @@ def describe(recording: Recording) -> dict[str, str]:
         if rig is None
         else f"{_camera(rig.camera)}, {len(rig.paths)} images; used as Cf unless --worn says otherwise",
         "depth": "yes" if getattr(recording, "has_depth", False) else "none",
+        "odometry": _odometry(getattr(recording, "odometry", None)),
         "true poses": f"{known} of {len(times)} frames" if known else "none (see --poses)",
         "known target": "none" if recording.target is None else f"{len(recording.target.points)} points",
         "conventions": "T_WC maps points of C into W; metres, seconds; C: x right, y down, z forward",
     }
+
+
+def _odometry(odometry: Odometry | None) -> str:
+    return "none" if odometry is None else f"{len(odometry)} samples"
 
 
 def _camera(camera: Camera) -> str:

@@ -137,7 +137,7 @@ def _check(twist: Array, covariance: Array, which: str, remedy: str) -> None:
 
 
 def increments(times: Array, poses: Array, first: Array) -> Array:
-    """Mean twists (N, 6) between poses T_OB (N, 4, 4), each since the one before; ``first`` (6,) of the first.
+    """Mean twists (N, 6) between poses T_OB (N, 4, 4), each since the one before; ``first`` (6,) stays.
 
     A body that moves with a constant twist from one pose comes to the next.
     """
@@ -164,7 +164,7 @@ def _left_jacobian(turn: Array) -> Array:
 
 def _bounded(covariances: Array) -> Array:
     """Covariances in which an axis that was not measured has one and the same large variance."""
-    out = covariances.copy()
+    out: Array = covariances.copy()
     samples, axes = np.nonzero(np.diagonal(covariances, axis1=1, axis2=2) > _UNKNOWN)
     out[samples, axes, :] = 0.0
     out[samples, :, axes] = 0.0

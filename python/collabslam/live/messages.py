@@ -118,7 +118,7 @@ def odometry(t: float, t_wc: Array, covariance: Array) -> bytes:
 
 
 def twist(t: float, value: Array, covariance: Array) -> bytes:
-    """A twist (6,) with covariance (6, 6) as TwistWithCovarianceStamped, along the axes of the odometry's frame."""
+    """A twist (6,) with covariance (6, 6), of the odometry's frame, as TwistWithCovarianceStamped."""
     halves = [make("geometry_msgs/msg/Vector3", *map(float, half)) for half in (value[:3], value[3:])]
     inner = make("geometry_msgs/msg/Twist", *halves)
     whole = make("geometry_msgs/msg/TwistWithCovariance", inner, covariance.ravel())

@@ -122,8 +122,9 @@ class LiveSlam:
         self._push(live_view(session, t, image, t_cf, covariance, bias))
 
     def push_odometry(self, t: float, twist: ArrayLike, covariance: ArrayLike) -> None:
-        """Odometry of the robot, by its clock, as `collabslam.Slam.add_odometry` takes it; ``t_bc`` of ``slam``
-        says where Cs sits.  What the engine refuses is counted in `refused`.
+        """Odometry of the robot, by its clock, as `collabslam.Slam.add_odometry` takes it.
+
+        What the engine refuses is counted in `refused`.
 
         Raises
         ------

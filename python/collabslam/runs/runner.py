@@ -227,8 +227,8 @@ def make_engine(
     odometry = getattr(recording, "odometry", None)
     if plan.start == "odometry" and odometry is None:
         raise SettingsError(
-            f"The start 'odometry' needs odometry and {recording.name} has none; give --odometry FILE|TOPIC, or "
-            "take another start."
+            f"The start 'odometry' needs odometry and {recording.name} has none; give --odometry FILE|TOPIC, "
+            "or take another start."
         )
     slam = Slam(
         recording.camera,
@@ -246,7 +246,7 @@ def make_engine(
 
 
 def give_odometry(slam: Slam, odometry: Odometry, t: float) -> None:
-    """Gives the samples that a frame at ``t`` (seconds) needs: from the last one given to the one after it."""
+    """Gives the samples that a frame at ``t`` (seconds) needs: since the last one given, and one after it."""
     last = slam.filter.odometry_time
     begin = t - LONGEST_ODOMETRY if last is None else last
     first = int(np.searchsorted(odometry.times, begin, side="right"))
@@ -329,7 +329,7 @@ class _Run:
     def _step(self, t: float, frame: Frame) -> Step:
         began = time.perf_counter()
         odometry = getattr(self.recording, "odometry", None)
-        if odometry is not None and isinstance(self.engine, Slam):
+        if odometry is not None and isinstance(self.engine, Slam) and self.plan.metric:
             give_odometry(self.engine, odometry, t)
         if frame.depth is not None and isinstance(self.engine, Slam):
             self.engine.add_depth(frame.depth.uv, frame.depth.depth, frame.depth.sigma)

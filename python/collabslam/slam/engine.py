@@ -170,16 +170,16 @@ class Slam(EngineParts):
     def add_odometry(self, t: float, twist: ArrayLike, covariance: ArrayLike) -> None:
         """Gives odometry, which the frames that follow use in place of constant velocity (METHOD section 23).
 
-        All samples up to a frame, and best the one after it, should be given before its `step`.  Of a silence of
-        more than a second a sample says nothing; there the velocity is constant again.
+        All samples up to a frame, and best the one after it, should be given before its `step`.  Of a silence
+        of more than a second a sample says nothing; there the velocity is constant again.
 
         Parameters
         ----------
         t : float
             Stamp, seconds, by the clock of the frames; later than the last sample's.
         twist : (6,) array
-            Mean velocity and angular velocity of the odometry's frame B since the last sample, along the axes of
-            B: vx, vy, vz, m/s, and wx, wy, wz, rad/s.
+            Mean velocity and angular velocity of the odometry's frame B since the last sample, along the axes
+            of B: vx, vy, vz, m/s, and wx, wy, wz, rad/s.
         covariance : (6, 6) array
             Of ``twist``, as independent from sample to sample, (m/s)^2 and (rad/s)^2.  Positive definite: an
             axis along which wheels cannot move has its small variance, too, one that was not measured a
@@ -188,11 +188,15 @@ class Slam(EngineParts):
         Raises
         ------
         InputError
-            For wrong shapes, NaN, a covariance that is none, a stamp that does not follow, or if thousands of
-            samples wait for a frame; nothing is kept then.
+            For wrong shapes, NaN, a covariance that is none, a stamp that does not follow, if thousands of
+            samples wait for a frame, or lengths are in an arbitrary unit; nothing is kept then.
         BusyError
             If another thread is at work in this engine.
         """
+        if not self._metric:
+            raise InputError(
+                "Lengths are in an arbitrary unit here and odometry is in metres; take start='odometry'."
+            )
         self.filter.add_odometry(_stamp(t), twist, covariance)
 
     def add_worn(self, worn: WornView) -> None:

@@ -30,6 +30,8 @@ class MapManager:
         A known target to begin with.
     free : FreeStart, optional
         Begins with points of unknown depth, in an arbitrary unit.
+    wheels : bool
+        Whether it begins with points of unknown depth as soon as odometry tells how the camera moves.
     """
 
     def __init__(
@@ -40,8 +42,9 @@ class MapManager:
         *,
         target: TargetStart | None,
         free: FreeStart | None,
+        wheels: bool,
     ) -> None:
-        self._filter, self._target, self._free = core, target, free
+        self._filter, self._target, self._free, self._wheels = core, target, free, wheels
         self._printed = printed
         self.in_view = int(settings["filter.map.in_view"])
         self._reserve = round(self.in_view * float(settings.switch("filter.map.reserve")))
@@ -87,6 +90,9 @@ class MapManager:
             return self._target.start(view.image, self.in_view)
         if self._free is not None:
             return self._free.start(view, self.in_view)
+        if self._wheels and self._filter.odometry_time is not None:
+            uv = view.corners.pick(np.empty((0, 2)), self.in_view)
+            return ImagePoints.born(self._filter.add_undelayed(uv), uv)
         return instant
 
     def begin(self, view: View, overlap: Overlap, report: UpdateReport) -> MapChange:

@@ -6,6 +6,7 @@ COMMANDS = {
     "cluster": "measure what replays on a Dask cluster cost, lose and change",
     "costs": "measure what a clock offset and a wrong focal length cost",
     "evaluate": "measure a set of recordings: accuracy, honesty, cost, levers",
+    "odometry": "measure what wheel odometry is worth: in the dark, in turns, with slip",
     "peers": "measure ORB-SLAM3, SVO and COLMAP beside this system, on the same images",
     "people": "measure the worn pose's parts on real people's legs and real inertial units",
     "reliability": "measure faults in the stream, fuzzing and endurance",

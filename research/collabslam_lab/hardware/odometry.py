@@ -1,4 +1,4 @@
-"""What odometry is worth: five seconds without images, wheels whose scale is wrong, wheels that slip, turns."""
+"""What odometry is worth: seconds without images, wheels whose scale is wrong, wheels that spin, turns."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from collabslam.evaluation.metrics import path_length
 from collabslam.geometry import pose_inverse
 from collabslam.runs.runner import RunResult
 from collabslam.types import Array, Frame, Image, Odometry, Recording
+from collabslam_lab.report import markdown_table
 from collabslam_lab.worlds import world_recording
 
 Row = dict[str, Any]
 
 MOUNT = (0.0, 0.0, 0.95)
-"""Where Cs sits on the robot: above the middle of its axle, metres. The rendered robots drive so that the camera moves
-where it looks."""
+"""Where Cs sits on the robot, metres: above the axle, as the rendered robots drive where Cs looks."""
 RATE = 50.0
 """Samples of odometry per second."""
 SD_V, SD_W = 0.02, 0.02
 """White noise of a sample, m/s and rad/s."""
 SD = (SD_V, 0.03, 0.03, 0.05, 0.05, SD_W)
-"""What the filter is told of a sample: wheels know nothing of the shake of driving, but that there is little."""
+"""What the filter is told of a sample: wheels know nothing of the shake of driving but that it is small."""
 DARK = 5.0
 """Seconds without images."""
 
@@ -207,3 +207,55 @@ def _row(result: RunResult, recording: Driven) -> Row:
         "dark_valid": bool(record.valid[last]),
         "frames_until_ok": next((k for k, s in enumerate(again) if getattr(s, "value", s) == "OK"), None),
     }
+
+
+def medians(rows: Sequence[Row]) -> str:
+    """Medians over worlds and seeds, case by case, in Markdown."""
+    head = [
+        "motion input",
+        "average error, m",
+        "at the end, m",
+        "NEES of the pose (6)",
+        "frames OK",
+        "frames taken as slipped",
+        f"{DARK:g} s dark: error, % of the way",
+        "largest",
+        "NEES after it (6)",
+    ]
+    lines = []
+    for case in dict.fromkeys(row["case"] for row in rows):
+        lit = [row for row in rows if row["case"] == case and not row["dark"]]
+        dark = [row for row in rows if row["case"] == case and row["dark"]]
+        lines.append(
+            [
+                case,
+                _median(lit, "avg_position_error_m", "{:.3f}"),
+                _median(lit, "final_position_error_m", "{:.3f}"),
+                _mean(lit, "nees"),
+                _median(lit, "ok_share", "{:.0%}"),
+                _median(lit, "slipped", "{:.0f}"),
+                _median(dark, "dark_error_share", "{:.1%}"),
+                _most(dark, "dark_error_share"),
+                _mean(dark, "dark_nees"),
+            ]
+        )
+    return markdown_table(head, lines)
+
+
+def _values(rows: Sequence[Row], key: str) -> list[float]:
+    return [float(row[key]) for row in rows if row.get(key) is not None]
+
+
+def _median(rows: Sequence[Row], key: str, form: str) -> str:
+    values = _values(rows, key)
+    return form.format(float(np.median(values))) if values else "-"
+
+
+def _mean(rows: Sequence[Row], key: str) -> str:
+    values = _values(rows, key)
+    return f"{float(np.mean(values)):.1f}" if values else "-"
+
+
+def _most(rows: Sequence[Row], key: str) -> str:
+    values = _values(rows, key)
+    return f"{max(values):.1%}" if values else "-"

@@ -2,11 +2,11 @@
 
 use super::candidate::Candidate;
 use super::handed::Handover;
-use super::odometry::Wheels;
 use super::pose_ring::KeptPoses;
 use super::record::FeatureRecord;
 use super::sources::Scratch;
 use super::undo::Undo;
+use super::wheels::Wheels;
 use crate::batch::Workspace;
 use crate::camera::Camera;
 use crate::error::EkfError;

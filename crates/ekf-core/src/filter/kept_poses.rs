@@ -12,7 +12,7 @@ use nalgebra::{SMatrix, SVector};
 /// Poses that are kept at most within `worn.late`, but for the one before it and those that jitter adds.
 const AIM: f64 = 10.0;
 /// How far back poses are kept, in `worn.late`: a view waits for its frame after it has come.
-pub(super) const REACH: f64 = 1.0 + 1.0 / AIM;
+const REACH: f64 = 1.0 + 1.0 / AIM;
 /// Share of their spacing from which on another pose is kept: frames do not come to the microsecond.
 const SPACING: f64 = 0.75;
 

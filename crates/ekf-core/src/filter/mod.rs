@@ -40,6 +40,7 @@ mod undo;
 mod update;
 mod validation;
 mod visibility;
+mod wheels;
 mod working_set;
 mod worn_error;
 

@@ -3,12 +3,12 @@
 use super::ekf::Filter;
 use super::measurements::{Bearing, Measurements};
 use super::sources::Scratch;
+use super::wheels::Wheels;
 use crate::error::EkfError;
 use crate::guard::{self, check_rigid};
 use crate::math::pose::Pose;
 use crate::math::quat::{self, Quat};
-use crate::odometry::Motion;
-use crate::predict::CameraMatrix;
+use crate::predict::{CameraMatrix, Motion};
 use crate::state::{BlockKind, CAMERA_DIM, State};
 use crate::{chi2, odometry, predict};
 use nalgebra::{Matrix2, Matrix6, SMatrix, SVector, Vector2, Vector6};
@@ -18,15 +18,6 @@ const LONGEST_SLIP: f64 = 1.0;
 
 /// Degrees of freedom of a motion.
 const MOTION: f64 = 6.0;
-
-/// What is known of a slip of the wheels between the last two frames.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Wheels {
-    /// Covariance that a slip would add to the camera's block; none where the frame was not predicted by odometry.
-    pub(super) slip: Option<CameraMatrix>,
-    /// The camera's covariance before that was added, if it was.
-    pub(super) trusted: Option<CameraMatrix>,
-}
 
 impl Filter {
     /// Says where Cs sits: `t_bc` maps points of C into the odometry's frame, metres. The identity to begin with.
@@ -81,9 +72,9 @@ impl Filter {
         Some((self.state.part::<2>(at), self.state.p.block::<2, 2>(at, at)))
     }
 
-    /// Whether the last prediction followed odometry.
+    /// Whether the last prediction followed odometry, for half of its time or more; until a frame is measured.
     pub fn followed_odometry(&self) -> bool {
-        self.wheels.slip.is_some()
+        self.wheels.followed
     }
 
     fn odometry_scale_at(&self) -> Option<usize> {
@@ -91,13 +82,14 @@ impl Filter {
         block.map(|b| b.offset)
     }
 
-    /// The motion between two times as far as odometry tells it, the rest at constant velocity; `None` where it tells nothing.
-    pub(super) fn told_motion(&self, last: f64, t: f64, longest: f64) -> Option<Motion> {
+    /// The motion between two times as far as odometry tells it, the rest at constant velocity, and for how long it does,
+    /// seconds; `None` where it tells nothing.
+    pub(super) fn told_motion(&self, last: f64, t: f64, longest: f64) -> Option<(Motion, f64)> {
         let process = &self.settings.process;
         let before: CameraMatrix = self.state.p.block(0, 0);
         let scale = self.odometry_scale().map_or(Vector2::zeros(), |(s, _)| s);
         let mut motion = Motion::new(camera_of(&self.state));
-        let (mut now, mut left, mut told) = (last, longest, false);
+        let (mut now, mut left, mut told) = (last, longest, 0.0);
         let mut drift = |motion: &mut Motion, dt: f64| {
             let dt = dt.min(left);
             if dt > 0.0 {
@@ -113,20 +105,19 @@ impl Filter {
             drift(&mut motion, from - now);
             let reading = self.odometry.reading(sample, until - from);
             motion.follow(until - from, &reading, &scale, &before, process);
-            (now, told) = (until, true);
+            (now, told) = (until, told + until - from);
         }
         drift(&mut motion, t - now);
-        told.then_some(motion)
+        (told > 0.0).then_some((motion, told))
     }
 
-    /// Moves camera and P along a motion of `dt` seconds.
-    pub(super) fn follow_odometry(&mut self, motion: &Motion, dt: f64) {
-        self.wheels = Wheels::default();
-        self.wheels.slip = Some(if dt <= LONGEST_SLIP {
-            self.slip_of(motion, dt)
-        } else {
-            CameraMatrix::zeros()
-        });
+    /// Moves camera and P along a motion of `dt` seconds, `told` of which are odometry's.
+    pub(super) fn follow_odometry(&mut self, motion: &Motion, dt: f64, told: f64) {
+        self.wheels = Wheels {
+            followed: told >= 0.5 * dt,
+            slip: (dt <= LONGEST_SLIP).then(|| self.slip_of(motion, dt)),
+            trusted: None,
+        };
         let prior = self.settings.odometry.covariance();
         if let Some(prior) = prior.filter(|_| self.odometry_scale_at().is_none()) {
             let kind = BlockKind::OdometryScale;

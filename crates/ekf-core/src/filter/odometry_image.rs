@@ -1,6 +1,6 @@
 //! Odometry in a snapshot.
 
-use super::odometry::Wheels;
+use super::wheels::Wheels;
 use crate::error::EkfError;
 use crate::math::pose::Pose;
 use crate::odometry::{Odometry, Sample};
@@ -15,6 +15,7 @@ pub(super) struct OdometryImage {
     last: Option<f64>,
     /// Begin, end, twist and covariance of each sample.
     samples: Vec<(f64, f64, [f64; 6], Vec<f64>)>,
+    followed: bool,
     slip: Option<Vec<f64>>,
     trusted: Option<Vec<f64>>,
 }
@@ -26,7 +27,11 @@ impl OdometryImage {
             last,
             samples,
         } = odometry;
-        let Wheels { slip, trusted } = wheels;
+        let Wheels {
+            followed,
+            slip,
+            trusted,
+        } = wheels;
         let entries = |m: &Option<CameraMatrix>| m.as_ref().map(|m| m.as_slice().to_vec());
         Self {
             t_bc: (
@@ -41,6 +46,7 @@ impl OdometryImage {
                     (s.from, s.t, s.twist.into(), covariance)
                 })
                 .collect(),
+            followed: *followed,
             slip: entries(slip),
             trusted: entries(trusted),
         }
@@ -71,6 +77,7 @@ impl OdometryImage {
             Ok(entries.map(|entries| CameraMatrix::from_column_slice(&entries)))
         };
         let wheels = Wheels {
+            followed: self.followed,
             slip: matrix(self.slip)?,
             trusted: matrix(self.trusted)?,
         };

@@ -1,9 +1,8 @@
 //! Prediction (METHOD 3), the features that it brings into view, and what the map hands on.
 
 use super::ekf::Filter;
-use super::kept_poses::REACH;
-use super::odometry::Wheels;
 use super::visibility::{MAYBE, appearance, visibility};
+use super::wheels::Wheels;
 use crate::error::EkfError;
 use crate::guard::LAST_TIME;
 use crate::kernel::Panels;
@@ -54,10 +53,10 @@ impl Filter {
                 if t - last > LONGEST_GAP {
                     return Err(EkfError::LongGap { t, last });
                 }
-                if let Some(motion) = self.told_motion(last, t, LONGEST_MOTION) {
+                if let Some((motion, told)) = self.told_motion(last, t, LONGEST_MOTION) {
                     self.check_motion(&motion)?;
                     self.changes();
-                    self.follow_odometry(&motion, t - last);
+                    self.follow_odometry(&motion, t - last, told);
                 } else {
                     let dt = (t - last).min(LONGEST_MOTION);
                     guard::prediction(&self.state, dt, &self.settings.process)?;
@@ -73,7 +72,7 @@ impl Filter {
         } else {
             self.settings.worn.late
         };
-        self.odometry.forget_until(t - REACH * late);
+        self.odometry.forget_until(t - 2.0 * late);
         self.time = Some(t);
         Ok(())
     }

@@ -2,9 +2,9 @@
 
 use super::candidate::Candidate;
 use super::handed::Handover;
-use super::odometry::Wheels;
 use super::pose_ring::KeptPoses;
 use super::record::FeatureRecord;
+use super::wheels::Wheels;
 use crate::local::{OutsideMark, OutsideSet};
 use crate::misfit::Misfit;
 use crate::odometry::Odometry;

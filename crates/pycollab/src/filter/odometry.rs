@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 
 #[pymethods]
 impl PyFilter {
-    /// Says where Cs sits in the odometry's frame, before the first odometry; it is the identity otherwise.
+    /// Says where Cs sits in the odometry's frame, before there is any; the identity unless told.
     ///
     /// Parameters
     /// ----------
@@ -26,7 +26,7 @@ impl PyFilter {
         self.write(py, |f| f.set_odometry_frame(&t_bc))
     }
 
-    /// Gives the mean twist of the odometry's frame since the sample before: the next predictions follow it.
+    /// Gives the mean twist of the odometry's frame since the sample before, for predictions to follow.
     ///
     /// Parameters
     /// ----------
@@ -91,7 +91,7 @@ impl PyFilter {
         Ok(scale.map(|(mean, p)| (column(py, mean.iter().copied()), to_matrix(py, &p))))
     }
 
-    /// Whether the last prediction followed odometry, until a frame is measured.
+    /// Whether the last prediction followed odometry, for most of its time; until a frame is measured.
     #[getter]
     fn followed_odometry(&self, py: Python<'_>) -> PyResult<bool> {
         self.read(py, |f| Ok(f.followed_odometry()))

@@ -12,8 +12,9 @@
 
 The 21 numbers are the lower triangle, row by row, of the 6x6 covariance of ``T_CF`` over (translation,
 rotation), tangent on the right, m^2 and rad^2; 21 more are the part of it that lasts from frame to
-frame, where that is known.  Those of odometry are of its twist's covariance, (m/s)^2 and (rad/s)^2.  Stamps are integer nanoseconds; a view of Cf and its relative pose belong to the
-frame of Cs whose stamp is the nearest within 5 ms.
+frame, where that is known.  Those of odometry are of its twist's covariance, (m/s)^2 and (rad/s)^2.  Stamps
+are integer nanoseconds; a view of Cf and its relative pose belong to the frame of Cs whose stamp is the
+nearest within 5 ms.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import numpy as np
 
 from collabslam.datasets.calibration import load_camera, read_yaml
 from collabslam.datasets.images import read_grey
+from collabslam.datasets.odometry import TRIANGLE, of_table
 from collabslam.datasets.poses import (
     FARTHEST,
     check_position,
@@ -36,7 +38,6 @@ from collabslam.datasets.poses import (
     rigid,
     seconds,
 )
-from collabslam.datasets.odometry import TRIANGLE, of_table
 from collabslam.datasets.printed_pose import with_printed_poses
 from collabslam.datasets.readers.stamped import match_stamps, read_stream
 from collabslam.datasets.recording import ImageRecording, RecordedView, RecordedWorn

@@ -210,8 +210,10 @@ def pose_and_covariance_of(message: Any, where: str) -> tuple[Array, Array]:
 
 
 def twist_of(message: Any) -> tuple[Array, Array]:
-    """Twist (6,) of a TwistStamped, with or without covariance, or an Odometry, and its covariance (6, 6), zeros
-    where it has none."""
+    """Twist (6,) of a TwistStamped, with or without covariance, or an Odometry, and its covariance (6, 6).
+
+    Zeros where it has none.
+    """
     inner = message.twist
     covariance = np.zeros((6, 6))
     if hasattr(inner, "covariance"):

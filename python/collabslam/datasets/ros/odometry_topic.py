@@ -19,9 +19,9 @@ TWIST_TYPES = ("geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/TwistWithCov
 def read_odometry_topic(path: Path, given: OdometryGiven) -> Odometry:
     """Odometry of the topic ``given.source``.
 
-    Of ``nav_msgs/Odometry`` the motion is that between its poses, and the covariance that of its twist: what has
-    been integrated between two messages is exact, a twist is that of one instant.  Messages whose stamp repeats
-    are left out.
+    Of ``nav_msgs/Odometry`` the motion is that between its poses, and the covariance that of its twist: what
+    has been integrated between two messages is exact, a twist is that of one instant.  Messages whose stamp
+    repeats are left out.
 
     Raises
     ------

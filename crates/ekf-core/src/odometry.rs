@@ -2,15 +2,11 @@
 //!
 //! A sample is the mean twist since the one before. It says nothing of a longer silence, which the motion model bridges.
 
-mod motion;
-
-use motion::TwistMatrix;
-pub(crate) use motion::{Motion, Reading};
-
 use crate::error::EkfError;
 use crate::guard;
 use crate::math::pose::Pose;
 use crate::math::quat;
+use crate::predict::{Reading, TwistMatrix};
 use nalgebra::{Matrix6, SMatrix, Vector6};
 use std::collections::VecDeque;
 

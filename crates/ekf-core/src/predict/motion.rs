@@ -5,8 +5,8 @@
 //! the covariance is right whatever the gains are. An axis that odometry does not know, of large variance, so keeps its
 //! constant velocity.
 
+use super::{CameraMatrix, process_noise, transition};
 use crate::math::quat;
-use crate::predict::{self, CameraMatrix};
 use crate::settings::{MotionModel, ProcessSettings};
 use crate::state::CAMERA_DIM;
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector3, Vector6};
@@ -70,9 +70,9 @@ impl Motion {
 
     /// `dt` seconds of constant velocity.
     pub(crate) fn drift(&mut self, dt: f64, model: MotionModel, process: &ProcessSettings) {
-        let f = predict::transition(&mut self.x, dt, model);
+        let f = transition(&mut self.x, dt, model);
         let q = SVector::from_column_slice(&self.x[3..7]);
-        let noise = predict::process_noise(&q, dt, process);
+        let noise = process_noise(&q, dt, process);
         self.then(&f, &ByScale::zeros(), &noise);
     }
 

@@ -4,8 +4,11 @@
 //! `v' = R(q) Exp(w dt) R(q)^T v` and `r' = r + (v + v') dt / 2`. In W, the acceleration towards the inside of every bend is an
 //! error of the model with the same sign in each frame, which a view without known depths turns into rotation.
 
+mod motion;
+
+pub(crate) use motion::{Motion, Reading, TwistMatrix};
+
 use crate::math::quat;
-use crate::odometry::Motion;
 use crate::settings::{MotionModel, OdometrySettings, ProcessSettings, WornSettings};
 use crate::state::{BlockKind, CAMERA_DIM, State};
 use nalgebra::{Matrix3, Matrix3x4, SMatrix, Vector3};
