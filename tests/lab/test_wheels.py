@@ -20,7 +20,7 @@ def _driven(wheels: Wheels) -> tuple[np.ndarray, np.ndarray]:
         turn = twist[5] / RATE
         step = np.eye(4)
         step[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-        step[0, 3] = twist[0] / RATE
+        step[:2, 3] = twist[:2] / RATE
         base = base @ step
     begin, end = (world.robot(float(odometry.times[k])) for k in (first, last))
     camera = pose_inverse(odometry.t_bc) @ base @ odometry.t_bc

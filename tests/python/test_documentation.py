@@ -7,6 +7,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -68,6 +69,9 @@ def make_bag(path: Path, short: Short) -> None:
                 fixed = g.tangent_to_fixed(frame.worn.t_cf, frame.worn.covariance)
                 maker.pose_cov("/relpose", stamp, frame.worn.t_cf, fixed)
                 maker.link("/tf", stamp, "cs", "cf", frame.worn.t_cf)
+            vector = partial(maker.make, "geometry_msgs/msg/Vector3")
+            twist = maker.make("geometry_msgs/msg/Twist", vector(1.5, 0.0, 0.0), vector(0.0, 0.0, 0.0))
+            maker.write("/odom", "geometry_msgs/msg/TwistStamped", stamp, maker.header(stamp), twist)
 
 
 def make_camchain(path: Path, short: Short) -> None:
@@ -116,6 +120,9 @@ def place(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "times.txt").write_text("".join(f"{f.t}\n" for f in short.frames))
     make_targets(folder, clip)
     (folder / "DATA").mkdir()
+    sds = np.diag(np.square([0.02, 0.02, 0.05, 0.08, 0.08, 0.02]))[np.tril_indices(6)]
+    rows = [",".join(map(str, [f.t, 1.5, 0, 0, 0, 0, 0, *sds])) for f in short.frames]
+    (folder / "wheels.csv").write_text("\n".join(rows))
     make_bag(folder / "walk.bag", short)
     write_sensor_bag(folder / "lasers.bag")
     (folder / "sensors.yaml").write_text(blocks(ROOT / "docs" / "own-worn-camera.md", "yaml")[0])

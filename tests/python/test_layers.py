@@ -64,7 +64,7 @@ LAB_ALLOWED: dict[str, set[str]] = {
     "paper_simulation": {"figures", "engines", "switches", "worn_sensors"},
     "paper_worlds": {"figures", "processes", "engines", "worlds"},
     "reliability": {"report", "processes", "benchmark"},
-    "hardware": {"report"},
+    "hardware": {"report", "worlds"},
     "real_people": {"report"},
     "cli": {
         "engines",

@@ -28,7 +28,7 @@ RATE = 50.0
 """Samples of odometry per second."""
 SD_V, SD_W = 0.02, 0.02
 """White noise of a sample, m/s and rad/s."""
-SD = (SD_V, 0.03, 0.03, 0.05, 0.05, SD_W)
+SD = (SD_V, SD_V, 0.05, 0.08, 0.08, SD_W)
 """What the filter is told of a sample: wheels know nothing of the shake of driving but that it is small."""
 DARK = 5.0
 """Seconds without images."""
@@ -54,7 +54,9 @@ class Wheels:
 def simulated(
     robot: Callable[[float], Array], times: Array, wheels: Wheels, generator: np.random.Generator
 ) -> Odometry:
-    """Wheel odometry of a robot in the plane: velocity ahead and turn rate, the rest told as zero.
+    """Wheel odometry of a robot in the plane: its velocity and turn rate, the rest told as zero.
+
+    The rendered robots sway to the side as they drive, so their wheels are such as can tell that.
 
     Parameters
     ----------
@@ -70,7 +72,7 @@ def simulated(
     bases = np.stack([_base(robot(float(t)), t_bc) for t in stamps])
     true = increments(stamps, bases, np.zeros(6))
     twists = np.zeros_like(true)
-    twists[:, 0] = wheels.scale * true[:, 0] + SD_V * generator.standard_normal(len(true))
+    twists[:, :2] = wheels.scale * true[:, :2] + SD_V * generator.standard_normal((len(true), 2))
     twists[:, 5] = wheels.turn_scale * true[:, 5] + SD_W * generator.standard_normal(len(true))
     if wheels.spin is not None:
         since = stamps - times[0]
