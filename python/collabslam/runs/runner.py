@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -251,9 +250,8 @@ def give_odometry(slam: Slam, odometry: Odometry, t: float) -> None:
     begin = t - LONGEST_ODOMETRY if last is None else last
     first = int(np.searchsorted(odometry.times, begin, side="right"))
     until = int(np.searchsorted(odometry.times, t, side="left")) + 1
-    rows = zip(odometry.times, odometry.twists, odometry.covariances, strict=True)
-    for stamp, twist, covariance in itertools.islice(rows, first, until):
-        slam.add_odometry(float(stamp), twist, covariance)
+    for k in range(first, min(until, len(odometry))):
+        slam.add_odometry(float(odometry.times[k]), odometry.twists[k], odometry.covariances[k])
 
 
 @dataclass
