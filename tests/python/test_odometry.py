@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from conftest import Clip
@@ -25,9 +24,11 @@ from collabslam.geometry import pose_inverse
 from collabslam.live import messages
 from collabslam.live.core import LivePose, OdometrySample
 from collabslam.live.record import EventReader, EventWriter, LivePlan
+from collabslam.live.replay import replay
 from collabslam.live.slam import LiveSlam
 from collabslam.runs.plan import Output
 from collabslam.runs.runner import resume
+from collabslam.settings.table import Settings
 from collabslam.types import Frame, Image, Odometry, Status
 
 RATE = 50
@@ -239,29 +240,28 @@ def test_increments_lead_from_pose_to_pose() -> None:
 
 def test_a_live_run_takes_it_and_records_it(clip: Clip, tmp_path: Path) -> None:
     source, odometry = clip.recording, wheels(clip)
-    plan = LivePlan("collab-tight", "worn", {}, [], [])
+    settings = dict(Settings.default().values)
+    plan = LivePlan("mono", "odometry", settings, [], [], T_BC.ravel().tolist())
     poses: list[LivePose] = []
-    with EventWriter(tmp_path / "record", plan, source.camera, source.worn_camera) as record:
-        slam = Slam(source.camera, source.worn_camera, t_bc=T_BC)
-        live = LiveSlam(slam, on_pose=poses.append, on_event=lambda e: record.write(e, 0.0), same_clock=True)
-        with live:
+    with EventWriter(tmp_path / "record", plan, source.camera, None) as record:
+        slam = Slam(source.camera, mode="mono", start="odometry", t_bc=T_BC)
+        with LiveSlam(slam, on_pose=poses.append, on_event=lambda e: record.write(e, 0.0)) as live:
             for t, twist in _rows(odometry)[1:]:
                 live.push_odometry(t, twist, COVARIANCE)
             live.push_odometry(0.1, odometry.twists[1], COVARIANCE)
             live.push_odometry(9.0, odometry.twists[1], np.zeros((6, 6)))
             with pytest.raises(InputError, match="correct the shapes"):
                 live.push_odometry(9.0, [1.0], COVARIANCE)
-            view = clip.frames[0].worn
-            assert view is not None
-            picture = cv2.imencode(".png", view.image)[1].tobytes()
-            live.push_worn(clip.frames[0].t, picture, view.t_cf, view.covariance)
             black = replace(clip.frames[2], image=0 * clip.frames[2].image)
             for frame in (clip.frames[0], clip.frames[1], black):
                 live.push_robot(frame.t, frame.image)
     assert len(live.refused) == 2
-    assert [pose.step.status for pose in poses] == [Status.OK, Status.OK, Status.COASTING]
+    assert poses[2].step.status == Status.COASTING
     told, true = np.stack([pose.step.pose for pose in poses]), way(source.truth, 1, 2)
     assert np.linalg.norm(way(told, 1, 2) - true) < 0.05 * np.linalg.norm(true)
+    assert replay(tmp_path / "record", tmp_path / "again")["frames"] == 3
+    again = np.loadtxt(tmp_path / "again" / "trajectory.tum")
+    np.testing.assert_allclose(again[:, 1:4], told[:, :3, 3], atol=1e-6)
     samples = [e for e in EventReader(tmp_path / "record").events() if isinstance(e, OdometrySample)]
     np.testing.assert_array_equal([e.twist for e in samples[:-2]], odometry.twists[1:])
     np.testing.assert_array_equal(samples[-1].covariance, np.zeros((6, 6)))

@@ -31,13 +31,15 @@ _ROBOT, _WORN = "cs_optical", "cf_optical"
 
 @dataclass(frozen=True)
 class LivePlan:
-    """What a live run was asked for: mode, start, settings by their full keys, printed targets as texts."""
+    """What a live run was asked for: mode, start, settings by their full keys, printed targets as texts, and
+    the 16 numbers of ``t_bc``, row by row, where there is odometry."""
 
     mode: str
     start: str
     settings: dict[str, Any]
     tags: list[str]
     boards: list[str]
+    t_bc: list[float] | None = None
 
     @property
     def targets(self) -> list[Tag | Board]:
