@@ -78,6 +78,7 @@ const FILTER: Table = &[
         ],
     ),
     ("births", &["candidate", "ekf"]),
+    ("free_start", &["ekf"]),
     ("checkpoint", &["undo", "ekf"]),
     ("checks", &["measurements", "sources", "ekf"]),
     (
