@@ -31,6 +31,7 @@ __all__ = [
     "SearchResult",
     "SearchWindow",
     "SettingInfo",
+    "Turn",
     "UpdateReport",
     "WarpLimits",
     "WarpedPatches",
@@ -2301,3 +2302,19 @@ def accepted_value(key: str, value: object) -> bool | int | float | str | None:
     bool, int, float, str or None
         None if the setting cannot have this value, or there is no such setting.
     """
+
+@final
+class Turn:
+    """One at a time, and nobody waits: whoever comes second is told so.
+
+    Used as a context manager.
+
+    Raises
+    ------
+    BusyError
+        On entering, if somebody is inside, another thread or a call further up in the same one.
+    """
+
+    def __init__(self) -> None: ...
+    def __enter__(self) -> None: ...
+    def __exit__(self, *_error: object) -> None: ...

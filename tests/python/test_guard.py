@@ -15,6 +15,7 @@ import pytest
 from conftest import Clip
 
 from collabslam import BusyError, InputError, Slam
+from collabslam.slam.guard import all_or_nothing, alone
 from collabslam.slam.state import persistent_parts
 from collabslam.types import Frame
 
@@ -227,6 +228,80 @@ def test_a_second_thread_is_told_that_the_engine_is_busy(clip: Clip, straight: t
     del slam._tracks.search
     assert len(refused) == len(calls)
     assert results == [straight[1]]
+
+
+class Room:
+    """Two methods that take turns."""
+
+    def __init__(self, clip: Clip) -> None:
+        self._guard = engine_at(clip, 1)._guard
+        self.entered, self.leave = threading.Event(), threading.Event()
+
+    @alone
+    def stay(self) -> None:
+        self.entered.set()
+        assert self.leave.wait(60.0)
+
+    @all_or_nothing
+    def pass_through(self) -> None:
+        pass
+
+
+def test_nobody_waits_wherever_the_other_thread_stands(clip: Clip) -> None:
+    """One stops before the n-th line of the guard, another comes: one goes on, the other is told."""
+    busy = 0
+    for line in range(1, 100):
+        room, stopped, go_on, told = Room(clip), threading.Event(), threading.Event(), []
+        first = threading.Thread(target=_held_at, args=(line, stopped, go_on, told, room.pass_through))
+        first.start()
+        assert stopped.wait(60.0)
+        if told:  # the guard has fewer lines than that
+            break
+        second = threading.Thread(target=_noted, args=(told, room.stay))
+        second.start()
+        while not room.entered.wait(0.01) and not told:
+            pass
+        go_on.set()
+        first.join(20.0)
+        waits = first.is_alive()
+        room.leave.set()
+        second.join(60.0)
+        assert not waits, line
+        busy += told.count("busy")
+        assert sorted(told) in (["busy", "done"], ["done", "done"]), line
+    assert line > 5
+    assert busy > 3
+
+
+def _noted(told: list[str], call: Callable[[], None]) -> None:
+    try:
+        call()
+        told.append("done")
+    except BusyError:
+        told.append("busy")
+
+
+def _held_at(
+    line: int, stopped: threading.Event, go_on: threading.Event, told: list[str], call: Callable[[], None]
+) -> None:
+    """Makes a call that stops before the so manieth line of the guard."""
+    left = line
+
+    def trace(frame: FrameType, event: str, _: object) -> Any:
+        nonlocal left
+        if frame.f_code.co_filename.endswith("guard.py") and event == "line":
+            left -= 1
+            if left == 0:
+                stopped.set()
+                assert go_on.wait(60.0)
+        return trace
+
+    sys.settrace(trace)
+    try:
+        _noted(told, call)
+    finally:
+        sys.settrace(None)
+        stopped.set()
 
 
 @pytest.mark.parametrize("take", [copy.copy, copy.deepcopy, pickle.dumps])

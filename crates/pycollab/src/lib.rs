@@ -9,6 +9,7 @@ mod frontend;
 mod gate;
 mod geometry;
 mod settings;
+mod turn;
 
 use pyo3::prelude::*;
 
@@ -59,4 +60,6 @@ mod _core {
     };
     #[pymodule_export]
     use crate::settings::{SettingInfo, accepted_value, settings_schema};
+    #[pymodule_export]
+    use crate::turn::Turn;
 }

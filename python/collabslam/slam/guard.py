@@ -7,12 +7,10 @@ kept at the start of a call is never changed: if undoing was itself interrupted,
 from __future__ import annotations
 
 import functools
-import threading
 from collections.abc import Callable
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar
 
-from collabslam._core import Filter
-from collabslam.errors import BusyError
+from collabslam._core import Filter, Turn
 from collabslam.slam.state import PersistentState
 
 P = ParamSpec("P")
@@ -20,7 +18,7 @@ R = TypeVar("R")
 
 
 class Guard:
-    """The lock of one engine, and the state of its filter and its parts when the last call began.
+    """Whose turn it is in one engine, and the state of its filter and its parts when the last call began.
 
     Parameters
     ----------
@@ -29,16 +27,17 @@ class Guard:
     """
 
     def __init__(self, core: Filter, parts: list[PersistentState]) -> None:
-        self.lock = threading.Lock()
+        self.turn = Turn()
         self._filter, self._parts = core, parts
         self._kept: list[dict[str, Any]] = []
         self.broken = False
-        """Whether the engine is to be undone before anybody uses it."""
+        """Whether the engine is to be undone before anybody uses it: a call began and did not end."""
 
     def begin(self) -> None:
         """Keeps what `repair` needs."""
         self._filter.checkpoint()
         self._kept = [part.attributes() for part in self._parts]
+        self.broken = True
 
     def repair(self) -> None:
         """Takes the engine back to where the last call began, if that call broke off."""
@@ -47,14 +46,6 @@ class Guard:
             for part, kept in zip(self._parts, self._kept, strict=True):
                 vars(part).update(kept)
             self.broken = False
-
-    def ask(self) -> None:
-        """Raises BusyError if a call is running in another thread."""
-        if self.lock.locked():
-            raise BusyError(
-                "The engine is at work in another thread; give each thread its own Slam, or let them take "
-                "turns (threading.Lock)."
-            )
 
 
 class Guarded(Protocol):
@@ -73,8 +64,7 @@ def alone(method: Method[Engine, P, R]) -> Method[Engine, P, R]:
     @functools.wraps(method)
     def guarded(engine: Engine, /, *arguments: P.args, **options: P.kwargs) -> R:
         guard = engine._guard
-        guard.ask()
-        with guard.lock:
+        with guard.turn:
             guard.repair()
             return method(engine, *arguments, **options)
 
@@ -87,19 +77,15 @@ def all_or_nothing(method: Method[Engine, P, R]) -> Method[Engine, P, R]:
     @functools.wraps(method)
     def guarded(engine: Engine, /, *arguments: P.args, **options: P.kwargs) -> R:
         guard = engine._guard
-        guard.ask()
-        begun = False
-        try:
-            with guard.lock:
+        with guard.turn:
+            guard.repair()
+            guard.begin()
+            try:
+                result = method(engine, *arguments, **options)
+            except BaseException:
                 guard.repair()
-                guard.begin()
-                begun = True
-                return method(engine, *arguments, **options)
-        except BaseException:
-            if begun:
-                guard.broken = True
-                with guard.lock:
-                    guard.repair()
-            raise
+                raise
+            guard.broken = False
+            return result
 
     return guarded
