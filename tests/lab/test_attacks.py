@@ -8,10 +8,14 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from collabslam import Camera
+from collabslam.frontend.worn_verdict import ask_images
+from collabslam.geometry import pose, se3_exp
 from collabslam_lab.reliability.attacks import perform as performing
-from collabslam_lab.reliability.attacks.attack import HELD, REFUSED, Attack, Deed, Outcome
+from collabslam_lab.reliability.attacks.attack import HELD, REFUSED, Attack, Deed, Outcome, Result
 from collabslam_lab.reliability.attacks.perform import Ending, judge, perform
 from collabslam_lab.reliability.attacks.scene import Ground, Scene
 from collabslam_lab.reliability.attacks.table import ATTACKS, attacks_markdown
@@ -109,7 +113,46 @@ def test_ok_beside_a_wrong_pose_is_seen(ground: Ground) -> None:
     assert (row["outcome"], row["good"]) == ("held", True)
     assert "| test | `it` | what | held |" in attacks_markdown([result])
     bad = perform(Attack("test", "it", "what", lambda scene: scene.run(), REFUSED), ground)
+    assert bad.succeeded
     assert "**held**" in attacks_markdown([bad])
+
+
+@pytest.mark.parametrize("beyond", [False, True])
+def test_what_no_image_tells_is_listed_and_is_not_held(beyond: bool) -> None:
+    attack = Attack("test", "it", "what", lambda scene: scene.run(), HELD, beyond=beyond)
+    result = Result(attack, Outcome.WRONG, 0, 1.0, 1.0, "")
+    assert not result.good
+    assert result.succeeded == (not beyond)
+    assert ("wrong pose: no image tells |" in attacks_markdown([result])) == beyond
+    assert ("**OK beside" in attacks_markdown([result])) == (not beyond)
+    assert Result(attack, Outcome.TRACEBACK, 0, 1.0, 1.0, "").succeeded
+
+
+def _against(pixels: list[np.ndarray], t_cf: np.ndarray, focals: tuple[float, float]) -> float:
+    """How much matches of Cs and Cf contradict a pose stated to 3 cm and 0.5 degrees, 1 in yaw."""
+    cameras = [Camera("pinhole", 720, 480, (f, f, 359.5, 239.5)) for f in focals]
+    rays_s, rays_f = (camera.unproject(uv) for camera, uv in zip(cameras, pixels, strict=True))
+    sds = np.array([0.03, 0.03, 0.03, 0.0087, 0.0175, 0.0087])
+    verdict = ask_images(rays_s, rays_f, t_cf, np.diag(sds**2), focals)
+    assert verdict is not None
+    return verdict.against
+
+
+@pytest.mark.parametrize("degrees", [0.0, 5.0])
+def test_no_image_tells_of_feet_nor_of_both_focal_lengths(degrees: float) -> None:
+    """The cameras of the demo, beside each other, Cf a little turned against Cs; the pixels are exact."""
+    t_cf = pose(
+        se3_exp([0.0, 0.0, 0.0, 0.0, np.deg2rad(degrees), 0.0])[:3, :3], np.array([-0.74, -0.76, 0.19])
+    )
+    points = np.random.default_rng(1).uniform((-2.0, -1.5, 5.0), (2.0, 1.5, 20.0), (80, 3))
+    right = Camera("pinhole", 720, 480, (620.0, 620.0, 359.5, 239.5))
+    pixels = [right.project(p).uv for p in (points, (points - t_cf[:3, 3]) @ t_cf[:3, :3])]
+    feet = t_cf.copy()
+    feet[:3, 3] /= 0.3048
+    assert _against(pixels, t_cf, (620.0, 620.0)) < 1e-6
+    assert _against(pixels, feet, (620.0, 620.0)) < 1e-6
+    assert _against(pixels, t_cf, (682.0, 682.0)) < 0.3
+    assert _against(pixels, t_cf, (682.0, 620.0)) > 1.0
 
 
 def test_the_processes_run_this_python() -> None:

@@ -160,7 +160,8 @@ def play(words: list[str], folder: Path) -> None:
             status = COMMAND_LINES[name](rest)
         except SystemExit as done:  # --help
             status = int(done.code or 0)
-        assert status == 0, words
+        loose = "camchain.yaml" in rest  # the cameras of the demo are no rig, and the run says so
+        assert status == (1 if loose else 0), words
     elif name in TOOLS:
         subprocess.run([str(Path(sys.executable).parent / name), *rest], check=True, capture_output=True)
     elif name == "make":

@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from collabslam.geometry import se3_exp
 from collabslam.settings.table import Settings
-from collabslam.slam.doubts import CAUSES, NOTHING, Doubts
+from collabslam.slam.doubts import CAUSES, NOTHING, Doubts, is_jump
+from collabslam.slam.map_change import MapChange
 from collabslam.slam.worn_frame import Overlap
-from collabslam.types import Array, WornView
+from collabslam.types import WornView
 
 FRAMES, FOUND = 40, 30
+VIEW = WornView(np.zeros((4, 4), np.uint8), np.eye(4), np.diag([9e-4] * 3 + [1e-4] * 3))
 
 
 def doubts() -> Doubts:
@@ -33,75 +36,97 @@ def report(*, refused: int = 0, worn: int = 0, nis: float = 30.0, accepted: bool
     )
 
 
-def seen(correction: Array, *, refused: bool = False) -> Overlap:
-    """Twenty matches with Cf, whose T_CF is stated to 3 cm and 0.01 rad."""
-    covariance = np.diag([9e-4] * 3 + [1e-4] * 3)
-    view = WornView(np.zeros((4, 4), np.uint8), np.eye(4), covariance)
-    overlap = Overlap(ids=np.arange(20), points=60, correction=correction, refused=refused)
-    return overlap if refused else replace(overlap, worn=view)
+def seen(against: float) -> Overlap:
+    """Twenty matches with Cf, and how much they contradict T_CF."""
+    overlap = Overlap(ids=np.arange(20), points=60, against=against, refused=against > 1.0)
+    return overlap if overlap.refused else replace(overlap, worn=VIEW)
 
 
-def verdict(frame: Callable[[int], tuple[Any, Overlap]]) -> str:
-    """What is said after many frames, each a report and what Cf saw."""
+def born(strayed: int = 0) -> MapChange:
+    """Five candidates became features, others strayed."""
+    return MapChange(delayed={k: k for k in range(5)}, strayed=strayed)
+
+
+def verdict(frame: Callable[[int], tuple[Any, Overlap, MapChange]]) -> str:
+    """What is said after many frames, each a report, what Cf saw and what was born."""
     judge, said = doubts(), NOTHING
     for k in range(FRAMES):
-        said = judge.judge(frame(k)[0], FOUND, frame(k)[1])
+        update, overlap, change = frame(k)
+        said = judge.judge(update, FOUND, overlap, change)
     return said
 
 
 def test_a_good_run_is_never_doubted() -> None:
     rng, judge = np.random.default_rng(4), doubts()
-    shared = np.array([0.03, -0.03, 0.03, 0.01, -0.01, 0.01])  # one error of T_CF in all views
     for k in range(300):
         frame = report(
             refused=int(rng.poisson(0.03 * FOUND)),
             worn=int(rng.poisson(0.4)),
             nis=float(rng.chisquare(2 * FOUND)),
         )
-        assert judge.judge(frame, FOUND, seen(shared) if k % 3 else Overlap()) == NOTHING, k
+        against = 1.5 if k % 5 == 0 else float(rng.uniform(0.0, 0.9))  # a view in five says otherwise
+        overlap = seen(against) if k % 3 else Overlap()
+        assert judge.judge(frame, FOUND, overlap, born(int(rng.random() < 0.005))) == NOTHING, k
 
 
 @pytest.mark.parametrize(
     ("cause", "frame"),
     [
-        ("matches", (report(refused=5), Overlap())),
-        ("noise", (report(nis=90.0), Overlap())),
-        ("cf_matches", (report(worn=4), seen(np.zeros(6)))),
-        ("t_cf", (report(), seen(np.array([0.09, -0.09, 0.09, 0.03, 0.0, 0.0])))),
-        ("t_cf", (report(), seen(np.full(6, np.nan), refused=True))),
+        ("matches", (report(refused=5), Overlap(), born())),
+        ("noise", (report(nis=90.0), Overlap(), born())),
+        ("moving", (report(), Overlap(), born(strayed=1))),
+        ("cf_matches", (report(worn=4), seen(0.1), born())),
+        ("t_cf", (report(), seen(1.1), born())),
     ],
 )
-def test_what_adds_up_over_frames_is_named(cause: str, frame: tuple[Any, Overlap]) -> None:
+def test_what_adds_up_over_frames_is_named(cause: str, frame: tuple[Any, Overlap, MapChange]) -> None:
     assert cause in CAUSES
     assert verdict(lambda k: frame) == cause
 
 
 def test_what_cf_showed_is_forgotten_where_it_shows_nothing_any_more() -> None:
-    judge, shifted = doubts(), seen(np.array([0.09, -0.09, 0.09, 0.03, 0.0, 0.0]))
-    said = [judge.judge(report(), FOUND, shifted if k < 10 else Overlap()) for k in range(50)]
+    judge = doubts()
+    said = [judge.judge(report(), FOUND, seen(2.0) if k < 10 else Overlap(), born()) for k in range(50)]
     assert said[9] == said[39] == "t_cf"
     assert said[40:] == [NOTHING] * 10
+    judge = doubts()
+    for k in range(80):  # it comes back: what was said of T_CF still counts
+        judge.judge(report(), FOUND, seen(0.2 if k < 30 else 2.0) if k < 30 or k > 75 else Overlap(), born())
+    assert judge.judge(report(), FOUND, seen(2.0), born()) == NOTHING
+
+
+def test_a_jump_is_doubted_for_thirty_frames() -> None:
+    judge = doubts()
+    said = [judge.judge(report(), FOUND, Overlap(), born(), jumped=k == 5) for k in range(40)]
+    assert [k for k, cause in enumerate(said) if cause == "jump"] == list(range(5, 35))
+    still, sure = np.eye(4), 1e-4 * np.eye(6)
+    assert not is_jump((still, sure), (se3_exp([0.04, 0, 0, 0, 0, 0.02]), sure))
+    assert is_jump((still, sure), (se3_exp([0.1, 0, 0, 0, 0, 0]), sure))
+    assert not is_jump((still, 1e-2 * np.eye(6)), (se3_exp([0.1, 0, 0, 0, 0, 0]), sure))
 
 
 def test_four_frames_are_too_few() -> None:
-    judge = doubts()
-    said = [judge.judge(report(refused=FOUND // 2, nis=900.0), FOUND, Overlap()) for _ in range(5)]
+    judge, loud = doubts(), report(refused=FOUND // 2, nis=900.0)
+    said = [judge.judge(loud, FOUND, Overlap(), born()) for _ in range(5)]
     assert said[:4] == [NOTHING] * 4
     assert said[4] == "matches"
 
 
-def test_corrections_that_cancel_are_noise() -> None:
-    sds = np.array([0.03] * 3 + [0.01] * 3)
-    assert verdict(lambda k: (report(), seen(2.4 * sds * (-1.0) ** k))) == NOTHING
+def test_three_views_are_asked_at_least_and_most_of_them_must_say_so() -> None:
+    judge = doubts()
+    against = [2.0, 2.0, float("nan"), 2.0, 0.5, 0.5, 0.5]
+    said = [judge.judge(report(), FOUND, seen(a), born()) for a in against]
+    assert said == [NOTHING, NOTHING, NOTHING, "t_cf", "t_cf", "t_cf", NOTHING]
 
 
 def test_frames_that_were_not_used_say_nothing() -> None:
-    assert verdict(lambda k: (report(refused=FOUND, accepted=False), Overlap())) == NOTHING
+    assert verdict(lambda k: (report(refused=FOUND, accepted=False), Overlap(), born(3))) == NOTHING
 
 
 def test_it_goes_on_where_it_was() -> None:
     first, second = doubts(), doubts()
     for _ in range(20):
-        first.judge(report(refused=5), FOUND, seen(np.zeros(6)))
+        first.judge(report(refused=5), FOUND, seen(0.2), born())
     second.restore(first.state())
-    assert second.judge(report(), FOUND, Overlap()) == first.judge(report(), FOUND, Overlap()) == "matches"
+    for judge in (first, second):
+        assert judge.judge(report(), FOUND, Overlap(), born()) == "matches"

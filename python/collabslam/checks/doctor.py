@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from collabslam.frontend.worn_verdict import contradicted
 from collabslam.runs.report import DOUBTS
 from collabslam.runs.run_folder import RunFolder
 from collabslam.types import Array, Mask
@@ -18,8 +19,6 @@ MANY = 0.3
 """Share of the searched features that is much to lose for one reason."""
 LARGE_NIS = 1.5
 """Normalised innovation over its degrees of freedom (1 is expected) that shows a model that does not fit."""
-CONTRADICTS = 1.5
-"""Correction of T_CF by the matches, in standard deviations, from which on the images contradict it."""
 GAP = 3.0
 """Time between frames, in median ones, that counts as a gap."""
 
@@ -104,8 +103,11 @@ def _lost(frames: Frames) -> Iterator[str]:
 _REMEDIES = {
     "t_cf": "check its frame, unit, clock and covariance, and the focal lengths (collabslam check-calib)",
     "cf_matches": "T_CF is off by more than its covariance says, or a focal length is wrong (check-calib)",
+    "jump": "the images repeat or skip (a buffer that is played again), their stamps are wrong, or two "
+    "places look the same",
     "matches": "things move over much of the image, the focal length is wrong, or one camera alone does not "
     "find the depths on this path",
+    "moving": "things move over much of the image, or the camera's calibration is wrong (check-calib)",
     "noise": "check the calibration, or raise filter.pixel.sigma_cs",
 }
 
@@ -190,13 +192,12 @@ def _worn(frames: Frames) -> Iterator[str]:
             f"Only {100 * matches / points:.1f} % of the points looked for in Cf match; most fail as: "
             f"{reason}."
         )
-    sigmas = frames["t_cf_correction_sigmas"]
-    if np.isfinite(sigmas).any() and float(np.nanmedian(sigmas)) > CONTRADICTS:
+    if contradicted(frames["t_cf_against"]):
         metres, degrees = (float(np.nanmedian(frames[f"t_cf_correction_{unit}"])) for unit in ("m", "deg"))
         yield (
             f"T_CF contradicts the images: they move it by {100 * metres:.1f} cm and {degrees:.1f} degrees "
-            f"in the median, {float(np.nanmedian(sigmas)):.1f} times what its covariance allows; check its "
-            "clock, its frame and its covariance (try collabslam check-calib)."
+            f"in the median, more than its covariance allows; check its clock, its frame and its covariance "
+            "(try collabslam check-calib)."
         )
 
 

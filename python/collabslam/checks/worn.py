@@ -3,7 +3,8 @@
 A trial (what is given, or what is given with one usual mistake undone) costs what is left when each view's
 matches have corrected T_CF within its covariance, and that correction in standard deviations.  A trial is
 believed where it costs so much less that errors of T_CF within its covariance would hardly ever do so; they
-may be the same in all views of a stretch in which Cf is there, which then speak as one.
+may be the same in all views of a stretch in which Cf is there, which then speak as one.  Whether T_CF is
+contradicted at all is the test that a running filter makes too (`worn_verdict`).
 """
 
 from __future__ import annotations
@@ -20,13 +21,10 @@ from collabslam.checks.mistakes import Eye, PoseMistake
 from collabslam.checks.robot import RobotReport
 from collabslam.checks.trials import Trial, worn_trials
 from collabslam.checks.views import View, sample_views
+from collabslam.frontend.worn_verdict import Verdict, ask_images, contradicted
 from collabslam.geometry import pose_inverse, se3_log
 from collabslam.types import Array, Recording
 
-WORN_SIGMAS = 2.5
-"""Correction of T_CF in standard deviations (root mean square over its six numbers) that contradicts it."""
-WIDE = 100.0
-"""Factor on T_CF's covariance when the images are asked, so that they and not the prior answer."""
 MOST_PX = 4.0
 """Median residual above which Cf is never said to agree."""
 CLEAR_COST = 12.0
@@ -103,7 +101,8 @@ def check_worn(recording: Recording, robot: RobotReport) -> WornReport:
     given = Trial("", "", eyes)
     costs = _costs(views, given)
     now, expected = _residual(views, given), _expected(views, given)
-    error = WornError(*(float(v) for v in np.median([_error(v, given) for v in views], axis=0)))
+    verdicts = [_asked(view, given) for view in views]
+    error = _error(views, verdicts)
     between = float(np.median(np.diff(recording.times)))
     trials = list(worn_trials(eyes, views, between, robot))
     tried, white = [_costs(views, t) for t in trials], _white_share(views, given)
@@ -116,7 +115,7 @@ def check_worn(recording: Recording, robot: RobotReport) -> WornReport:
             f"{fault[0].upper()}{fault[1:]}: corrected, {_falls(views, given, trials[best])}; "
             f"{trials[best].remedy}."
         )
-    elif error.sigmas > WORN_SIGMAS:
+    elif error is not None and contradicted([np.nan if v is None else v.against for v in verdicts]):
         findings.append(
             f"The measured pose of Cf contradicts the images (residual {now:.2f} px): they move it by "
             f"{100 * error.metres:.1f} cm and {error.degrees:.1f} degrees, {error.sigmas:.1f} times what its "
@@ -172,14 +171,15 @@ def _gain(views: list[View], given: Array, tried: Array, white: float) -> float:
 def _white_share(views: list[View], trial: Trial) -> float:
     """Share of T_CF's variance by which its errors differ within a block, as the images correct them."""
     scatter = expected = 0.0
-    fitting = [v for v in views if _fits(v, trial)]
-    for block in {v.block for v in fitting}:
-        members = [v for v in fitting if v.block == block]
+    found = [(v, _asked(v, trial)) for v in views if _fits(v, trial)]
+    asked = [(v, verdict) for v, verdict in found if verdict is not None]
+    for block in {v.block for v, _ in asked}:
+        members = [(v, verdict) for v, verdict in asked if v.block == block]
         if len(members) < 2:
             continue
-        found = [_asked(v, trial) for v in members]
-        middle = np.median([xi for xi, _ in found], axis=0)
-        for view, (xi, told) in zip(members, found, strict=True):
+        middle = np.median([verdict.correction for _, verdict in members], axis=0)
+        for view, verdict in members:
+            xi, told = verdict.correction, verdict.told
             weight = np.linalg.inv(view.covariance + told)
             fewer = 1.0 - 1.0 / len(members)
             scatter += float((xi - middle) @ weight @ (xi - middle) - fewer * np.trace(weight @ told))
@@ -255,17 +255,19 @@ def _usable(matches: Matches, eyes: tuple[Eye, Eye]) -> tuple[Array, Array]:
     return a, b
 
 
-def _asked(view: View, trial: Trial) -> tuple[Array, Array]:
-    """By how much the images alone correct T_CF, (6,) tangent on the right, and its covariance (6, 6)."""
-    t_cf, eyes = trial.t_cf(view), trial.eyes
-    focal = (eyes[0].focal, eyes[1].focal)
+def _asked(view: View, trial: Trial) -> Verdict | None:
+    """What the images of a view say of T_CF under a trial."""
+    eyes = trial.eyes
     rays = _usable(view.matches[trial.image], eyes)
-    seen = find_consensus(*rays, t_cf, WIDE * view.covariance, MatchNoise(focal, _SIGMA, _LIMIT))
-    return se3_log(pose_inverse(t_cf) @ seen.t_cf), seen.covariance
+    return ask_images(*rays, trial.t_cf(view), view.covariance, (eyes[0].focal, eyes[1].focal))
 
 
-def _error(view: View, trial: Trial) -> tuple[float, float, float]:
-    """Metres and degrees by which the images correct ``T_CF``, and that in standard deviations."""
-    xi, told = _asked(view, trial)
-    sigmas = float(np.sqrt(xi @ np.linalg.solve(view.covariance + told, xi) / 6.0))
-    return float(np.linalg.norm(xi[:3])), float(np.degrees(np.linalg.norm(xi[3:]))), sigmas
+def _error(views: list[View], verdicts: list[Verdict | None]) -> WornError | None:
+    """By how much the images correct ``T_CF``: medians over the views that say it."""
+    rows = []
+    for view, verdict in zip(views, verdicts, strict=True):
+        if verdict is not None:
+            xi, allowed = verdict.correction, view.covariance + verdict.told
+            sigmas = np.sqrt(xi @ np.linalg.solve(allowed, xi) / 6.0)
+            rows.append((np.linalg.norm(xi[:3]), np.degrees(np.linalg.norm(xi[3:])), sigmas))
+    return WornError(*(float(v) for v in np.median(rows, axis=0))) if rows else None

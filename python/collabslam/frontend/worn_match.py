@@ -9,7 +9,8 @@ Cf lie on a point's epipolar line and in front of both cameras, and how wide tha
 4. a consensus: the correction of T_CF that most matches agree on, under the prior of its covariance;
 5. the same again for all points under the corrected pose, whose gate is far narrower; points of known depth
    are searched with their own patch where they must be;
-6. each match located to sub-pixel by correlating the warped patch, and the consensus once more with these.
+6. each match located to sub-pixel by correlating the warped patch, and the consensus once more with these;
+7. apart from all this, what the images say of the measured pose, matched once more without leaning on it.
 
 The corrected pose only vets the matches: the filter uses the measured one, or the images would count twice.
 """
@@ -39,6 +40,7 @@ from collabslam.frontend.epipolar import inverse_ranges, skews
 from collabslam.frontend.patch import SIZE, inverse_maps, limits
 from collabslam.frontend.search import FOUND, active_search, peak_test, search_around, search_window
 from collabslam.frontend.two_views import TwoViews, ViewedPoints, inside, whole
+from collabslam.frontend.worn_verdict import WIDE, Verdict, ask_images
 from collabslam.geometry import pose_inverse
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.types import Array, Image, Indices, Mask
@@ -75,8 +77,8 @@ class WornMatches:
         ``consensus`` (against the pose that the others agree on).
     corners : int
         Interest points found in Cf.
-    t_cf : (4, 4) float64
-        The pose that the matches agree on; for vetting and diagnostics only.
+    verdict : Verdict or None
+        What the images say of the measured pose.
     """
 
     index: Indices
@@ -84,7 +86,7 @@ class WornMatches:
     score: Array
     rejected: dict[str, int]
     corners: int
-    t_cf: Array = field(repr=False)
+    verdict: Verdict | None = field(default=None, repr=False)
 
 
 def match_worn(views: TwoViews, points: ViewedPoints, settings: FrontendSettings) -> WornMatches:
@@ -125,6 +127,7 @@ class _Matcher:
         self.uv_s, self.rho = points.uv, points.rho
         self.rays_s = self.camera_s.unproject(self.uv_s).reshape(-1, 3)
         self.rho_sd = np.maximum(points.rho_sd, self.options.depth_floor * np.abs(self.rho))
+        self.verdict: Verdict | None = None
         self.known = np.isfinite(self.rho) & np.isfinite(self.rho_sd) & (self.rho_sd >= 0.0)
 
     def run(self) -> WornMatches:
@@ -139,6 +142,7 @@ class _Matcher:
             return self._none(rejected, corners)
         rays_f = self.camera_f.unproject(uv_f)
         described = self._describe(points, uv_f)
+        self.verdict = self._ask(points, rays_f, described)
         i, j, _ = self._assign(points, rays_f, described, self.t_cf, self.covariance)
         seeds = self._consensus(self.rays_s[points[i]], rays_f[j], SIGMA)
         i, j, why = self._assign(points, rays_f, described, seeds.t_cf, seeds.covariance)
@@ -157,11 +161,11 @@ class _Matcher:
         if keep.sum() < max(self.options.min_matches, self.options.min_share * tried):
             rejected["consensus"] = len(index)
             return self._none(rejected, corners)
-        return WornMatches(index[keep], place[keep], score[keep], rejected, corners, final.t_cf)
+        return WornMatches(index[keep], place[keep], score[keep], rejected, corners, self.verdict)
 
     def _none(self, rejected: dict[str, int], corners: int) -> WornMatches:
         empty = np.empty(0)
-        return WornMatches(np.empty(0, np.int64), empty.reshape(0, 2), empty, rejected, corners, self.t_cf)
+        return WornMatches(np.empty(0, np.int64), empty.reshape(0, 2), empty, rejected, corners, self.verdict)
 
     def _corners(self) -> Array:
         """Corners of Cf inside the region of interest."""
@@ -190,22 +194,28 @@ class _Matcher:
 
     def _describe(self, points: Indices, uv_f: Array) -> _Described:
         """Descriptors of the points of Cs, as they look in Cf at some depths, and of the corners of Cf."""
-        kind, support = self.options.descriptor, SUPPORT
         known = self.known[points]
         free = np.flatnonzero(~known)
         depths = self._depths(points[free[:: max(1, len(free) // 16)]])
         own = np.where(known, self.rho[points], 0.0)
-        of, rho = [points], [own]
+        of_s = self._windows(points, depths, free, own)
+        of_f = describe(self.image_f, uv_f, 0.0, SUPPORT, self.options.descriptor)
+        return _Described(of_s, np.array(depths), of_f)
+
+    def _windows(self, points: Indices, depths: list[float], free: Indices, first: Array) -> Descriptors:
+        """(D, N, K) descriptors of points of Cs, at their ``first`` inverse range; ``free`` ones at all."""
+        of, rho = [points], [first]
         for depth in depths[1:]:
             of.append(points[free])
             rho.append(np.full(len(free), depth))
         index = np.concatenate(of)
         warps = self._warps(index, self.t_cf, np.concatenate(rho))
-        found = DESCRIPTORS[kind](self.image_s, self.uv_s[index], inverse_maps(warps), support)
+        make = DESCRIPTORS[self.options.descriptor]
+        found = make(self.image_s, self.uv_s[index], inverse_maps(warps), SUPPORT)
         of_s = np.zeros((len(depths), len(points), found.shape[1]), dtype=np.float32)
         of_s[0] = found[: len(points)]
         of_s[1:, free] = found[len(points) :].reshape(len(depths) - 1, len(free), found.shape[1])
-        return _Described(of_s, np.array(depths), describe(self.image_f, uv_f, 0.0, support, kind))
+        return of_s
 
     def _depths(self, sample: Indices) -> list[float]:
         """Inverse ranges at which windows are warped: 0, and those where the warp has changed enough."""
@@ -222,11 +232,31 @@ class _Matcher:
                 last = warps
         return depths
 
+    def _ask(self, points: Indices, rays_f: Array, described: _Described) -> Verdict | None:
+        """What the images say of the measured pose: no depth of the map counts, as the map may rest on it."""
+        known = np.flatnonzero(self.known[points])
+        of_s = described.of_s.copy()
+        depths = described.depths.tolist()
+        of_s[:, known] = self._windows(points[known], depths, np.arange(len(known)), np.zeros(len(known)))
+        nothing = np.zeros(len(points), np.bool_)
+        asked = described._replace(of_s=of_s)
+        i, j, _ = self._assign(points, rays_f, asked, self.t_cf, WIDE * self.covariance, nothing)
+        return ask_images(self.rays_s[points[i]], rays_f[j], self.t_cf, self.covariance, self.focal)
+
     def _assign(
-        self, points: Indices, rays_f: Array, described: _Described, t_cf: Array, covariance: Array
+        self,
+        points: Indices,
+        rays_f: Array,
+        described: _Described,
+        t_cf: Array,
+        covariance: Array,
+        known: Mask | None = None,
     ) -> tuple[Indices, Indices, dict[str, int]]:
-        """Best, unambiguous and mutual candidates in the gate of a pose: rows of points and of corners."""
-        options, known = self.options, self.known[points]
+        """Best, unambiguous and mutual candidates in the gate of a pose: rows of points and of corners.
+
+        ``known`` are those of known depth, by default all that are.
+        """
+        options, known = self.options, self.known[points] if known is None else known
         reach = _GATE * self.rho_sd[points]
         low = np.where(known, self.rho[points] - reach, 0.0)
         high = np.where(known, self.rho[points] + reach, 1.0 / self.settings.near)

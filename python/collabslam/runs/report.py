@@ -78,7 +78,9 @@ def summary_text(summary: Summary) -> str:
 DOUBTS = {
     "t_cf": "the images contradict T_CF by more than its covariance allows",
     "cf_matches": "points of the map are elsewhere in Cf than T_CF and its covariance say",
+    "jump": "the camera was found again where it cannot have got to since the frame before",
     "matches": "more matches are refused than a scene that stands still leaves",
+    "moving": "new points do not move as those of a scene that stands still",
     "noise": "features are found farther from where they are expected than the noise that is claimed",
 }
 """What a run is doubted for, by the cause in ``frames.csv``."""

@@ -12,22 +12,30 @@ import numpy as np
 
 from collabslam._core import UpdateReport, chi2_quantile
 from collabslam.formats.schema import Check, array, whole
+from collabslam.frontend.worn_verdict import contradicted
+from collabslam.geometry import pose_inverse, se3_log
 from collabslam.settings.setting import Value
+from collabslam.slam.map_change import MapChange
 from collabslam.slam.state import PersistentState
 from collabslam.slam.worn_frame import Overlap
 from collabslam.types import Array
 
 NOTHING = ""
-WORN, WORN_MATCHES, MATCHES, NOISE = "t_cf", "cf_matches", "matches", "noise"
-CAUSES = (WORN, WORN_MATCHES, MATCHES, NOISE)
+WORN, WORN_MATCHES, JUMP = "t_cf", "cf_matches", "jump"
+MATCHES, MOVING, NOISE = "matches", "moving", "noise"
+CAUSES = (WORN, WORN_MATCHES, JUMP, MATCHES, MOVING, NOISE)
 """What a run can be doubted for, the most telling first."""
 
 _LAST = 30
 """Frames, and views of Cf, that the tests look back on."""
+_LAST_BIRTHS = 100
+"""Frames that the test of new points looks back on: there are few of them in a frame."""
 _LEAST = 5
 """Frames, or views, that say something together."""
 _LEVEL = 0.9999
 """Level of each test."""
+_STRAYS = 0.01
+"""Share of new points that may stray from their lines in a scene that stands still, by a wrong match."""
 
 
 class Doubts(PersistentState):
@@ -43,9 +51,9 @@ class Doubts(PersistentState):
         "_matches": array("<f8", None, 2),
         "_noise": array("<f8", None, 2),
         "_worn_matches": array("<f8", None, 2),
-        "_corrections": array("<f8", None, 6),
-        "_claimed": array("<f8", None, 6, 6),
-        "_refused": array("<f8", None),
+        "_births": array("<f8", None, 2),
+        "_against": array("<f8", None),
+        "_jumps": array("<f8", None),
         "_without_view": whole(0),
     }
 
@@ -55,66 +63,76 @@ class Doubts(PersistentState):
         self._matches = np.empty((0, 2))
         self._noise = np.empty((0, 2))
         self._worn_matches = np.empty((0, 2))
-        self._corrections = np.empty((0, 6))
-        self._claimed = np.empty((0, 6, 6))
-        self._refused = np.empty(0)
+        self._births = np.empty((0, 2))
+        self._against = np.empty(0)
+        self._jumps = np.empty(0)
         self._without_view = 0
 
-    def judge(self, report: UpdateReport, found: int, overlap: Overlap) -> str:
-        """Takes a frame in, if it was used; returns one of `CAUSES`, or `NOTHING`."""
+    def judge(
+        self, report: UpdateReport, found: int, overlap: Overlap, change: MapChange, *, jumped: bool = False
+    ) -> str:
+        """Takes a frame in; what it saw of the map counts if it was used.
+
+        ``jumped`` says whether the camera was found again where prediction excludes it.  Returns one of
+        `CAUSES`, or `NOTHING`.
+        """
+        self._jumps = _last(self._jumps, float(jumped), _LAST)
+        if not np.isnan(overlap.against):
+            self._against = _last(self._against, overlap.against, _LAST)
         if report.accepted:
-            self._take(report, found, overlap)
+            self._take(report, found, overlap, change)
         doubted = {
-            WORN: self._worn_is_elsewhere(),
-            WORN_MATCHES: self._too_many(self._worn_matches),
-            MATCHES: self._too_many(self._matches),
+            WORN: self._without_view <= _LAST and contradicted(self._against),
+            WORN_MATCHES: self._too_many(self._worn_matches, self._expected),
+            JUMP: bool(self._jumps.any()),
+            MATCHES: self._too_many(self._matches, self._expected),
+            MOVING: self._too_many(self._births, _STRAYS),
             NOISE: self._too_loud(),
         }
         return next((cause for cause in CAUSES if doubted[cause]), NOTHING)
 
-    def _take(self, report: UpdateReport, found: int, overlap: Overlap) -> None:
+    def _take(self, report: UpdateReport, found: int, overlap: Overlap, change: MapChange) -> None:
         bearings, pairs = report.bearings, report.pairs
         refused = bearings.rejected_gate + bearings.rejected_batch + bearings.rejected_conditional
         self._matches = _last(self._matches, [refused, found], _LAST)
         self._noise = _last(self._noise, [report.nis, report.dof], _LAST)
+        strayed = change.strayed
+        self._births = _last(self._births, [strayed, len(change.delayed) + strayed], _LAST_BIRTHS)
         self._without_view = 0 if overlap.points else self._without_view + 1
         if self._without_view > _LAST:  # Cf may have moved on since
             self._forget_views()
         if overlap.points:
             wrong = pairs.rejected_gate + pairs.rejected_batch + pairs.rejected_conditional
             self._worn_matches = _last(self._worn_matches, [wrong, len(overlap.ids)], _LAST)
-            self._refused = _last(self._refused, float(overlap.refused), _LAST)
-        if overlap.worn is not None and np.isfinite(overlap.correction).all():
-            self._corrections = _last(self._corrections, overlap.correction, _LAST)
-            self._claimed = _last(self._claimed, overlap.worn.covariance, _LAST)
 
     def _forget_views(self) -> None:
-        """What views of Cf said does not count for ever once there are none."""
-        self._worn_matches, self._refused = self._worn_matches[:0], self._refused[:0]
-        self._corrections, self._claimed = self._corrections[:0], self._claimed[:0]
+        """What views of Cf said of the map does not count for ever once there are none."""
+        self._worn_matches = self._worn_matches[:0]
 
-    def _too_many(self, counts: Array) -> bool:
-        """Whether more matches were refused than the level of their tests explains, counts being Poisson."""
+    @staticmethod
+    def _too_many(counts: Array, expected: float) -> bool:
+        """Whether more were refused than the level of their test explains, counts being Poisson."""
         refused, found = counts.sum(axis=0)
         if len(counts) < _LEAST or refused < 1.0:
             return False
-        return bool(0.5 * chi2_quantile(1.0 - _LEVEL, 2.0 * refused) > self._expected * found)
+        return bool(0.5 * chi2_quantile(1.0 - _LEVEL, 2.0 * refused) > expected * found)
 
     def _too_loud(self) -> bool:
         """Whether innovations are larger than their covariance allows."""
         nis, dof = self._noise.sum(axis=0)
         return bool(len(self._noise) >= _LEAST and dof >= 1.0 and nis > chi2_quantile(_LEVEL, dof))
 
-    def _worn_is_elsewhere(self) -> bool:
-        """Whether the matches correct T_CF again and again in one direction, by more than one error explains
-        that all views share; or whether most views contradict it so much that they are not used.
-        """
-        if len(self._refused) >= _LEAST and self._refused.mean() > 0.5:
-            return True
-        if len(self._corrections) < _LEAST:
-            return False
-        mean, claimed = self._corrections.mean(axis=0), self._claimed.mean(axis=0)
-        return float(mean @ np.linalg.solve(claimed, mean)) > chi2_quantile(_LEVEL, 6)
+
+def is_jump(predicted: tuple[Array, Array], found: tuple[Array, Array]) -> bool:
+    """Whether a pose is where prediction from the frame before excludes it.
+
+    Parameters
+    ----------
+    predicted, found : ((4, 4) array, (6, 6) array)
+        ``T_WC`` and its covariance over (translation m, rotation rad), tangent on the right.
+    """
+    xi = se3_log(pose_inverse(predicted[0]) @ found[0])
+    return bool(xi @ np.linalg.solve(predicted[1] + found[1], xi) > chi2_quantile(_LEVEL, 6))
 
 
 def _last(kept: Array, new: object, count: int) -> Array:

@@ -20,7 +20,7 @@ from collabslam.settings.table import Settings
 from collabslam.slam.blank_image import FROZEN
 from collabslam.slam.depth_input import Depths
 from collabslam.slam.diagnostics import StageTimes, search_counts
-from collabslam.slam.doubts import NOTHING
+from collabslam.slam.doubts import NOTHING, is_jump
 from collabslam.slam.feature_states import (
     FrameFeatures,
     frame_features,
@@ -36,7 +36,7 @@ from collabslam.slam.starts import check_start
 from collabslam.slam.tracks import Found
 from collabslam.slam.view import View
 from collabslam.slam.worn_frame import Overlap
-from collabslam.types import Board, Image, Status, Tag, Target, WornView
+from collabslam.types import Array, Board, Image, Status, Tag, Target, WornView
 
 
 class Slam(EngineParts):
@@ -281,6 +281,7 @@ class Slam(EngineParts):
         depths = self._depth.take(view, found, overlap.ids, missing)
         report = self._update(found, overlap, depths)
         times.done("update")
+        predicted = self._where()
         recovered = self._recovery.attempt(view, report)
         times.done("relocalise")
         if recovered is not None:
@@ -295,7 +296,9 @@ class Slam(EngineParts):
         relocalised = recovered is not None and recovered.begun is None
         inliers = _inliers(view, seen, change)
         status = self._judge(t, inliers, accepted=report.accepted or recovered is not None, followed=followed)
-        doubt = NOTHING if view.lost else self._doubts.judge(report, len(found.ids), overlap)
+        jumped = relocalised and not view.lost and is_jump(predicted, self._where())
+        judged = report, len(found.ids), overlap, change
+        doubt = NOTHING if view.lost else self._doubts.judge(*judged, jumped=jumped)
         if status is Status.OK and not relocalised:
             self._relocaliser.remember(view, self.filter.pose, seen)
         self._late.keep(view, found, seen, change)
@@ -376,6 +379,10 @@ class Slam(EngineParts):
         if not self.filter.started:
             return Status.COASTING
         return self._monitor.update(t, inliers, accepted=accepted, followed=followed)
+
+    def _where(self) -> tuple[Array, Array]:
+        """Pose and covariance of the camera as the filter has it now."""
+        return self.filter.pose, self.filter.pose_covariance
 
     def _target_residual(self, image: Image) -> float:
         """Pixels by which the pose misplaces the target; NaN where none is known or seen."""

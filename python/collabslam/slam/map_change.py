@@ -54,6 +54,8 @@ class MapChange:
         First patch of each feature that was born with depth of a frame before this one.
     deleted : (D,) int64
         Features that the filter has deleted.
+    strayed : int
+        Candidates given up as they do not move as a point of a scene that stands still.
     """
 
     instant: ImagePoints = field(default_factory=ImagePoints)
@@ -64,6 +66,7 @@ class MapChange:
     candidates: ImagePoints = field(default_factory=ImagePoints)
     earlier: Mapping[int, Patch] = field(default_factory=dict)
     deleted: Ids = field(default_factory=lambda: np.empty(0, np.int64))
+    strayed: int = 0
 
     @property
     def born(self) -> ImagePoints:
@@ -83,6 +86,7 @@ class MapChange:
             "births_depth": len(self.measured),
             "births_delayed": len(self.delayed),
             "births_undelayed": len(self.undelayed) + len(self.promoted),
+            "candidates_strayed": self.strayed,
             "deleted": len(self.deleted),
         }
 

@@ -66,7 +66,7 @@ class MapManager:
         earlier = overlap.earlier_births(report, self._filter, view.t)
         measured = depths.births(report)
         self._filter.drop_candidates(np.concatenate([found.lost, used]))
-        delayed = self._observe(found, used)
+        delayed, strayed = self._observe(found, used)
         deleted = self._filter.manage_map()
         instant = instant.with_more(self._printed.births() if self._filter.started else ImagePoints())
         matched = report.bearings.accepted.sum() + len(instant) + len(earlier) + len(measured) + len(delayed)
@@ -82,7 +82,9 @@ class MapManager:
         undelayed, candidates = self._begin_others(view, np.concatenate(taken))
         if not self._filter.started:
             instant = self._start(view, instant)
-        return MapChange(instant, measured, undelayed, delayed, promoted, candidates, earlier, deleted)
+        return MapChange(
+            instant, measured, undelayed, delayed, promoted, candidates, earlier, deleted, strayed
+        )
 
     def _start(self, view: View, instant: ImagePoints) -> ImagePoints:
         """The first features, if what the map is to begin with is seen."""
@@ -109,11 +111,12 @@ class MapManager:
         self._filter.drop_candidates(self._filter.candidates if view.lost else found.lost)
         return MapChange()
 
-    def _observe(self, found: Found, used: Ids) -> dict[int, int]:
-        """Candidates with enough parallax, and the features that they become."""
+    def _observe(self, found: Found, used: Ids) -> tuple[dict[int, int], int]:
+        """Candidates with enough parallax, and the features that they become; how many strayed."""
         rest = ~np.isin(found.candidates, used)
         ids, uv = found.candidates[rest], found.candidate_uv[rest]
-        return _by_candidate(ids, self._filter.observe_candidates(ids, uv).born)
+        report = self._filter.observe_candidates(ids, uv)
+        return _by_candidate(ids, report.born), int(report.dropped.sum())
 
     def _promote_oldest(self, found: Found, count: int) -> dict[int, int]:
         """Where the view runs out of features, candidates that waited longest wait no longer."""

@@ -14,7 +14,6 @@ from collabslam.frontend.patch import Patch, capture
 from collabslam.frontend.two_views import TwoViews, ViewedPoints
 from collabslam.frontend.wearer_mask import covered
 from collabslam.frontend.worn_match import WornMatches, match_worn
-from collabslam.geometry import pose_inverse, se3_log
 from collabslam.images import check_grey
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.settings.table import Settings
@@ -40,10 +39,9 @@ class Overlap:
     worn : WornView or None
         None where there is no overlap, or it was refused.
     matches : WornMatches or None
-    correction : (6,) float64
-        By which the matches correct T_CF, tangent on the right; NaN without matches.
-    sigmas : float
-        The same in standard deviations (RMS over its six numbers).
+    against : float
+        How much the view contradicts T_CF, above 1 beyond its covariance: the images do (`Verdict`), or the
+        map does; NaN where neither says anything.
     refused : bool
         The view contradicts T_CF or the map: it is not used.
     baseline : float
@@ -59,8 +57,7 @@ class Overlap:
     worn: WornView | None = None
     matches: WornMatches | None = None
     points: int = 0
-    correction: Array = field(default_factory=lambda: np.full(6, np.nan))
-    sigmas: float = float("nan")
+    against: float = float("nan")
     refused: bool = False
     baseline: float = float("nan")
     view: View | None = None
@@ -97,14 +94,16 @@ class Overlap:
     def counts(self, report: UpdateReport) -> dict[str, Any]:
         """Diagnostics of the worn camera."""
         rejected = self.matches.rejected if self.matches else {}
+        verdict = self.matches.verdict if self.matches else None
+        correction = np.full(6, np.nan) if verdict is None else verdict.correction
         pairs = report.pairs
         return {
             "overlap": int(self.worn is not None),
             "baseline_m": self.baseline,
             "cf_refused": int(self.refused),
-            "t_cf_correction_m": float(np.linalg.norm(self.correction[:3])),
-            "t_cf_correction_deg": float(np.degrees(np.linalg.norm(self.correction[3:]))),
-            "t_cf_correction_sigmas": self.sigmas,
+            "t_cf_correction_m": float(np.linalg.norm(correction[:3])),
+            "t_cf_correction_deg": float(np.degrees(np.linalg.norm(correction[3:]))),
+            "t_cf_against": self.against,
             "cf_points": self.points,
             "cf_matches": len(self.ids),
             "cf_rejected_region": rejected.get("region", 0),
@@ -123,9 +122,8 @@ class Overlap:
 NEW_POINTS = 120
 """Most new corners of Cs that are tried in Cf."""
 _TRIES = 6  # new corners tried for each feature that the view lacks
-_MAX_CORRECTION = 2.5
-"""Largest correction of T_CF that the matches may ask for, in its standard deviations (RMS over its six
-numbers); a view that asks for more is not used."""
+_BY_MAP = 10.0
+"""`Overlap.against` where it is the map that contradicts T_CF."""
 _MIN_KNOWN = 0.2
 """Least share of the map's points matched in Cf, relative to that of new points; where new ones match and
 those of the map do not, T_CF contradicts the map and the view is not used."""
@@ -133,12 +131,9 @@ MIN_POINTS = 5
 """Points tried, and matched, from which on shares of them mean something."""
 
 
-def _correction(worn: WornView, matches: WornMatches) -> tuple[Array, float]:
-    """By how much the matches correct T_CF, also in standard deviations; NaN without matches."""
-    if not len(matches.index):
-        return np.full(6, np.nan), float("nan")
-    xi = se3_log(pose_inverse(worn.t_cf) @ matches.t_cf)
-    return xi, float(np.sqrt(xi @ np.linalg.solve(worn.covariance, xi) / 6.0))
+def _against(matches: WornMatches) -> float:
+    """How much the images contradict T_CF; NaN where they say nothing."""
+    return float("nan") if matches.verdict is None else matches.verdict.against
 
 
 class WornMatcher:
@@ -224,14 +219,15 @@ class WornMatcher:
             np.concatenate([found.rho_sd[known], unknown]),
         )
         matches = match_worn(views, points, self._options)
-        correction, sigmas = _correction(worn, matches)
-        if sigmas > _MAX_CORRECTION or self._contradicts(len(known), len(uv), matches):
+        against = _BY_MAP if self._contradicts(len(known), len(uv), matches) else _against(matches)
+        # A start rests on this one view alone: it needs one that the images confirm.
+        unsure = not started and np.isnan(against)
+        if against > 1.0 or unsure:
             return Overlap(
                 matches=matches,
                 points=len(uv),
-                correction=correction,
-                sigmas=sigmas,
-                refused=True,
+                against=against,
+                refused=not unsure,
                 baseline=overlap.baseline,
             )
         ids = np.concatenate([found.searched[known], np.full(len(unknown), -1)])
@@ -246,8 +242,7 @@ class WornMatcher:
             worn=view.captured or worn,
             matches=matches,
             points=len(uv),
-            correction=correction,
-            sigmas=sigmas,
+            against=against,
             baseline=overlap.baseline,
             view=None if view.captured is None else view,
         )

@@ -159,7 +159,8 @@ def _attacks(jobs: int) -> dict[str, Any]:
     return {
         "attacks": [result.jsonable() for result in results],
         "attacks_made": len(results),
-        "attacks_succeeded": sum(not result.good for result in results),
+        "attacks_succeeded": sum(result.succeeded for result in results),
+        "attacks_beyond_images": sum(result.beyond for result in results),
     }
 
 
@@ -202,6 +203,7 @@ def figures_markdown(results: dict[str, Any]) -> str:
     rows = [
         ("attacks", results.get("attacks_made")),
         ("attacks that succeeded", results.get("attacks_succeeded")),
+        ("attacks that no image tells of", results.get("attacks_beyond_images")),
         ("kills survived", results.get("kills_survived")),
         ("inputs to the core's targets", core.get("executions")),
         ("promises broken by them", core.get("findings")),

@@ -77,6 +77,9 @@ class Attack:
         What may become of it.
     says : str
         What a refusal must contain.
+    beyond : bool
+        Whether no image can tell that the recording is wrong (the documentation says why), so that OK beside
+        a wrong pose is to be expected; it is listed as that, and does not count as held.
     """
 
     group: str
@@ -85,6 +88,7 @@ class Attack:
     make: Callable[[Any], Deed]
     good: tuple[Outcome, ...] = REFUSED
     says: str = ""
+    beyond: bool = False
 
 
 @dataclass(frozen=True)
@@ -119,6 +123,16 @@ class Result:
         """Whether it is what may become of that attack."""
         return self.outcome in self.attack.good
 
+    @property
+    def beyond(self) -> bool:
+        """Whether it went as it must where no image tells that the recording is wrong."""
+        return self.attack.beyond and self.outcome is Outcome.WRONG
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the attack found a fault of ours."""
+        return not self.good and not self.beyond
+
     def jsonable(self) -> dict[str, Any]:
         """As a row of ``reliability.json``."""
         return {
@@ -127,6 +141,7 @@ class Result:
             "what": self.attack.what,
             "outcome": self.outcome.value,
             "good": self.good,
+            "beyond": self.beyond,
             "status": self.status,
             "seconds": round(self.seconds, 2),
             "memory_mb": round(self.memory_mb),

@@ -298,7 +298,17 @@ STREAMS: tuple[tuple[str, str, Make], ...] = (
 )  # fmt: skip
 BY_NAME = {name: make for name, _, make in STREAMS}
 
+BEYOND = ("t-cf-feet", "focal-both")
+"""What no image tells: `tests/lab/test_attacks.py` holds the figures."""
+
 ATTACKS = tuple(
-    Attack("stream", name, what, lambda scene, name=name: scene.child("stream", name), ANY)  # type: ignore[misc]
+    Attack(
+        "stream",
+        name,
+        what,
+        lambda scene, name=name: scene.child("stream", name),  # type: ignore[misc]
+        ANY,
+        beyond=name in BEYOND,
+    )
     for name, what, _ in STREAMS
 )

@@ -70,8 +70,15 @@ def attacks_markdown(results: Iterable[Result]) -> str:
             result.attack.group,
             f"`{result.attack.name}`",
             result.attack.what,
-            result.outcome.value if result.good else f"**{result.outcome.value}**",
+            _shown(result),
         )
         for result in results
     ]
     return markdown_table(("group", "attack", "what is done", "what became of it"), rows)
+
+
+def _shown(result: Result) -> str:
+    """What became of an attack, in bold where it succeeded."""
+    if result.beyond:
+        return f"{result.outcome.value}: no image tells"
+    return f"**{result.outcome.value}**" if result.succeeded else result.outcome.value
