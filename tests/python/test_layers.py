@@ -37,7 +37,8 @@ ALLOWED: dict[str, set[str]] = {
     "slam": BASE | {"images", "settings", "formats", "targets", "frontend"},
     "datasets": BASE | {"images", "formats", "worn_pose", "targets"},
     "runs": BASE | {"version", "settings", "formats", "evaluation", "slam", "datasets"},
-    "live": BASE | {"version", "images", "targets", "settings", "formats", "slam", "datasets", "runs"},
+    "live": BASE
+    | {"version", "images", "worn_pose", "targets", "settings", "formats", "slam", "datasets", "runs"},
     "viz": BASE | {"formats", "evaluation", "slam", "runs"},
     "checks": BASE | {"targets", "frontend", "datasets", "runs"},
     "demo": BASE | {"settings", "formats", "datasets", "runs", "viz"},
