@@ -94,7 +94,7 @@ def differences(a: Any, b: Any, path: str, seen: set[int]) -> list[str]:
     return [] if a == b or (a != a and b != b) else [f"{path}: {a!r} and {b!r}"]
 
 
-SKIPPED = {"FlowImage": ("small",), "Guard": ("lock", "_kept")}
+SKIPPED = {"FlowImage": ("small",), "Guard": ("turn", "_kept")}
 """Attributes that are worked out from the others, or that serve one call."""
 
 
