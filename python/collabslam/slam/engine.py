@@ -296,7 +296,8 @@ class Slam(EngineParts):
         relocalised = recovered is not None and recovered.begun is None
         inliers = _inliers(view, seen, change)
         status = self._judge(t, inliers, accepted=report.accepted or recovered is not None, followed=followed)
-        jumped = relocalised and not view.lost and is_jump(predicted, self._where())
+        # Where wheels predicted, it is they who may be wrong.
+        jumped = relocalised and not (view.lost or followed) and is_jump(predicted, self._where())
         judged = report, len(found.ids), overlap, change
         doubt = NOTHING if view.lost else self._doubts.judge(*judged, jumped=jumped)
         if status is Status.OK and not relocalised:
