@@ -9,6 +9,7 @@ import numpy as np
 
 from collabslam._core import UpdateReport
 from collabslam.frontend.search import SearchCode
+from collabslam.slam.map_change import Recovered
 from collabslam.slam.tracks import Found
 
 
@@ -50,4 +51,13 @@ def search_counts(predicted: int, found: Found, report: UpdateReport) -> dict[st
         "hohct_exact": int(report.exact),
         "bounded": int(not report.exact),
         "refused": int(report.refused is not None),
+        "unseen": 0,
     }
+
+
+def recovery_counts(recovered: Recovered | None) -> dict[str, Any]:
+    """Whether the camera was found again in its map, or a map was begun, and then from what."""
+    if recovered is None:
+        return {"relocalised": 0, "restarted": 0}
+    found = recovered.begun is None
+    return {**recovered.counts, "relocalised": int(found), "restarted": int(not found)}

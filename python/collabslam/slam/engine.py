@@ -19,7 +19,7 @@ from collabslam.images import check_grey
 from collabslam.settings.table import Settings
 from collabslam.slam.blank_image import FROZEN
 from collabslam.slam.depth_input import Depths
-from collabslam.slam.diagnostics import StageTimes, search_counts
+from collabslam.slam.diagnostics import StageTimes, recovery_counts, search_counts
 from collabslam.slam.doubts import NOTHING, is_jump
 from collabslam.slam.feature_states import (
     FrameFeatures,
@@ -270,10 +270,7 @@ class Slam(EngineParts):
         view = self._view(t, image, worn)
         expected = self._expected(view)
         times.done("predict")
-        found = self._search(view, expected)
-        slipped = followed and self._may_have_slipped(view, found)
-        if slipped:
-            expected, found, slipped = self._after_slip(view, expected, found)
+        expected, found, slipped = self._search(view, expected, followed=followed)
         times.done("search")
         missing = 0 if view.lost else self._map.missing(found)
         overlap = Overlap() if view.lost else self._worn.match(*self._late.beside(view, found), missing)
@@ -281,7 +278,7 @@ class Slam(EngineParts):
         depths = self._depth.take(view, found, overlap.ids, missing)
         report = self._update(found, overlap, depths)
         times.done("update")
-        predicted = self._where()
+        before = self._where()
         recovered = self._recovery.attempt(view, report)
         times.done("relocalise")
         if recovered is not None:
@@ -293,31 +290,27 @@ class Slam(EngineParts):
         self._tracks.adopt(view, self.filter.pose, change, self.filter.candidates, recovered)
         self._relocaliser.forget(change.deleted)
         seen = _matched(found, report) if recovered is None else recovered.seen
-        relocalised = recovered is not None and recovered.begun is None
-        inliers = _inliers(view, seen, change)
-        status = self._judge(t, inliers, accepted=report.accepted or recovered is not None, followed=followed)
-        # Where wheels predicted, it is they who may be wrong.
-        jumped = relocalised and not (view.lost or followed) and is_jump(predicted, self._where())
-        judged = report, len(found.ids), overlap, change
-        doubt = NOTHING if view.lost else self._doubts.judge(*judged, jumped=jumped)
-        if status is Status.OK and not relocalised:
-            self._relocaliser.remember(view, self.filter.pose, seen)
         self._late.keep(view, found, seen, change)
         counts = {
             **search_counts(len(expected), found, report),
             **overlap.counts(report),
-            **(recovered.counts if recovered else {}),
+            **recovery_counts(recovered),
             **change.counts(),
             **self._printed.counts(),
-            "accepted": inliers,
-            "doubt": doubt,
-            "unseen": 0,
+            "accepted": _inliers(view, seen, change),
             "slipped": int(slipped),
-            "relocalised": int(relocalised),
-            "restarted": int(recovered is not None and not relocalised),
             "target_residual_px": self._target_residual(image),
         }
-        if doubt != NOTHING and status is Status.OK:
+        status = self._judge(
+            t, counts["accepted"], accepted=report.accepted or recovered is not None, followed=followed
+        )
+        # Where wheels predicted, it is they who may be wrong.
+        jumped = counts["relocalised"] and not (view.lost or followed) and is_jump(before, self._where())
+        judged = report, len(found.ids), overlap, change
+        counts["doubt"] = NOTHING if view.lost else self._doubts.judge(*judged, jumped=jumped)
+        if status is Status.OK and not counts["relocalised"]:
+            self._relocaliser.remember(view, self.filter.pose, seen)
+        if status is Status.OK and counts["doubt"] != NOTHING:
             status = Status.DOUBTFUL
         times.done("map")
         return self._result(t, status, counts, frame_features(expected, found, report, overlap), times)
@@ -343,21 +336,24 @@ class Slam(EngineParts):
             expected = expected.subset(~view.hidden(expected.uv))
         return searchable(expected, self._options.search) if view.lost else expected
 
-    def _search(self, view: View, expected: Prediction) -> Found:
-        """What the image shows of them (METHOD 7.3)."""
+    def _search(self, view: View, expected: Prediction, *, followed: bool) -> tuple[Prediction, Found, bool]:
+        """What was expected, what the image shows of it (METHOD 7.3), and whether the wheels have slipped."""
+        found = self._look(view, expected)
+        least = self._monitor.min_inliers(len(found.searched))
+        if followed and not view.lost and self.filter.contradicts_odometry(found.ids, found.uv, least):
+            return self._after_slip(view, expected, found)
+        return expected, found, False
+
+    def _look(self, view: View, expected: Prediction) -> Found:
+        """Features, candidates and printed targets in the image."""
         found = self._tracks.search(view, self.filter.pose, expected, self.filter.predict_conditional)
         return self._printed.place(view, expected, found)
-
-    def _may_have_slipped(self, view: View, found: Found) -> bool:
-        """Whether the image contradicts the odometry that was followed."""
-        least = self._monitor.min_inliers(len(found.searched))
-        return not view.lost and self.filter.contradicts_odometry(found.ids, found.uv, least)
 
     def _after_slip(self, view: View, expected: Prediction, found: Found) -> tuple[Prediction, Found, bool]:
         """The search as if the wheels may have slipped, if it explains the image; else the one before."""
         self.filter.distrust_odometry()
         wider = self._expected(view)
-        again = self._search(view, wider)
+        again = self._look(view, wider)
         least = self._monitor.min_inliers(len(again.searched))
         if len(again.ids) >= max(least, len(found.ids) // 2, 1):
             return wider, again, True
