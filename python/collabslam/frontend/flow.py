@@ -225,22 +225,48 @@ def _forth_and_back(
 ) -> tuple[Array, Mask]:
     """Lucas-Kanade flow to the frame now and back; full pixels."""
     a, b, factor = previous.image, now.image, float(now.factor)
-    points, start = points / factor, start / factor
+    uv, gap = there_and_back(a, b, points / factor, start / factor, settings.levels, (12, 0.03))
+    return uv * factor, gap * factor <= MAX_ERROR
+
+
+def there_and_back(
+    a: Image, b: Image, points: Array, start: Array, levels: int, stop: tuple[int, float]
+) -> tuple[Array, Array]:
+    """Lucas-Kanade flow of points from one image to another, and back.
+
+    Parameters
+    ----------
+    a, b : (H, W) uint8
+    points, start : (N, 2) float64
+        Pixels in ``a``, and where to look for them in ``b``.
+    levels : int
+        Of the pyramid, besides the image itself.
+    stop : (int, float)
+        Steps at most, and the last one's length, pixels.
+
+    Returns
+    -------
+    uv : (N, 2) float64
+        Pixels in ``b``.
+    gap : (N,) float64
+        Distance of each point from itself, when it has come home, pixels; infinite where it was not found or
+        left the image.
+    """
     window = (_WINDOW, _WINDOW)
-    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.03)
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, *stop)
     p = points.astype(np.float32).reshape(-1, 1, 2)
+    first = start.astype(np.float32).reshape(-1, 1, 2)
     q, seen, _ = cv2.calcOpticalFlowPyrLK(
-        a, b, p, start.astype(np.float32).reshape(-1, 1, 2).copy(), winSize=window, maxLevel=settings.levels,
-        criteria=stop, flags=cv2.OPTFLOW_USE_INITIAL_FLOW, minEigThreshold=1e-4,
+        a, b, p, first.copy(), winSize=window, maxLevel=levels,
+        criteria=criteria, flags=cv2.OPTFLOW_USE_INITIAL_FLOW, minEigThreshold=1e-4,
     )  # fmt: skip
     # The way back starts from the undone guess: the point itself would be confirmed too easily.
-    undone = q - start.astype(np.float32).reshape(-1, 1, 2) + p
     home, back, _ = cv2.calcOpticalFlowPyrLK(
-        b, a, q, undone, winSize=window, maxLevel=settings.levels,
-        criteria=stop, flags=cv2.OPTFLOW_USE_INITIAL_FLOW, minEigThreshold=1e-4,
+        b, a, q, q - first + p, winSize=window, maxLevel=levels,
+        criteria=criteria, flags=cv2.OPTFLOW_USE_INITIAL_FLOW, minEigThreshold=1e-4,
     )  # fmt: skip
     uv = q.reshape(-1, 2).astype(np.float64)
     gap = np.abs(home - p).reshape(-1, 2).max(axis=1)
     inside = np.all((uv >= 0.0) & (uv <= [b.shape[1] - 1.0, b.shape[0] - 1.0]), axis=1)
-    ok = (seen.ravel() == 1) & (back.ravel() == 1) & (gap * factor <= MAX_ERROR) & inside
-    return uv * factor, ok
+    found = (seen.ravel() == 1) & (back.ravel() == 1) & inside
+    return uv, np.where(found, gap, np.float32(np.inf))

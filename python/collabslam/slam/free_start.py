@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from collabslam._core import Camera, Filter
 from collabslam.formats.schema import Check, array, items, number, optional, refuse
+from collabslam.frontend.flow import there_and_back
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import FARTHEST_PIXEL, SECONDS, PersistentState
 from collabslam.slam.view import View
@@ -20,15 +19,12 @@ _VIEWS = 5
 """That are fitted at most: the first, the last two, and others between."""
 _POINTS = 100
 """That are followed at most; more make the start no better."""
-_WINDOW = (15, 15)
-_LEVELS = 4
+_LEVELS, _STOP = 4, (20, 0.01)
+"""Of the flow: the start rests on fractions of a pixel, and the reference may be many frames ago."""
 _MAX_GAP = 0.5
 """Pixels between a point and itself followed to this frame and back."""
 _LEAST_MOTION = 2.0
 """Pixels, by which half of the points must have moved before anything is worked out."""
-
-
-Pixels = NDArray[np.float32]
 
 
 class FreeStart(PersistentState):
@@ -94,30 +90,14 @@ class FreeStart(PersistentState):
 
     def _follow(self, reference: Image, view: View) -> tuple[Array, Mask]:
         """Where the reference's points are now, and which of them were found."""
-        first, image = self._views[0], view.image
+        first = self._views[0]
         if not len(first):
             return first, np.empty(0, np.bool_)
-        p = first.astype(np.float32).reshape(-1, 1, 2)
-        guess = self._views[-1].astype(np.float32).reshape(-1, 1, 2).copy()
-        q, seen = _flow(reference, image, p, guess)
-        # The way back starts from the undone guess: the point itself would be confirmed too easily.
-        home, back = _flow(image, reference, q, q - guess + p)
-        uv = q.reshape(-1, 2).astype(np.float64)
-        height, width = image.shape
-        kept = seen & back & (np.abs(home - p).reshape(-1, 2).max(axis=1) <= _MAX_GAP)
-        kept &= np.all((uv >= 0.0) & (uv <= [width - 1.0, height - 1.0]), axis=1)
+        uv, gap = there_and_back(reference, view.image, first, self._views[-1], _LEVELS, _STOP)
+        kept = np.asarray(gap <= _MAX_GAP)
         if view.hidden is not None:
             kept[kept] = ~view.hidden(uv[kept])
         return uv, kept
-
-
-def _flow(a: Image, b: Image, p: Pixels, guess: Pixels) -> tuple[Pixels, Mask]:
-    """Lucas-Kanade flow of points (N, 1, 2) from image a to b, and which of them it found."""
-    q, seen, _ = cv2.calcOpticalFlowPyrLK(
-        a, b, p, guess.copy(), winSize=_WINDOW, maxLevel=_LEVELS, flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.01), minEigThreshold=1e-4,
-    )  # fmt: skip
-    return np.asarray(q, np.float32), np.asarray(seen.ravel() == 1)
 
 
 def _thinned(
