@@ -51,6 +51,7 @@ __all__ = [
     "fixed_to_tangent",
     "interpolate_pose",
     "is_rotation",
+    "left_jacobian",
     "match_pairs",
     "pose_inverse",
     "quaternion_wxyz",
@@ -2026,6 +2027,26 @@ def rotation_log(rotation: ArrayLike) -> _Array:
     -------
     (3,) float64
         Axis times angle, radians; no longer than pi.
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, or a number that is not finite.
+    """
+
+def left_jacobian(w: ArrayLike) -> _Array:
+    """Left Jacobian of SO(3): the mean of ``Exp(s w)`` over s from 0 to 1.
+
+    Under a constant twist ``(v, w)`` over a unit of time a pose is moved by ``left_jacobian(w) v``.
+
+    Parameters
+    ----------
+    w : (3,) float64
+        Axis times angle, radians.
+
+    Returns
+    -------
+    (3, 3) float64
 
     Raises
     ------

@@ -97,3 +97,10 @@ def test_is_rotation_refuses_reflections_and_scales() -> None:
 def test_bad_arrays_are_named(call, words) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(InputError, match=words):
         call()
+
+
+def test_the_left_jacobian_is_the_mean_of_the_turns_on_the_way() -> None:
+    w = np.array([0.3, -0.8, 0.5])
+    shares = (np.arange(2000) + 0.5) / 2000
+    mean = np.mean([g.rotation_exp(s * w) for s in shares], axis=0)
+    np.testing.assert_allclose(g.left_jacobian(w), mean, atol=1e-7)

@@ -78,6 +78,29 @@ pub(crate) fn rotation_log(py: Python<'_>, rotation: Argument<'_>) -> PyResult<C
     Ok(column(py, w.iter().copied()))
 }
 
+/// Left Jacobian of SO(3): the mean of ``Exp(s w)`` over s from 0 to 1.
+///
+/// Under a constant twist ``(v, w)`` over a unit of time a pose is moved by ``left_jacobian(w) v``.
+///
+/// Parameters
+/// ----------
+/// w : (3,) float64
+///     Axis times angle, radians.
+///
+/// Returns
+/// -------
+/// (3, 3) float64
+///
+/// Raises
+/// ------
+/// InputError
+///     For a wrong shape, or a number that is not finite.
+#[pyfunction]
+pub(crate) fn left_jacobian(py: Python<'_>, w: Argument<'_>) -> PyResult<Table> {
+    let w = vector::<3>("w", &w)?;
+    Ok(to_matrix(py, &quat::right_jacobian(&-w)))
+}
+
 /// Rotation matrix of a Hamilton quaternion.
 ///
 /// Parameters

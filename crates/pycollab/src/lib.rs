@@ -54,9 +54,9 @@ mod _core {
     use crate::frontend::warp::{AffineMaps, WarpLimits, affine_at, affine_maps};
     #[pymodule_export]
     use crate::geometry::{
-        adjoint, chi2_quantile, fixed_to_tangent, interpolate_pose, is_rotation, pose_inverse,
-        quaternion_wxyz, rotation_exp, rotation_from_quaternion, rotation_log, se3_exp, se3_log,
-        skew, tangent_to_fixed,
+        adjoint, chi2_quantile, fixed_to_tangent, interpolate_pose, is_rotation, left_jacobian,
+        pose_inverse, quaternion_wxyz, rotation_exp, rotation_from_quaternion, rotation_log,
+        se3_exp, se3_log, skew, tangent_to_fixed,
     };
     #[pymodule_export]
     use crate::settings::{SettingInfo, accepted_value, settings_schema};

@@ -11,7 +11,7 @@ import numpy as np
 from collabslam._core import Filter
 from collabslam.datasets.poses import check_position, data_lines, number_fields, parse_stamp
 from collabslam.errors import DataError, InputError
-from collabslam.geometry import pose_inverse, rotation_log
+from collabslam.geometry import left_jacobian, pose_inverse, rotation_log
 from collabslam.types import Array, Odometry
 
 TRIANGLE = np.tril_indices(6)
@@ -146,20 +146,9 @@ def increments(times: Array, poses: Array, first: Array) -> Array:
         step = pose_inverse(poses[k - 1]) @ poses[k]
         dt = times[k] - times[k - 1]
         turn = rotation_log(step[:3, :3])
-        way = np.linalg.solve(_left_jacobian(turn), step[:3, 3])
+        way = np.linalg.solve(left_jacobian(turn), step[:3, 3])
         twists.append(np.concatenate([way, turn]) / dt)
     return np.asarray(twists)
-
-
-def _left_jacobian(turn: Array) -> Array:
-    """(3, 3): the mean of Exp(s turn) over s from 0 to 1."""
-    x, y, z = turn.tolist()
-    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    angle = float(np.linalg.norm(turn))
-    if angle < 1e-4:
-        return np.asarray(np.eye(3) + 0.5 * k + k @ k / 6.0)
-    b, c = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
-    return np.asarray(np.eye(3) + b * k + c * k @ k)
 
 
 def _bounded(covariances: Array) -> Array:
