@@ -41,17 +41,21 @@ class _Shell:
         return os.system, ("touch stolen",)
 
 
-def _put(*path: object, value: Any) -> Alter:
-    """One thing in a tree replaced, by a value or by what a function makes of the old one."""
+def _put(*path: object, value: Any, new: bool = False) -> Alter:
+    """One thing in a tree replaced, by a value or by what a function makes of the old one; or a ``new`` one added.
+
+    What is to be replaced must be there: else an attack on it attacks nothing.
+    """
 
     def alter(tree: Any) -> Any:
         if len(path) == 0:
             return value(tree) if callable(value) else value
         key, rest = path[0], path[1:]
         if isinstance(tree, dict):
-            return {**tree, key: _put(*rest, value=value)(tree.get(key))}
+            there = None if new and not rest else tree[key]
+            return {**tree, key: _put(*rest, value=value, new=new)(there)}
         items = list(tree)
-        items[key] = _put(*rest, value=value)(items[key])  # type: ignore[call-overload]
+        items[key] = _put(*rest, value=value, new=new)(items[key])  # type: ignore[call-overload]
         return type(tree)(items)
 
     return alter
@@ -77,7 +81,7 @@ STOPPED: tuple[tuple[str, str, Alter], ...] = (
      _put("record", "times", value=lambda times: times[::-1].copy())),
     ("status", "a status that there is not", _put("record", "statuses", 0, value="FINE")),
     ("mode", "a mode that there is not", _put("plan", "mode", value="best")),
-    ("settings", "a setting that there is not", _put("plan", "settings", "values", "filter.x", value=1)),
+    ("settings", "a setting that there is not", _put("plan", "settings", "values", "filter.x", value=1, new=True)),
     ("setting", "a setting out of bounds",
      _put("plan", "settings", "values", "filter.map.in_view", value=10**12)),
     ("program", "of another version of the program", _put("program", value="99.0")),
@@ -91,9 +95,9 @@ STOPPED: tuple[tuple[str, str, Alter], ...] = (
     ("pixels", "an image of another size",
      _put("engine", "parts", "_blank", "_last", value=np.zeros((2, 2), np.uint8))),
     ("counter", "a counter of 10^300 frames", _put("engine", "parts", "_monitor", "_failed", value=10**300)),
-    ("part", "a part that there is not", _put("engine", "parts", "_door", value={})),
-    ("deep", "lists 200 deep", _put("engine", "more", value=lambda _: _deep(200))),
-    ("victim", "that names a file to write to", _put("plan", "save_map", value=VICTIM)),
+    ("part", "a part that there is not", _put("engine", "parts", "_door", value={}, new=True)),
+    ("deep", "lists 200 deep", _put("engine", "more", value=lambda _: _deep(200), new=True)),
+    ("victim", "that names a file to write to", _put("plan", "save_map", value=VICTIM, new=True)),
 )  # fmt: skip
 
 HARMLESS = ("pixels",)
