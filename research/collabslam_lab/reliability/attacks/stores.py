@@ -42,7 +42,7 @@ class _Shell:
 
 
 def _put(*path: object, value: Any, new: bool = False) -> Alter:
-    """One thing in a tree replaced, by a value or by what a function makes of the old one; or a ``new`` one added.
+    """One thing in a tree replaced, by a value or what a function makes of the old; or a ``new`` one added.
 
     What is to be replaced must be there: else an attack on it attacks nothing.
     """
@@ -81,7 +81,8 @@ STOPPED: tuple[tuple[str, str, Alter], ...] = (
      _put("record", "times", value=lambda times: times[::-1].copy())),
     ("status", "a status that there is not", _put("record", "statuses", 0, value="FINE")),
     ("mode", "a mode that there is not", _put("plan", "mode", value="best")),
-    ("settings", "a setting that there is not", _put("plan", "settings", "values", "filter.x", value=1, new=True)),
+    ("settings", "a setting that there is not",
+     _put("plan", "settings", "values", "filter.x", value=1, new=True)),
     ("setting", "a setting out of bounds",
      _put("plan", "settings", "values", "filter.map.in_view", value=10**12)),
     ("program", "of another version of the program", _put("program", value="99.0")),
