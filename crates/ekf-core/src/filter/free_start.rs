@@ -2,7 +2,7 @@
 
 use super::ekf::Filter;
 use crate::birth::new_feature::NewFeature;
-use crate::birth::several_views::Structure;
+use crate::birth::several_views::{POSES, Structure};
 use crate::error::EkfError;
 use crate::guard::check_pixels;
 use crate::math::{pose::Pose, quat};
@@ -13,9 +13,6 @@ use nalgebra::{SMatrix, Vector2};
 /// Points and views at most.
 const MOST: (usize, usize) = (500, 20);
 
-/// Rows of the two poses in [`Structure::covariance`].
-const POSES: usize = 12;
-
 impl Filter {
     /// Starts at the last of several views, if they tell how the camera has moved: `views[k][i]` is the pixel of point i at
     /// `times[k]`, seconds. W is the first view; the unit is such that the mean inverse depth is `birth.undelayed_rho`.
@@ -24,8 +21,8 @@ impl Filter {
     /// the filter has not started then.
     ///
     /// # Errors
-    /// `BadShape`, `NonFinite`, `InvalidInput` (fewer than two views, more than 20, more than 500 points, times that do not increase, a filter that has
-    /// started); nothing changes then.
+    /// `BadShape`, `NonFinite`, `InvalidInput` (fewer than two views, more than 20, more than 500 points, times that do not
+    /// increase, a filter that has started); nothing changes then.
     pub fn start_from_views(
         &mut self,
         times: &[f64],
