@@ -368,8 +368,9 @@ class Filter:
         InputError
             For wrong shapes, NaN, a pose or a covariance that is none, or a filter without a worn camera.
         """
-    def keep_pose(self) -> bool:
-        """Keeps the camera's pose for views of Cf that come up to ``worn.late`` seconds late; True if it did.
+    def keep_pose(self, lateness: float) -> bool:
+        """Keeps the camera's pose for views of Cf that come up to ``lateness`` seconds late, at most
+        ``worn.late``; True if it did.
 
         To be called at the end of a frame. It does nothing before the start, and so soon after the last pose
         that there is none to gain.

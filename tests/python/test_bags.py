@@ -135,7 +135,8 @@ def test_a_bag_is_a_recording(tmp_path: Path, kind: str) -> None:
         assert (frame.worn is not None) == (k % 2 == 0)
         if frame.worn is not None:
             np.testing.assert_array_equal(frame.worn.image, 255 - IMAGES[k])
-            np.testing.assert_allclose(frame.worn.t_cf, t_cf(0.1 * k), atol=1e-4)
+            assert frame.worn.t == pytest.approx(frame.t + 0.002, abs=1e-6)
+            np.testing.assert_allclose(frame.worn.t_cf, t_cf(0.1 * k + 0.002), atol=1e-4)
             np.testing.assert_allclose(frame.worn.covariance, POSE_COV, atol=1e-4)
     np.testing.assert_allclose(recording.truth[3], g.se3_exp([0.3, 0, 0, 0, 0, 0]), atol=1e-6)
 
@@ -145,7 +146,7 @@ def test_tf_can_give_the_worn_cameras_pose(tmp_path: Path) -> None:
     path = two_cameras(tmp_path / "walk", "mcap")
     recording = open_recording(path, topics={**TOPICS, "t_cf": "tf:map:cam:0.03:1.5"})
     worn = recording.frame(4).worn
-    np.testing.assert_allclose(worn.t_cf, g.se3_exp([0.4, 0, 0, 0, 0, 0]), atol=1e-6)
+    np.testing.assert_allclose(worn.t_cf, g.se3_exp([0.402, 0, 0, 0, 0, 0]), atol=1e-6)
     deviations = [0.03] * 3 + [np.deg2rad(1.5)] * 3
     np.testing.assert_allclose(worn.covariance, np.diag(deviations) ** 2, atol=1e-12)
     with pytest.raises(SettingsError, match="give tf:CS:CF:METRES:DEGREES"):
@@ -175,9 +176,13 @@ def test_a_kalibr_camchain_makes_a_rig_of_two_topics(tmp_path: Path) -> None:
     worn = recording.frame(2).worn
     np.testing.assert_allclose(worn.t_cf, g.se3_exp([0.2, 0, 0, 0, 0.1, 0]), atol=1e-12)
     assert worn.covariance[0, 0] == 0.002**2
-    # Cf's stamps are 2 ms late; a clock that is 0.05 s off leaves no pair.
+    # Cf's stamps are 2 ms late; a clock that is 50 ms off puts its views between frames, one of 5 s nowhere.
+    between = open_recording(path, camera=camchain(tmp_path / "chain.yaml", 0.05), topics=topics)
+    worn = between.frame(3).worn
+    assert worn.t == pytest.approx(between.times[2] + 0.052, abs=1e-6)
+    assert between.frame(2).worn is None
     with pytest.raises(DataError, match="same clock"):
-        open_recording(path, camera=camchain(tmp_path / "chain.yaml", 0.05), topics=topics)
+        open_recording(path, camera=camchain(tmp_path / "chain.yaml", 5.0), topics=topics)
     with pytest.raises(DataError, match="needs the Kalibr camchain"):
         open_recording(path, topics=topics)
 

@@ -72,7 +72,7 @@ fn run(seed: u64, late: f64, frames: usize, changes: &[(&str, Value)]) -> (f64, 
         let (off, of_pose) = error(&warm);
         errors += off / frames as f64;
         nees += of_pose / frames as f64;
-        warm.filter.keep_pose();
+        warm.filter.keep_pose(1.0);
         warm.next_frame();
     }
     (errors, nees, warm)
@@ -152,7 +152,7 @@ fn a_filter_that_keeps_poses_goes_on_from_a_snapshot_and_from_a_checkpoint() {
     };
     let go_on = |filter: &mut Filter| {
         filter.update(&z).expect("good measurements");
-        filter.keep_pose();
+        filter.keep_pose(1.0);
         filter.predict(warm.t + DT).expect("time goes on");
         bits(filter)
     };

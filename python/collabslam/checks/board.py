@@ -6,6 +6,7 @@ import contextlib
 
 import numpy as np
 
+from collabslam.datasets.wrapped import Together
 from collabslam.errors import DataError, InputError
 from collabslam.targets.printed import pose_between
 from collabslam.types import Array, Board, Recording
@@ -23,7 +24,8 @@ def board_poses(recording: Recording, board: Board) -> tuple[Array, Array]:
     Returns
     -------
     (N, 4, 4), (N, 6, 6) float64
-        Poses and covariances of all frames; NaN where both cameras do not see the board whole.
+        Poses and covariances of all frames; NaN where both cameras do not see the board whole, or their
+        images were not taken together.
 
     Raises
     ------
@@ -35,8 +37,9 @@ def board_poses(recording: Recording, board: Board) -> tuple[Array, Array]:
         raise InputError(f"{recording.name} has no worn camera; give the topics of its images and its pose.")
     board.check_direction()
     poses, covariances = np.full((count, 4, 4), np.nan), np.full((count, 6, 6), np.nan)
+    together = Together(recording)
     for i in range(count):
-        frame = recording.frame(i)
+        frame = together.frame(i)
         if frame.worn is None:
             continue
         with contextlib.suppress(DataError):  # one of them does not see it

@@ -14,6 +14,7 @@ from collabslam.checks.lengths import check_lengths
 from collabslam.checks.mistakes import Eye
 from collabslam.checks.robot import check_robot
 from collabslam.checks.worn import MOST_PX, WornReport, check_worn
+from collabslam.datasets.wrapped import Together
 from collabslam.types import Recording
 
 
@@ -71,8 +72,10 @@ def check_calibration(recording: Recording) -> CalibrationReport:
     Parameters
     ----------
     recording : Recording
-        With true poses, recorded worn views, or both; without either its images alone are asked.
+        With true poses, recorded worn views, or both; without either its images alone are asked.  Views
+        that were taken more than 10 ms from their frame are not asked.
     """
+    recording = Together(recording)
     robot = check_robot(recording)
     worn = check_worn(recording, robot)
     lengths = check_lengths(recording, robot, worn.undo)

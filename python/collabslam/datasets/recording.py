@@ -35,12 +35,13 @@ class Rig:
 
 @dataclass(frozen=True)
 class RecordedView:
-    """A view of the worn camera on disk, with the measured pose, covariance and bias of WornView."""
+    """A view of the worn camera on disk, with the measured pose, covariance, bias and time of WornView."""
 
     path: Path
     t_cf: Array
     covariance: Array
     bias: Array | None = None
+    t: float | None = None
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ class ImageRecording:
         if self.worn is not None and i in self.worn.views:
             view = self.worn.views[i]
             image = read_grey(view.path, self.worn.camera)
-            worn = WornView(image, view.t_cf, view.covariance, view.bias)
+            worn = WornView(image, view.t_cf, view.covariance, view.bias, view.t)
         depth = None if self.depth is None else self.depth.get(i)
         points = None if depth is None else depth.points(self.camera)
         return Frame(i, float(self.times[i]), self.image(i), worn, points)

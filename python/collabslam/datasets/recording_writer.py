@@ -85,6 +85,7 @@ class RecordingWriter:
         self._partial = self._out.with_name(f".{self._out.name}.partial")
         self._lists: dict[Path, LineFile] = {}
         self._last = self._last_odometry = -1
+        self._views: set[int] = set()
         self._t_bc = np.eye(4) if t_bc is None else _pose(t_bc, "T_BC")
         self._frames = 0
         self._open = True
@@ -122,15 +123,17 @@ class RecordingWriter:
         image : (H, W) uint8
             Grey image of Cs; `collabslam.to_grey` makes one of any other.
         worn : WornView, optional
-            The worn camera's view at the same instant.
+            The worn camera's view at the same instant or, with its time, of another one.  Read back it comes
+            with the first frame from its time on, whenever it arrived here.
         truth : (4, 4) array, optional
             True ``T_WC`` of Cs, for scores only.
 
         Raises
         ------
         InputError
-            For a stamp that does not follow, an image of the wrong type or size, a pose that is none, a
-            covariance that is none, or a worn view without ``worn_camera``.
+            For a stamp that does not follow, a time of a view that was written before, an image of the wrong
+            type or size, a pose that is none, a covariance that is none, or a worn view without
+            ``worn_camera``.
         DataError
             If the disk is full.
         """
@@ -138,13 +141,15 @@ class RecordingWriter:
             raise InputError("The recording is closed; begin another one, in another folder.")
         stamp = _stamp(t, self._last)
         image = check_grey(image, self._camera, "image")
+        taken = stamp if worn is None else self._taken(worn, stamp)
         view = None if worn is None else self._checked(worn)
         true = None if truth is None else _pose(truth, "truth")
         with self._writable():
             # The lists last, so that they name nothing that is not there.
             name = self._write_image("cam0", stamp, image)
             if view is not None:
-                self._write_view(stamp, *view)
+                self._write_view(taken, *view)
+                self._views.add(taken)
             if true is not None:
                 line = ",".join([str(stamp), *_pose_fields(true)])
                 self._append(self._partial / "groundtruth" / "data.csv", _POSE_COLUMNS, line)
@@ -219,6 +224,15 @@ class RecordingWriter:
                 f"The folder {self._out} cannot be written ({error.strerror}); free disk space or choose "
                 "another place."
             ) from error
+
+    def _taken(self, worn: WornView, frame: int) -> int:
+        """When a view that comes with a frame was taken, nanoseconds."""
+        taken = frame if worn.t is None else _nanoseconds(worn.t)
+        if taken in self._views:
+            raise InputError(
+                f"There is a worn view of {taken / NANOSECONDS} s already; give each one once, with its time."
+            )
+        return taken
 
     def _checked(self, worn: WornView) -> tuple[Image, Array, list[Array]]:
         """Image, T_CF, its covariance and, where it is known, the part of that which lasts."""
@@ -328,12 +342,7 @@ def write_recording(
 
 def _stamp(t: float, last: int) -> int:
     """Nanoseconds of a stamp that follows the last one."""
-    try:
-        stamp = round(Fraction(float(t)) * NANOSECONDS)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"The time stamp is {t!r}; give seconds as a finite number.") from error
-    if not 0 <= stamp < 1 << 63:
-        raise InputError(f"The time stamp is {t} s; give seconds from 0 to 9e9.")
+    stamp = _nanoseconds(t)
     if stamp <= last:
         raise InputError(
             f"The time stamp {t} s does not follow the last one, {last / NANOSECONDS} s; give stamps in "
@@ -355,6 +364,16 @@ def stable_quaternion(rotation: Array) -> list[float]:
     rounded[kept] = float(np.copysign(np.sqrt(max(1.0 - rest, 0.0)), q[kept]))
     leading = next(x for x in rounded if x != 0.0)
     return [(-x if leading < 0.0 else x) + 0.0 for x in rounded]
+
+
+def _nanoseconds(t: float) -> int:
+    try:
+        stamp = round(Fraction(float(t)) * NANOSECONDS)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"The time stamp is {t!r}; give seconds as a finite number.") from error
+    if not 0 <= stamp < 1 << 63:
+        raise InputError(f"The time stamp is {t} s; give seconds from 0 to 9e9.")
+    return stamp
 
 
 def _free(out: Path, overwrite: bool) -> Path:

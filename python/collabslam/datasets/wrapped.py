@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from collabslam._core import Camera
 from collabslam.errors import SettingsError
 from collabslam.types import Array, Frame, Image, Odometry, Recording, Target
+
+TOGETHER = 0.01
+"""Seconds between two images that count as taken together."""
 
 
 class WrappedRecording:
@@ -39,6 +44,22 @@ class WrappedRecording:
     def frame(self, i: int) -> Frame:
         """Frame ``i``."""
         return self._base.frame(i)
+
+
+class Together(WrappedRecording):
+    """A recording with those views of Cf alone that were taken together with their frame, within 10 ms.
+
+    Parameters
+    ----------
+    base : Recording
+    """
+
+    def frame(self, i: int) -> Frame:
+        """Frame ``i``, without a view of another time."""
+        frame = self._base.frame(i)
+        if frame.worn is None or frame.worn.t is None or abs(frame.worn.t - frame.t) <= TOGETHER:
+            return frame
+        return replace(frame, worn=None)
 
 
 class FirstFrames(WrappedRecording):

@@ -45,6 +45,9 @@ MOST_PENDING = 32
 """Most views that wait for their frame; of more, the oldest go."""
 MOST_FRAMES = 18
 """Most frames of which the image is kept."""
+LATENESSES = 32
+"""Views that tell how long poses are kept: until there were so many for ``worn.late``, then as long as the
+latest of so many came late."""
 START_GAP = 0.1
 """Largest time between a view and the frame that the filter starts from, as a share of ``worn.late``."""
 REASONS = ("stale", "future", "repeated", "superseded", "crowded")
@@ -128,6 +131,7 @@ class LateViews(PersistentState):
         "_pending": items(_VIEW),
         "_frames": items(_frame),
         "_awake": flag,
+        "_latenesses": items(number(-SECONDS, SECONDS)),
         "dropped": table(str, whole(0)),
     }
 
@@ -148,6 +152,7 @@ class LateViews(PersistentState):
         self._pending: tuple[WornView, ...] = ()
         self._frames: tuple[KeptFrame, ...] = ()
         self._awake = False
+        self._latenesses: tuple[float, ...] = ()
         self.dropped: dict[str, int] = {}
         """Views that were not used so far, by reason."""
 
@@ -163,12 +168,14 @@ class LateViews(PersistentState):
     def state(self) -> dict[str, Any]:
         """As `PersistentState.state`."""
         kept = self.attributes()
-        return {**kept, "_pending": list(kept["_pending"]), "_frames": list(kept["_frames"])}
+        lists = ("_pending", "_frames", "_latenesses")
+        return kept | {name: list(kept[name]) for name in lists}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """As `PersistentState.restore`."""
         super().restore(state)
         self._pending = tuple(self._worn.require(view) for view in self._pending)
+        self._latenesses = tuple(self._latenesses)
         self._frames, shape = tuple(self._frames), (self._camera.height, self._camera.width)
         if any(frame.image.shape != shape for frame in self._frames):
             refuse("kept frames", "of this camera")
@@ -185,7 +192,7 @@ class LateViews(PersistentState):
         """The frame with the view that it is to use; before it, if the filter can start from a view that came
         late, the frames since."""
         worn = self._choose(t, worn)
-        start = self._start_of(worn)
+        start = self._start_of(t, worn)
         if start:
             self._filter.forget_time()
             yield start[0].t, start[0].image, worn
@@ -237,7 +244,9 @@ class LateViews(PersistentState):
 
     def keep(self, view: View, found: Found, seen: ImagePoints, change: MapChange) -> None:
         """At the end of a frame: keeps it if views come late, or may, as before the start."""
-        if self._awake and self._filter.started and self._filter.keep_pose():
+        known = len(self._latenesses) == LATENESSES
+        late = max(self._latenesses) if known else self._late
+        if self._awake and self._filter.started and self._filter.keep_pose(late):
             row = {i: k for k, i in enumerate(found.searched.tolist())}
             rows = np.array([row.get(i, -1) for i in seen.ids.tolist()], np.int64)
             born = change.born
@@ -287,15 +296,19 @@ class LateViews(PersistentState):
         if not fresh:
             return None
         self._drop("superseded", len(fresh) - 1)
-        self._awake |= abs(_time(fresh[-1]) - t) > self._tolerance
+        lateness = t - _time(fresh[-1])
+        self._latenesses = (*self._latenesses, lateness)[-LATENESSES:]
+        self._awake |= abs(lateness) > self._tolerance
         return fresh[-1]
 
-    def _start_of(self, worn: WornView | None) -> tuple[KeptFrame, ...]:
-        """Frames of before, from the one that a filter starts from with a view that came late."""
+    def _start_of(self, t: float, worn: WornView | None) -> tuple[KeptFrame, ...]:
+        """Frames of before, from the one nearest to a view that came late, which a filter starts from."""
         if worn is None or worn.t is None or self._filter.started or not self._frames:
             return ()
-        since = tuple(frame for frame in self._frames if frame.t >= worn.t - self._tolerance)
-        return since if since and since[0].t - worn.t <= START_GAP * self._late else ()
+        gaps = [abs(frame.t - worn.t) for frame in self._frames]
+        nearest = int(np.argmin(gaps))
+        is_of_now = abs(t - worn.t) <= gaps[nearest]
+        return () if is_of_now or gaps[nearest] > START_GAP * self._late else self._frames[nearest:]
 
     def _drop(self, reason: str, count: int = 1) -> None:
         if count:

@@ -34,10 +34,12 @@ pub enum ViewTiming {
 }
 
 impl Filter {
-    /// Keeps the camera's pose for views of Cf that come late; true if it did. Poses that `worn.late` needs no more make
-    /// room. To be called at the end of a frame; it does nothing before the start, and where the last pose is so recent
-    /// that a tenth of `worn.late` has not passed yet.
-    pub fn keep_pose(&mut self) -> bool {
+    /// Keeps the camera's pose for views of Cf that come late; true if it did. To be called at the end of a frame; it does
+    /// nothing before the start, and where the last pose is so recent that a tenth of `worn.late` has not passed yet.
+    ///
+    /// Poses older than `lateness` go, but for one: how much later than it was taken a view comes to its frame, so far as is
+    /// known, seconds; `worn.late` is the most. Each pose that is kept costs like a feature.
+    pub fn keep_pose(&mut self, lateness: f64) -> bool {
         let Some(now) = self.time.filter(|_| self.started) else {
             return false;
         };
@@ -47,10 +49,16 @@ impl Filter {
             return false;
         }
         self.changes();
+        let oldest = now - lateness.max(0.0).min(REACH * late);
         // The one before the first that is needed is needed, too: views are taken between two.
         let poses = &mut self.kept_poses.poses;
-        let is_over = poses.get(1).is_some_and(|(t, _)| *t <= now - REACH * late);
-        let again = (is_over || poses.len() == MOST).then(|| poses.remove(0).1);
+        let over = poses.iter().skip(1).take_while(|(t, _)| *t <= oldest);
+        let over = over.count().max((poses.len() + 1).saturating_sub(MOST));
+        let mut gone: Vec<u64> = poses.drain(..over).map(|(_, id)| id).collect();
+        let again = gone.pop();
+        if !gone.is_empty() {
+            self.state.remove(|b| gone.contains(&b.id));
+        }
         let block = again.and_then(|id| self.state.layout.find(id).copied());
         let id = match block {
             Some(block) => {
@@ -122,7 +130,13 @@ impl Filter {
         if measured.contains(&t) {
             return ViewTiming::Repeated;
         }
-        if t > now + tolerance {
+        // A start may be from the frame before the view.
+        let ahead = if self.started {
+            0.0
+        } else {
+            self.settings.worn.late / AIM
+        };
+        if t > now + tolerance.max(ahead) {
             return ViewTiming::Future;
         }
         if now - t <= tolerance {

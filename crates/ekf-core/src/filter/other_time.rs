@@ -206,7 +206,7 @@ mod tests {
         filter.add_undelayed(&pixels).expect("features");
         filter.state.x[7..13].copy_from_slice(&[0.6, -0.2, 1.1, 0.3, -0.8, 0.2]);
         for k in 1..=5 {
-            assert!(filter.keep_pose());
+            assert!(filter.keep_pose(1.0));
             filter
                 .predict((0.1 * f64::from(k)).min(0.45))
                 .expect("time goes on");
@@ -299,7 +299,7 @@ mod tests {
     fn poses_are_kept_for_the_time_that_is_set_and_no_more() {
         let mut filter = moving();
         for k in 1..=60 {
-            filter.keep_pose();
+            filter.keep_pose(2.0);
             let t = 0.45 + 0.05 * f64::from(k);
             filter.predict(t).expect("time goes on");
         }
@@ -316,6 +316,16 @@ mod tests {
         for &t in &times {
             filter.kept_pose(t).expect("it is kept");
         }
+        filter.check().expect("sound");
+
+        // Views that come less late need fewer of them.
+        filter.predict(now + 0.1).expect("time goes on");
+        assert!(filter.keep_pose(0.25));
+        let few: Vec<f64> = filter.kept_times().collect();
+        assert!(
+            few[0] <= now - 0.15 && few[1] > now - 0.15,
+            "{few:?} at {now}"
+        );
         filter.check().expect("sound");
     }
 }

@@ -8,12 +8,13 @@ use pyo3::prelude::*;
 
 #[pymethods]
 impl PyFilter {
-    /// Keeps the camera's pose for views of Cf that come up to ``worn.late`` seconds late; True if it did.
+    /// Keeps the camera's pose for views of Cf that come up to ``lateness`` seconds late, at most
+    /// ``worn.late``; True if it did.
     ///
     /// To be called at the end of a frame. It does nothing before the start, and so soon after the last pose
     /// that there is none to gain.
-    fn keep_pose(&self, py: Python<'_>) -> PyResult<bool> {
-        self.write(py, |f| Ok(f.keep_pose()))
+    fn keep_pose(&self, py: Python<'_>, lateness: f64) -> PyResult<bool> {
+        self.write(py, |f| Ok(f.keep_pose(lateness)))
     }
 
     /// Times of the frames whose poses are kept, (K,) float64, seconds, increasing.

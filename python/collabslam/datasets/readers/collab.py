@@ -4,7 +4,7 @@
 
     recording.yaml              format: collabslam-recording, version: 1, name
     cam0/data/*.png  cam0/data.csv  cam0/sensor.yaml     Cs: every frame
-    cam1/data/*.png  cam1/data.csv  cam1/sensor.yaml     Cf: only the frames where it was there
+    cam1/data/*.png  cam1/data.csv  cam1/sensor.yaml     Cf: where it was there, at any time
     relpose/data.csv            measured T_CF: ns, position, quaternion w x y z, 21 or 42 numbers
     groundtruth/data.csv        optional T_WC of Cs at frames' stamps: ns, position, quaternion w x y z
     odometry/data.csv           optional: ns, vx vy vz (m/s), wx wy wz (rad/s), 21 numbers
@@ -13,8 +13,8 @@
 The 21 numbers are the lower triangle, row by row, of the 6x6 covariance of ``T_CF`` over (translation,
 rotation), tangent on the right, m^2 and rad^2; 21 more are the part of it that lasts from frame to
 frame, where that is known.  Those of odometry are of its twist's covariance, (m/s)^2 and (rad/s)^2.  Stamps
-are integer nanoseconds; a view of Cf and its relative pose belong to the frame of Cs whose stamp is the
-nearest within 5 ms.
+are integer nanoseconds.  A view of Cf comes with the first frame of Cs that is not more than 5 ms before it,
+and is of its own time (METHOD section 21); its relative pose is the one whose stamp is the nearest within 5 ms.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from collabslam.datasets.poses import (
     seconds,
 )
 from collabslam.datasets.printed_pose import with_printed_poses
-from collabslam.datasets.readers.stamped import match_stamps, read_stream
+from collabslam.datasets.readers.stamped import match_stamps, own_time, read_stream, views_of_frames
 from collabslam.datasets.recording import ImageRecording, RecordedView, RecordedWorn
 from collabslam.datasets.stream import StreamRecording
 from collabslam.errors import CollabslamError, DataError
@@ -121,15 +121,18 @@ def _read_worn(path: Path, stamps: list[int], relative_poses: Path) -> RecordedW
         return None
     view_stamps, paths = read_stream(folder)
     pose_stamps, poses = _read_relative_poses(relative_poses)
-    views = match_stamps(stamps, view_stamps, _TOLERANCE)
-    measured = match_stamps(stamps, pose_stamps, _TOLERANCE)
-    both = sorted(set(views) & set(measured))
-    if view_stamps and not both:
+    measured = match_stamps(view_stamps, pose_stamps, _TOLERANCE)
+    known = sorted(measured)
+    of_frames = views_of_frames(stamps, [view_stamps[k] for k in known], _TOLERANCE)
+    if view_stamps and not of_frames:
         raise DataError(
-            f"No view in {folder} has a frame of cam0 and a row of {relative_poses} within 5 ms; "
-            "put all three on the same clock."
+            f"No view in {folder} has a row of {relative_poses} within 5 ms, and a frame of cam0 within the "
+            "second after it; put all three on the same clock."
         )
-    found = {i: RecordedView(paths[views[i]], *poses[measured[i]]) for i in both}
+    found = {}
+    for i, j in of_frames.items():
+        k = known[j]
+        found[i] = RecordedView(paths[k], *poses[measured[k]], own_time(view_stamps[k], stamps[i]))
     return RecordedWorn(load_camera(folder / "sensor.yaml"), found)
 
 

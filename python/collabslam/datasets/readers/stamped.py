@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from collabslam.datasets.images import list_images, named_file, require_files
-from collabslam.datasets.poses import data_lines, nanoseconds
+from collabslam.datasets.poses import data_lines, nanoseconds, seconds
 from collabslam.errors import DataError
 
 
@@ -61,3 +61,42 @@ def match_stamps(stamps: list[int], others: list[int], tolerance: int) -> Mappin
         if j not in taken or gap < taken[j][0]:
             taken[j] = (gap, i)
     return {i: j for j, (_, i) in sorted(taken.items())}
+
+
+LONGEST = 1_000_000_000
+"""Longest time from a view of Cf to the frame that it comes with, nanoseconds."""
+
+
+def views_of_frames(stamps: list[int], views: list[int], ahead: int) -> Mapping[int, int]:
+    """The view of Cf that comes with each frame: one of its instant, or of the time since the frame before.
+
+    All are nanoseconds, and sorted.  Of several views the one nearest to the frame counts.
+
+    Parameters
+    ----------
+    stamps : list of int
+        Of the frames of Cs.
+    views : list of int
+        Of the views of Cf, which has a clock of its own.
+    ahead : int
+        A view that is taken up to so much after a frame comes with it.
+
+    Returns
+    -------
+    Mapping of index in ``stamps`` to index in ``views``
+    """
+    reference = np.asarray(stamps, dtype=np.int64)
+    found: dict[int, tuple[int, int]] = {}
+    for j, view in enumerate(views):
+        i = int(np.searchsorted(reference, view - ahead))
+        if i == len(stamps):
+            break
+        gap = abs(stamps[i] - view)
+        if gap <= LONGEST and (i not in found or gap <= found[i][0]):
+            found[i] = (gap, j)
+    return {i: j for i, (_, j) in sorted(found.items())}
+
+
+def own_time(stamp: int, frame: int) -> float | None:
+    """``WornView.t`` of a view with this stamp that comes with that frame's: None if they are the same."""
+    return None if stamp == frame else seconds(stamp)

@@ -9,8 +9,9 @@
 
 Videos may end in any of `video.SUFFIXES`.  Stamps are seconds or integer nanoseconds, on one clock; without a
 list they are the container's.  The covariance of a row of ``t_cf.csv`` is two standard deviations, metres and
-degrees, or 21 numbers as in `collab`.  A view of Cf belongs to the nearest frame of Cs within 10 ms; the pose
-is interpolated between two rows.  With ``t_cf=tag:...`` (see `printed_pose`) it needs no list.
+degrees, or 21 numbers as in `collab`.  A view of Cf comes with the first frame of Cs that is not more than
+10 ms before it, and is of its own time (METHOD section 21); its pose is interpolated between two rows.  With
+``t_cf=tag:...`` (see `printed_pose`) it needs no list, but a frame of Cs within 10 ms.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from collabslam.datasets.poses import (
 )
 from collabslam.datasets.printed_pose import printed_source, with_printed_poses
 from collabslam.datasets.readers.collab import covariance_of
-from collabslam.datasets.readers.stamped import match_stamps
+from collabslam.datasets.readers.stamped import match_stamps, own_time, views_of_frames
 from collabslam.datasets.readers.video import SUFFIXES, Video, read_stamps
 from collabslam.datasets.stream import StreamRecording
 from collabslam.errors import DataError
@@ -131,28 +132,30 @@ def open(path: Path, given: Given) -> StreamRecording:
 def _with_worn(recording: StreamRecording, path: Path, targets: list[Tag | Board]) -> StreamRecording:
     video, times = _read(path, "cam1")
     frames, others = np.argsort(recording.times), np.argsort(times)
-    pairs = match_stamps(_nanoseconds(recording.times[frames]), _nanoseconds(times[others]), _TOLERANCE)
-    together = {int(frames[i]): int(others[k]) for i, k in pairs.items()}
+    of_cs, of_cf = _nanoseconds(recording.times[frames]), _nanoseconds(times[others])
+    pair = match_stamps if targets else views_of_frames
+    together = {int(frames[i]): int(others[k]) for i, k in pair(of_cs, of_cf, _TOLERANCE).items()}
     camera = _lens(path, "cam1")
     if targets:
         return with_printed_poses(recording, camera, together, video.read, targets)
     stamps, track, covariances = _rows(path / "t_cf.csv", (2, 21))
-    views: dict[int, tuple[int, Array, Array]] = {}
+    views: dict[int, tuple[int, Array, Array, float | None]] = {}
     for frame, view in together.items():
-        t = recording.times[frame]
+        t = times[view]
         t_cf = interpolate_track(stamps, track, np.asarray([t]))[0]
+        own = own_time(*_nanoseconds(np.asarray([t, recording.times[frame]])))
         if np.isfinite(t_cf).all():
-            views[frame] = view, t_cf, covariances[int(np.argmin(np.abs(stamps - t)))]
+            views[frame] = view, t_cf, covariances[int(np.argmin(np.abs(stamps - t)))], own
     if not views:
         raise DataError(
-            f"No frame of cam1 in {path} is within 10 ms of one of cam0 and between two rows of t_cf.csv; "
-            "put all three on the same clock."
+            f"No frame of cam1 in {path} is between two rows of t_cf.csv, with one of cam0 within the second "
+            "after it; put all three on the same clock."
         )
 
     def read_worn(i: int) -> WornView | None:
         if i not in views:
             return None
-        k, t_cf, covariance = views[i]
-        return WornView(video.read(k), t_cf, covariance)
+        k, t_cf, covariance, t = views[i]
+        return WornView(video.read(k), t_cf, covariance, t=t)
 
     return replace(recording, worn_camera=camera, read_worn=read_worn)

@@ -15,7 +15,7 @@ from collabslam.datasets.depth_image import depth_points
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.poses import interpolate_track, seconds
 from collabslam.datasets.printed_pose import printed_source, with_printed_poses
-from collabslam.datasets.readers.stamped import match_stamps
+from collabslam.datasets.readers.stamped import match_stamps, own_time, views_of_frames
 from collabslam.datasets.ros.bag import CAMERA_TYPE, IMAGE_TYPES, Bag, BagImages, is_bag
 from collabslam.datasets.ros.sensors import EstimatedPoses
 from collabslam.datasets.ros.worn_pose_source import T_CF_ROLE, WornPoses, worn_poses
@@ -35,8 +35,9 @@ ROLES = {
 }
 _TOLERANCE, _TOGETHER = 10_000_000, 20_000_000
 
-View = tuple[int, Array, Array, Array | None]
-"""Number of a view of Cf, ``T_CF``, its covariance, and the part of it that lasts, if that is known."""
+View = tuple[int, Array, Array, Array | None, float | None]
+"""Number of a view of Cf, ``T_CF``, its covariance, the part of it that lasts, if that is known, and its
+time, if not the frame's."""
 
 
 def matches(path: Path) -> bool:
@@ -113,8 +114,8 @@ def _no_view(_: int) -> WornView | None:
 def _view(images: BagImages, views: dict[int, View], i: int) -> WornView | None:
     if i not in views:
         return None
-    k, t_cf, covariance, bias = views[i]
-    return WornView(images.read(k), t_cf, covariance, bias)
+    k, t_cf, covariance, bias, t = views[i]
+    return WornView(images.read(k), t_cf, covariance, bias, t)
 
 
 def only_images(bag: Bag) -> str:
@@ -147,18 +148,21 @@ def _camera(bag: Bag, images: str, info: str | None) -> Camera:
 def _views(
     bag: Bag, stamps: list[int], worn_stamps: list[int], poses: WornPoses | EstimatedPoses
 ) -> dict[int, View]:
-    """What there is for each frame with a view of Cf and a pose."""
+    """What there is for each frame with a view of Cf and a pose; the view's stamp is by the clock of Cs."""
     shift = round(poses.shift * 10**9)
-    pairs = match_stamps(stamps, [s + shift for s in worn_stamps], _TOLERANCE)
-    times = np.asarray([seconds(stamps[i]) for i in pairs])
+    taken = [s + shift for s in worn_stamps]
+    pairs = views_of_frames(stamps, taken, _TOLERANCE)
+    times = np.asarray([seconds(taken[k]) for k in pairs.values()])
     rows = zip(pairs.items(), *poses.at(times), strict=True)
     out = {
-        i: (k, t_cf, covariance, bias) for (i, k), t_cf, covariance, bias in rows if np.isfinite(t_cf).all()
+        i: (k, t_cf, covariance, bias, own_time(taken[k], stamps[i]))
+        for (i, k), t_cf, covariance, bias in rows
+        if np.isfinite(t_cf).all()
     }
     if not out:
         raise DataError(
-            f"No image of Cf in {bag.path} is within 10 ms of one of Cs and between two of its measured "
-            "poses; put all three on the same clock."
+            f"No image of Cf in {bag.path} is between two of its measured poses, with one of Cs within the "
+            "second after it; put all three on the same clock."
         )
     return out
 

@@ -107,8 +107,9 @@ def _write_frame(bag: _Bag, recording: Recording, i: int) -> None:
             bag.camera("/cf", stamp, recording.worn_camera, WORN)
     bag.image("/cs", stamp, frame.image, ROBOT)
     if frame.worn is not None:
-        bag.image("/cf", stamp, frame.worn.image, WORN)
-        bag.pose_with_covariance("/t_cf", stamp, frame.worn.t_cf, frame.worn.covariance)
+        taken = stamp if frame.worn.t is None else _stamp(frame.worn.t)
+        bag.image("/cf", taken, frame.worn.image, WORN)
+        bag.pose_with_covariance("/t_cf", taken, frame.worn.t_cf, frame.worn.covariance)
     if recording.truth is not None and bool(np.isfinite(recording.truth[i]).all()):
         bag.pose("/truth", stamp, recording.truth[i])
 
