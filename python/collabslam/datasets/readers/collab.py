@@ -14,7 +14,8 @@ The 21 numbers are the lower triangle, row by row, of the 6x6 covariance of ``T_
 rotation), tangent on the right, m^2 and rad^2; 21 more are the part of it that lasts from frame to
 frame, where that is known.  Those of odometry are of its twist's covariance, (m/s)^2 and (rad/s)^2.  Stamps
 are integer nanoseconds.  A view of Cf comes with the first frame of Cs that is not more than 5 ms before it,
-and is of its own time (METHOD section 21); its relative pose is the one whose stamp is the nearest within 5 ms.
+and is of its own time (METHOD section 21); its relative pose is the one whose stamp is the nearest within
+5 ms.
 """
 
 from __future__ import annotations
