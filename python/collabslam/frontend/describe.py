@@ -21,6 +21,7 @@ from collabslam.extras import needs
 from collabslam.types import Array, Image
 
 Descriptors = NDArray[np.float32]
+Describe = Callable[[Image, Array, Array, float], Descriptors]
 
 _GRID = 8  # samples along a window's side
 _SIFT_SUPPORT = 6.0  # side of OpenCV's SIFT window over KeyPoint.size
@@ -170,7 +171,7 @@ def _describe_surf(image: Image, uv: Array, axes: Array, size_px: float) -> Desc
     return np.asarray(surf.descriptors(padded, places, descriptor_only=True), dtype=np.float32)
 
 
-DESCRIPTORS: dict[str, Callable[[Image, Array, Array, float], Descriptors]] = {
+DESCRIPTORS: dict[str, Describe] = {
     "warped-sift": describe_warped,
     "sift": _describe_sift,
     "orb": _describe_orb,

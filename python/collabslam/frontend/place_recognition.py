@@ -40,10 +40,10 @@ _MIN_SPREAD = (
 )
 _CORNERS = 500  # most corners of an image in which the camera is looked for
 _CORNER_DISTANCE = 0.006  # least distance between them, as a share of the image's width
-_RATIO = (
-    0.9  # of the best to the second best descriptor distance; generous, as patches are searched afterwards
-)
-_MAX_DISTANCE = 0.8  # largest distance of two descriptors (unit vectors)
+RATIO = 0.9
+"""Of the best to the second best descriptor distance; generous, as patches are searched afterwards."""
+MAX_DISTANCE = 0.8
+"""Largest distance of two descriptors (unit vectors)."""
 _GUESS_RADIUS = 0.08  # of the image's width, around where a landmark is expected, that is tried first
 _MIN_DESCRIPTORS = 5  # fewest that must agree on a pose
 _CORNER_RESIDUAL = 6.0  # pixels, largest distance of a corner from where the pose puts the landmark
@@ -216,7 +216,7 @@ def locate(
         )
         for near in places:
             landmark, corner = match_descriptors(
-                descriptors, views.owner, described, _RATIO, _MAX_DISTANCE, near
+                descriptors, views.owner, described, RATIO, MAX_DISTANCE, near
             )
             first = pose_by_ransac(
                 views.points[landmark], corners[corner], camera, _CORNER_RESIDUAL, _ITERATIONS

@@ -28,10 +28,9 @@ from collabslam.frontend.worn_match import SUPPORT, match_worn
 from collabslam.geometry import pose_inverse
 from collabslam.runs.report import number
 from collabslam.runs.results import write_summary
-from collabslam.settings.frontend import FrontendSettings
 from collabslam.settings.table import Settings
 from collabslam.slam.worn_frame import NEW_POINTS
-from collabslam.types import Array, Mask
+from collabslam.types import Array, Indices, Mask
 from collabslam_lab.benchmark.pairs import Pair, Scene, choose_pairs, true_inverse_ranges
 from collabslam_lab.benchmark.plan import Entry, Plan
 from collabslam_lab.benchmark.store import KEY, Row, code_hash, files_hash, slug
@@ -73,35 +72,51 @@ def measure(entry: Entry, data: Path, *, seed: int = 0, kinds: Iterable[str] | N
         If the recording cannot be read, or a descriptor's library is missing.
     """
     scene = Scene.of(entry, data, seed)
-    pairs = choose_pairs(scene)
-    noise = PoseNoise(*entry.noise) if entry.noise else RIG_NOISE if entry.worn == "rig" else SENSOR_NOISE
-    errors = PoseErrors(noise, seed, per_block=False)
-    settings = Settings.default()
-    core = Filter(scene.camera, scene.other.camera, settings=settings.section("filter"))
+    errors = pose_errors(entry, seed)
     rows: list[Row] = []
-    for pair in pairs:
-        look = _Look(scene, pair, core, errors, settings.frontend())
+    for pair in choose_pairs(scene):
+        look = Look(scene, pair, errors)
         facts = {"recording": entry.name, **pair.facts()}
         rows += [{**facts, **look.measure(kind)} for kind in kinds or DESCRIPTORS]
     return rows
 
 
-class _Look:
-    """One pair: its points, their true depths, and what each descriptor makes of them."""
+def pose_errors(entry: Entry, seed: int) -> PoseErrors:
+    """What a recording's ``T_CF`` errs by."""
+    noise = PoseNoise(*entry.noise) if entry.noise else RIG_NOISE if entry.worn == "rig" else SENSOR_NOISE
+    return PoseErrors(noise, seed, per_block=False)
 
-    def __init__(
-        self, scene: Scene, pair: Pair, core: Filter, errors: PoseErrors, options: FrontendSettings
-    ) -> None:
-        self._scene, self._pair, self._options = scene, pair, options
-        self._image = scene.image(pair.i)
-        self._other = scene.other.image(pair.j)
-        self._t_cf = errors.measured(pair.t_cf, pair.i, 0)
-        self._covariance = np.diag(errors.noise.deviations**2)
-        self._overlap = core.predict_overlap(self._t_cf, self._covariance)
-        border = SIZE // 2 + 1
-        self._uv = detect_corners(self._image, _NONE, NEW_POINTS, options.detect, border)
-        self._rays = scene.camera.unproject(self._uv)
-        self._rho = true_inverse_ranges(scene, pair.i, self._uv, options)
+
+class Look:
+    """One pair: points of Cs, their true depths, and what each descriptor makes of them.
+
+    Attributes
+    ----------
+    views : TwoViews or None
+        With the measured ``T_CF``; None where that says that the views do not overlap.
+    uv : (N, 2) float64
+        The points: corners, unless others are given.
+    """
+
+    def __init__(self, scene: Scene, pair: Pair, errors: PoseErrors, uv: Array | None = None) -> None:
+        settings = Settings.default()
+        self._scene, self._pair, self._options = scene, pair, settings.frontend()
+        image, other = scene.image(pair.i), scene.other.image(pair.j)
+        t_cf, covariance = errors.measured(pair.t_cf, pair.i, 0), np.diag(errors.noise.deviations**2)
+        core = Filter(scene.camera, scene.other.camera, settings=settings.section("filter"))
+        overlap = core.predict_overlap(t_cf, covariance)
+        self.views = None
+        if overlap is not None:
+            cameras = (scene.camera, scene.other.camera)
+            self.views = TwoViews(
+                image, cameras[0], other, cameras[1], t_cf, covariance, overlap.roi_s, overlap.roi_f
+            )
+        self.image, self.other = image, other
+        if uv is None:
+            uv = detect_corners(image, _NONE, NEW_POINTS, self._options.detect, SIZE // 2 + 1)
+        self.uv = uv
+        self._rays = scene.camera.unproject(self.uv)
+        self._rho = true_inverse_ranges(scene, pair.i, self.uv, self._options)
         self._expected, self._inside = self._project(self._rho)
         changed, _ = self._project(self._rho * (1.0 + DEPTH_SHARE))
         self._slack = DEPTH_PX + np.linalg.norm(changed - self._expected, axis=1)
@@ -126,50 +141,56 @@ class _Look:
         )
         return float(np.degrees(np.median(np.arccos(np.clip(cosine, -1.0, 1.0)))))
 
-    def measure(self, kind: str) -> Row:
-        """Matches, how many of them are right, and milliseconds of processor time."""
+    def measure(self, kind: str, ratio: float | None = None) -> Row:
+        """Matches, how many of them are right, and milliseconds of processor time.
+
+        ``ratio`` is the largest of the best to the second best distance; the default's if left out.
+        """
         worn = dataclasses.replace(self._options.worn, descriptor=kind)
+        if ratio is not None:
+            worn = dataclasses.replace(worn, ratio=ratio)
         options = dataclasses.replace(self._options, worn=worn)
-        row: Row = {
-            "descriptor": kind,
-            "parallax_deg": self.parallax(),
-            "points": len(self._uv),
-            "points_with_depth": int(self._inside.sum()),
-            "overlap": self._overlap is not None,
-            "ms_describe": self._describing(kind),
-        }
-        counts = {"matches": 0, "epipolar_right": 0, "with_depth": 0, "depth_right": 0}
-        if self._overlap is None:
-            return {**row, **counts, "ms_match": 0.0}
+        row = {"descriptor": kind, **self.facts(), "ms_describe": self._describing(kind)}
+        nothing = np.empty(0, np.int64)
+        if self.views is None:
+            return {**row, **self.judge(nothing, _NONE), "ms_match": 0.0}
         began = time.process_time()
-        views = TwoViews(
-            self._image, self._scene.camera, self._other, self._scene.other.camera,
-            self._t_cf, self._covariance, self._overlap.roi_s, self._overlap.roi_f,
-        )  # fmt: skip
-        found = match_worn(views, ViewedPoints(self._uv), options)
+        found = match_worn(self.views, ViewedPoints(self.uv), options)
         took = 1e3 * (time.process_time() - began)
-        rays_f = self._scene.other.camera.unproject(found.uv_f).reshape(-1, 3)
+        return {**row, **self.judge(found.index, found.uv_f), "ms_match": took}
+
+    def facts(self) -> Row:
+        """Of the pair, whatever is matched."""
+        return {
+            "parallax_deg": self.parallax(),
+            "points": len(self.uv),
+            "points_with_depth": int(self._inside.sum()),
+            "overlap": self.views is not None,
+        }
+
+    def judge(self, index: Indices, uv_f: Array) -> Row:
+        """How many matches of points ``index`` with pixels of the other view are right."""
+        rays_f = self._scene.other.camera.unproject(uv_f).reshape(-1, 3)
         focal = (_focal(self._scene.camera), _focal(self._scene.other.camera))
-        residual = epipolar_residuals(self._rays[found.index], rays_f, self._pair.t_cf, focal).residual
+        residual = epipolar_residuals(self._rays[index], rays_f, self._pair.t_cf, focal).residual
         near = np.abs(residual) <= EPIPOLAR_PX * np.sqrt(2.0)  # of one coordinate: two views err
-        judged = np.isfinite(self._rho[found.index]) & np.isfinite(self._expected[found.index]).all(axis=1)
-        off = np.linalg.norm(found.uv_f - self._expected[found.index], axis=1)
-        right = judged & near & (np.nan_to_num(off, nan=np.inf) <= np.nan_to_num(self._slack[found.index]))
-        counts = {
-            "matches": len(found.index),
+        judged = np.isfinite(self._rho[index]) & np.isfinite(self._expected[index]).all(axis=1)
+        off = np.linalg.norm(uv_f - self._expected[index], axis=1)
+        right = judged & near & (np.nan_to_num(off, nan=np.inf) <= np.nan_to_num(self._slack[index]))
+        return {
+            "matches": len(index),
             "epipolar_right": int(near.sum()),
             "with_depth": int(judged.sum()),
             "depth_right": int(right.sum()),
         }
-        return {**row, **counts, "ms_match": took}
 
     def _describing(self, kind: str) -> float:
         """Milliseconds for 200 points of the other view, all in one crop."""
-        size = 0.5 * np.array(self._other.shape[::-1], np.float64)
+        size = 0.5 * np.array(self.other.shape[::-1], np.float64)
         spread = np.linspace(-120.0, 120.0, 15)
         uv = (np.stack(np.meshgrid(spread, spread), axis=-1).reshape(-1, 2) + size)[:_DESCRIBED]
         began = time.process_time()
-        describe(self._other, uv, 0.0, SUPPORT, kind)
+        describe(self.other, uv, 0.0, SUPPORT, kind)
         return 1e3 * (time.process_time() - began)
 
 
@@ -309,10 +330,15 @@ def _numbers(rows: Sequence[Row]) -> list[str]:
 
 
 def helped(row: Row) -> bool:
-    """Whether a pair has enough right matches: by depth where it is known, else by the epipolar line."""
+    """Whether a pair has enough right matches."""
+    return right_matches(row) >= HELPFUL
+
+
+def right_matches(row: Row) -> float:
+    """How many matches of a pair are right: by depth where it is known, else by the epipolar line."""
     unknown = row["matches"] - row["with_depth"]
     share = row["epipolar_right"] / row["matches"] if row["matches"] else 0.0
-    return bool(row["depth_right"] + share * unknown >= HELPFUL)
+    return float(row["depth_right"] + share * unknown)
 
 
 def _range(rows: Sequence[Row]) -> str:

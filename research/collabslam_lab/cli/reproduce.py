@@ -12,11 +12,12 @@ from collabslam_lab.cli.engine_options import add_engine, engine_of
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    from collabslam_lab import paper_simulation, paper_worlds
+    from collabslam_lab import learned, paper_simulation, paper_worlds
     from collabslam_lab.paper_simulation.simulation_settings import SIMULATION
 
     simulated = [f"  {name:14} {text}" for name, text in paper_simulation.EXPERIMENTS.items()]
     rendered = [f"  {name:14} {text}" for name, text in paper_worlds.EXPERIMENTS.items()]
+    by_learning = [f"  {name:14} {text}" for name, text in learned.EXPERIMENTS.items()]
     settings = [
         f"  {key}={entry.default:g}{' ' + entry.unit if entry.unit else ''}: {entry.doc}"
         for key, entry in SIMULATION.items()
@@ -30,11 +31,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
             "names of experiments in rendered worlds, all of them: paper",
             *rendered,
             "",
+            "names of experiments with learned descriptors, of the rendered demo and of --data's recordings:",
+            *by_learning,
+            "",
             "settings of the simulation:",
             *settings,
         ]
     )
-    names = [*paper_simulation.EXPERIMENTS, *paper_worlds.EXPERIMENTS, "all", "paper"]
+    names = [*paper_simulation.EXPERIMENTS, *paper_worlds.EXPERIMENTS, *learned.EXPERIMENTS, "all", "paper"]
     parser.add_argument("names", metavar="NAME", nargs="+", choices=names, help="see below, or all, or paper")
     parser.add_argument(
         "--out", metavar="DIR", type=Path, default=Path("results/reproduce"), help=options.OUT_HELP
@@ -48,6 +52,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--quick", action="store_true", help="few recordings of each experiment: to see that it works"
     )
+    parser.add_argument("--data", metavar="DATA_DIR", type=Path, help="folder that holds the recordings")
     parser.add_argument(
         "--set",
         metavar="NAME=VALUE",
@@ -60,7 +65,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Run simulations and experiments, write their files, print their pages."""
     from collabslam.settings.table import parse_assignments
-    from collabslam_lab import paper_simulation, paper_worlds
+    from collabslam_lab import learned, paper_simulation, paper_worlds
 
     jobs = (os.cpu_count() or 1) if arguments.jobs is None else arguments.jobs
     simulations = _asked(arguments.names, list(paper_simulation.EXPERIMENTS), "all")
@@ -84,6 +89,10 @@ def main(arguments: argparse.Namespace) -> int:
             engine=engine_of(arguments),
             quick=arguments.quick,
         )
+    if set(arguments.names) & set(learned.EXPERIMENTS):
+        from collabslam_lab.learned.viewpoints import reproduce
+
+        print(reproduce(arguments.out, arguments.data, seed=arguments.seed, quick=arguments.quick))
     return OK
 
 
