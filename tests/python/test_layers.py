@@ -66,11 +66,13 @@ LAB_ALLOWED: dict[str, set[str]] = {
     "paper_worlds": {"figures", "processes", "engines", "worlds"},
     "reliability": {"report", "processes", "benchmark"},
     "hardware": {"report", "worlds"},
+    "learned": {"report", "processes", "benchmark"},
     "real_people": {"report"},
     "cli": {
         "engines",
         "benchmark",
         "hardware",
+        "learned",
         "real_people",
         "report",
         "paper_simulation",
