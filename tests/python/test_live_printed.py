@@ -83,4 +83,22 @@ def test_a_record_keeps_the_tags(posted: Posted, tmp_path: Path) -> None:
     assert reader.plan.targets == [TAG]
     views = [e for e in reader.events() if isinstance(e, LiveView)]
     assert all(v.t_cf is None for v in views)
+    assert all(v.bias is None for v in views)
     assert replay(tmp_path / "record", tmp_path / "out")["frames"] == FRAMES
+
+
+def test_a_record_keeps_what_of_t_cf_lasts(clip: Clip, tmp_path: Path) -> None:
+    """To the last bit, also where it says nothing of some axes."""
+    bias = np.outer(np.arange(6.0), np.arange(6.0)) / 7.0
+    plan = LivePlan("collab-tight", "worn", dict(Settings.default().values), [], [])
+    sent = [
+        LiveView("anna/1", 1.0, b"\xff\xd8", np.eye(4), np.eye(6), bias),
+        LiveView("anna/1", 2.0, b"\xff\xd8", np.eye(4), np.eye(6)),
+    ]
+    with EventWriter(tmp_path / "record", plan, clip.recording.camera, clip.recording.worn_camera) as record:
+        for view in sent:
+            record.write(view, view.stamp)
+    first, second = [e for e in EventReader(tmp_path / "record").events() if isinstance(e, LiveView)]
+    assert first.bias is not None
+    np.testing.assert_array_equal(first.bias, bias)
+    assert second.bias is None

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from collabslam.cli.options import topics
+
 
 def add_link(parser: argparse.ArgumentParser) -> None:
     """How the link is secured."""
@@ -26,4 +28,7 @@ def add_camera(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--camera", metavar="FILE", type=Path, help="calibration (Kalibr or OpenCV YAML) of these images"
+    )
+    parser.add_argument(
+        "--topics", metavar="ROLE=TOPIC,...", type=topics, help="of a bag: which topic is what, as cs=/image"
     )

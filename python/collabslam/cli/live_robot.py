@@ -21,6 +21,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="calibration of Cf; without it the run begins when a worn camera has told its own",
     )
     parser.add_argument("--listen", metavar="HOST:PORT", help="where devices connect (default 0.0.0.0:7447)")
+    parser.add_argument(
+        "--sensors",
+        metavar="FILE",
+        type=Path,
+        help="how laser scanners and two AHRSs are mounted, from which T_CF is estimated; the robot's are "
+        "heard as the file's topics (ros:TOPIC or a bag as SOURCE), all others from the devices",
+    )
     add_link(parser)
     parser.add_argument("--mode", choices=MODES, help="default: the setting's")
     parser.add_argument(
@@ -57,6 +64,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def main(arguments: argparse.Namespace) -> int:
     """Run until the camera ends or Ctrl-C."""
     from collabslam.datasets.calibration import load_camera
+    from collabslam.datasets.ros.sensors import read_sensors
     from collabslam.live import link
     from collabslam.live.cameras import open_camera
     from collabslam.live.robot import RobotNode, RobotOptions
@@ -71,12 +79,13 @@ def main(arguments: argparse.Namespace) -> int:
         start=arguments.start,
         targets=(*arguments.tag, *arguments.board),
         worn_camera=None if arguments.worn_camera is None else load_camera(arguments.worn_camera),
+        sensors=None if arguments.sensors is None else read_sensors(arguments.sensors),
         record=arguments.record,
         checkpoint_every=max(1, arguments.checkpoint_every),
         overwrite=arguments.overwrite,
         resume=arguments.resume,
     )
-    camera = open_camera(arguments.source, arguments.camera)
+    camera = open_camera(arguments.source, arguments.camera, arguments.topics)
     with link.open_robot(address, keys) as session:
         summary = RobotNode(session, camera, asked).run()
     print(report(summary))
@@ -88,5 +97,5 @@ def report(summary: dict[str, Any]) -> str:
     lines = [f"{summary['frames']} frames"]
     for name in ("statuses", "links"):
         lines[0] += ", " + ", ".join(f"{v} {k}" for k, v in sorted(summary[name].items()))
-    lines += [f"  {k}: {v}" for k, v in sorted(summary.items()) if k.startswith("dropped ")]
+    lines += [f"  {k}: {v}" for k, v in sorted(summary.items()) if k.startswith(("dropped ", "no pose: "))]
     return "\n".join([*lines, f"  results are in {summary['folder']}"])

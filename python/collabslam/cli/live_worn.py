@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
+from pathlib import Path
 
 from collabslam.cli import OK
 from collabslam.cli.live_options import add_camera, add_link
@@ -20,20 +21,33 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--robot", metavar="HOST:PORT", default="127.0.0.1", help="where the robot is (default %(default)s)"
     )
     parser.add_argument("--name", metavar="NAME", help="of this device (default: its certificate's, or worn)")
+    parser.add_argument(
+        "--sensors",
+        metavar="FILE",
+        type=Path,
+        help="whose topic of the worn AHRS is sent, too (ros:TOPIC or a bag as SOURCE)",
+    )
+    parser.add_argument(
+        "--robot-sensors",
+        action="store_true",
+        help="with --sensors: send the robot's scans and attitudes as well, where this machine hears them",
+    )
     add_link(parser)
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Send until the camera ends or Ctrl-C."""
+    from collabslam.datasets.ros.sensors import read_sensors
     from collabslam.live import link
     from collabslam.live.cameras import PlayedRecording, open_camera
-    from collabslam.live.sending import send_all
+    from collabslam.live.sending import send_all, send_sensors
     from collabslam.live.steady import SteadyClock
     from collabslam.live.worn import WornDevice
 
     keys = link.keys_of(arguments.keys, insecure=arguments.insecure)
     address = link.Address.parse(arguments.robot)
-    camera = open_camera(arguments.source, arguments.camera)
+    sensors = None if arguments.sensors is None else read_sensors(arguments.sensors)
+    camera = open_camera(arguments.source, arguments.camera, arguments.topics)
     calibration = camera.camera
     if isinstance(camera, PlayedRecording):
         camera.clock = SteadyClock()
@@ -50,6 +64,9 @@ def main(arguments: argparse.Namespace) -> int:
                 "after this device's keys were made? Trying on."
             )
         try:
+            if sensors is not None:
+                wanted = sensors if arguments.robot_sensors else sensors.only("worn")
+                send_sensors(device, camera, wanted)
             send_all(device, camera, lambda: False)
             time.sleep(0.2)
         except KeyboardInterrupt:

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from collabslam.datasets.calibration import check_resolution, load_camera
+from collabslam.datasets.overrides import Given
+from collabslam.datasets.ros.bag import Bag
+from collabslam.datasets.ros.sensors import WornSensors, bag_sensors
 from collabslam.datasets.source import Source
 from collabslam.errors import DataError, SettingsError
+from collabslam.live.played import PlayedSensors
+from collabslam.live.sensed import SensorTaker
 from collabslam.live.shots import LiveCamera, Shot
 from collabslam.live.steady import SteadyClock
 from collabslam.types import Image, Recording
@@ -49,6 +54,9 @@ class DeviceCamera:
     def begin(self) -> None:
         """The clock runs since the camera was opened."""
 
+    def hear(self, sensors: WornSensors, taker: SensorTaker) -> None:
+        """It has none: what sensors say comes from elsewhere."""
+
     def shots(self, ended: Callable[[], bool]) -> Iterator[Shot]:
         """Each image as grey."""
         failed = 0
@@ -78,10 +86,13 @@ class PlayedRecording:
     Parameters
     ----------
     recording : Recording
+    bag : Path, optional
+        Where the sensors' topics are.
     """
 
-    def __init__(self, recording: Recording) -> None:
-        self.recording = recording
+    def __init__(self, recording: Recording, bag: Path | None = None) -> None:
+        self.recording, self._bag = recording, bag
+        self._sensors: PlayedSensors | None = None
         self.name, self.camera = recording.name, recording.camera
         self.begin()
 
@@ -89,18 +100,35 @@ class PlayedRecording:
         """The first frame comes `LEAD` seconds from now."""
         self.clock = SteadyClock(float(self.recording.times[0]) - LEAD)
 
+    def hear(self, sensors: WornSensors, taker: SensorTaker) -> None:
+        """The bag's own sensors, at their times."""
+        if self._bag is None:
+            raise DataError(
+                "The recording is no bag with topics of scans and attitudes; leave --sensors out."
+            )
+        self._sensors = PlayedSensors(bag_sensors(Bag(self._bag), sensors), taker)
+
+    def wait_until(self, t: float, now: Callable[[], float], ended: Callable[[], bool]) -> None:
+        """Waits until ``now()``, the recording's time, is ``t``; the sensors go on meanwhile."""
+        while (ahead := t - now()) > 0.0 and not ended():
+            time.sleep(max(0.0, min(ahead, self._heard(t - ahead) - (t - ahead), 0.1)))
+        self._heard(t)
+
+    def _heard(self, t: float) -> float:
+        """Sensors up to a time; when the next one is."""
+        return float("inf") if self._sensors is None else self._sensors.up_to(t)
+
     def shots(self, ended: Callable[[], bool]) -> Iterator[Shot]:
         """Each frame at its time."""
         for i, t in enumerate(self.recording.times.tolist()):
             frame = self.recording.frame(i)
-            while (ahead := t - self.clock.now()) > 0.0 and not ended():
-                time.sleep(min(ahead, 0.1))
+            self.wait_until(t, self.clock.now, ended)
             if ended():
                 return
             yield Shot(t, frame.image, frame.worn)
 
 
-def open_camera(source: str, calibration: Path | None, given: Source | None = None) -> LiveCamera:
+def open_camera(source: str, calibration: Path | None, topics: Mapping[str, str] | None = None) -> LiveCamera:
     """What a user names: a device, a URL, or a recording.
 
     Parameters
@@ -108,9 +136,9 @@ def open_camera(source: str, calibration: Path | None, given: Source | None = No
     source : str
         ``/dev/video0`` or ``0``, a text with ``://``, ``ros:TOPIC``, or a path.
     calibration : Path or None
-        Needed for the first two; a topic may have its own beside it.
-    given : Source, optional
-        How a recording is opened, if not just by its path.
+        Needed for the first two; a topic may have its own beside it, a recording has.
+    topics : mapping, optional
+        Of a bag, by their roles, as `collabslam.open_recording` takes them.
 
     Raises
     ------
@@ -127,4 +155,5 @@ def open_camera(source: str, calibration: Path | None, given: Source | None = No
         if calibration is None:
             raise SettingsError(f"The camera {source} carries no calibration; give it with --camera FILE.")
         return DeviceCamera(source, calibration)
-    return PlayedRecording((given or Source(Path(source))).open())
+    path = Path(source)
+    return PlayedRecording(Source(path, Given(camera=calibration, topics=topics or {})).open(), path)

@@ -17,6 +17,7 @@ from collabslam.formats.ros_odometry import CAMERA, WORLD, odometry_message
 from collabslam.live.clock import Exchange
 from collabslam.live.steady import nanoseconds, seconds
 from collabslam.types import Array, Image
+from collabslam.worn_pose import LaserScan
 
 IMAGE, CAMERA_INFO, POSE = making.IMAGE, making.CAMERA_INFO, making.POSE_WITH_COVARIANCE
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
@@ -24,6 +25,7 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 CLOUD = "sensor_msgs/msg/PointCloud2"
 STATUS = "diagnostic_msgs/msg/DiagnosticArray"
 TIMES = "std_msgs/msg/Int64MultiArray"
+NUMBERS = "std_msgs/msg/Float64MultiArray"
 TEXT = "std_msgs/msg/String"
 TWIST = "geometry_msgs/msg/TwistWithCovarianceStamped"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
@@ -164,6 +166,29 @@ def exchange_of(message: Any) -> tuple[str, Exchange]:
     """The same of the message itself."""
     session, stamps = times_of(message, 4)
     return session, Exchange(*stamps)
+
+
+def numbers(values: Array) -> bytes:
+    """An array as Float64MultiArray, row by row."""
+    layout = make("std_msgs/msg/MultiArrayLayout", [], 0)
+    return encoded(NUMBERS, make(NUMBERS, layout, np.ascontiguousarray(values, np.float64).ravel()))
+
+
+def attitude(t: float, frame: str, q_xyzw: Array) -> bytes:
+    """An attitude, x y z w, as an Imu without rates and accelerations."""
+    zero = make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
+    turn = make("geometry_msgs/msg/Quaternion", *map(float, q_xyzw))
+    unknown, none = np.zeros(9), np.array([-1.0, *[0.0] * 8])
+    return encoded(IMU, make(IMU, header(t, frame), turn, unknown, zero, none, zero, none))
+
+
+def scan(t: float, frame: str, found: LaserScan) -> bytes:
+    """A scan whose first beam is of ``t`` seconds as LaserScan."""
+    first, step, count = found.angle_min, found.angle_increment, len(found.ranges)
+    limits = (found.range_min, found.range_max)
+    ranges, none = np.asarray(found.ranges, np.float32), np.zeros(0, np.float32)
+    angles = (first, first + (count - 1) * step, step, found.time_increment, 0.0)
+    return encoded(SCAN, make(SCAN, header(t, frame), *angles, *limits, ranges, none))
 
 
 def status(t: float, entries: Mapping[str, tuple[str, str, Mapping[str, Any]]]) -> bytes:

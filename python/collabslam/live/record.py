@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from collabslam._core import Camera
 from collabslam.datasets.ros.bag import Bag
 from collabslam.datasets.ros.messages import image_of, pose_and_covariance_of, twist_of
@@ -23,7 +25,7 @@ from collabslam.types import Board, Tag
 
 ROBOT_IMAGE, ROBOT_INFO = "/cs/image_raw", "/cs/camera_info"
 WORN_IMAGE, WORN_INFO = "/cf/image/compressed", "/cf/camera_info"
-T_CF, CLOCK, PLAN, ODOMETRY = "/t_cf", "/clock_readings", "/plan", "/odometry"
+T_CF, BIAS, CLOCK, PLAN, ODOMETRY = "/t_cf", "/t_cf_bias", "/clock_readings", "/plan", "/odometry"
 ROLES = {"cs": ROBOT_IMAGE, "cf": WORN_IMAGE, "t_cf": T_CF}
 """Topics as ``collabslam.open_recording(path, topics=...)`` takes them, if all cameras have one clock."""
 _ROBOT, _WORN = "cs_optical", "cf_optical"
@@ -107,6 +109,8 @@ class EventWriter:
             if event.t_cf is not None and event.covariance is not None:
                 pose = messages.pose(event.stamp, _ROBOT, event.t_cf, event.covariance)
                 self._write(T_CF, messages.POSE, pose, now)
+                if event.bias is not None:
+                    self._write(BIAS, messages.NUMBERS, messages.numbers(event.bias), now)
             data = messages.compressed_image(event.stamp, event.session, image)
             self._write(WORN_IMAGE, messages.COMPRESSED, data, now)
 
@@ -156,7 +160,7 @@ class EventReader:
     def events(self) -> Iterator[Event]:
         """Each event in the order in which the filter took it."""
         poses: dict[float, Any] = {}
-        for topic, message in self._bag.all_messages((ROBOT_IMAGE, CLOCK, ODOMETRY, T_CF, WORN_IMAGE)):
+        for topic, message in self._bag.all_messages((ROBOT_IMAGE, CLOCK, ODOMETRY, T_CF, BIAS, WORN_IMAGE)):
             where = f"{topic} in {self._path}"
             if topic == ROBOT_IMAGE:
                 yield RobotFrame(messages.stamp_of(message), image_of(message, where))
@@ -166,6 +170,9 @@ class EventReader:
                 yield OdometrySample(messages.stamp_of(message), *twist_of(message))
             elif topic == T_CF:
                 poses = {messages.stamp_of(message): pose_and_covariance_of(message, where)}
+            elif topic == BIAS:
+                bias = np.reshape(message.data, (6, 6))
+                poses = {stamp: (*pose, bias) for stamp, pose in poses.items()}
             else:
                 stamp = messages.stamp_of(message)
                 session, data = str(message.header.frame_id), message.data.tobytes()

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from collabslam._core import Camera
+from collabslam.datasets.ros.sensors import WornSensors
 from collabslam.errors import CollabslamError, DataError
 from collabslam.formats.trajectory import ARBITRARY, METRES
 from collabslam.live import link, messages, names
@@ -44,6 +45,8 @@ class RobotOptions:
         ``worn``, ``target`` or ``scale-free``.
     targets : sequence of Tag and Board
         Printed targets in the scene.
+    sensors : WornSensors or None
+        What tells T_CF of views that come without it, instead of targets.
     worn_camera : Camera or None
         Calibration of Cf; the one that the first device tells if None.
     record : Path or None
@@ -59,6 +62,7 @@ class RobotOptions:
     mode: str | None = None
     start: str = "worn"
     targets: Sequence[Tag | Board] = ()
+    sensors: WornSensors | None = None
     worn_camera: Camera | None = None
     record: Path | None = None
     checkpoint_every: int = 50
@@ -80,7 +84,13 @@ class RobotNode:
     def __init__(self, session: Any, camera: LiveCamera, options: RobotOptions) -> None:
         self._zenoh, self._camera, self._options = session, camera, options
         self._live: LiveSlam | None = None
-        self.uplink = Uplink(self._push, lambda: camera.clock.now(), unposed=bool(options.targets))
+        sensors = options.sensors
+        self.uplink = Uplink(
+            self._push,
+            lambda: camera.clock.now(),
+            unposed=bool(options.targets) and sensors is None,
+            sensors=None if sensors is None else sensors.config,
+        )
         self._downlink = Downlink(session)
 
     def run(self) -> dict[str, Any]:
@@ -109,6 +119,8 @@ class RobotNode:
             stack.callback(results.close)
             recorder = self._recorder(worn_camera)
             stack.callback(recorder.close)
+            if options.sensors is not None and self.uplink.sensing is not None:
+                self._camera.hear(options.sensors.only("robot"), self.uplink.sensing)
             self._camera.begin()
             live = LiveSlam(
                 slam,
@@ -162,7 +174,8 @@ class RobotNode:
         """Everything that was dropped, by reason."""
         before = {f"dropped {k}": v for k, v in self.uplink.counts().items()}
         live = {} if self._live is None else self._live.dropped
-        return {**before, **{f"dropped {k}": v for k, v in live.items()}}
+        unposed = {f"no pose: {k}": v for k, v in self.uplink.unposed().items()}
+        return {**before, **{f"dropped {k}": v for k, v in live.items()}, **unposed}
 
     def _calibration(self) -> Camera | None:
         """Cf's calibration: the recording's own, or that of the first device that tells one.

@@ -20,12 +20,11 @@ from collabslam.live.core import LivePose
 from collabslam.live.downlink import MAP_EVERY, STATUS_EVERY, status_of
 from collabslam.live.pairing import Pairing
 from collabslam.live.ros_types import image_kind, message_class, stamped_image, subscribe
-from collabslam.live.sensed import SensedPoses, reading_from, scan_from
+from collabslam.live.sensed import SensedPoses, sensor_topics
 from collabslam.live.slam import LiveSlam
 from collabslam.live.transforms import WaitingStamps
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
-from collabslam.worn_pose.readings import Wearer
 
 NAME = "collabslam"
 SESSION = "ros/1"
@@ -170,8 +169,10 @@ class RosNode:
     def _worn(self, topic: str, data: bytes) -> None:
         stamp, image, frame = stamped_image(topic, data)
         self._push(self._pairing.image(SESSION, stamp, image))
-        for source in self._sources():
-            source.add(stamp, frame)
+        if self._tf is not None:
+            self._tf.add(stamp, frame)
+        if self._sensed is not None:
+            self._sensed.add(stamp, stamp)
         self._measured()
 
     def _transforms(self, data: bytes, *, static: bool) -> None:
@@ -181,31 +182,22 @@ class RosNode:
 
     def _sensors(self, sensors: WornSensors) -> list[tuple[str | None, str, Callable[[bytes], None]]]:
         """What is to be heard of the sensors."""
-        self._sensed = sensed = SensedPoses(sensors.config)
+        self._sensed = SensedPoses(sensors.config)
 
-        def scan(name: str, data: bytes) -> None:
-            sensed.scan(scan_from(messages.decoded(messages.SCAN, data), name))
-
-        def reading(where: Wearer, data: bytes) -> None:
-            sensed.reading(reading_from(messages.decoded(messages.IMU, data), where))
+        def taken(take: Callable[[bytes], None], data: bytes) -> None:
+            take(data)
             self._measured()
 
-        takes: list[tuple[str | None, str, Callable[[bytes], None]]] = []
-        for name, topic in sensors.scans.items():
-            takes.append((topic, messages.SCAN, partial(scan, name)))
-        for where, topic in sensors.ahrs.items():
-            takes.append((topic, messages.IMU, partial(reading, where)))
-        return takes
-
-    def _sources(self) -> list[WaitingStamps | SensedPoses]:
-        """What measures T_CF for images that wait."""
-        return [source for source in (self._tf, self._sensed) if source is not None]
+        return [
+            (topic, kind, partial(taken, take)) for topic, kind, take in sensor_topics(sensors, self._sensed)
+        ]
 
     def _measured(self) -> None:
         """Views of the images whose T_CF is known by now."""
-        for source in self._sources():
-            for found in source.known(self._frame):
-                self._push(self._pairing.pose(*found))
+        for found in [] if self._tf is None else self._tf.known(self._frame):
+            self._push(self._pairing.pose(*found))
+        for known in [] if self._sensed is None else self._sensed.known():
+            self._push(self._pairing.pose(*known))
 
     def _pose(self, data: bytes) -> None:
         self._push(self._pairing.pose(*messages.pose_from(data, "T_CF")))

@@ -10,9 +10,11 @@ from pathlib import Path
 
 from collabslam._core import Camera
 from collabslam.datasets.calibration import check_resolution, load_camera
+from collabslam.datasets.ros.sensors import WornSensors
 from collabslam.errors import CollabslamError, DataError
 from collabslam.live import messages
 from collabslam.live.ros_types import image_kind, rclpy_of, stamped_image, subscribe
+from collabslam.live.sensed import SensorTaker, sensor_topics
 from collabslam.live.shots import Shot
 from collabslam.live.steady import SteadyClock
 from collabslam.types import Image
@@ -72,6 +74,13 @@ class RosCamera:
             self._close()
             raise
         self.camera = self._cameras[0]
+
+    def hear(self, sensors: WornSensors, taker: SensorTaker) -> None:
+        """Sensors, too, as topics of the same ROS."""
+        self._kept += [
+            subscribe(self._node, topic, kind, take, self._refuse)
+            for topic, kind, take in sensor_topics(sensors, taker)
+        ]
 
     def begin(self) -> None:
         """The clock is the system's."""

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
+from dataclasses import replace
 
-from collabslam.live.cameras import PlayedRecording
+from collabslam.datasets.ros.sensors import WornSensors
+from collabslam.errors import SettingsError
+from collabslam.live.cameras import DeviceCamera, PlayedRecording
 from collabslam.live.shots import LiveCamera
+from collabslam.live.steady import SteadyClock
 from collabslam.live.worn import WornDevice
+from collabslam.types import Array, Frame, Image
+from collabslam.worn_pose import AhrsReading, LaserScan
 
 OVERDUE = 0.25
 """Seconds after which a recording's view is not sent any more."""
@@ -33,6 +38,38 @@ def send_all(device: WornDevice, camera: LiveCamera, ended: Callable[[], bool]) 
             last = shot.t
 
 
+def send_sensors(device: WornDevice, camera: LiveCamera, sensors: WornSensors) -> None:
+    """Sends what these sensors say, while `send_all` sends images.
+
+    Raises
+    ------
+    DataError
+        If they cannot be heard.
+    SettingsError
+        If the camera is one that comes alone.
+    """
+    if isinstance(camera, DeviceCamera):
+        raise SettingsError("A camera has no AHRS; give SOURCE as ros:TOPIC, or leave --sensors out.")
+    played = isinstance(camera, PlayedRecording)
+    camera.hear(sensors, _Retimed(device, camera.clock) if played else device)
+
+
+class _Retimed:
+    """Sends a recording's readings with stamps by the device's clock."""
+
+    def __init__(self, device: WornDevice, clock: SteadyClock) -> None:
+        self._device, self._clock = device, clock
+
+    def scan(self, scan: LaserScan) -> None:
+        self._device.scan(replace(scan, t=self._stamp(scan.t)))
+
+    def reading(self, reading: AhrsReading) -> None:
+        self._device.reading(replace(reading, t=self._stamp(reading.t)))
+
+    def _stamp(self, t: float) -> float:
+        return self._device.stamp_at(t, self._clock.now())
+
+
 def _follow(device: WornDevice, camera: PlayedRecording, ended: Callable[[], bool]) -> None:
     """Plays the moment that the robot plays."""
     while not device.wait_for_robot(0.2):
@@ -42,12 +79,17 @@ def _follow(device: WornDevice, camera: PlayedRecording, ended: Callable[[], boo
     for i, t in enumerate(camera.recording.times.tolist()):
         if t - last < _EARLY / device.pace.level.rate or device.behind(t) > OVERDUE:
             continue
-        worn = camera.recording.frame(i).worn
-        while (ahead := -device.behind(t)) > 0.0 and not ended():
-            time.sleep(min(ahead, 0.1))
+        view = _view(camera.recording.frame(i), alone=camera.recording.worn_camera is None)
+        camera.wait_until(t, lambda: device.behind(0.0), ended)
         if ended():
             return
-        if worn is not None and device.behind(t) <= OVERDUE:
-            stamp = device.stamp_at(t, camera.clock.now())
-            device.send(stamp, worn.image, (worn.t_cf, worn.covariance))
+        if view is not None and device.behind(t) <= OVERDUE:
+            device.send(device.stamp_at(t, camera.clock.now()), *view)
             last = t
+
+
+def _view(frame: Frame, *, alone: bool) -> tuple[Image, tuple[Array, Array] | None] | None:
+    """A frame's view of Cf with T_CF and its covariance; its image where Cf is the only camera."""
+    if alone:
+        return frame.image, None
+    return None if frame.worn is None else (frame.worn.image, (frame.worn.t_cf, frame.worn.covariance))

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from collabslam._core import Camera
+from collabslam.datasets.ros.sensors import WornSensors
+from collabslam.live.sensed import SensorTaker
 from collabslam.live.steady import SteadyClock
 from collabslam.types import Image, WornView
 
@@ -32,6 +34,10 @@ class LiveCamera(Protocol):
 
     def begin(self) -> None:
         """The clock starts, if it has not."""
+        ...
+
+    def hear(self, sensors: WornSensors, taker: SensorTaker) -> None:
+        """From now on ``taker`` is given what these sensors say, while images are; raises DataError."""
         ...
 
     def shots(self, ended: Callable[[], bool]) -> Iterator[Shot]:

@@ -7,22 +7,29 @@ import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 from collabslam._core import Camera
-from collabslam.errors import CollabslamError
+from collabslam.errors import CollabslamError, DataError
 from collabslam.live import messages, names
 from collabslam.live.clock import ClockEstimator
 from collabslam.live.core import ClockReading, Event
 from collabslam.live.pairing import Pairing
-from collabslam.live.views import LiveView
+from collabslam.live.sensed import reading_from, scan_from
+from collabslam.live.sensing import Sensing
+from collabslam.live.views import NO_CLOCK, LiveView
+from collabslam.types import Array
+from collabslam.worn_pose import WornPoseConfig
+from collabslam.worn_pose.readings import Wearer
 
-UNPAIRED, MALFORMED, FLOOD, CALIBRATION, STRANGER = (
+UNPAIRED, MALFORMED, FLOOD, CALIBRATION, STRANGER, UNASKED = (
     "no pose",
     "malformed",
     "too many",
     "other calibration",
     "too many devices",
+    "no sensors file",
 )
 """Why a message was dropped before the filter."""
 DEVICES = 16
@@ -33,8 +40,19 @@ RATES = {
     names.CAMERA_INFO: 5.0,
     names.EXCHANGE: 20.0,
     names.BEAT: 200.0,
+    names.ATTITUDE: 400.0,
+    names.ROBOT_ATTITUDE: 400.0,
+    names.SCAN: 200.0,
 }
 """Messages per second of each kind that a device may write."""
+MOST_BEAMS = 4000
+"""Beams of a scan."""
+SENSORS = {
+    names.ATTITUDE: messages.IMU,
+    names.ROBOT_ATTITUDE: messages.IMU,
+    names.SCAN: messages.SCAN,
+}
+"""What sensors tell, and its type."""
 REMEMBERED = 1000
 """Arrivals of images that are remembered of each device."""
 LONGEST = 300
@@ -81,11 +99,19 @@ class Uplink:
         The robot's time, seconds.
     unposed : bool
         Whether images without T_CF are of use.
+    sensors : WornPoseConfig, optional
+        Of the sensors that tell T_CF; what they say then waits in `sensing`.
     """
 
     def __init__(
-        self, push: Callable[[Event], None], now: Callable[[], float], *, unposed: bool = False
+        self,
+        push: Callable[[Event], None],
+        now: Callable[[], float],
+        *,
+        unposed: bool = False,
+        sensors: WornPoseConfig | None = None,
     ) -> None:
+        self.sensing = None if sensors is None else Sensing(sensors, self._posed)
         self.dropped: Counter[str] = Counter()
         """Messages by the reason why they were dropped."""
         self.received: Counter[str] = Counter()
@@ -113,6 +139,10 @@ class Uplink:
         with self._lock:
             unpaired = sum(d.pairing.unpaired for d in self._devices.values())
             return {k: v for k, v in (*self.dropped.items(), (UNPAIRED, unpaired)) if v}
+
+    def unposed(self) -> dict[str, int]:
+        """Why the sensors did not tell T_CF, and how often."""
+        return {} if self.sensing is None else dict(self.sensing.reasons)
 
     def said(self) -> dict[str, str]:
         """The last refusal in words, if any."""
@@ -153,32 +183,33 @@ class Uplink:
                 self.dropped[FLOOD if part in RATES else MALFORMED] += 1
                 return
             try:
-                event = self._event(name, device, part, payload)
+                if part in SENSORS:
+                    then = self._sensed(name, device, part, payload)
+                else:
+                    then = self._event(name, device, part, payload)
             except CollabslamError as error:
                 self.dropped[MALFORMED] += 1
                 self.faults.append(f"{name}: {error}"[:LONGEST])
                 return
-        if event is not None:
-            try:
-                self._push(event)
-            except CollabslamError as error:  # the filter has ended: its own thread says so
-                with self._lock:
-                    self.faults.append(str(error)[:LONGEST])
+        for do in then:
+            do()
 
-    def _event(self, name: str, device: _Device, part: str, payload: bytes) -> Event | None:
+    def _event(self, name: str, device: _Device, part: str, payload: bytes) -> list[Callable[[], None]]:
+        """What is to be done with a message, once others may come."""
         if part == names.BEAT:
-            return None
+            return []
         if part == names.EXCHANGE:
             session, exchange = messages.exchange_from(payload)
             session = _own(name, session)
             if session != device.session:
                 device.session, device.clock = session, ClockEstimator()
             device.clock.add(exchange)
-            return ClockReading(session, exchange)
+            return [partial(self._give, ClockReading(session, exchange))]
         if part == names.CAMERA_INFO:
             device.camera = messages.camera_from(payload, f"the device {name}")
             self._known.set()
-            return None
+            return []
+        then: list[Callable[[], None]] = []
         if part == names.IMAGE:
             message = messages.decoded(messages.COMPRESSED, payload)
             stamp = messages.stamp_of(message)
@@ -186,10 +217,54 @@ class Uplink:
             device.images_received += 1
             if (taken := device.clock.robot_time(stamp)) is not None:
                 device.arrivals.append(Arrival(stamp, taken[0], self._now()))
+                if self.sensing is not None:
+                    then.append(partial(self.sensing.image, name, stamp, taken[0]))
             view = device.pairing.image(session, stamp, message.data.tobytes())
         else:
             view = device.pairing.pose(*messages.pose_from(payload, f"the device {name}"))
-        return self._of_calibration(device, view)
+        view = self._of_calibration(device, view)
+        return then if view is None else [*then, partial(self._give, view)]
+
+    def _sensed(self, name: str, device: _Device, part: str, payload: bytes) -> list[Callable[[], None]]:
+        """The same of a sensor's message; its frame is the device's session, of a scan with the scanner."""
+        if self.sensing is None:
+            self.dropped[UNASKED] += 1
+            return []
+        message = messages.decoded(SENSORS[part], payload)
+        session, scanner = str(message.header.frame_id), ""
+        if part == names.SCAN:
+            session, _, scanner = session.rpartition("/")
+            if len(message.ranges) > MOST_BEAMS:
+                raise DataError(f"A scan has {len(message.ranges)} beams; send at most {MOST_BEAMS}.")
+        taken = device.clock.robot_time(messages.stamp_of(message))
+        if taken is None or _own(name, session) != device.session:
+            self.dropped[NO_CLOCK] += 1
+            return []
+        if part == names.SCAN:
+            scan = replace(scan_from(message, scanner), t=taken[0])
+            return [partial(self.sensing.scan, scan)]
+        where: Wearer = "worn" if part == names.ATTITUDE else "robot"
+        reading = replace(reading_from(message, where), t=taken[0])
+        if where == "worn":
+            return [partial(self.sensing.worn, name, reading)]
+        return [partial(self.sensing.reading, reading)]
+
+    def _posed(self, image: tuple[str, float], t_cf: Array, covariance: Array, bias: Array | None) -> None:
+        """The sensors told T_CF of an image."""
+        name, stamp = image
+        told = messages.pose_from(messages.pose(stamp, "", t_cf, covariance), name)  # as a record has it
+        with self._lock:
+            device = self._devices[name]
+            view = self._of_calibration(device, device.pairing.pose(*told, bias))
+        if view is not None:
+            self._give(view)
+
+    def _give(self, event: Event) -> None:
+        try:
+            self._push(event)
+        except CollabslamError as error:  # the filter has ended: its own thread says so
+            with self._lock:
+                self.faults.append(str(error)[:LONGEST])
 
     def _of_calibration(self, device: _Device, view: LiveView | None) -> LiveView | None:
         """The view, unless its device's calibration is another than the filter's."""

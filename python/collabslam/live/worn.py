@@ -12,10 +12,14 @@ from collabslam.live.clock import ClockEstimator, Exchange
 from collabslam.live.pace import Encoder, Pace
 from collabslam.live.steady import SteadyClock
 from collabslam.types import Array, Image
+from collabslam.worn_pose import AhrsReading, LaserScan
+from collabslam.worn_pose.readings import Wearer
 
 BEATS = (0.015, 0.030, 0.060)
 """Seconds after an image at which empty messages follow it: only when something came after a lost packet does
 TCP know of the loss at once; otherwise it waits for its timer, 0.2 s and more."""
+ATTITUDES = 30.0
+"""Attitudes of each AHRS that are sent per second; the robot interpolates between them."""
 ASK_EVERY, ASK_FIRST, SOON = 0.5, 0.1, 20
 """Seconds between two questions for the robot's time, and between the first `SOON` of them."""
 
@@ -42,6 +46,7 @@ class WornDevice:
         self.session = names.new_session(names.device_name(name))
         self._zenoh, self._name, self._camera, self._clock = session, name, camera, clock
         self._encoder = Encoder()
+        self._last_attitude: dict[Wearer, float] = {}
         self._info = messages.camera_info(0.0, self.session, camera)
         self._ended = threading.Event()
         self._known = threading.Event()
@@ -78,6 +83,20 @@ class WornDevice:
         with self._sent_at:
             self.sent += 1
             self._sent_at.notify_all()
+
+    def reading(self, reading: AhrsReading) -> None:
+        """An attitude of Cf, or of the robot where this device hears its sensors, by this device's clock."""
+        last = self._last_attitude.get(reading.where, -float("inf"))
+        if 0.0 <= reading.t - last < 0.9 / ATTITUDES:
+            return
+        self._last_attitude[reading.where] = reading.t
+        part = names.ATTITUDE if reading.where == "worn" else names.ROBOT_ATTITUDE
+        self._out[part].put(messages.attitude(reading.t, self.session, reading.q_xyzw))
+
+    def scan(self, scan: LaserScan) -> None:
+        """A scan of one of the robot's scanners, where this device hears it, by this device's clock."""
+        frame = f"{self.session}/{scan.scanner}"
+        self._out[names.SCAN].put(messages.scan(scan.t, frame, scan))
 
     def behind(self, t: float) -> float:
         """Seconds by which the robot's time is past ``t``; InputError before anything is known of it."""

@@ -58,6 +58,11 @@ class WornSensors(NamedTuple):
     scans: dict[str, str]
     ahrs: dict[Wearer, str]
 
+    def only(self, *whose: Wearer) -> WornSensors:
+        """The same with some of the topics: those of the ``worn`` AHRS, or of the ``robot``, scanners too."""
+        ahrs = {where: topic for where, topic in self.ahrs.items() if where in whose}
+        return self._replace(scans=self.scans if "robot" in whose else {}, ahrs=ahrs)
+
 
 class EstimatedPoses(NamedTuple):
     """``T_CF`` estimated from scans and attitudes, with the attributes of ``bag_worn.WornPoses``."""
