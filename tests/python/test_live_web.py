@@ -145,6 +145,44 @@ def test_a_phone_is_a_worn_camera(robot: tuple[Robot, Gateway], keys: Path) -> N
     assert messages.camera_from(there.of(names.CAMERA_INFO)[0], "test").width == SIZE[0]
 
 
+def test_a_phone_that_tracks_itself_tells_its_calibration_and_its_way(
+    robot: tuple[Robot, Gateway], keys: Path
+) -> None:
+    there, gateway = robot
+    numbers = [400.0, 410.0, 200.0, 300.0]
+    turn = [0.0, np.sin(0.2), 0.0, np.cos(0.2)]
+
+    async def visit(port: int, context: ssl.SSLContext) -> list[Any]:
+        said = []
+        for told in (numbers, [400.0, -1.0, 2.0, "x"], [1.0]):
+            async with open_socket(port, context, "phone") as page:
+                hello = {"token": TOKENS.phone, "width": 401, "height": 601, "intrinsics": told}
+                await page.send(json.dumps(hello))
+                said.append(json.loads(await page.recv()))
+                if "ready" not in said[-1]:
+                    continue
+                await page.send(json.dumps({"own": [7.5, 1.0, 2.0, 3.0, *turn]}))
+                await page.send(json.dumps({"own": [7.5, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 0.0]}))  # no turn
+                await page.send(json.dumps({"own": [7.5, 1.0]}))
+                await page.send(json.dumps({"exchange": [1.0, 2.0, 2.0, 1.1]}))
+                while not there.of(names.OWN) or not there.of(names.CAMERA_INFO):
+                    await asyncio.sleep(0.05)
+        return said
+
+    said = served(gateway, keys, visit)
+    assert said[0] == {"ready": True}
+    assert all("plain camera" in answer["refused"] for answer in said[1:])
+    (own,) = there.of(names.OWN)
+    t, t_xf, covariance = messages.pose_from(own, "test")
+    assert t == 7.5
+    np.testing.assert_allclose(t_xf[:3, 3], [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(t_xf[:3, 2], [-np.sin(0.4), 0.0, -np.cos(0.4)], atol=1e-12)  # looks along -z
+    np.testing.assert_allclose(t_xf[:3, 1], [0.0, -1.0, 0.0], atol=1e-12)  # its y is down
+    assert np.linalg.eigvalsh(covariance)[0] > 0.0
+    camera = messages.camera_from(there.of(names.CAMERA_INFO)[0], "test")
+    assert [camera.width, camera.height, *camera.intrinsics] == [401, 601, *numbers]
+
+
 def test_a_page_is_told_what_the_robot_says(robot: tuple[Robot, Gateway], keys: Path) -> None:
     there, gateway = robot
 
@@ -254,6 +292,7 @@ def test_the_pages_are_served_with_their_rules(robot: tuple[Robot, Gateway], key
             "/view",
             "/page.css",
             "/phone.js",
+            "/tracked.js",
             "/view.js",
             "/link.js",
             "/key.pem",

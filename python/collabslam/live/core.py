@@ -161,12 +161,10 @@ class LiveCore:
         if view.t_cf is not None and view.covariance is not None:
             worn = WornView(image, view.t_cf, view.covariance, view.bias, timed.t)
             return self._with_clock_error(worn, timed.t_sd)
-        found = None if self._printed is None else self._printed.pose(timed.t, image)
+        found = None if self._printed is None else self._printed.pose(view, timed.t, image)
         if found is None:
             self.views.refuse(UNPOSED)
-            return None
-        t, t_cf, covariance = found
-        return WornView(image, t_cf, covariance, t=t)
+        return found
 
     def _with_clock_error(self, worn: WornView, t_sd: float) -> WornView:
         """T_CF as uncertain as the view's instant makes it: the robot moves on while the view stands."""

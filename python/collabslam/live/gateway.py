@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.errors import DataError
+from collabslam.errors import DataError, InputError
+from collabslam.geometry import pose_from_quaternion
 from collabslam.live import link, messages, names
 from collabslam.live.clock import ClockEstimator, Exchange
 from collabslam.live.pace import Pace
@@ -20,6 +21,13 @@ from collabslam.types import Array
 
 WIDTHS = {10_000: (480, 0.5), 7_000: (400, 0.45), 5_000: (320, 0.4)}
 """What a browser is asked for to make images of about so many bytes: width in pixels, JPEG quality."""
+TRACKED_SD = (0.005, np.deg2rad(0.2))
+"""Standard deviations of where a phone's tracking (WebXR) says that an image was taken, beside its drift:
+metres of each coordinate, radians about each axis.  WebXR tells none; these are assumed."""
+_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+"""From WebXR's camera (y up, looking along -z) to ours."""
+LARGEST_SIDE = 4096
+"""Pixels of a side of an image."""
 MAP_POINTS, WAY = 400, 2000
 """Points of the map, and of the way, that a page is told."""
 BEAT = 0.5
@@ -62,11 +70,26 @@ class Gateway:
         ]
 
     @contextlib.contextmanager
-    def phone(self, width: Any, height: Any) -> Iterator[Phone]:
-        """A phone that sends; only one at a time."""
+    def phone(self, width: Any, height: Any, intrinsics: Any = None) -> Iterator[Phone]:
+        """A phone that sends; only one at a time.
+
+        Parameters
+        ----------
+        width, height
+            Of its images, pixels, as it says.
+        intrinsics
+            fx, fy, cx, cy of an image that it has rectified itself, as WebXR's have it; then `camera` is not
+            needed.
+        """
         mine = self._taken.acquire(blocking=False)
+        told = None if intrinsics is None else _pinhole(width, height, intrinsics)
         try:
-            yield Phone(self, self._why_not(width, height, mine=mine))
+            if mine and told is not None:
+                yield Phone(self, "", told)
+            elif mine and intrinsics is not None:
+                yield Phone(self, "The phone tells no calibration that can be; use its plain camera.", None)
+            else:
+                yield Phone(self, self._why_not(width, height, mine=mine), self._camera)
         finally:
             if mine:
                 self._taken.release()
@@ -79,11 +102,6 @@ class Gateway:
     def publish(self, part: str, payload: bytes) -> None:
         """Write below the device's own name."""
         self._out[part].put(payload)
-
-    @property
-    def camera_info(self) -> Camera | None:
-        """The phone's calibration."""
-        return self._camera
 
     def new_session(self) -> str:
         """A name for a phone that has just connected."""
@@ -188,8 +206,8 @@ class Phone:
         Why it cannot be the worn camera; empty if it can.
     """
 
-    def __init__(self, gateway: Gateway, refused: str) -> None:
-        self.refused = refused
+    def __init__(self, gateway: Gateway, refused: str, camera: Camera | None) -> None:
+        self.refused, self._camera = refused, camera
         self._of = gateway
         self._session = gateway.new_session()
         self._asked = 0
@@ -198,11 +216,18 @@ class Phone:
         """A JPEG taken at ``t`` seconds by the phone's clock."""
         self._of.publish(names.IMAGE, messages.compressed_image(t, self._session, jpeg))
 
+    def own(self, t: float, place: Array, q_xyzw: Array) -> None:
+        """Where the phone's tracking has its camera (WebXR's axes) as it takes the image of ``t`` seconds."""
+        with contextlib.suppress(ValueError):
+            t_xf = pose_from_quaternion(place, q_xyzw[[3, 0, 1, 2]]) @ _FLIP
+            covariance = np.diag(np.repeat(np.square(TRACKED_SD), 3))
+            self._of.publish(names.OWN, messages.pose(t, self._session, t_xf, covariance))
+
     def exchange(self, found: Exchange) -> None:
         """What the phone's clock said to the gateway's; the robot is told it in its own time."""
         of = self._of
-        if self._asked % 10 == 0 and of.camera_info is not None:
-            of.publish(names.CAMERA_INFO, messages.camera_info(0.0, self._session, of.camera_info))
+        if self._asked % 10 == 0 and self._camera is not None:
+            of.publish(names.CAMERA_INFO, messages.camera_info(0.0, self._session, self._camera))
         self._asked += 1
         of.ask()
         there, back = (of.robot_clock.robot_time(t) for t in (found.received, found.answered))
@@ -215,6 +240,19 @@ class Phone:
         level = self._of.pace.level
         width, quality = WIDTHS[level.size]
         return {"width": width, "quality": quality, "rate": level.rate}
+
+
+def _pinhole(width: Any, height: Any, intrinsics: Any) -> Camera | None:
+    """The calibration that a phone tells; None if there can be no such."""
+    sizes = all(isinstance(n, int) and 0 < n <= LARGEST_SIDE for n in (width, height))
+    numbers = isinstance(intrinsics, list) and all(isinstance(v, int | float) for v in intrinsics)
+    if not sizes or not numbers or len(intrinsics) != 4:
+        return None
+    try:
+        fx, fy, cx, cy = map(float, intrinsics)
+        return Camera("pinhole", width, height, (fx, fy, cx, cy))
+    except (InputError, ValueError, OverflowError):
+        return None
 
 
 def seen_from_above(pose: Array, covariance: Array) -> list[float]:

@@ -18,8 +18,8 @@ POSE, ODOMETRY, STATUS, MAP, CLOCK, VIEW = (
 )
 """What the robot writes; ``clock`` answers questions."""
 IMAGE, CAMERA_INFO, T_CF, EXCHANGE, BEAT = "image", "camera_info", "pose", "clock", "beat"
-ATTITUDE, ROBOT_ATTITUDE, SCAN = "imu", "robot_imu", "scan"
-PARTS = (IMAGE, CAMERA_INFO, T_CF, EXCHANGE, BEAT, ATTITUDE, ROBOT_ATTITUDE, SCAN)
+ATTITUDE, ROBOT_ATTITUDE, SCAN, OWN = "imu", "robot_imu", "scan", "own_pose"
+PARTS = (IMAGE, CAMERA_INFO, T_CF, EXCHANGE, BEAT, ATTITUDE, ROBOT_ATTITUDE, SCAN, OWN)
 """What a device writes, below its own name; ``beat`` is empty and means nothing (see `worn`)."""
 
 PORT = 7447

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from typing import TypeVar
 
-from collabslam.live.views import LiveView
+from collabslam.live.views import LiveView, OwnPose
 from collabslam.types import Array, Image
 
 WAITING = 8
@@ -33,11 +33,12 @@ class Pairing:
         self._unposed = unposed
         self._images: OrderedDict[float, tuple[str, Image | bytes]] = OrderedDict()
         self._poses: OrderedDict[float, tuple[Array, Array, Array | None]] = OrderedDict()
+        self._own: OrderedDict[float, OwnPose] = OrderedDict()
 
     def image(self, session: str, stamp: float, image: Image | bytes) -> LiveView | None:
         """An image; the view, if its pose is there."""
         if self._unposed and stamp not in self._poses:
-            return LiveView(session, stamp, image)
+            return LiveView(session, stamp, image, own=self._own.pop(stamp, None))
         self.unpaired += _keep(self._images, stamp, (session, image))
         return self._view(stamp)
 
@@ -48,11 +49,15 @@ class Pairing:
         _keep(self._poses, stamp, (t_cf, covariance, bias))
         return self._view(stamp)
 
+    def own(self, stamp: float, own: OwnPose) -> None:
+        """Where the camera is in its own world; it is sent before its image, and none waits for it."""
+        _keep(self._own, stamp, own)
+
     def _view(self, stamp: float) -> LiveView | None:
         if stamp not in self._images or stamp not in self._poses:
             return None
         session, image = self._images.pop(stamp)
-        return LiveView(session, stamp, image, *self._poses.pop(stamp))
+        return LiveView(session, stamp, image, *self._poses.pop(stamp), own=self._own.pop(stamp, None))
 
 
 def _keep(waiting: OrderedDict[float, Value], stamp: float, value: Value) -> bool:

@@ -4,23 +4,37 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from collabslam._core import Camera
 from collabslam.errors import DataError
+from collabslam.live.tracked import OwnWorlds, shared
+from collabslam.live.views import LiveView, OwnPose
 from collabslam.slam.engine import Slam
-from collabslam.targets.printed import pose_between
-from collabslam.types import Array, Board, Image, Tag
+from collabslam.targets.printed import Sighting, between, pose_between, sightings
+from collabslam.types import Board, Image, Tag, WornView
 
 KEPT = 12
 """Frames of Cs that are kept for views of their time."""
+
+
+@dataclass(eq=False)
+class _Frame:
+    """A frame of Cs, and the targets in it once they were looked for."""
+
+    t: float
+    image: Image
+    seen: list[Sighting] | None = None
 
 
 class PrintedPoses:
     """Measures T_CF with the frame of Cs that is nearest in time.
 
     Cf stands where it took its view, and the targets stand still; so T_CF relative to that frame is right,
-    whatever the clocks say.
+    whatever the clocks say.  A camera that tracks itself need not see a target at that moment: see `tracked`.
 
     Parameters
     ----------
@@ -31,22 +45,50 @@ class PrintedPoses:
 
     def __init__(self, camera: Camera, worn_camera: Camera, targets: Sequence[Tag | Board]) -> None:
         self._camera, self._worn_camera, self._targets = camera, worn_camera, targets
-        self._frames: deque[tuple[float, Image]] = deque(maxlen=KEPT)
+        self._frames: deque[_Frame] = deque(maxlen=KEPT)
+        self._worlds = OwnWorlds()
 
     def frame(self, t: float, image: Image) -> None:
         """Keep a frame of Cs."""
-        self._frames.append((t, image))
+        self._frames.append(_Frame(t, image))
 
-    def pose(self, t: float, worn_image: Image) -> tuple[float, Array, Array] | None:
-        """Time of the frame that is nearest to ``t``, T_CF and its covariance; None if no target tells."""
+    def pose(self, view: LiveView, t: float, worn_image: Image) -> WornView | None:
+        """The view, taken at ``t``, with T_CF at the time of a frame; None if no target tells it.
+
+        Parameters
+        ----------
+        view : LiveView
+        t : float
+            When it was taken by the robot's clock, seconds.
+        worn_image : (H, W) uint8
+            Decoded.
+        """
         if not self._frames:
             return None
-        nearest, image = min(self._frames, key=lambda kept: abs(kept[0] - t))
+        if view.own is not None:
+            return self._tracked(view.session, view.own, t, worn_image)
+        frame = min(self._frames, key=lambda kept: abs(kept.t - t))
         try:
-            found = pose_between(image, self._camera, worn_image, self._worn_camera, self._targets)
+            found = pose_between(frame.image, self._camera, worn_image, self._worn_camera, self._targets)
         except DataError:
             return None
-        return nearest, *found
+        return WornView(worn_image, *found, t=frame.t)
+
+    def _tracked(self, session: str, own: OwnPose, t: float, worn_image: Image) -> WornView | None:
+        """From the last frame of Cs with a target that the phone ever saw."""
+        world = self._worlds.of(session)
+        world.move(t, own, sightings(worn_image, self._worn_camera, self._targets))
+        of_cf = world.sightings()
+        for frame in reversed(self._frames):
+            if frame.seen is None:
+                frame.seen = sightings(frame.image, self._camera, self._targets)
+            both = shared(frame.seen, of_cf)
+            if not both:
+                continue
+            found = [(*between(cs, cf), lasting) for cs, cf, lasting in both]
+            t_cf, covariance, lasting = min(found, key=lambda f: float(np.linalg.slogdet(f[1])[1]))
+            return WornView(worn_image, t_cf, covariance, lasting, frame.t)
+        return None
 
 
 def printed_poses(

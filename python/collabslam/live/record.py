@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +19,14 @@ from collabslam.extras import needs
 from collabslam.live import messages
 from collabslam.live.core import ClockReading, Event, OdometrySample, RobotFrame
 from collabslam.live.steady import nanoseconds
-from collabslam.live.views import LiveView
+from collabslam.live.views import LiveView, OwnPose
 from collabslam.runs.results import jsonable
 from collabslam.types import Board, Tag
 
 ROBOT_IMAGE, ROBOT_INFO = "/cs/image_raw", "/cs/camera_info"
 WORN_IMAGE, WORN_INFO = "/cf/image/compressed", "/cf/camera_info"
 T_CF, BIAS, CLOCK, PLAN, ODOMETRY = "/t_cf", "/t_cf_bias", "/clock_readings", "/plan", "/odometry"
+OWN = "/own_pose"
 ROLES = {"cs": ROBOT_IMAGE, "cf": WORN_IMAGE, "t_cf": T_CF}
 """Topics as ``collabslam.open_recording(path, topics=...)`` takes them, if all cameras have one clock."""
 _ROBOT, _WORN = "cs_optical", "cf_optical"
@@ -111,6 +112,9 @@ class EventWriter:
                 self._write(T_CF, messages.POSE, pose, now)
                 if event.bias is not None:
                     self._write(BIAS, messages.NUMBERS, messages.numbers(event.bias), now)
+            if event.own is not None:
+                own = messages.pose(event.stamp, event.session, event.own.t_xf, event.own.covariance)
+                self._write(OWN, messages.POSE, own, now)
             data = messages.compressed_image(event.stamp, event.session, image)
             self._write(WORN_IMAGE, messages.COMPRESSED, data, now)
 
@@ -160,7 +164,9 @@ class EventReader:
     def events(self) -> Iterator[Event]:
         """Each event in the order in which the filter took it."""
         poses: dict[float, Any] = {}
-        for topic, message in self._bag.all_messages((ROBOT_IMAGE, CLOCK, ODOMETRY, T_CF, BIAS, WORN_IMAGE)):
+        owns: dict[float, OwnPose] = {}
+        read = (ROBOT_IMAGE, CLOCK, ODOMETRY, T_CF, BIAS, OWN, WORN_IMAGE)
+        for topic, message in self._bag.all_messages(read):
             where = f"{topic} in {self._path}"
             if topic == ROBOT_IMAGE:
                 yield RobotFrame(messages.stamp_of(message), image_of(message, where))
@@ -173,7 +179,10 @@ class EventReader:
             elif topic == BIAS:
                 bias = np.reshape(message.data, (6, 6))
                 poses = {stamp: (*pose, bias) for stamp, pose in poses.items()}
+            elif topic == OWN:
+                owns = {messages.stamp_of(message): OwnPose(*pose_and_covariance_of(message, where))}
             else:
                 stamp = messages.stamp_of(message)
                 session, data = str(message.header.frame_id), message.data.tobytes()
-                yield LiveView(session, stamp, data, *poses.get(stamp, ()))
+                pose = poses.get(stamp, ())
+                yield replace(LiveView(session, stamp, data, *pose), own=owns.get(stamp))

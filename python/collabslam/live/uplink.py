@@ -18,7 +18,7 @@ from collabslam.live.core import ClockReading, Event
 from collabslam.live.pairing import Pairing
 from collabslam.live.sensed import reading_from, scan_from
 from collabslam.live.sensing import Sensing
-from collabslam.live.views import NO_CLOCK, LiveView
+from collabslam.live.views import NO_CLOCK, LiveView, OwnPose
 from collabslam.types import Array
 from collabslam.worn_pose import WornPoseConfig
 from collabslam.worn_pose.readings import Wearer
@@ -43,6 +43,7 @@ RATES = {
     names.ATTITUDE: 400.0,
     names.ROBOT_ATTITUDE: 400.0,
     names.SCAN: 200.0,
+    names.OWN: 60.0,
 }
 """Messages per second of each kind that a device may write."""
 MOST_BEAMS = 4000
@@ -208,6 +209,10 @@ class Uplink:
         if part == names.CAMERA_INFO:
             device.camera = messages.camera_from(payload, f"the device {name}")
             self._known.set()
+            return []
+        if part == names.OWN:
+            stamp, *own = messages.pose_from(payload, f"the device {name}")
+            device.pairing.own(stamp, OwnPose(*own))
             return []
         then: list[Callable[[], None]] = []
         if part == names.IMAGE:

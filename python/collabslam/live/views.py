@@ -29,6 +29,22 @@ WAITING, REMEMBERED, SESSIONS = 16, 64, 8
 
 
 @dataclass(frozen=True, eq=False)
+class OwnPose:
+    """Where a camera that tracks itself is in a world of its own, which begins anywhere and drifts.
+
+    Attributes
+    ----------
+    t_xf : (4, 4) array
+        Maps points of the camera into that world; metres.
+    covariance : (6, 6) array
+        Of what errs in each image anew, over (translation, rotation), tangent on the right; without drift.
+    """
+
+    t_xf: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
 class LiveView:
     """A view of the worn camera as its sender took it.
 
@@ -43,6 +59,8 @@ class LiveView:
         Grey, or a JPEG or PNG of it; an encoded one may be smaller than its calibration.
     t_cf, covariance, bias
         As in `collabslam.WornView`; no ``t_cf`` if printed targets are to tell it.
+    own : OwnPose or None
+        Of a camera that tracks itself: then the targets need not be in this image.
     """
 
     session: str
@@ -51,6 +69,7 @@ class LiveView:
     t_cf: Array | None = None
     covariance: Array | None = None
     bias: Array | None = None
+    own: OwnPose | None = None
 
 
 @dataclass(frozen=True, eq=False)

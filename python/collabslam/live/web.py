@@ -17,6 +17,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from collabslam.errors import DataError
 from collabslam.extras import needs
 from collabslam.live.clock import Exchange
@@ -24,7 +26,7 @@ from collabslam.live.gateway import Gateway
 
 TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 PAGES = {"/": "phone.html", "/view": "view.html"} | {
-    f"/{name}": name for name in ("page.css", "phone.js", "view.js", "link.js")
+    f"/{name}": name for name in ("page.css", "phone.js", "tracked.js", "view.js", "link.js")
 }
 LARGEST, CONNECTIONS = 300_000, 16
 """Bytes of a message, and connections at once."""
@@ -172,7 +174,7 @@ class WebServer:
     async def _phone(self, socket: Any, hello: Mapping[str, Any]) -> None:
         """A phone's images, and what it is told."""
         width, height = hello.get("width"), hello.get("height")
-        with self._gateway.phone(width, height) as phone:
+        with self._gateway.phone(width, height, hello.get("intrinsics")) as phone:
             if phone.refused:
                 await socket.send(json.dumps({"refused": phone.refused}))
                 await socket.close(REFUSED, phone.refused[:120])
@@ -199,13 +201,16 @@ class WebServer:
 
     async def _answer(self, socket: Any, phone: Any, message: Mapping[str, Any]) -> None:
         received = self._clock.now()
-        asked, exchange = message.get("ask"), message.get("exchange")
+        asked, exchange, own = (message.get(name) for name in ("ask", "exchange", "own"))
         if _is_time(asked):
             answer = {"asked": asked, "received": received, "answered": self._clock.now()}
             await socket.send(json.dumps(answer))
         elif isinstance(exchange, list) and len(exchange) == 4 and all(map(_is_time, exchange)):
             # The robot is asked as well, which may take a while.
             await asyncio.to_thread(phone.exchange, Exchange(*(float(t) for t in exchange)))
+        elif isinstance(own, list) and len(own) == 8 and all(map(_is_time, own)):
+            t, *numbers = map(float, own)
+            phone.own(t, np.array(numbers[:3]), np.array(numbers[3:]))
 
 
 def _image(phone: Any, message: bytes) -> None:

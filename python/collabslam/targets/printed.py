@@ -199,11 +199,12 @@ def pose_between(
     both = [(of_cs[s.target], s) for s in sightings(worn_image, worn_camera, shown)]
     if not both:
         raise DataError("No printed target is seen by both cameras; show it to both.")
-    poses = [_between(a, b) for a, b in both]
+    poses = [between(a, b) for a, b in both]
     return min(poses, key=lambda pose: float(np.linalg.slogdet(pose[1])[1]))
 
 
-def _between(of_cs: Sighting, of_cf: Sighting) -> tuple[Array, Array]:
+def between(of_cs: Sighting, of_cf: Sighting) -> tuple[Array, Array]:
+    """``T_CF`` and its covariance, as of `pose_between`, from one target's sightings by both cameras."""
     t_cf = pose_inverse(of_cs.t_tc) @ of_cf.t_tc
     carry = adjoint(pose_inverse(t_cf))
     return t_cf, of_cf.covariance + carry @ of_cs.covariance @ carry.T

@@ -1,26 +1,61 @@
 // The camera's images as JPEGs with the time of their capture, as many as the robot has use for.
 import { connect, facts, say } from "/link.js";
+import { possible, track } from "/tracked.js";
 
 const video = document.getElementById("video");
+const plain = document.getElementById("start"), tracked = document.getElementById("track");
 const seconds = (ms) => (performance.timeOrigin + ms) / 1000;
 let socket = null, busy = false, last = -Infinity, sent = 0, asking = null;
 const shown = new Set(["link", "started", "metric", "cf matches"]);
 let level = { width: 640, quality: 0.5, rate: 10 };
 
+function started(yes) {
+  plain.disabled = tracked.disabled = yes;
+}
+
 async function start() {
-  document.getElementById("start").disabled = true;
+  started(true);
   try {
     const wanted = { facingMode: "environment", width: { ideal: 640 }, height: { ideal: 480 }, frameRate: { ideal: 30 } };
     video.srcObject = await navigator.mediaDevices.getUserMedia({ video: wanted, audio: false });
     await video.play();
   } catch (error) {
-    document.getElementById("start").disabled = false;
+    started(false);
     say(`The camera cannot be used: ${error.message}. Allow it in the browser, and open this page with https.`, false);
     return;
   }
   connect("phone", () => ({ width: video.videoWidth, height: video.videoHeight }), take, () => { socket = null; });
   video.requestVideoFrameCallback(frame);
   if (navigator.wakeLock) navigator.wakeLock.request("screen").catch(() => {});
+}
+
+// The phone tracks itself: images come from the session, and the plain camera is its own meanwhile.
+async function startTracked() {
+  started(true);
+  let camera = null;
+  const turned = (now) => now.width !== camera.width || now.intrinsics.some((v, k) => Math.abs(v - camera.intrinsics[k]) > 0.02 * now.width);
+  const shot = (time, now, from, read) => {
+    if (!camera) {
+      camera = now;
+      connect("phone", () => camera, take, () => { socket = null; });
+    }
+    if (turned(now)) { say("Hold the phone as it was at the start.", false); return; }
+    if (!due(time)) return;
+    const width = Math.min(level.width, camera.width), height = Math.round(width * camera.height / camera.width);
+    const canvas = new OffscreenCanvas(width, height);
+    canvas.getContext("2d").putImageData(read(width, height), 0, 0);
+    busy = true;
+    last = time;
+    send(canvas, time, from).finally(() => { busy = false; });
+  };
+  video.style.display = "none"; // the session shows the camera itself
+  try {
+    await track(document.body, shot, () => say("The phone has lost itself. Move it slowly, towards things that can be seen.", false), () => location.reload());
+  } catch (error) {
+    started(false);
+    video.style.display = "";
+    say(`This phone does not track itself here (${error.message}). Start the camera; a tag that both see tells its place.`, false);
+  }
 }
 
 function take(message, from) {
@@ -43,28 +78,37 @@ function take(message, from) {
   }
 }
 
+function due(now) {
+  return socket && !busy && socket.bufferedAmount <= 60000 && now - last >= 900 / level.rate;
+}
+
 function frame(now, data) {
   video.requestVideoFrameCallback(frame);
-  if (!socket || busy || socket.bufferedAmount > 60000 || now - last < 900 / level.rate) return;
+  if (!due(now)) return;
   busy = true;
   last = now;
   const known = Math.abs(now - data.captureTime) < 1000; // some cameras count from another beginning, or not at all
-  send(known ? data.captureTime : now).finally(() => { busy = false; });
-}
-
-async function send(taken) {
   const width = Math.min(level.width, video.videoWidth);
   const height = Math.round(width * video.videoHeight / video.videoWidth);
   const canvas = new OffscreenCanvas(width, height), pen = canvas.getContext("2d");
   pen.filter = "grayscale(1)";
   pen.drawImage(video, 0, 0, width, height);
-  const blob = await canvas.convertToBlob({ type: "image/jpeg", quality: level.quality });
-  const jpeg = new Uint8Array(await blob.arrayBuffer());
-  const message = new Uint8Array(8 + jpeg.length);
-  new DataView(message.buffer).setFloat64(0, seconds(taken));
-  message.set(jpeg, 8);
-  if (socket) { socket.send(message); sent += 1; }
+  send(canvas, known ? data.captureTime : now, null).finally(() => { busy = false; });
 }
 
-document.getElementById("start").onclick = start;
+async function send(canvas, taken, from) {
+  const blob = await canvas.convertToBlob({ type: "image/jpeg", quality: level.quality });
+  const jpeg = new Uint8Array(await blob.arrayBuffer());
+  const message = new Uint8Array(8 + jpeg.length), t = seconds(taken);
+  new DataView(message.buffer).setFloat64(0, t);
+  message.set(jpeg, 8);
+  if (!socket) return;
+  if (from) socket.send(JSON.stringify({ own: [t, ...from] }));
+  socket.send(message);
+  sent += 1;
+}
+
+plain.onclick = start;
+tracked.onclick = startTracked;
+possible().then((yes) => { tracked.hidden = !yes; });
 if (new URLSearchParams(location.hash.slice(1)).has("start")) start();
