@@ -582,11 +582,13 @@ class Filter:
             For wrong shapes, NaN, unknown ids, an impossible pose or covariance; the filter stays as it
             was.
         """
-    def relocalise(self, pose: ArrayLike, ids: ArrayLike, uv: ArrayLike) -> UpdateReport:
+    def relocalise(
+        self, pose: ArrayLike, ids: ArrayLike, uv: ArrayLike, *, least: int | None = None
+    ) -> UpdateReport:
         """Puts a lost camera where matches with the map say, and forgets what was believed about it.
 
         The pose gives the point of linearisation only; the covariance is that of the matches and the map.
-        Velocities start anew. The pose is taken if ``lost.min_matches`` of the matches pass the batch test.
+        Velocities start anew. The pose is taken if enough of the matches pass the batch test.
 
         Parameters
         ----------
@@ -594,6 +596,9 @@ class Filter:
             T_WC that explains the matches, as PnP gives it, metres.
         ids, uv : (N,) int64, (N, 2) float64
             Features and their pixels in Cs.
+        least : int, optional
+            Matches that have to pass, 4 or more; ``lost.min_matches`` if left out.  Fewer do for points that
+            say themselves which they are, as the corners of a printed tag.
 
         Returns
         -------
@@ -603,8 +608,8 @@ class Filter:
         Raises
         ------
         InputError
-            For wrong shapes, NaN, unknown ids, an impossible pose, or before the start; the filter stays as
-            it was.
+            For wrong shapes, NaN, unknown ids, an impossible pose, a ``least`` below 4, or before the start;
+            the filter stays as it was.
         """
     def restart(self, worn: WornMeasurement) -> UpdateReport:
         """Starts a new map from a view of Cf, where the camera is predicted to be; the map of before is gone.

@@ -150,7 +150,9 @@ fn the_covariance_after_it_is_honest() {
             continue;
         }
         let off = normals::<6>(&mut rng) * 0.02;
-        let report = filter.relocalise(&truth.retract(&off), &matches).unwrap();
+        let report = filter
+            .relocalise(&truth.retract(&off), &matches, None)
+            .unwrap();
         assert!(report.accepted, "seed {seed}: {report:?}");
         assert!(filter.state().covariance().least_scaled_eigenvalue() > -1e-10);
         sum += nees(&filter, &truth);
@@ -180,7 +182,7 @@ fn in_a_map_of_its_own_it_is_as_honest_as_the_map() {
                 rows += 3.0;
             }
         }
-        let report = lost.warm.filter.relocalise(&lost.near, &lost.matches);
+        let report = lost.warm.filter.relocalise(&lost.near, &lost.matches, None);
         let report = report.unwrap();
         assert!(report.accepted, "seed {seed}: {report:?}");
         sum += nees(&lost.warm.filter, &lost.truth);
@@ -201,7 +203,7 @@ fn what_was_believed_of_the_camera_counts_for_nothing() {
     for filter in [&mut lost.warm.filter, &mut other] {
         assert!(
             filter
-                .relocalise(&lost.near, &lost.matches)
+                .relocalise(&lost.near, &lost.matches, None)
                 .unwrap()
                 .accepted
         );
@@ -214,7 +216,12 @@ fn the_start_of_the_linearisation_hardly_matters() {
     let lost = lost(4, &WHITE);
     let from = |pose: &Pose| {
         let mut filter = lost.warm.filter.clone();
-        assert!(filter.relocalise(pose, &lost.matches).unwrap().accepted);
+        assert!(
+            filter
+                .relocalise(pose, &lost.matches, None)
+                .unwrap()
+                .accepted
+        );
         (filter.pose(), filter.pose_covariance())
     };
     let ((_, near), covariance) = from(&lost.near);
@@ -238,7 +245,7 @@ fn wrong_matches_leave_the_filter_as_it_was() {
     let report = lost
         .warm
         .filter
-        .relocalise(&lost.near, &lost.matches)
+        .relocalise(&lost.near, &lost.matches, None)
         .unwrap();
     assert!(!report.accepted);
     assert!(report.bearings.iter().all(|o| *o == Outcome::RejectedBatch));
@@ -248,11 +255,28 @@ fn wrong_matches_leave_the_filter_as_it_was() {
         !lost
             .warm
             .filter
-            .relocalise(&lost.near, few)
+            .relocalise(&lost.near, few, None)
             .unwrap()
             .accepted
     );
     assert_eq!(state(&lost.warm.filter), before);
+}
+
+#[test]
+fn four_are_enough_where_that_is_said() {
+    let mut lost = lost(5, &WHITE);
+    let four = &lost.matches[..4];
+    let mut relocalise = |least| lost.warm.filter.relocalise(&lost.near, four, least);
+    assert!(!relocalise(None).unwrap().accepted);
+    assert!(matches!(
+        relocalise(Some(3)),
+        Err(EkfError::InvalidInput { .. })
+    ));
+    assert!(relocalise(Some(4)).unwrap().accepted);
+    let error = error(&lost.warm.filter, &lost.truth);
+    let p = lost.warm.filter.pose_covariance();
+    let distance = error.dot(&p.cholesky().unwrap().solve(&error));
+    assert!(distance < 22.5, "{distance}"); // 99.9 % of six numbers
 }
 
 #[test]
@@ -265,7 +289,7 @@ fn some_wrong_ones_are_left_out() {
     let report = lost
         .warm
         .filter
-        .relocalise(&lost.near, &lost.matches)
+        .relocalise(&lost.near, &lost.matches, None)
         .unwrap();
     assert!(report.accepted);
     let wrong = &report.bearings[..3];
@@ -282,31 +306,31 @@ fn bad_input_is_refused() {
     let mut twice = good.clone();
     twice.push(good[0]);
     assert!(matches!(
-        filter.relocalise(&lost.near, &twice),
+        filter.relocalise(&lost.near, &twice, None),
         Err(EkfError::InvalidInput { .. })
     ));
     let mut unknown = good.clone();
     unknown[0].id = 123_456;
     assert!(matches!(
-        filter.relocalise(&lost.near, &unknown),
+        filter.relocalise(&lost.near, &unknown, None),
         Err(EkfError::UnknownFeature { .. })
     ));
     let mut nan = good.clone();
     nan[0].uv.x = f64::NAN;
     assert!(matches!(
-        filter.relocalise(&lost.near, &nan),
+        filter.relocalise(&lost.near, &nan, None),
         Err(EkfError::NonFinite { .. })
     ));
     let mut pose = lost.near.clone();
     pose.rotation *= 2.0;
     assert!(matches!(
-        filter.relocalise(&pose, &good),
+        filter.relocalise(&pose, &good, None),
         Err(EkfError::InvalidInput { .. })
     ));
     assert_eq!(state(filter), before);
     let mut new = Filter::new(settings(&[]), lost.warm.scene.camera.clone(), None);
     assert!(matches!(
-        new.relocalise(&lost.near, &[]),
+        new.relocalise(&lost.near, &[], None),
         Err(EkfError::InvalidInput { .. })
     ));
 }
@@ -344,7 +368,7 @@ fn a_working_set_makes_no_difference() {
     let local = [plain[0].clone(), ("map.local_from", Value::Int(0))];
     let [a, b] = [&plain[..], &local[..]].map(|changes| {
         let mut lost = lost(9, changes);
-        let report = lost.warm.filter.relocalise(&lost.near, &lost.matches);
+        let report = lost.warm.filter.relocalise(&lost.near, &lost.matches, None);
         assert!(report.unwrap().accepted);
         state(&lost.warm.filter)
     });
@@ -375,11 +399,16 @@ mod known_map {
         assert!(
             lost.warm
                 .filter
-                .relocalise(&lost.near, &lost.matches)
+                .relocalise(&lost.near, &lost.matches, None)
                 .unwrap()
                 .accepted
         );
-        assert!(other.relocalise(&lost.near, &renamed).unwrap().accepted);
+        assert!(
+            other
+                .relocalise(&lost.near, &renamed, None)
+                .unwrap()
+                .accepted
+        );
         let (a, b) = (lost.warm.filter.known_map().1, other.known_map().1);
         assert!((&a.covariance - &b.covariance).abs().max() < 1e-10);
         let apart = a

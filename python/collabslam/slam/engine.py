@@ -302,7 +302,11 @@ class Slam(EngineParts):
             "target_residual_px": self._target_residual(image),
         }
         status = self._judge(
-            t, counts["accepted"], accepted=report.accepted or recovered is not None, followed=followed
+            t,
+            counts["accepted"],
+            accepted=report.accepted or recovered is not None,
+            followed=followed,
+            identified=recovered is not None and recovered.identified,
         )
         # Where wheels predicted, it is they who may be wrong.
         jumped = counts["relocalised"] and not (view.lost or followed) and is_jump(before, self._where())
@@ -371,11 +375,13 @@ class Slam(EngineParts):
             min_inliers=self._monitor.min_inliers(len(found.searched)),
         )
 
-    def _judge(self, t: float, inliers: int, *, accepted: bool, followed: bool) -> Status:
+    def _judge(
+        self, t: float, inliers: int, *, accepted: bool, followed: bool, identified: bool = False
+    ) -> Status:
         """Status of the frame; before the start nothing can be said of a pose."""
         if not self.filter.started:
             return Status.COASTING
-        return self._monitor.update(t, inliers, accepted=accepted, followed=followed)
+        return self._monitor.update(t, inliers, accepted=accepted, followed=followed, identified=identified)
 
     def _where(self) -> tuple[Array, Array]:
         """Pose and covariance of the camera as the filter has it now."""

@@ -106,9 +106,12 @@ class Recovered:
         Births of a map that begins; None where the camera was found in one that there was.
     counts : dict
         Diagnostics of the overlap with Cf that the map begins from.
+    identified : bool
+        Whether it rests on points that say themselves which they are, of which few are enough.
     """
 
     seen: ImagePoints = field(default_factory=ImagePoints)
     other_map: Mapping[int, Patch] | None = None
     begun: MapChange | None = None
     counts: Mapping[str, Any] = field(default_factory=dict)
+    identified: bool = False

@@ -118,7 +118,14 @@ class EngineParts:
         self._doubts = Doubts(settings.section("filter"))
         self._monitor = StatusMonitor(settings.section("filter"), lost=start == "map")
         self._recovery = Recovery(
-            core, self._relocaliser, self._worn, self._map, self._monitor, metric=metric
+            core,
+            camera,
+            self._printed,
+            self._relocaliser,
+            self._worn,
+            self._map,
+            self._monitor,
+            metric=metric,
         )
         self._guard = Guard(core, list(persistent_parts(self).values()))
 

@@ -15,6 +15,7 @@ from collabslam.frontend.search import FOUND
 from collabslam.geometry import pose_inverse, skew
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import PersistentState
+from collabslam.slam.target_fix import SeenTarget
 from collabslam.slam.tracks import Found
 from collabslam.slam.view import View
 from collabslam.targets.printed import Sighting, printed_corners, sighting
@@ -133,6 +134,15 @@ class PrintedTargets(PersistentState):
     def adopt(self, seen: Sighting, ids: Ids) -> None:
         """These features, in order, are the corners of a target."""
         self._features = {**self._features, str(seen.target): ids}
+
+    def in_map(self) -> list[SeenTarget]:
+        """Those in this frame whose corners were features of the map, and which one is which can be told."""
+        known = self._features
+        return [
+            SeenTarget(target, uv, known[str(target)])
+            for target, uv in self._corners.items()
+            if str(target) in known and (isinstance(target, Tag) or target.has_direction)
+        ]
 
     def births(self) -> ImagePoints:
         """Adds the corners of targets in this frame that the map does not hold, or hardly any of."""

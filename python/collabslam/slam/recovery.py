@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collabslam._core import Filter, UpdateReport
+from collabslam._core import Camera, Filter, UpdateReport
 from collabslam.slam.map_change import Recovered
 from collabslam.slam.map_management import MapManager
+from collabslam.slam.printed_targets import PrintedTargets
 from collabslam.slam.relocalise import Relocaliser
 from collabslam.slam.status import StatusMonitor
+from collabslam.slam.target_fix import find_by_targets
 from collabslam.slam.tracks import Found
 from collabslam.slam.view import View
 from collabslam.slam.worn_frame import WornMatcher
 
 
 class Recovery:
-    """Relocalisation in the maps that there are, or else a new map where Cf offers one (METHOD 19).
+    """By targets and views of the maps that there are, or in a new map where Cf offers one (METHOD 17, 19).
 
     Parameters
     ----------
     core : Filter
+    camera : Camera
+        Cs.
+    printed : PrintedTargets
     relocaliser : Relocaliser
     worn : WornMatcher
     map_manager : MapManager
@@ -29,6 +34,8 @@ class Recovery:
     def __init__(
         self,
         core: Filter,
+        camera: Camera,
+        printed: PrintedTargets,
         relocaliser: Relocaliser,
         worn: WornMatcher,
         map_manager: MapManager,
@@ -36,20 +43,23 @@ class Recovery:
         *,
         metric: bool,
     ) -> None:
-        self._filter, self._relocaliser, self._worn = core, relocaliser, worn
+        self._filter, self._camera, self._printed = core, camera, printed
+        self._relocaliser, self._worn = relocaliser, worn
         self._map, self._monitor, self._metric = map_manager, monitor, metric
 
     def attempt(self, view: View, report: UpdateReport) -> Recovered | None:
         """After the update of a frame: puts the camera where images say it is; None if it stays where it was.
 
-        An accepted frame may show an earlier map.  One that failed is compared with all maps, and if none of
-        them is in sight, a camera that was lost before may start anew.
+        An accepted frame may show an earlier map.  One that failed may show a printed target that the map
+        holds; else it is compared with all maps, and if none of them is in sight, a camera that was lost
+        before may start anew.
         """
         if not view.started:
             return None
         if report.accepted:
             return self._relocaliser.look_back(view)
-        found = self._relocaliser.attempt(view)
+        found = find_by_targets(self._filter, self._camera, self._printed.in_map())
+        found = self._relocaliser.attempt(view) if found is None else found
         return self._restart(view) if found is None and view.lost else found
 
     def _restart(self, view: View) -> Recovered | None:

@@ -71,7 +71,9 @@ class StatusMonitor(PersistentState):
         """
         return not self.lost and self._last_ok is not None and t - self._last_ok < _FRESH
 
-    def update(self, t: float, inliers: int, *, accepted: bool, followed: bool = False) -> Status:
+    def update(
+        self, t: float, inliers: int, *, accepted: bool, followed: bool = False, identified: bool = False
+    ) -> Status:
         """Status of the frame at ``t`` (seconds).
 
         Parameters
@@ -83,6 +85,9 @@ class StatusMonitor(PersistentState):
         followed : bool
             Whether odometry carried the camera here: it is not lost then for not having seen anything for
             long.
+        identified : bool
+            Whether points that say themselves which they are have found the camera: few of them are enough
+            for it not to be lost.
         """
         if self._last_ok is None:
             self._last_ok = t
@@ -93,6 +98,9 @@ class StatusMonitor(PersistentState):
         if accepted and inliers >= self._min_matches:
             self._last_ok, self.lost, self.found = t, False, True
             return Status.OK
+        if identified:
+            self._last_ok, self._failed, self.lost, self.found = t, 0, False, True
+            return Status.COASTING
         unseen = t - self._last_ok > self._seconds and not followed
         self.lost = self.lost or self._failed >= _FAILED_FRAMES or unseen
         return Status.LOST if self.lost else Status.COASTING

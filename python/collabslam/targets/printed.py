@@ -24,7 +24,9 @@ SIGMA = 0.3
 """Standard deviation of a tag's corner, pixels; of a board's, which has many, the scatter tells it."""
 _BOARD_SIGMA = 0.15
 _COMMON = 0.1  # pixels by which all corners of a target may be shifted together
-_AMBIGUOUS = 9.0  # of the chi square by which the better of two poses has to win
+AMBIGUOUS = 9.0
+"""Of the chi square by which the better of two poses has to win."""
+_SAME = 1e-3  # radians and metres: from either guess the iteration has come to the same pose
 _MAX_TILT = 0.35  # radians between two poses that one covariance can hold
 _MAX_RESIDUAL = 3.0  # pixels of a corner from its place: more is another calibration, or no such target
 
@@ -85,6 +87,28 @@ def sightings(image: Image, camera: Camera, targets: Iterable[Tag | Board]) -> l
 
 def sighting(target: Tag | Board, uv: Array, camera: Camera) -> Sighting | None:
     """The camera's pose from a printed target's corners (N, 2), px; None where they do not tell it."""
+    solutions = planar_solutions(target, uv, camera)
+    if not solutions:
+        return None
+    least, pose, covariance = solutions[0]
+    for chi2, other, _ in solutions[1:]:
+        if chi2 - least < AMBIGUOUS:
+            apart = se3_log(pose_inverse(pose) @ other)
+            if float(np.linalg.norm(apart[3:])) > _MAX_TILT:
+                return None
+            covariance = covariance + np.outer(apart, apart)
+    return Sighting(target, target.corners(), uv, pose, covariance)
+
+
+def planar_solutions(target: Tag | Board, uv: Array, camera: Camera) -> list[tuple[float, Array, Array]]:
+    """The poses, two at most, that explain a printed target's corners (N, 2), px, the better one first.
+
+    Returns
+    -------
+    list of (chi2, T_TC, covariance)
+        The chi square of the corners, of residuals as large as they are, T_TC (4, 4), metres, and its
+        covariance (6, 6), tangent on the right; none where no pose explains them.
+    """
     points = target.corners()
     sigma = SIGMA if isinstance(target, Tag) else _BOARD_SIGMA
     solutions = []
@@ -97,17 +121,14 @@ def sighting(target: Tag | Board, uv: Array, camera: Camera) -> Sighting | None:
         if error.max() <= _MAX_RESIDUAL:
             covariance = covariance + _of_common_shift(points, camera, pose)
             solutions.append((float((error**2).sum()) / sigma**2, pose, covariance))
-    if not solutions:
-        return None
     solutions.sort(key=lambda s: s[0])
-    least, pose, covariance = solutions[0]
-    for chi2, other, _ in solutions[1:]:
-        if chi2 - least < _AMBIGUOUS * max(1.0, least / (2 * len(points) - 6)):
-            apart = se3_log(pose_inverse(pose) @ other)
-            if float(np.linalg.norm(apart[3:])) > _MAX_TILT:
-                return None
-            covariance = covariance + np.outer(apart, apart)
-    return Sighting(target, points, uv, pose, covariance)
+    # Where even the better one is worse than the noise, all of it is that much larger.
+    larger = max(1.0, solutions[0][0] / (2 * len(points) - 6)) if solutions else 1.0
+    return [
+        (chi2 / larger, pose, covariance)
+        for k, (chi2, pose, covariance) in enumerate(solutions)
+        if k == 0 or np.linalg.norm(se3_log(pose_inverse(solutions[0][1]) @ pose)) > _SAME
+    ]
 
 
 def _of_common_shift(points: Array, camera: Camera, pose: Array) -> Array:

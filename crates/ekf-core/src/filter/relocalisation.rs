@@ -25,28 +25,40 @@ const WIDE: f64 = 100.0;
 /// Largest condition number, after scaling by the diagonal, of what the matches say about the pose.
 const MAX_CONDITION: f64 = 1e10;
 
+/// Fewest matches that tell one pose.
+const FEWEST: usize = 4;
+
 impl Filter {
     /// Puts a lost camera where its matches with the map say, and discards its former estimate.
     ///
     /// `pose` is a first T_WC that explains `matches` to within the range of the linear model, as PnP with the
     /// landmarks' means gives it; it counts for nothing but as the point of linearisation. Velocities start anew from the
-    /// settings' `process.start_*`. The matches pass the batch test; the pose is taken if `lost.min_matches` of them do:
-    /// [`UpdateReport::accepted`] says so. Otherwise the filter is as it was.
+    /// settings' `process.start_*`. The matches pass the batch test; the pose is taken if `least` of them do, which is
+    /// `lost.min_matches` unless given: [`UpdateReport::accepted`] says so. Otherwise the filter is as it was. Fewer do
+    /// for points that say themselves which they are, as the corners of a printed tag.
     ///
     /// # Errors
-    /// `NonFinite`, `UnknownFeature`, `InvalidInput` (before the start, an id given twice, no rotation matrix); the
-    /// filter stays as it was.
+    /// `NonFinite`, `UnknownFeature`, `InvalidInput` (before the start, an id given twice, no rotation matrix, a `least`
+    /// below [`FEWEST`]); the filter stays as it was.
     pub fn relocalise(
         &mut self,
         pose: &Pose,
         matches: &[Bearing],
+        least: Option<usize>,
     ) -> Result<UpdateReport, EkfError> {
         self.check_started()?;
         check_rigid("pose", pose)?;
+        let least = least.unwrap_or(self.settings.lost.min_matches);
+        if least < FEWEST {
+            return Err(EkfError::InvalidInput {
+                what: "least",
+                why: format!("{least} points may leave several poses; give {FEWEST} or more"),
+            });
+        }
         let z = Measurements {
             searched: matches.iter().map(|b| b.id).collect(),
             bearings: matches.to_vec(),
-            min_inliers: self.settings.lost.min_matches,
+            min_inliers: least,
             ..Measurements::default()
         };
         self.check_measurements(&z, &mut Scratch::default())?;

@@ -103,7 +103,7 @@ impl Filter {
             id.map(|&id| Bearing { id, uv })
         };
         let bearings: Vec<Bearing> = matches.iter().map(bearing).collect::<Result<_, _>>()?;
-        let report = trial.relocalise(pose, &bearings)?;
+        let report = trial.relocalise(pose, &bearings, None)?;
         if !report.accepted {
             return Ok((report, Vec::new()));
         }

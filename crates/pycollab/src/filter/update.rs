@@ -70,7 +70,7 @@ impl PyFilter {
     /// Puts a lost camera where matches with the map say, and forgets what was believed about it.
     ///
     /// The pose gives the point of linearisation only; the covariance is that of the matches and the map.
-    /// Velocities start anew. The pose is taken if ``lost.min_matches`` of the matches pass the batch test.
+    /// Velocities start anew. The pose is taken if enough of the matches pass the batch test.
     ///
     /// Parameters
     /// ----------
@@ -78,6 +78,9 @@ impl PyFilter {
     ///     T_WC that explains the matches, as PnP gives it, metres.
     /// ids, uv : (N,) int64, (N, 2) float64
     ///     Features and their pixels in Cs.
+    /// least : int, optional
+    ///     Matches that have to pass, 4 or more; ``lost.min_matches`` if left out.  Fewer do for points that
+    ///     say themselves which they are, as the corners of a printed tag.
     ///
     /// Returns
     /// -------
@@ -87,18 +90,20 @@ impl PyFilter {
     /// Raises
     /// ------
     /// InputError
-    ///     For wrong shapes, NaN, unknown ids, an impossible pose, or before the start; the filter stays as
-    ///     it was.
+    ///     For wrong shapes, NaN, unknown ids, an impossible pose, a ``least`` below 4, or before the start;
+    ///     the filter stays as it was.
+    #[pyo3(signature = (pose, ids, uv, *, least = None))]
     fn relocalise(
         &self,
         py: Python<'_>,
         pose: Argument<'_>,
         ids: Argument<'_>,
         uv: Argument<'_>,
+        least: Option<usize>,
     ) -> PyResult<PyUpdateReport> {
         let pose = self::pose("pose", &pose)?;
         let matches = bearings(&ids, &uv)?;
-        let report = self.write(py, |f| f.relocalise(&pose, &matches))?;
+        let report = self.write(py, |f| f.relocalise(&pose, &matches, least))?;
         PyUpdateReport::new(py, report)
     }
 
