@@ -255,6 +255,26 @@ def test_an_arbitrary_scale_has_no_lengths_of_errors() -> None:
     assert bent["ate_sim3_m"] == pytest.approx(expected)
 
 
+def test_the_truth_starts_where_the_filter_did() -> None:
+    # A view that came 0.3 s late started it from frame 0: W is that frame, which is of no record.
+    truth = walk()
+    estimate = np.linalg.inv(truth[0]) @ truth
+    estimate[3] = estimate[3] @ g.se3_exp([0.0, 0.0, 0.0, 0.02, 0.0, 0.0])
+    ago: list[float | None] = [None] * len(truth)
+    ago[3] = 0.3
+    record = record_of(estimate, start_ago_s=ago)
+    for k in range(3):
+        record.steps[k].started = record.steps[k].valid = False
+    aligned = scoring.align_truth(record, truth)
+    assert aligned is not None
+    assert (aligned.start, int(aligned.known.sum())) == (3, len(truth) - 3)
+    np.testing.assert_allclose(aligned.poses[4:], estimate[4:], atol=1e-9)
+    truth[0] = np.nan  # nobody knows where W is: the first pose that both know tells
+    aligned = scoring.align_truth(record, truth)
+    assert aligned is not None
+    np.testing.assert_allclose(aligned.poses[3], estimate[3], atol=1e-9)
+
+
 def test_honesty_is_told_apart_from_inflation(rng: np.random.Generator) -> None:
     sd = np.array([0.1, 0.2, 0.3])
     errors = rng.normal(size=(20_000, 3)) * sd

@@ -191,6 +191,17 @@ class RunRecord:
         started = np.flatnonzero(self.started)
         return int(started[0]) if len(started) else None
 
+    def origin(self, start: int) -> int | None:
+        """Index of the frame up to ``start`` whose pose is W, where a view that came late started the filter
+        from it; else None."""
+        begun = self.start
+        ago = None if begun is None else self.steps[begun].diagnostics.get("start_ago_s")
+        if begun is None or ago is None or begun > start:
+            return None
+        gaps = np.abs(self.times - (self.times[begun] - float(ago)))
+        nearest = int(np.argmin(gaps))
+        return nearest if gaps[nearest] <= 1e-6 else None
+
     def diagnostic(self, key: str) -> Array:
         """(N,) values of a numeric diagnostic; NaN where it is absent."""
         values = [s.diagnostics.get(key) for s in self.steps]

@@ -54,7 +54,8 @@ METRIC_SCORES = (
 
 @dataclass(frozen=True)
 class AlignedTruth:
-    """Truth in W, sharing the estimate's pose at ``start``.
+    """Truth in W, sharing the estimate's pose at ``start``; at the frame before it whose pose is W, where the
+    filter starts from one.
 
     Attributes
     ----------
@@ -95,7 +96,11 @@ def align_truth(record: RunRecord, truth: Array | None, *, metric: bool = True) 
     if not len(both):
         return None
     start = int(both[0])
-    moved, scale = metrics.first_poses_aligned(given, given[start], record.poses[start]), 1.0
+    at, estimated = start, record.poses[start]
+    first = record.origin(start)
+    if first is not None and np.isfinite(given[first]).all():
+        at, estimated = first, np.eye(4)
+    moved, scale = metrics.first_poses_aligned(given, given[at], estimated), 1.0
     if not metric:
         estimate, true = record.poses[both, :3, 3], given[both, :3, 3]
         if metrics.path_length(estimate) > 0.0 and metrics.path_length(true) > 0.0:

@@ -94,8 +94,8 @@ DIAGNOSTICS = (
     "ms_map",
     "ms_total",
 )
-_TRUTH_NOTE = "# True poses, moved so that the first one equals the estimate's."
-_TRUTH_NOTE_SCALED = "# True poses, moved so that the first one equals the estimate's, in its unit."
+_TRUTH_NOTE = "# True poses, moved so that the one at the start equals the estimate's."
+_TRUTH_NOTE_SCALED = "# True poses, moved so that the one at the start equals the estimate's, in its unit."
 LEADING = ("index", "t", "status", "valid", "started", "worn")
 
 

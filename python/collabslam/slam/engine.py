@@ -256,8 +256,14 @@ class Slam(EngineParts):
         """
         t, image = _stamp(t), check_grey(image, self._camera, "image")
         blank = self._blank.judge(image)
+        began = None
         for frame in self._late.frames(t, image, self._worn.checked(worn)):
+            before = self.filter.started
             result = self._frame(*frame, blank if frame[0] == t else "")
+            if self.filter.started and not before:
+                began = frame[0]
+        if began is not None and began < t:
+            result.diagnostics["start_ago_s"] = t - began  # W is where Cs was then
         return result
 
     def _frame(self, t: float, image: Image, worn: WornView | None, blank: str) -> StepResult:
