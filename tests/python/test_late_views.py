@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import collabslam
-from collabslam import InputError, Slam
+from collabslam import InputError, Settings, Slam
 from collabslam.datasets.emulated.free_running import FreeRunning, WornClock
 from collabslam.demo import corridor_recording
 from collabslam.errors import SettingsError
@@ -128,6 +128,15 @@ def test_a_view_of_the_frames_own_time_is_as_one_without_a_time() -> None:
     assert plain.filter.snapshot() == timed.filter.snapshot()
 
 
+def test_an_uncertain_clock_makes_every_view_less_certain() -> None:
+    settings = Settings.default().replace({"filter.worn.clock_sd": 0.05})
+    vague = Slam(corridor().camera, corridor().worn_camera, settings=settings)
+    for i in range(6):
+        step(vague, i, frame(i).worn)
+    # At 1.5 m/s 50 ms are 7.5 cm, where T_CF is known to 3 cm.
+    assert vague.filter.scale_sd > 1.2 * started().filter.scale_sd
+
+
 def test_a_view_that_is_handed_in_needs_its_time() -> None:
     with pytest.raises(InputError, match="needs its time"):
         started(1).add_worn(frame(0).worn)
@@ -142,7 +151,9 @@ def test_a_filter_starts_from_a_view_that_comes_late() -> None:
     result = step(slam, 6, worn(0.04))
     assert result.started
     assert result.status is collabslam.Status.OK
-    # W is where Cs was in the frame nearest to the view.
+    # W is where Cs was in the frame nearest to the view, and the result says so, once.
+    assert result.diagnostics["start_ago_s"] == pytest.approx(0.6)
+    assert "start_ago_s" not in step(slam, 7).diagnostics
     true = np.linalg.inv(corridor().truth[0]) @ corridor().truth[6]
     off = result.pose[:3, 3] - true[:3, 3]
     assert np.linalg.norm(off) < 0.25 * np.linalg.norm(true[:3, 3])

@@ -213,7 +213,8 @@ settings! {
         /// of T_CF.
         tolerance: f64 = 0.001, "s", Some(0.0), Some(0.1),
             User("Raise it to the jitter of the stamps where a trigger makes both cameras take their images together.");
-        /// Standard deviation of a view's time stamp against the clock of Cs, for views that state their time.
+        /// Standard deviation of a view's time stamp against the clock of Cs; the motion of Cs meanwhile is added to the noise
+        /// of T_CF.
         clock_sd: f64 = 0.0, "s", Some(0.0), Some(1.0),
             User("Set it to how well the two clocks agree: 0.001 with PTP, 0.005 with NTP over a good link.");
         /// Least number of births that starts the filter from a first overlap.

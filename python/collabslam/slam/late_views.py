@@ -148,6 +148,7 @@ class LateViews(PersistentState):
         self._options = options
         self._late = float(settings["filter.worn.late"])
         self._tolerance = float(settings["filter.worn.tolerance"])
+        self._clock_sd = float(settings["filter.worn.clock_sd"])
         self._inbox: deque[WornView] = deque(maxlen=MOST_PENDING)
         self._pending: tuple[WornView, ...] = ()
         self._frames: tuple[KeptFrame, ...] = ()
@@ -208,8 +209,10 @@ class LateViews(PersistentState):
 
         Neither where it cannot be used.
         """
-        if worn is None or worn.t is None or worn.t == t:
+        if worn is None or worn.t is None:
             return worn, None
+        if worn.t == t:
+            return (self._carried(worn, t) if self._clock_sd > 0.0 else worn), None
         timing = self._filter.view_timing(worn.t)
         if lost and t - worn.t > START_GAP * self._late:
             timing = "stale"  # nobody knows where Cs was
