@@ -65,7 +65,7 @@ LAB_ALLOWED: dict[str, set[str]] = {
     "paper_simulation": {"figures", "engines", "switches", "worn_sensors"},
     "paper_worlds": {"figures", "processes", "engines", "worlds"},
     "reliability": {"report", "processes", "benchmark"},
-    "hardware": {"report", "worlds"},
+    "hardware": {"figures", "report", "worlds"},
     "learned": {"report", "processes", "benchmark"},
     "real_people": {"report"},
     "cli": {

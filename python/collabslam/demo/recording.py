@@ -6,6 +6,7 @@ of Cf relative to Cs. Each frame has its own generator, so that frames may be as
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.demo.rendered import RenderedRecording
 from collabslam.demo.renderer import Renderer
-from collabslam.demo.walk import CorridorWalk
+from collabslam.demo.walk import GLANCES, CorridorWalk
 from collabslam.demo.world import corridor
 from collabslam.errors import InputError
 from collabslam.geometry import pose_inverse, se3_exp
@@ -96,9 +97,17 @@ class DemoRecording(RenderedRecording):
         return self._sensed(clean, which, 1.0, generator)
 
 
-def measured_pose(true: Array, generator: np.random.Generator) -> tuple[Array, Array]:
-    """A measured T_CF (4, 4) with white noise, and its covariance (6, 6), tangent on the right."""
-    sd = np.concatenate([np.full(3, POSITION_SD), np.deg2rad(ROTATION_SD)])
+def measured_pose(
+    true: Array,
+    generator: np.random.Generator,
+    position_sd: float = POSITION_SD,
+    rotation_sd: tuple[float, float, float] = ROTATION_SD,
+) -> tuple[Array, Array]:
+    """A measured T_CF (4, 4) with white noise, and its covariance (6, 6), tangent on the right.
+
+    Standard deviations are of the position along each axis, metres, and about F's axes, degrees.
+    """
+    sd = np.concatenate([np.full(3, position_sd), np.deg2rad(rotation_sd)])
     error = se3_exp(sd * generator.standard_normal(6))
     measured = np.eye(4)
     measured[:3, :3] = true[:3, :3] @ error[:3, :3].T
@@ -107,7 +116,12 @@ def measured_pose(true: Array, generator: np.random.Generator) -> tuple[Array, A
 
 
 def corridor_recording(
-    seed: int = 0, *, length_m: float = 15.0, speed: float = 1.5, rate: float = 10.0
+    seed: int = 0,
+    *,
+    length_m: float = 15.0,
+    speed: float = 1.5,
+    rate: float = 10.0,
+    glances: Sequence[tuple[float, float]] = GLANCES,
 ) -> DemoRecording:
     """A robot and a person go down a straight corridor together.
 
@@ -121,11 +135,13 @@ def corridor_recording(
         Mean speed, m/s.
     rate : float
         Frames per second.
+    glances : sequence of (start, stop)
+        When, within each 10.5 s, the person looks ahead, seconds; (0, infinity) is all the time.
 
     Returns
     -------
     DemoRecording
-        Cf's view is there in about 40 % of the frames, from the very first one on.
+        Cf's view is there in about 40 % of the frames with the demo's own glances, from the first one on.
 
     Raises
     ------
@@ -143,7 +159,9 @@ def corridor_recording(
     if count < 2:
         raise InputError(f"A way of {length_m} m makes {count} frames; give a longer way or a higher rate.")
     times = np.arange(count) / rate
-    return DemoRecording(_corridor_renderer(length_m), CorridorWalk(speed), times, "corridor", seed)
+    return DemoRecording(
+        _corridor_renderer(length_m), CorridorWalk(speed, glances=glances), times, "corridor", seed
+    )
 
 
 @lru_cache(maxsize=2)

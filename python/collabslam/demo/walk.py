@@ -17,6 +17,10 @@ _OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Attitude of a camera (x right, y down, z forward) that looks along +x of the world."""
 
 
+GLANCES = ((0.0, 1.2), (4.1, 5.2), (8.1, 8.9))
+"""When the demo's person looks ahead, seconds within a period."""
+
+
 def camera_pose(position: npt.ArrayLike, yaw: float, pitch: float, roll: float) -> Array:
     """T_WC (4, 4) of a camera at `position` (3,) that looks along +x, turned by three angles in radians.
 
@@ -68,7 +72,7 @@ class CorridorWalk:
 
     speed: float = 1.5
     period: float = 10.5
-    glances: Sequence[tuple[float, float]] = ((0.0, 1.2), (4.1, 5.2), (8.1, 8.9))
+    glances: Sequence[tuple[float, float]] = GLANCES
     turn_time: float = 0.45
 
     def robot(self, t: float) -> Array:

@@ -16,7 +16,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Print both tables."""
+    """Print the table."""
     from collabslam_lab.hardware.costs import costs
 
     print(costs(arguments.seeds, arguments.max_frames))

@@ -1,4 +1,4 @@
-"""What a clock offset between the cameras, and a wrong focal length, cost on the demo's corridor."""
+"""What a wrong focal length costs on the demo's corridor."""
 
 from __future__ import annotations
 
@@ -9,39 +9,11 @@ import numpy as np
 from collabslam import run
 from collabslam._core import Camera
 from collabslam.datasets.wrapped import FirstFrames, WrappedRecording
-from collabslam.demo import DemoRecording, corridor_recording
-from collabslam.demo.recording import measured_pose
-from collabslam.geometry import pose_inverse
-from collabslam.types import Frame, Image, Recording, WornView
+from collabslam.demo import corridor_recording
+from collabslam.types import Image, Recording
 from collabslam_lab.report import markdown_table
 
-OFFSETS_MS = (0.0, 5.0, 10.0, 20.0, 50.0)
 FOCAL_PERCENT = (-10.0, -3.0, -1.0, 0.0, 1.0, 3.0, 10.0)
-
-
-class LateWorn(WrappedRecording):
-    """The demo whose Cf has another clock: its image and ``T_CF`` are of a later instant than they say.
-
-    Parameters
-    ----------
-    base : DemoRecording
-    seconds : float
-        How much later.
-    """
-
-    def __init__(self, base: DemoRecording, seconds: float) -> None:
-        super().__init__(base)
-        self._demo, self._late = base, seconds
-
-    def frame(self, i: int) -> Frame:
-        """Frame ``i``: Cs as it is, Cf of another instant."""
-        demo, t = self._demo, float(self.times[i]) + self._late
-        frame = demo.frame(i)
-        if frame.worn is None or self._late == 0.0:
-            return frame
-        noise = np.random.default_rng([17, i])
-        t_cf, covariance = measured_pose(pose_inverse(demo.robot(t)) @ demo.person(t), noise)
-        return Frame(i, frame.t, frame.image, WornView(demo.worn_picture(t, noise), t_cf, covariance))
 
 
 class OtherFocal(WrappedRecording):
@@ -77,7 +49,7 @@ def _row(label: str, recordings: Sequence[Recording]) -> list[str]:
 
 
 def costs(seeds: Sequence[int], frames: int | None = None) -> str:
-    """Two tables in Markdown.
+    """A table in Markdown.
 
     Parameters
     ----------
@@ -92,11 +64,5 @@ def costs(seeds: Sequence[int], frames: int | None = None) -> str:
         return recording if frames is None else FirstFrames(recording, frames)
 
     demos = [corridor_recording(seed) for seed in seeds]
-    late = [_row(f"{ms:g} ms", [cut(LateWorn(demo, ms / 1e3)) for demo in demos]) for ms in OFFSETS_MS]
     focal = [_row(f"{p:+g} %", [cut(OtherFocal(demo, p / 100.0)) for demo in demos]) for p in FOCAL_PERCENT]
-    return "\n\n".join(
-        [
-            markdown_table(["Cf's clock is behind by", *head], late),
-            markdown_table(["Cs's focal length is off by", *head], focal),
-        ]
-    )
+    return markdown_table(["Cs's focal length is off by", *head], focal)

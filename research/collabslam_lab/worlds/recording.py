@@ -76,6 +76,10 @@ class WorldRecording(RenderedRecording):
         """True T_WF (4, 4) at the stamp `t`, seconds."""
         return self.walk.camera(max(t - LEAD, 0.0))
 
+    def worn_picture(self, t: float, generator: np.random.Generator) -> Image:
+        """What Cf sees at the stamp `t`, with noise."""
+        return self._expose(1, t + self.recipe.shutter_lag, generator)
+
     def shins(self, t: float) -> Array:
         """(2, 3): x, y and radius of the person's shins in the lasers' plane at the stamp `t`, metres."""
         return self.walk.walker.legs(max(t - LEAD, 0.0))
@@ -115,7 +119,7 @@ class WorldRecording(RenderedRecording):
         t = float(self.times[i])
         _, of_image, of_pose = self._noise(i)
         t_cf, covariance = measured_pose(self.true_t_cf(i), of_pose)
-        image = self._expose(1, t + self.recipe.shutter_lag, of_image)
+        image = self.worn_picture(t, of_image)
         return Frame(i, t, self.image(i), WornView(image, t_cf, rounded_covariance(covariance)))
 
     def _expose(self, which: int, t: float, generator: np.random.Generator) -> Image:

@@ -1,0 +1,50 @@
+"""The lab's clocks: what lateness and offsets cost is measured, written and drawn."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from collabslam.geometry import pose_inverse
+from collabslam_lab.cli.main import main
+from collabslam_lab.hardware import clocks
+from collabslam_lab.hardware.wrong_stamps import KNOWN, WrongStamps, side_by_side
+
+
+def test_an_offset_is_of_the_image_and_of_t_cf() -> None:
+    way = side_by_side("turn90-0", 0, 4)
+    world, sds = way.world, KNOWN["5 mm, 0.2 degrees"]
+    wrong = WrongStamps(way, 0.05, sds)
+    frame, honest = wrong.frame(3), WrongStamps(way, 0.0, sds).frame(3)
+    assert frame.worn is not None
+    assert honest.worn is not None
+    t = frame.t + 0.05
+    true = pose_inverse(world.robot(t)) @ world.person(t)
+    off = pose_inverse(true) @ frame.worn.t_cf
+    assert np.linalg.norm(off[:3, 3]) < 0.03
+    assert np.trace(off[:3, :3]) > 1.0 + 2.0 * np.cos(np.radians(2.0))
+    assert np.array_equal(frame.image, honest.image)
+    assert not np.array_equal(frame.worn.image, honest.worn.image)
+
+
+def test_scores_are_pooled_over_frames() -> None:
+    rows = [
+        {"frames": 1, "sum_square_m2": 9.0, "sum_variance_m2": 4.0, "sum_nees": 5.0},
+        {"frames": 3, "sum_square_m2": 7.0, "sum_variance_m2": 0.0, "sum_nees": 3.0},
+    ]
+    assert clocks.pooled(rows) == clocks.Pooled(2.0, 1.0, 2.0)
+    assert np.isnan(clocks.pooled([]).error)
+
+
+def test_the_command_writes_its_page(tmp_path: Path) -> None:
+    assert main(["clocks", "--quick", "--seeds", "0", "--out", str(tmp_path)]) == 0
+    numbers = json.loads((tmp_path / "clocks.json").read_text())
+    assert len(numbers["clocks"]) == 1 + len(clocks.FEW_CLOCKS)
+    assert all(row["frames"] > 0 for row in numbers["clocks"] + numbers["offsets"])
+    page = (tmp_path / "clocks.md").read_text()
+    assert "| 7 Hz | 50 ms | - | - |" in page
+    assert "| corridor | 5 mm, 0.2 degrees | 20 ms |" in page
+    assert (tmp_path / "clocks.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "clocks.csv").read_text().count("\n") == 1 + len(numbers["clocks"])
