@@ -38,10 +38,14 @@ def write_legs(path: Path) -> None:
 def test_a_person_in_a_room_is_seen_and_nobody_else(tmp_path: Path) -> None:
     write_legs(tmp_path / "room.npz")
     found = legs.judge(legs.read_legs(tmp_path / "room.npz"))
-    assert found.annotated == found.in_scan == 14
-    assert found.legs >= 12
-    assert found.followed >= 10
-    assert found.elsewhere == found.made_up == 0
+    person = found.walking
+    assert person.annotated == person.in_scan == 14
+    assert person.legs >= 12
+    assert person.tracked >= 10
+    assert person.followed >= 10
+    assert person.elsewhere == found.made_up == 0
+    assert found.tracks >= 8
+    assert found.standing == legs.Group()
     assert np.isnan(found.way)  # the robot stands
     (tmp_path / "bad.npz").write_bytes(b"PK nothing")
     with pytest.raises(DataError, match="holds no scans of legs"):

@@ -14,6 +14,7 @@ from collabslam.types import Array, Indices, Mask
 from collabslam.worn_pose.attitude import AttitudeTrack
 from collabslam.worn_pose.config import WornPoseConfig
 from collabslam.worn_pose.crowd import Crowd
+from collabslam.worn_pose.evidence import may_walk, walks
 from collabslam.worn_pose.legs import FARTHEST, find_legs
 from collabslam.worn_pose.lever import Gait, trunk, worn_pose
 from collabslam.worn_pose.readings import AhrsReading, Diagnostics, LaserScan, WornPoseEstimate
@@ -47,13 +48,14 @@ class _Moment(NamedTuple):
 class People(NamedTuple):
     """Who is about the robot after the last scan: (n, 2) places, ahead and left of Cs on the floor, metres.
 
-    ``legs`` are things in the last scan that may be a leg, ``everybody`` those who are followed, and
-    ``person`` (2,) is who wears the camera, or None.  ``robot`` (2,) is the way of Cs since the first scan,
-    along N's axes.
+    ``legs`` are things in the last scan that may be a leg, ``everybody`` those who are followed, ``walkers``
+    those of them who have walked, and ``person`` (2,) is who wears the camera, or None.  ``robot`` (2,) is
+    the way of Cs since the first scan, along N's axes.
     """
 
     legs: Array
     everybody: Array
+    walkers: Array
     person: Array | None
     robot: Array
 
@@ -234,10 +236,12 @@ class WornPoseEstimator:
         robot, crowd = self._surroundings.position, self._crowd
         tracks = [*([] if crowd.person is None else [crowd.person]), *crowd.others]
         places = np.array([track.x[:2] for track in tracks]).reshape(-1, 2)
+        walked = np.array([walks(track) and may_walk(track) for track in tracks], np.bool_)
         person = crowd.person if crowd.sure else None
         return People(
             (self._legs - robot) @ axes.T,
             (places - robot) @ axes.T,
+            (places[walked] - robot) @ axes.T,
             None if person is None else axes @ (person.x[:2] - robot),
             robot.copy(),
         )

@@ -29,31 +29,19 @@ def main(arguments: argparse.Namespace) -> int:
         raise DataError(
             f"The folder {arguments.data} holds no .npz scans and no .mat trials; give another one."
         )
-    rows = []
+    rows, others = [], []
     for path in scans:
         found = legs.judge(legs.read_legs(path))
-        rows.append(
-            [
-                path.stem,
-                _share(found.in_scan, found.annotated),
-                _share(found.legs, found.annotated),
-                _share(found.followed, found.asked),
-                _share(found.elsewhere, found.asked),
-                f"{found.made_up} of {found.tracks}",
-                f"{found.way:.0%}",
-            ]
-        )
+        for name, group in (("walking", found.walking), ("standing", found.standing)):
+            of_all = (group.in_scan, group.legs, group.tracked)
+            of_told = (group.followed, group.elsewhere)
+            rows.append([path.stem, name, *(_share(n, group.annotated) for n in of_all)])
+            rows[-1] += [_share(n, group.asked) for n in of_told]
+        others.append([path.stem, _share(found.made_up, found.tracks), f"{found.way:.0%}"])
     if rows:
-        head = [
-            "scans",
-            "legs in the scan",
-            "not surroundings",
-            "followed",
-            "elsewhere",
-            "made up",
-            "way off",
-        ]
-        print(markdown_table(head, rows))
+        seen = ["legs in the scan", "not surroundings", "in a track"]
+        print(markdown_table(["scans", "people", *seen, "told where: followed", "elsewhere"], rows))
+        print(markdown_table(["scans", "walkers with nobody annotated there", "robot's way off"], others))
     rows = []
     for path in trials:
         errors = ahrs.judge(path)

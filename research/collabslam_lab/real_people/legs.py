@@ -7,7 +7,7 @@ first beam, increment, least and largest range), ``odom`` (M, 4 or more: t, x, y
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,8 @@ from collabslam.worn_pose.legs import find_legs
 
 NEAR, ALONE = 0.3, 0.5
 """Metres within which a person counts as found, and beyond which from all that are annotated as made up."""
+WALKS = 0.5
+"""Metres over the floor from which a person walks."""
 _SAME_SCAN = 0.05
 _LEAST_SHOWN = 5  # annotations of a person who is followed
 _WAY, _FAR = 2.0, 0.5  # seconds of a way, and its least length, metres
@@ -39,33 +41,51 @@ class Legs:
 
 
 @dataclass(frozen=True)
-class Found:
-    """What became of the annotated people of a recording.
+class Group:
+    """What became of annotated people, of whom each counts once in each scan.
 
     Attributes
     ----------
     annotated : int
-        Persons in scans.
     in_scan, legs : int
-        Of them, those with something leg-like within `NEAR`: in the scan alone, and of what is not held to be
+        Those with something leg-like within `NEAR`: in the scan alone, and of what is not held to be
         surroundings.
+    tracked : int
+        Those within `NEAR` of somebody who is followed.
     asked, followed : int
         Annotations of people whose first place was told, after it; those where they are within `NEAR`.
     elsewhere : int
         Those where the person is believed to be further away.
+    """
+
+    annotated: int = 0
+    in_scan: int = 0
+    legs: int = 0
+    tracked: int = 0
+    asked: int = 0
+    followed: int = 0
+    elsewhere: int = 0
+
+
+@dataclass(frozen=True)
+class Found:
+    """How the estimator did on a recording.
+
+    Attributes
+    ----------
+    walking, standing : Group
+        Those who go more than `WALKS` over the floor while they are annotated, and those who do not: for the
+        estimator these are furniture until they walk.
     tracks, made_up : int
-        People believed in at annotated scans; those with nobody annotated within `ALONE` (not everybody is).
+        People at annotated scans who have walked, as far as is believed; those with nobody annotated within
+        `ALONE` (not everybody is).
     way : float
         Error of the robot's way of two seconds, which the scans alone tell, against the odometry turned
         by one angle: median share of its length.
     """
 
-    annotated: int
-    in_scan: int
-    legs: int
-    asked: int
-    followed: int
-    elsewhere: int
+    walking: Group
+    standing: Group
     tracks: int
     made_up: int
     way: float
@@ -93,20 +113,33 @@ def read_legs(path: Path) -> Legs:
 def judge(legs: Legs) -> Found:
     """How the estimator does on a recording."""
     everybody = _run(legs, WornPoseConfig(scanners={"front": scanner_pose(0.0, 0.0, -0.6)}))
-    seen = tracks = made_up = 0
+    tracks = made_up = 0
     for stamp in np.unique(legs.truth[:, 0]):
-        there = legs.truth[legs.truth[:, 0] == stamp, 1:3]
         state = everybody.get(_scan_at(legs, stamp))
-        if state is None:
-            continue
-        seen += int((_nearest(there, state.legs) <= NEAR).sum())
-        tracks += len(state.everybody)
-        made_up += int((_nearest(state.everybody, there) > ALONE).sum())
-    asked = followed = elsewhere = 0
+        if state is not None:
+            there = legs.truth[legs.truth[:, 0] == stamp, 1:3]
+            tracks += len(state.walkers)
+            made_up += int((_nearest(state.walkers, there) > ALONE).sum())
+    groups = {True: Group(), False: Group()}
     for number in np.unique(legs.truth[:, 3]):
         rows = legs.truth[legs.truth[:, 3] == number]
-        if len(rows) < _LEAST_SHOWN:
-            continue
+        walks = _way_of(legs, rows, everybody) > WALKS
+        groups[walks] = _sum(groups[walks], _fate(legs, rows, everybody))
+    return Found(groups[True], groups[False], tracks, made_up, _way_error(legs, everybody))
+
+
+def _fate(legs: Legs, rows: Array, everybody: dict[int, People]) -> Group:
+    """What became of one person's annotations (A, 4)."""
+    states = [everybody.get(_scan_at(legs, row[0])) for row in rows]
+    near = {
+        name: sum(
+            state is not None and _nearest(row[None, 1:3], getattr(state, name))[0] <= NEAR
+            for row, state in zip(rows, states, strict=True)
+        )
+        for name in ("legs", "everybody")
+    }
+    asked = followed = elsewhere = 0
+    if len(rows) >= _LEAST_SHOWN:
         first = rows[0]
         start = (-float(first[2]), float(first[1]))
         config = WornPoseConfig(scanners={"front": scanner_pose(0.0, 0.0, -0.6)}, start=start)
@@ -119,9 +152,25 @@ def judge(legs: Legs) -> Found:
             off = float(np.linalg.norm(state.person - row[1:3]))
             followed += off <= NEAR
             elsewhere += off > NEAR
-    in_scan = sum(_in_scan(legs, row) for row in legs.truth)
-    way = _way_error(legs, everybody)
-    return Found(len(legs.truth), in_scan, seen, asked, followed, elsewhere, tracks, made_up, way)
+    in_scan = sum(_in_scan(legs, row) for row in rows)
+    return Group(len(rows), in_scan, near["legs"], near["everybody"], asked, followed, elsewhere)
+
+
+def _sum(a: Group, b: Group) -> Group:
+    return Group(*(x + y for x, y in zip(astuple(a), astuple(b), strict=True)))
+
+
+def _way_of(legs: Legs, rows: Array, everybody: dict[int, People]) -> float:
+    """Metres over the floor from a person's first annotation to the last one."""
+    places = []
+    for row in rows[[0, -1]]:
+        state = everybody.get(_scan_at(legs, row[0]))
+        if state is None:
+            return 0.0
+        heading = float(np.interp(row[0], legs.odometry[:, 0], np.unwrap(legs.odometry[:, 3])))
+        c, s = np.cos(heading), np.sin(heading)
+        places.append(state.robot + np.array([[c, -s], [s, c]]) @ row[1:3])
+    return float(np.linalg.norm(places[1] - places[0]))
 
 
 def _in_scan(legs: Legs, row: Array) -> bool:
