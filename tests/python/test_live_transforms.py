@@ -14,30 +14,22 @@ from conftest import Clip
 
 pytest.importorskip("rosbags", reason="the extra ros is not installed")
 
+from test_odometry import COVARIANCE, T_BC, tf, wheels
+
 from collabslam import DataError, Settings, SettingsError
 from collabslam.datasets.ros.sensors import ESTIMATED, WornSensors, write_sensors
+from collabslam.datasets.ros.transform_tree import FRAMES, GAP, KEPT, TransformTree
 from collabslam.geometry import pose, pose_inverse, rotation_exp
 from collabslam.live import messages, ros, ros_types
 from collabslam.live.ros import RosNode, RosTopics
-from collabslam.live.transforms import FRAMES, GAP, KEPT, TransformTree, WaitingStamps
+from collabslam.live.transforms import WaitingStamps
+from collabslam.live.wheels import WheelSamples, WheelTopic
 from collabslam.types import Array
 from collabslam.worn_pose import WornPoseConfig
 
 A = pose(rotation_exp([0.1, 0.2, 0.3]), [1.0, 2.0, 3.0])
 B = pose(rotation_exp([-0.2, 0.1, 0.0]), [0.5, 0.0, -1.0])
 C = pose(rotation_exp([0.0, 0.0, 0.4]), [0.0, 0.7, 0.2])
-
-
-def tf(*links: tuple[str, str, float, Array]) -> Any:
-    """A TFMessage of (parent, child, stamp, pose of the child in the parent)."""
-    whole = []
-    for parent, child, t, matrix in links:
-        place = messages.maker().pose(matrix)
-        vector = messages.make("geometry_msgs/msg/Vector3", *vars(place.position).values())
-        transform = messages.make("geometry_msgs/msg/Transform", vector, place.orientation)
-        header = messages.header(t, parent)
-        whole.append(messages.make("geometry_msgs/msg/TransformStamped", header, child, transform))
-    return messages.make(messages.TRANSFORMS, whole)
 
 
 def tree_of(*links: tuple[str, str, float, Array]) -> TransformTree:
@@ -173,3 +165,52 @@ def test_a_node_hears_the_sensors_that_a_file_names(tmp_path: Path) -> None:
     for topic in (*topics.values(), *scans.values()):
         node.takes[topic](b"no message")
     assert running._refused == 4
+
+
+@pytest.mark.usefixtures("without_ros")
+@pytest.mark.parametrize("kind", [messages.ODOMETRY, messages.TWIST])
+def test_a_node_follows_wheels_that_tf_places(clip: Clip, kind: str) -> None:
+    odometry, node = wheels(clip), Node()
+    topic = WheelTopic("/wheels", kind, ("base_link", "cs"), (0.02, 0.01))
+    running = RosNode(
+        node, RosTopics("/cs", "/cs_info", wheels=topic), Settings.default(), mode="mono", start="odometry"
+    )
+    node.takes["/cs_info"](messages.camera_info(0.0, "cs", clip.recording.camera))
+    assert running._live is None  # nobody has said where the camera sits
+    chain = tf(("base_link", "mast", 0.0, A), ("mast", "cs", 0.0, pose_inverse(A) @ T_BC))
+    node.takes[ros.TF_STATIC](messages.encoded(messages.TRANSFORMS, chain))
+    live = running._live
+    assert live is not None
+    sent = 0
+    for frame in clip.frames[:10]:
+        while sent < len(odometry.times) and odometry.times[sent] <= frame.t + 0.02:
+            t = float(odometry.times[sent]) + 1.0
+            base = clip.recording.robot(t - 1.0) @ pose_inverse(T_BC)
+            data = messages.odometry(t, base, np.eye(6))
+            if kind == messages.TWIST:
+                data = messages.twist(t, odometry.twists[sent], COVARIANCE)
+            node.takes["/wheels"](data)
+            sent += 1
+        node.takes["/cs"](messages.raw_image(frame.t + 1.0, "cs", frame.image))
+        end = time.monotonic() + 20.0
+        while (live.slam.filter.time or 0.0) < frame.t + 0.999 and time.monotonic() < end:
+            time.sleep(0.005)
+    node.takes["/wheels"](b"no message")
+    running.close()
+    assert running._refused == 1
+    assert live.refused == {}
+    start, last = (clip.recording.truth[i] for i in (0, 9))
+    way = live.slam.filter.pose[:3, 3]
+    np.testing.assert_allclose(way, (pose_inverse(start) @ last)[:3, 3], atol=0.1)
+
+
+def test_samples_of_wheels_that_cannot_be_used() -> None:
+    samples = WheelSamples(WheelTopic("/wheels", messages.ODOMETRY, np.eye(4), (0.02, 0.01)))
+    assert samples.take(messages.odometry(1.0, np.eye(4), np.eye(6))) is not None
+    assert samples.take(messages.odometry(1.0, np.eye(4), np.eye(6))) is None
+    found = samples.take(messages.odometry(1.1, pose(np.eye(3), [0.2, 0.0, 0.0]), np.eye(6)))
+    assert found is not None
+    np.testing.assert_allclose(found[1], [2.0, 0.0, 0.0, 0.0, 0.0, 0.0], atol=1e-9)
+    silent = WheelSamples(WheelTopic("/wheels", messages.TWIST, np.eye(4)))
+    with pytest.raises(DataError, match="odometry-sd"):
+        silent.take(messages.twist(1.0, np.zeros(6), np.zeros((6, 6))))

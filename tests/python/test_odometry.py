@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from argparse import ArgumentTypeError
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from collabslam import DataError, InputError, RecordingWriter, SettingsError, Slam, open_recording, run
 from collabslam.cli import main as cli
+from collabslam.cli.options import mount
 from collabslam.datasets.odometry import OdometryGiven, increments, mounted, read_odometry
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.ros.odometry_topic import read_odometry_topic
@@ -265,6 +267,50 @@ def test_a_live_run_takes_it_and_records_it(clip: Clip, tmp_path: Path) -> None:
     samples = [e for e in EventReader(tmp_path / "record").events() if isinstance(e, OdometrySample)]
     np.testing.assert_array_equal([e.twist for e in samples[:-2]], odometry.twists[1:])
     np.testing.assert_array_equal(samples[-1].covariance, np.zeros((6, 6)))
+
+
+def test_tf_of_a_bag_says_where_cs_sits(clip: Clip, tmp_path: Path) -> None:
+    odometry, turned = wheels(clip), mounted((0.2, 0.0, 0.9, 0.0, 15.0, 0.0))
+    with Writer(tmp_path / "bag", version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP) as bag:
+        twists = bag.add_connection("/twist", messages.TWIST, typestore=messages.store())
+        fixed = bag.add_connection("/tf_static", messages.TRANSFORMS, typestore=messages.store())
+        moving = bag.add_connection("/tf", messages.TRANSFORMS, typestore=messages.store())
+        link = tf(("base_link", "mast", 0.0, T_BC), ("mast", "cs", 0.0, np.eye(4)))
+        bag.write(fixed, 10**9, messages.encoded(messages.TRANSFORMS, link))
+        for t, twist in _rows(odometry):
+            bag.write(twists, round(1e9 * (t + 1.0)), messages.twist(t + 1.0, twist, COVARIANCE))
+            share = (t - odometry.times[0]) / np.ptp(odometry.times)
+            head = T_BC if share < 0.5 else turned
+            link = tf(("base_link", "steady", t + 1.0, T_BC), ("base_link", "head", t + 1.0, head))
+            bag.write(moving, round(1e9 * (t + 1.0)), messages.encoded(messages.TRANSFORMS, link))
+    for frame in ("cs", "steady"):
+        read = read_odometry_topic(tmp_path / "bag", OdometryGiven("/twist", frames=("base_link", frame)))
+        np.testing.assert_allclose(read.t_bc, T_BC, atol=1e-9)
+    for frame, message in (("head", "head moves in base_link"), ("cf", "does not say where cf is")):
+        with pytest.raises(DataError, match=message):
+            read_odometry_topic(tmp_path / "bag", OdometryGiven("/twist", frames=("base_link", frame)))
+    given = OdometryGiven("/twist", frames=("base_link", "cs"))
+    state = Source(tmp_path / "bag", Given(odometry=given)).state()
+    SOURCE_STATE(state, "source")
+    assert Source.from_state(state).given.odometry == given
+    assert mount("tf:base_link:cs") == ("base_link", "cs")
+    for text in ("tf:base_link", "tf::cs", "tf:a:b:c", "1,2"):
+        with pytest.raises(ArgumentTypeError):
+            mount(text)
+    with pytest.raises(DataError, match="no topic of a bag"):
+        OdometryGiven("wheels.csv", frames=("base_link", "cs")).t_bc()
+
+
+def tf(*links: tuple[str, str, float, np.ndarray]) -> Any:
+    """A TFMessage of (parent, child, stamp, pose of the child in the parent)."""
+    whole = []
+    for parent, child, t, matrix in links:
+        place = messages.maker().pose(matrix)
+        vector = messages.make("geometry_msgs/msg/Vector3", *vars(place.position).values())
+        transform = messages.make("geometry_msgs/msg/Transform", vector, place.orientation)
+        header = messages.header(t, parent)
+        whole.append(messages.make("geometry_msgs/msg/TransformStamped", header, child, transform))
+    return messages.make(messages.TRANSFORMS, whole)
 
 
 @pytest.mark.parametrize("topic", ["/twist", "/odom"])

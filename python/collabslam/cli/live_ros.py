@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 from collabslam.cli import OK, options
+from collabslam.errors import SettingsError
 from collabslam.settings.modes import MODES
+
+if TYPE_CHECKING:
+    from collabslam.live.wheels import WheelTopic
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -27,6 +32,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=_deviations,
         help="with --t-cf /tf, which tells none: standard deviations of T_CF's coordinates and angles",
     )
+    wheels = parser.add_mutually_exclusive_group()
+    wheels.add_argument(
+        "--odometry",
+        metavar="TOPIC",
+        help="wheel odometry as nav_msgs/Odometry, in place of constant velocity",
+    )
+    wheels.add_argument("--twist", metavar="TOPIC", help="the same as TwistWithCovarianceStamped")
+    options.add_odometry_frame(parser)
     parser.add_argument(
         "--out", metavar="NAME", default="/collabslam", help="of published topics (default %(default)s)"
     )
@@ -43,9 +56,27 @@ def _deviations(text: str) -> tuple[float, float]:
     return metres, degrees
 
 
+def _wheels(arguments: argparse.Namespace) -> WheelTopic | None:
+    """The topic of odometry that is asked for; raises SettingsError if its options lack it."""
+    from collabslam.datasets.odometry import mounted
+    from collabslam.live import messages
+    from collabslam.live.wheels import WheelTopic
+
+    kinds = ((arguments.odometry, messages.ODOMETRY), (arguments.twist, messages.TWIST))
+    asked = next(((name, kind) for name, kind in kinds if name), None)
+    place, sd = arguments.odometry_camera, arguments.odometry_sd
+    if asked is None:
+        if place is not None or sd is not None:
+            raise SettingsError(
+                "--odometry-camera and --odometry-sd belong to --odometry or --twist; give one."
+            )
+        return None
+    by_tf = place is not None and isinstance(place[0], str)
+    return WheelTopic(*asked, place if by_tf else mounted(place or (0.0, 0.0, 0.0)), sd)
+
+
 def main(arguments: argparse.Namespace) -> int:
     """Run until Ctrl-C."""
-    from collabslam.errors import SettingsError
     from collabslam.live.ros import NAME, RosNode, RosTopics
     from collabslam.live.ros_types import rclpy_of
 
@@ -53,8 +84,12 @@ def main(arguments: argparse.Namespace) -> int:
     if any(worn) and not all(worn):
         raise SettingsError("A worn camera needs --cf, --cf-info and --t-cf; give all three or none.")
     rclpy = rclpy_of()
-    topics = RosTopics(arguments.cs, arguments.cs_info, *worn, t_cf_sd=arguments.t_cf_sd, out=arguments.out)
-    mode, start = (arguments.mode, "worn") if arguments.cf else (arguments.mode or "mono", "scale-free")
+    wheels = _wheels(arguments)
+    topics = RosTopics(
+        arguments.cs, arguments.cs_info, *worn, t_cf_sd=arguments.t_cf_sd, wheels=wheels, out=arguments.out
+    )
+    alone = "scale-free" if wheels is None else "odometry"
+    mode, start = (arguments.mode, "worn") if arguments.cf else (arguments.mode or "mono", alone)
     rclpy.init(args=[])
     node = rclpy.create_node(NAME)
     live = RosNode(node, topics, options.read_settings(arguments), mode=mode, start=start)

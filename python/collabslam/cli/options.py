@@ -66,18 +66,24 @@ def add_odometry(parser: argparse.ArgumentParser) -> None:
         help="CSV: stamp, vx, vy, vz (m/s), wx, wy, wz (rad/s), 21 numbers of the covariance; or of a bag: a "
         "topic of twists or nav_msgs/Odometry",
     )
+    add_odometry_frame(group)
+
+
+def add_odometry_frame(group: argparse._ActionsContainer) -> None:
+    """Where Cs sits in the odometry's frame, and the noise."""
     group.add_argument(
         "--odometry-camera",
-        metavar="X,Y,Z[,R,P,Y]",
-        type=_numbers("--odometry-camera", 3, 6),
+        metavar="X,Y,Z[,R,P,Y]|tf:BASE:CAMERA",
+        type=mount,
         help="where Cs sits in the odometry's frame (x ahead, y left, z up): metres, and degrees of roll, "
-        "pitch and yaw of a camera that looks along x (default 0,0,0)",
+        "pitch and yaw of a camera that looks along x (default 0,0,0); or two frames of tf, that of the "
+        "odometry and that of Cs's images",
     )
     group.add_argument(
         "--odometry-sd",
         metavar="M/S,RAD/S",
         type=_numbers("--odometry-sd", 2),
-        help="noise of a sample along and about every axis, in place of the covariances of FILE or TOPIC",
+        help="noise of a sample along and about every axis, in place of the source's own covariances",
     )
 
 
@@ -190,6 +196,8 @@ def odometry_of(arguments: argparse.Namespace) -> OdometryGiven | None:
                 "--odometry-camera and --odometry-sd belong to --odometry FILE|TOPIC; give it."
             )
         return None
+    if mount is not None and isinstance(mount[0], str):
+        return OdometryGiven(source, sd=sd, frames=mount)
     return OdometryGiven(source, mount or (0.0, 0.0, 0.0), sd)
 
 
@@ -260,6 +268,16 @@ def _numbers(option: str, *counts: int) -> Callable[[str], tuple[float, ...]]:
         return values
 
     return read
+
+
+def mount(text: str) -> tuple[float, ...] | tuple[str, str]:
+    """Three or six numbers, or ``tf:BASE:CAMERA`` as two names of frames."""
+    if not text.startswith("tf:"):
+        return _numbers("--odometry-camera", 3, 6)(text)
+    base, _, camera = text.removeprefix("tf:").partition(":")
+    if not (base and camera) or ":" in camera:
+        raise argparse.ArgumentTypeError(f"'{text}' names no two frames; give tf:base_link:camera_optical")
+    return base, camera
 
 
 def topics(text: str) -> dict[str, str]:

@@ -31,17 +31,25 @@ class OdometryGiven:
     mount : tuple of float
         Where Cs sits in the odometry's frame B (x ahead, y left, z up): x, y, z, metres, and roll, pitch,
         yaw, degrees, of a camera that looks along x; the angles may be left out.
+    frames : (str, str) or None
+        In place of ``mount``: the frames of B and of Cs's images (x right, y down, z forward) in a bag's tf.
     sd : tuple of float or None
         Standard deviations of velocity, m/s, and angular velocity, rad/s, of every axis, in place of the
         source's covariances.
     """
 
     source: str
-    mount: tuple[float, ...]
+    mount: tuple[float, ...] = (0.0, 0.0, 0.0)
     sd: tuple[float, float] | None = None
+    frames: tuple[str, str] | None = None
 
     def t_bc(self) -> Array:
-        """(4, 4), maps points of C into B, metres."""
+        """(4, 4), maps points of C into B, metres; raises DataError where only a bag's tf could say it."""
+        if self.frames is not None:
+            raise DataError(
+                f"The odometry of {self.source} is no topic of a bag, whose tf would say where Cs sits; give "
+                "x,y,z (metres)."
+            )
         return mounted(self.mount)
 
 

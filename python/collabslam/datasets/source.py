@@ -117,7 +117,12 @@ STATE = fields(
         poses=optional(text()),
         topics=table(str, text()),
         odometry=optional(
-            fields(source=text(), mount=items(number()), sd=optional(items(number(0.0), 2))),
+            fields(
+                source=text(),
+                mount=items(number()),
+                sd=optional(items(number(0.0), 2)),
+                frames=optional(items(text(), 2)),
+            ),
         ),
     ),
     worn=optional(
@@ -148,11 +153,13 @@ def _odometry_state(given: Given) -> dict[str, Any] | None:
     file = Path(odometry.source)
     source = _absolute(file) if file.is_file() else odometry.source
     sd = None if odometry.sd is None else list(odometry.sd)
-    return {"source": source, "mount": list(odometry.mount), "sd": sd}
+    frames = None if odometry.frames is None else list(odometry.frames)
+    return {"source": source, "mount": list(odometry.mount), "sd": sd, "frames": frames}
 
 
 def _odometry_of(state: Mapping[str, Any] | None) -> OdometryGiven | None:
     if state is None:
         return None
     sd = None if state["sd"] is None else (float(state["sd"][0]), float(state["sd"][1]))
-    return OdometryGiven(state["source"], tuple(state["mount"]), sd)
+    frames = None if state["frames"] is None else (state["frames"][0], state["frames"][1])
+    return OdometryGiven(state["source"], tuple(state["mount"]), sd, frames)

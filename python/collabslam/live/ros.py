@@ -12,8 +12,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from collabslam._core import Camera
 from collabslam.datasets.ros.sensors import ESTIMATED, WornSensors, read_sensors
+from collabslam.datasets.ros.transform_tree import TransformTree
 from collabslam.errors import CollabslamError, DataError, SettingsError
 from collabslam.live import messages
 from collabslam.live.core import LivePose
@@ -23,13 +26,17 @@ from collabslam.live.ros_types import image_kind, message_class, stamped_image, 
 from collabslam.live.sensed import SensedPoses, sensor_topics
 from collabslam.live.slam import LiveSlam
 from collabslam.live.transforms import WaitingStamps
+from collabslam.live.wheels import WheelSamples, WheelTopic
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
+from collabslam.types import Array
 
 NAME = "collabslam"
 SESSION = "ros/1"
 """Of the one worn camera that the topics tell of."""
 TF, TF_STATIC = "/tf", "/tf_static"
+Take = tuple[str | None, str, Callable[[bytes], None]]
+"""A topic, its type, and who takes its messages."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +53,8 @@ class RosTopics:
         the laser scans and AHRSs whose topics and mounts the file tells.
     t_cf_sd : tuple of float, optional
         Standard deviations of T_CF by tf, which has none: metres of each coordinate, degrees about each axis.
+    wheels : WheelTopic or None
+        Odometry of the robot.
     out : str
         What the published topics' names begin with.
     """
@@ -56,6 +65,7 @@ class RosTopics:
     cf_info: str | None = None
     t_cf: str | None = None
     t_cf_sd: tuple[float, float] | None = None
+    wheels: WheelTopic | None = None
     out: str = "/collabslam"
 
 
@@ -101,7 +111,9 @@ class RosNode:
         self._frame = ""
         self._tf: WaitingStamps | None = None
         self._sensed: SensedPoses | None = None
-        takes: list[tuple[str | None, str, Callable[[bytes], None]]] = [
+        self._wheels = topics.wheels
+        self._fixed = TransformTree()
+        takes: list[Take] = [
             (topics.cs_info, messages.CAMERA_INFO, lambda data: self._calibration("cs", data)),
             (topics.cf_info, messages.CAMERA_INFO, lambda data: self._calibration("cf", data)),
             (topics.cs, image_kind(topics.cs), lambda data: self._robot(topics.cs, data)),
@@ -117,10 +129,13 @@ class RosNode:
                 (TF, messages.TRANSFORMS, lambda data: self._transforms(data, static=False)),
                 (TF_STATIC, messages.TRANSFORMS, lambda data: self._transforms(data, static=True)),
             ]
+            self._fixed = self._tf.tree
         elif (topics.t_cf or "").startswith(ESTIMATED):
             takes += self._sensors(read_sensors(Path(str(topics.t_cf).removeprefix(ESTIMATED))))
         else:
             takes.append((topics.t_cf, messages.POSE, lambda data: self._pose(data)))
+        if topics.wheels is not None:
+            takes += self._driven(topics.wheels, hears_tf=topics.t_cf == TF)
         self._kept = [
             subscribe(node, topic, kind, take, self._refuse, latched=topic == TF_STATIC)
             for topic, kind, take in takes
@@ -156,10 +171,42 @@ class RosNode:
         if which in self._cameras or self._live is not None:
             return
         self._cameras[which] = messages.camera_from(data, f"CameraInfo of {which}")
-        if self._wanted <= self._cameras.keys():
-            cameras = self._cameras["cs"], self._cameras.get("cf")
-            slam = Slam(*cameras, settings=self._settings, mode=self._mode, start=self._start)
-            self._live = LiveSlam(slam, on_pose=self._publish, same_clock=True)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Makes the filter once the cameras, and where they sit on the wheels, are known."""
+        t_bc = self._mount()
+        if self._live is not None or not self._wanted <= self._cameras.keys() or t_bc is None:
+            return
+        cameras = self._cameras["cs"], self._cameras.get("cf")
+        slam = Slam(*cameras, settings=self._settings, mode=self._mode, start=self._start, t_bc=t_bc)
+        self._live = LiveSlam(slam, on_pose=self._publish, same_clock=True)
+
+    def _mount(self) -> Array | None:
+        """T_BC; None as long as tf has not told it."""
+        if self._wheels is None:
+            return np.eye(4)
+        mount = self._wheels.mount
+        return self._fixed.between(*mount, 0.0) if isinstance(mount, tuple) else mount
+
+    def _driven(self, wheels: WheelTopic, *, hears_tf: bool) -> list[Take]:
+        """What is to be heard of the wheels."""
+        samples = WheelSamples(wheels)
+
+        def sample(data: bytes) -> None:
+            found = samples.take(data)
+            if found is not None and self._live is not None:
+                self._live.push_odometry(*found)
+
+        takes: list[Take] = [(wheels.name, wheels.kind, sample)]
+        if isinstance(wheels.mount, tuple) and not hears_tf:
+            takes.append((TF_STATIC, messages.TRANSFORMS, self._links))
+        return takes
+
+    def _links(self, data: bytes) -> None:
+        """Fixed links of tf."""
+        self._fixed.take(messages.decoded(messages.TRANSFORMS, data), static=True)
+        self._begin()
 
     def _robot(self, topic: str, data: bytes) -> None:
         t, image, self._frame = stamped_image(topic, data)
@@ -178,9 +225,10 @@ class RosNode:
     def _transforms(self, data: bytes, *, static: bool) -> None:
         assert self._tf is not None
         self._tf.tree.take(messages.decoded(messages.TRANSFORMS, data), static=static)
+        self._begin()
         self._measured()
 
-    def _sensors(self, sensors: WornSensors) -> list[tuple[str | None, str, Callable[[bytes], None]]]:
+    def _sensors(self, sensors: WornSensors) -> list[Take]:
         """What is to be heard of the sensors."""
         self._sensed = SensedPoses(sensors.config)
 
@@ -221,7 +269,8 @@ class RosNode:
         if live is None:
             return
         if "status" in self._out and self._is_due("status", STATUS_EVERY):
-            dropped = {f"dropped {k}": v for k, v in live.dropped.items()} | {"refused": self._refused}
+            dropped = {f"dropped {k}": v for k, v in live.dropped.items()}
+            dropped |= {"refused": self._refused + sum(live.refused.values())}
             if self._sensed is not None:
                 dropped |= {f"no pose: {k}": v for k, v in self._sensed.reasons.items()}
             self._out["status"].publish(status_of(pose, dropped, {}))

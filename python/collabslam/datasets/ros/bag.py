@@ -15,6 +15,7 @@ from collabslam._core import Camera
 from collabslam.datasets.images import depth_of
 from collabslam.datasets.ros import messages as m
 from collabslam.datasets.ros.bounded import bound_decompression
+from collabslam.datasets.ros.transform_tree import TransformTree
 from collabslam.errors import DataError
 from collabslam.extras import needs
 from collabslam.formats.files import require_regular
@@ -193,6 +194,15 @@ class Bag:
             known = ", ".join(f"{a} > {b}" for a, b in sorted(pairs))
             raise DataError(f"{topic} in {self.path} does not link {parent} and {child}; it links {known}.")
         return _sorted(rows)
+
+    def transform_tree(self) -> TransformTree:
+        """All that ``/tf_static`` and ``/tf`` say, as far as the bag has them."""
+        tree = TransformTree(kept=None)
+        for topic in ("/tf_static", "/tf"):
+            if any(known.name == topic for known in self.of_type(*_TF_TYPES)):
+                for _, message in self.messages(topic, *_TF_TYPES):
+                    tree.take(message, static=topic == "/tf_static")
+        return tree
 
     def scans(self, topic: str) -> m.Scans:
         """Laser scans of a topic."""
