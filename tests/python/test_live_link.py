@@ -19,13 +19,17 @@ from conftest import Clip
 pytest.importorskip("zenoh", reason="the extra live is not installed")
 pytest.importorskip("cryptography", reason="the extra live is not installed")
 
+from test_odometry import T_BC, Driven, wheels
+
 from collabslam import DataError, Settings, SettingsError
 from collabslam.datasets import write_recording
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.live import link, messages, names
 from collabslam.live.cameras import PlayedRecording
+from collabslam.live.core import OdometrySample
 from collabslam.live.keys import Keys, make_keys
 from collabslam.live.link import Address
+from collabslam.live.record import EventReader
 from collabslam.live.replay import replay
 from collabslam.live.results import ENGINE
 from collabslam.live.robot import RobotNode, RobotOptions
@@ -114,6 +118,27 @@ def test_live_over_the_link_and_its_record_again(
         assert (tmp_path / "again" / name).read_bytes() == live
     kept = json.loads((tmp_path / "live" / "summary.json").read_text())
     assert kept["links"] == summary["links"]
+
+
+def test_a_robot_follows_the_odometry_that_comes_with_its_images(
+    clip: Clip, address: Address, tmp_path: Path
+) -> None:
+    odometry = wheels(clip)
+    options = RobotOptions(
+        tmp_path / "live", Settings.default(), mode="mono", start="odometry", record=tmp_path / "record"
+    )
+    with link.open_robot(address, None) as session:
+        summary = RobotNode(session, PlayedRecording(Driven(clip, odometry)), options).run()
+    assert summary["frames"] >= len(clip.frames) // 2  # a busy machine drops some
+    reader = EventReader(tmp_path / "record")
+    samples = [event for event in reader.events() if isinstance(event, OdometrySample)]
+    assert len(samples) >= len(odometry.times) - 10
+    np.testing.assert_allclose(np.reshape(reader.plan.t_bc, (4, 4)), T_BC)
+    again = replay(tmp_path / "record", tmp_path / "again")
+    assert again["frames"] == summary["frames"]
+    told = [(tmp_path / run / "trajectory.tum").read_bytes() for run in ("live", "again")]
+    assert told[0] == told[1]
+    assert told[0].count(b"\n") > 5
 
 
 @pytest.fixture

@@ -17,6 +17,7 @@ pytest.importorskip("rosbags", reason="the extra ros is not installed")
 from test_odometry import COVARIANCE, T_BC, tf, wheels
 
 from collabslam import DataError, Settings, SettingsError
+from collabslam.datasets.odometry import OdometryGiven
 from collabslam.datasets.ros.sensors import ESTIMATED, WornSensors, write_sensors
 from collabslam.datasets.ros.transform_tree import FRAMES, GAP, KEPT, TransformTree
 from collabslam.geometry import pose, pose_inverse, rotation_exp
@@ -171,7 +172,8 @@ def test_a_node_hears_the_sensors_that_a_file_names(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", [messages.ODOMETRY, messages.TWIST])
 def test_a_node_follows_wheels_that_tf_places(clip: Clip, kind: str) -> None:
     odometry, node = wheels(clip), Node()
-    topic = WheelTopic("/wheels", kind, ("base_link", "cs"), (0.02, 0.01))
+    given = OdometryGiven("/wheels", sd=(0.02, 0.01), frames=("base_link", "cs"))
+    topic = WheelTopic(given, kind)
     running = RosNode(
         node, RosTopics("/cs", "/cs_info", wheels=topic), Settings.default(), mode="mono", start="odometry"
     )
@@ -205,12 +207,12 @@ def test_a_node_follows_wheels_that_tf_places(clip: Clip, kind: str) -> None:
 
 
 def test_samples_of_wheels_that_cannot_be_used() -> None:
-    samples = WheelSamples(WheelTopic("/wheels", messages.ODOMETRY, np.eye(4), (0.02, 0.01)))
+    samples = WheelSamples(WheelTopic(OdometryGiven("/wheels", sd=(0.02, 0.01))))
     assert samples.take(messages.odometry(1.0, np.eye(4), np.eye(6))) is not None
     assert samples.take(messages.odometry(1.0, np.eye(4), np.eye(6))) is None
     found = samples.take(messages.odometry(1.1, pose(np.eye(3), [0.2, 0.0, 0.0]), np.eye(6)))
     assert found is not None
     np.testing.assert_allclose(found[1], [2.0, 0.0, 0.0, 0.0, 0.0, 0.0], atol=1e-9)
-    silent = WheelSamples(WheelTopic("/wheels", messages.TWIST, np.eye(4)))
+    silent = WheelSamples(WheelTopic(OdometryGiven("/wheels"), messages.TWIST))
     with pytest.raises(DataError, match="odometry-sd"):
         silent.take(messages.twist(1.0, np.zeros(6), np.zeros((6, 6))))

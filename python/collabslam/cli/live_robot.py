@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from collabslam.cli import OK, options
-from collabslam.cli.live_options import add_camera, add_link
+from collabslam.cli.live_options import add_camera, add_link, add_wheels, wheels_of
 from collabslam.settings.modes import MODES
 
 
@@ -29,10 +29,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "heard as the file's topics (ros:TOPIC or a bag as SOURCE), all others from the devices",
     )
     add_link(parser)
+    add_wheels(parser)
     parser.add_argument("--mode", choices=MODES, help="default: the setting's")
     parser.add_argument(
         "--start",
-        choices=("worn", "target", "scale-free"),
+        choices=("worn", "target", "odometry", "scale-free"),
         default="worn",
         help="where the scale comes from (default: the first overlap)",
     )
@@ -85,7 +86,7 @@ def main(arguments: argparse.Namespace) -> int:
         overwrite=arguments.overwrite,
         resume=arguments.resume,
     )
-    camera = open_camera(arguments.source, arguments.camera, arguments.topics)
+    camera = open_camera(arguments.source, arguments.camera, arguments.topics, wheels_of(arguments))
     with link.open_robot(address, keys) as session:
         summary = RobotNode(session, camera, asked).run()
     print(report(summary))

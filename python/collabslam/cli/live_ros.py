@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
 
 from collabslam.cli import OK, options
+from collabslam.cli.live_options import add_wheels, wheels_of
 from collabslam.errors import SettingsError
 from collabslam.settings.modes import MODES
-
-if TYPE_CHECKING:
-    from collabslam.live.wheels import WheelTopic
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -32,14 +29,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         type=_deviations,
         help="with --t-cf /tf, which tells none: standard deviations of T_CF's coordinates and angles",
     )
-    wheels = parser.add_mutually_exclusive_group()
-    wheels.add_argument(
-        "--odometry",
-        metavar="TOPIC",
-        help="wheel odometry as nav_msgs/Odometry, in place of constant velocity",
-    )
-    wheels.add_argument("--twist", metavar="TOPIC", help="the same as TwistWithCovarianceStamped")
-    options.add_odometry_frame(parser)
+    add_wheels(parser)
     parser.add_argument(
         "--out", metavar="NAME", default="/collabslam", help="of published topics (default %(default)s)"
     )
@@ -56,25 +46,6 @@ def _deviations(text: str) -> tuple[float, float]:
     return metres, degrees
 
 
-def _wheels(arguments: argparse.Namespace) -> WheelTopic | None:
-    """The topic of odometry that is asked for; raises SettingsError if its options lack it."""
-    from collabslam.datasets.odometry import mounted
-    from collabslam.live import messages
-    from collabslam.live.wheels import WheelTopic
-
-    kinds = ((arguments.odometry, messages.ODOMETRY), (arguments.twist, messages.TWIST))
-    asked = next(((name, kind) for name, kind in kinds if name), None)
-    place, sd = arguments.odometry_camera, arguments.odometry_sd
-    if asked is None:
-        if place is not None or sd is not None:
-            raise SettingsError(
-                "--odometry-camera and --odometry-sd belong to --odometry or --twist; give one."
-            )
-        return None
-    by_tf = place is not None and isinstance(place[0], str)
-    return WheelTopic(*asked, place if by_tf else mounted(place or (0.0, 0.0, 0.0)), sd)
-
-
 def main(arguments: argparse.Namespace) -> int:
     """Run until Ctrl-C."""
     from collabslam.live.ros import NAME, RosNode, RosTopics
@@ -84,7 +55,7 @@ def main(arguments: argparse.Namespace) -> int:
     if any(worn) and not all(worn):
         raise SettingsError("A worn camera needs --cf, --cf-info and --t-cf; give all three or none.")
     rclpy = rclpy_of()
-    wheels = _wheels(arguments)
+    wheels = wheels_of(arguments)
     topics = RosTopics(
         arguments.cs, arguments.cs_info, *worn, t_cf_sd=arguments.t_cf_sd, wheels=wheels, out=arguments.out
     )

@@ -186,7 +186,6 @@ def source_of(arguments: argparse.Namespace) -> Source:
 
 def odometry_of(arguments: argparse.Namespace) -> OdometryGiven | None:
     """What `add_odometry` asks for; raises SettingsError if its options lack the odometry."""
-    from collabslam.datasets.odometry import OdometryGiven
 
     given = vars(arguments)
     source, mount, sd = (given.get(k) for k in ("odometry", "odometry_camera", "odometry_sd"))
@@ -196,6 +195,13 @@ def odometry_of(arguments: argparse.Namespace) -> OdometryGiven | None:
                 "--odometry-camera and --odometry-sd belong to --odometry FILE|TOPIC; give it."
             )
         return None
+    return odometry_given(source, mount, sd)
+
+
+def odometry_given(source: str, mount: Any, sd: tuple[float, float] | None) -> OdometryGiven:
+    """Odometry, placed as `mount` reads it, or not at all."""
+    from collabslam.datasets.odometry import OdometryGiven
+
     if mount is not None and isinstance(mount[0], str):
         return OdometryGiven(source, sd=sd, frames=mount)
     return OdometryGiven(source, mount or (0.0, 0.0, 0.0), sd)

@@ -19,7 +19,8 @@ from collabslam.live.played import PlayedSensors
 from collabslam.live.sensed import SensorTaker
 from collabslam.live.shots import LiveCamera, Shot
 from collabslam.live.steady import SteadyClock
-from collabslam.types import Image, Recording
+from collabslam.live.wheels import WheelTopic
+from collabslam.types import Array, Image, Odometry, Recording
 
 BROKEN = 30
 """So many reads running without an image end a camera."""
@@ -40,6 +41,8 @@ class DeviceCamera:
     calibration : Path
     """
 
+    t_bc = None
+
     def __init__(self, source: str, calibration: Path) -> None:
         self.name, self.camera, self.clock = "camera", load_camera(calibration), SteadyClock()
         self._source = source
@@ -56,6 +59,9 @@ class DeviceCamera:
 
     def hear(self, sensors: WornSensors, taker: SensorTaker) -> None:
         """It has none: what sensors say comes from elsewhere."""
+
+    def drive(self, take: Callable[[float, Array, Array], None]) -> None:
+        """No odometry comes with its images."""
 
     def shots(self, ended: Callable[[], bool]) -> Iterator[Shot]:
         """Each image as grey."""
@@ -92,6 +98,9 @@ class PlayedRecording:
 
     def __init__(self, recording: Recording, bag: Path | None = None) -> None:
         self.recording, self._bag = recording, bag
+        self._odometry: Odometry | None = getattr(recording, "odometry", None)
+        self.t_bc = None if self._odometry is None else self._odometry.t_bc
+        self._drive: Callable[[float, Array, Array], None] | None = None
         self._sensors: PlayedSensors | None = None
         self.name, self.camera = recording.name, recording.camera
         self.begin()
@@ -108,6 +117,10 @@ class PlayedRecording:
             )
         self._sensors = PlayedSensors(bag_sensors(Bag(self._bag), sensors), taker)
 
+    def drive(self, take: Callable[[float, Array, Array], None]) -> None:
+        """The recording's own odometry."""
+        self._drive = take
+
     def wait_until(self, t: float, now: Callable[[], float], ended: Callable[[], bool]) -> None:
         """Waits until ``now()``, the recording's time, is ``t``; the sensors go on meanwhile."""
         while (ahead := t - now()) > 0.0 and not ended():
@@ -120,15 +133,32 @@ class PlayedRecording:
 
     def shots(self, ended: Callable[[], bool]) -> Iterator[Shot]:
         """Each frame at its time."""
+        driven = 0
         for i, t in enumerate(self.recording.times.tolist()):
             frame = self.recording.frame(i)
             self.wait_until(t, self.clock.now, ended)
             if ended():
                 return
+            driven = self._driven(driven, t)
             yield Shot(t, frame.image, frame.worn)
 
+    def _driven(self, first: int, t: float) -> int:
+        """Odometry from the first sample on up to a time; which is the next."""
+        odometry = self._odometry
+        if odometry is None or self._drive is None:
+            return first
+        last = int(np.searchsorted(odometry.times, t, side="right"))
+        for k in range(first, last):
+            self._drive(float(odometry.times[k]), odometry.twists[k], odometry.covariances[k])
+        return last
 
-def open_camera(source: str, calibration: Path | None, topics: Mapping[str, str] | None = None) -> LiveCamera:
+
+def open_camera(
+    source: str,
+    calibration: Path | None,
+    topics: Mapping[str, str] | None = None,
+    wheels: WheelTopic | None = None,
+) -> LiveCamera:
     """What a user names: a device, a URL, or a recording.
 
     Parameters
@@ -139,21 +169,29 @@ def open_camera(source: str, calibration: Path | None, topics: Mapping[str, str]
         Needed for the first two; a topic may have its own beside it, a recording has.
     topics : mapping, optional
         Of a bag, by their roles, as `collabslam.open_recording` takes them.
+    wheels : WheelTopic, optional
+        Odometry to go with the images of a topic, or a topic of a bag.
 
     Raises
     ------
     DataError
         If it cannot be opened.
     SettingsError
-        If the calibration is missing.
+        If the calibration is missing, or there are no topics for ``wheels``.
     """
     if source.startswith(ROS_TOPIC):
         from collabslam.live.ros_camera import RosCamera  # rclpy is there with ROS alone
 
-        return RosCamera(source.removeprefix(ROS_TOPIC), calibration)
+        return RosCamera(source.removeprefix(ROS_TOPIC), calibration, wheels)
     if source.isdigit() or source.startswith("/dev/video") or "://" in source:
         if calibration is None:
             raise SettingsError(f"The camera {source} carries no calibration; give it with --camera FILE.")
+        if wheels is not None:
+            raise SettingsError(
+                f"The camera {source} has no topics; name one as ros:TOPIC, or leave --odometry out."
+            )
         return DeviceCamera(source, calibration)
     path = Path(source)
-    return PlayedRecording(Source(path, Given(camera=calibration, topics=topics or {})).open(), path)
+    odometry = None if wheels is None else wheels.given
+    given = Given(calibration, topics=topics or {}, odometry=odometry)
+    return PlayedRecording(Source(path, given).open(), path)

@@ -42,7 +42,7 @@ class RobotOptions:
     mode : str or None
         The settings' if None.
     start : str
-        ``worn``, ``target`` or ``scale-free``.
+        ``worn``, ``target``, ``odometry`` or ``scale-free``.
     targets : sequence of Tag and Board
         Printed targets in the scene.
     sensors : WornSensors or None
@@ -129,6 +129,7 @@ class RobotNode:
                 on_event=lambda event: recorder.write(event, self._camera.clock.now()),
             )
             self._live = live
+            self._camera.drive(live.push_odometry)
             clock = self._zenoh.declare_queryable(names.CLOCK, self._tell_time)
             stack.callback(clock.undeclare)
             error, interrupted = self._drive(live)
@@ -202,6 +203,7 @@ class RobotNode:
             settings=options.settings,
             mode=_mode(options),
             start=options.start,
+            t_bc=self._camera.t_bc,
         )
 
     def _recorder(self, worn_camera: Camera | None) -> EventWriter | NoRecord:
@@ -210,7 +212,8 @@ class RobotNode:
             return NoRecord()
         tags = [str(t) for t in options.targets if isinstance(t, Tag)]
         boards = [str(t) for t in options.targets if isinstance(t, Board)]
-        plan = LivePlan(_mode(options), options.start, dict(options.settings.values), tags, boards)
+        t_bc = None if self._camera.t_bc is None else self._camera.t_bc.ravel().tolist()
+        plan = LivePlan(_mode(options), options.start, dict(options.settings.values), tags, boards, t_bc)
         return EventWriter(options.record, plan, self._camera.camera, worn_camera)
 
 

@@ -184,10 +184,7 @@ class RosNode:
 
     def _mount(self) -> Array | None:
         """T_BC; None as long as tf has not told it."""
-        if self._wheels is None:
-            return np.eye(4)
-        mount = self._wheels.mount
-        return self._fixed.between(*mount, 0.0) if isinstance(mount, tuple) else mount
+        return np.eye(4) if self._wheels is None else self._wheels.t_bc(self._fixed)
 
     def _driven(self, wheels: WheelTopic, *, hears_tf: bool) -> list[Take]:
         """What is to be heard of the wheels."""
@@ -199,7 +196,7 @@ class RosNode:
                 self._live.push_odometry(*found)
 
         takes: list[Take] = [(wheels.name, wheels.kind, sample)]
-        if isinstance(wheels.mount, tuple) and not hears_tf:
+        if wheels.given.frames is not None and not hears_tf:
             takes.append((TF_STATIC, messages.TRANSFORMS, self._links))
         return takes
 

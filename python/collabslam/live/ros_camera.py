@@ -11,13 +11,15 @@ from pathlib import Path
 from collabslam._core import Camera
 from collabslam.datasets.calibration import check_resolution, load_camera
 from collabslam.datasets.ros.sensors import WornSensors
+from collabslam.datasets.ros.transform_tree import TransformTree
 from collabslam.errors import CollabslamError, DataError
 from collabslam.live import messages
 from collabslam.live.ros_types import image_kind, rclpy_of, stamped_image, subscribe
 from collabslam.live.sensed import SensorTaker, sensor_topics
 from collabslam.live.shots import Shot
 from collabslam.live.steady import SteadyClock
-from collabslam.types import Image
+from collabslam.live.wheels import WheelSamples, WheelTopic
+from collabslam.types import Array, Image
 
 PATIENCE = 10.0
 """Seconds without a calibration, or without images, after which a topic counts as silent."""
@@ -43,6 +45,8 @@ class RosCamera:
     topic : str
     calibration : Path or None
         Without it the calibration is that of the topic ``camera_info`` beside it.
+    wheels : WheelTopic, optional
+        Odometry.
 
     Raises
     ------
@@ -50,7 +54,7 @@ class RosCamera:
         If ROS 2 is not there, or nobody tells the calibration.
     """
 
-    def __init__(self, topic: str, calibration: Path | None) -> None:
+    def __init__(self, topic: str, calibration: Path | None, wheels: WheelTopic | None = None) -> None:
         self.name, self.clock = "camera", SystemClock()
         self._topic = topic
         self._images: deque[tuple[float, Image]] = deque(maxlen=WAITING)
@@ -68,8 +72,22 @@ class RosCamera:
             subscribe(self._node, topic, image_kind(topic), self._image, self._refuse),
             subscribe(self._node, info, messages.CAMERA_INFO, self._info, self._refuse),
         ]
+        self._wheels, self._fixed = wheels, TransformTree()
+        if wheels is not None and wheels.given.frames is not None:
+            self._kept.append(
+                subscribe(
+                    self._node, "/tf_static", messages.TRANSFORMS, self._links, self._refuse, latched=True
+                )
+            )
+        self.t_bc: Array | None = None
         try:
             self._spin_until(lambda: bool(self._cameras), f"No calibration came on {info}")
+            if wheels is not None:
+                self._spin_until(
+                    lambda: wheels.t_bc(self._fixed) is not None,
+                    f"/tf_static did not say where {wheels.given.frames} are",
+                )
+                self.t_bc = wheels.t_bc(self._fixed)
         except BaseException:
             self._close()
             raise
@@ -81,6 +99,19 @@ class RosCamera:
             subscribe(self._node, topic, kind, take, self._refuse)
             for topic, kind, take in sensor_topics(sensors, taker)
         ]
+
+    def drive(self, take: Callable[[float, Array, Array], None]) -> None:
+        """Odometry, too, as a topic of the same ROS."""
+        if self._wheels is None:
+            return
+        samples = WheelSamples(self._wheels)
+
+        def sample(data: bytes) -> None:
+            found = samples.take(data)
+            if found is not None:
+                take(*found)
+
+        self._kept.append(subscribe(self._node, self._wheels.name, self._wheels.kind, sample, self._refuse))
 
     def begin(self) -> None:
         """The clock is the system's."""
@@ -116,6 +147,9 @@ class RosCamera:
     def _info(self, data: bytes) -> None:
         if not self._cameras:
             self._cameras.append(messages.camera_from(data, f"CameraInfo beside {self._topic}"))
+
+    def _links(self, data: bytes) -> None:
+        self._fixed.take(messages.decoded(messages.TRANSFORMS, data), static=True)
 
     def _refuse(self, error: CollabslamError) -> None:
         self._fault = error

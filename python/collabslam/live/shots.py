@@ -10,7 +10,7 @@ from collabslam._core import Camera
 from collabslam.datasets.ros.sensors import WornSensors
 from collabslam.live.sensed import SensorTaker
 from collabslam.live.steady import SteadyClock
-from collabslam.types import Image, WornView
+from collabslam.types import Array, Image, WornView
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,11 @@ class LiveCamera(Protocol):
     def camera(self) -> Camera: ...
     @property
     def clock(self) -> SteadyClock: ...
+    @property
+    def t_bc(self) -> Array | None:
+        """Where it sits in the frame B of the odometry that comes with its images: maps points of the camera
+        into B, metres (4, 4); None where none comes."""
+        ...
 
     def begin(self) -> None:
         """The clock starts, if it has not."""
@@ -38,6 +43,10 @@ class LiveCamera(Protocol):
 
     def hear(self, sensors: WornSensors, taker: SensorTaker) -> None:
         """From now on ``taker`` is given what these sensors say, while images are; raises DataError."""
+        ...
+
+    def drive(self, take: Callable[[float, Array, Array], None]) -> None:
+        """From now on ``take`` is given stamp, twist and covariance of odometry, while images are."""
         ...
 
     def shots(self, ended: Callable[[], bool]) -> Iterator[Shot]:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collabslam.datasets.odometry import checked, increments
+from collabslam.datasets.odometry import OdometryGiven, checked, increments
 from collabslam.datasets.ros.messages import pose_of, twist_of
+from collabslam.datasets.ros.transform_tree import TransformTree
 from collabslam.errors import DataError
 from collabslam.live import messages
 from collabslam.types import Array
@@ -19,20 +20,24 @@ class WheelTopic:
 
     Attributes
     ----------
-    name : str
+    given : OdometryGiven
+        The topic, and where Cs sits on the wheels: frames are joined by fixed links of tf.
     kind : str
         ``messages.ODOMETRY``, of which the motion between two poses counts, or ``messages.TWIST``.
-    mount : (4, 4) array or (str, str)
-        T_BC, maps points of Cs into the odometry's frame B, metres; or the frames of B and of Cs's images,
-        which fixed links of tf join.
-    sd : tuple of float or None
-        Standard deviations of velocity, m/s, and angular velocity, rad/s, in place of the messages' own.
     """
 
-    name: str
-    kind: str
-    mount: Array | tuple[str, str]
-    sd: tuple[float, float] | None = None
+    given: OdometryGiven
+    kind: str = messages.ODOMETRY
+
+    @property
+    def name(self) -> str:
+        """Of the topic."""
+        return self.given.source
+
+    def t_bc(self, tree: TransformTree) -> Array | None:
+        """T_BC (4, 4), maps points of Cs into the odometry's frame, metres; None until tf tells."""
+        frames = self.given.frames
+        return self.given.t_bc() if frames is None else tree.between(*frames, 0.0)
 
 
 class WheelSamples:
@@ -64,6 +69,6 @@ class WheelSamples:
             if self._last is not None:
                 since, before = self._last
                 twist = increments(np.array([since, t]), np.stack([before, pose]), twist)[1]
-        found = checked(np.array([t]), twist[None], covariance[None], np.eye(4), topic.name, topic.sd)
+        found = checked(np.array([t]), twist[None], covariance[None], np.eye(4), topic.name, topic.given.sd)
         self._last = t, pose
         return t, found.twists[0], found.covariances[0]
