@@ -44,7 +44,8 @@ def test_a_person_in_a_room_is_seen_and_nobody_else(tmp_path: Path) -> None:
     assert person.tracked >= 10
     assert person.followed >= 10
     assert person.elsewhere == found.made_up == 0
-    assert found.tracks >= 8
+    assert found.walkers >= 8
+    assert found.alone == 0
     assert found.standing == legs.Group()
     assert np.isnan(found.way)  # the robot stands
     (tmp_path / "bad.npz").write_bytes(b"PK nothing")

@@ -37,11 +37,14 @@ def main(arguments: argparse.Namespace) -> int:
             of_told = (group.followed, group.elsewhere)
             rows.append([path.stem, name, *(_share(n, group.annotated) for n in of_all)])
             rows[-1] += [_share(n, group.asked) for n in of_told]
-        others.append([path.stem, _share(found.made_up, found.tracks), f"{found.way:.0%}"])
+        of_walkers = (found.alone, found.made_up)
+        others.append([path.stem, *(_share(n, found.walkers) for n in of_walkers), f"{found.way:.0%}"])
     if rows:
         seen = ["legs in the scan", "not surroundings", "in a track"]
         print(markdown_table(["scans", "people", *seen, "told where: followed", "elsewhere"], rows))
-        print(markdown_table(["scans", "walkers with nobody annotated there", "robot's way off"], others))
+        print(
+            markdown_table(["scans", "walkers, not annotated", "nor in the scan", "robot's way off"], others)
+        )
     rows = []
     for path in trials:
         errors = ahrs.judge(path)

@@ -76,9 +76,9 @@ class Found:
     walking, standing : Group
         Those who go more than `WALKS` over the floor while they are annotated, and those who do not: for the
         estimator these are furniture until they walk.
-    tracks, made_up : int
+    walkers, alone, made_up : int
         People at annotated scans who have walked, as far as is believed; those with nobody annotated within
-        `ALONE` (not everybody is).
+        `ALONE` (not everybody is); and those of them with nothing leg-like in the scan within `NEAR`.
     way : float
         Error of the robot's way of two seconds, which the scans alone tell, against the odometry turned
         by one angle: median share of its length.
@@ -86,7 +86,8 @@ class Found:
 
     walking: Group
     standing: Group
-    tracks: int
+    walkers: int
+    alone: int
     made_up: int
     way: float
 
@@ -113,19 +114,22 @@ def read_legs(path: Path) -> Legs:
 def judge(legs: Legs) -> Found:
     """How the estimator does on a recording."""
     everybody = _run(legs, WornPoseConfig(scanners={"front": scanner_pose(0.0, 0.0, -0.6)}))
-    tracks = made_up = 0
+    walkers = alone = made_up = 0
     for stamp in np.unique(legs.truth[:, 0]):
-        state = everybody.get(_scan_at(legs, stamp))
+        k = _scan_at(legs, stamp)
+        state = everybody.get(k)
         if state is not None:
             there = legs.truth[legs.truth[:, 0] == stamp, 1:3]
-            tracks += len(state.walkers)
-            made_up += int((_nearest(state.walkers, there) > ALONE).sum())
+            others = state.walkers[_nearest(state.walkers, there) > ALONE]
+            walkers += len(state.walkers)
+            alone += len(others)
+            made_up += int((_nearest(others, _leg_like(legs.scans[k])) > NEAR).sum())
     groups = {True: Group(), False: Group()}
     for number in np.unique(legs.truth[:, 3]):
         rows = legs.truth[legs.truth[:, 3] == number]
         walks = _way_of(legs, rows, everybody) > WALKS
         groups[walks] = _sum(groups[walks], _fate(legs, rows, everybody))
-    return Found(groups[True], groups[False], tracks, made_up, _way_error(legs, everybody))
+    return Found(groups[True], groups[False], walkers, alone, made_up, _way_error(legs, everybody))
 
 
 def _fate(legs: Legs, rows: Array, everybody: dict[int, People]) -> Group:
@@ -152,7 +156,11 @@ def _fate(legs: Legs, rows: Array, everybody: dict[int, People]) -> Group:
             off = float(np.linalg.norm(state.person - row[1:3]))
             followed += off <= NEAR
             elsewhere += off > NEAR
-    in_scan = sum(_in_scan(legs, row) for row in rows)
+    scans = [_scan_at(legs, row[0]) for row in rows]
+    in_scan = sum(
+        k >= 0 and _nearest(row[None, 1:3], _leg_like(legs.scans[k]))[0] <= NEAR
+        for row, k in zip(rows, scans, strict=True)
+    )
     return Group(len(rows), in_scan, near["legs"], near["everybody"], asked, followed, elsewhere)
 
 
@@ -173,20 +181,17 @@ def _way_of(legs: Legs, rows: Array, everybody: dict[int, People]) -> float:
     return float(np.linalg.norm(places[1] - places[0]))
 
 
-def _in_scan(legs: Legs, row: Array) -> bool:
-    """Whether the scan alone shows something leg-like where a person was annotated."""
-    k = _scan_at(legs, row[0])
-    if k < 0:
-        return False
-    scan = legs.scans[k]
+def _leg_like(scan: LaserScan) -> Array:
+    """Places (n, 2) of leg-like things in one scan, whatever was there before, metres."""
     beams = np.flatnonzero((scan.ranges >= scan.range_min) & (scan.ranges <= scan.range_max))
     ranges = scan.ranges[beams]
     angles = scan.angle_min + scan.angle_increment * beams
     points = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
     config = WornPoseConfig()
     pitch = abs(scan.angle_increment)
-    found = find_legs(beams, ranges, points, np.zeros(2), pitch, config.person.leg_radius, config.range_sd)
-    return bool(_nearest(row[None, 1:3], found.centre)[0] <= NEAR)
+    return find_legs(
+        beams, ranges, points, np.zeros(2), pitch, config.person.leg_radius, config.range_sd
+    ).centre
 
 
 def _way_error(legs: Legs, states: dict[int, People]) -> float:
