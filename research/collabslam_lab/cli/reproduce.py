@@ -62,7 +62,18 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--runs", metavar="N", type=int, default=200, help="Monte Carlo runs of a simulation (default 200)"
     )
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of all noise (default 0)")
+    parser.add_argument(
+        "--seed", metavar="N", type=int, default=0, help="of all noise of a simulation (default 0)"
+    )
+    parser.add_argument(
+        "--seeds",
+        metavar="A-B",
+        type=options.seed_list,
+        help="of all noise, of experiments in rendered worlds (default 0-9; 0 with --quick)",
+    )
+    parser.add_argument(
+        "--plain", action="store_true", help="rendered worlds that are short and easy, not those of life"
+    )
     parser.add_argument("--jobs", metavar="N", type=int, help="processes at a time (default: all cores)")
     add_engine(parser)
     parser.add_argument(
@@ -102,10 +113,11 @@ def main(arguments: argparse.Namespace) -> int:
         paper_worlds.run_experiments(
             in_worlds,
             arguments.out,
-            seed=arguments.seed,
+            seeds=arguments.seeds or ([0] if arguments.quick else list(range(10))),
             jobs=jobs,
             engine=engine_of(arguments),
             quick=arguments.quick,
+            plain=arguments.plain,
         )
     if set(arguments.names) & set(learned.EXPERIMENTS):
         from collabslam_lab.learned.viewpoints import reproduce

@@ -18,15 +18,15 @@ from collabslam_lab.likeness.tracking import STATISTICS
 from collabslam_lab.worlds import SETS, lifelike
 
 _COMPARED = ("corridor", "turn90", "turn180", "general")
-_QUICK = 1
+_EVERY, _QUICK_EVERY = 2, 10
 
 
 def compare_worlds(
     data: Path, out: Path, *, jobs: int, engine: Engine, quick: bool = False, progress: bool = True
 ) -> dict[str, Any]:
-    """Run recordings and worlds in one mode each; write worlds.png, .csv, .json and .md; print the page.
+    """Run recordings, and every other world, in one mode each; write the page ``worlds`` and print it.
 
-    What single runs gave is kept in ``out/tracking``.
+    It is worlds.png, .csv, .json and .md; what single runs gave is kept in ``out/tracking``.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def compare_worlds(
         If the folder holds no recordings, or one of them cannot be read.
     """
     count = QUICK_FRAMES if quick else FRAMES
-    chosen = [r for name in _COMPARED for r in SETS[name][: _QUICK if quick else None]]
+    chosen = [r for name in _COMPARED for r in SETS[name][:: _QUICK_EVERY if quick else _EVERY]]
     first = [SETS[name][0] for name in _COMPARED]
     groups = {
         "recordings": recordings(data, quick=quick),

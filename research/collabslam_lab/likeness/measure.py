@@ -25,9 +25,9 @@ from collabslam_lab.likeness.tracking import Tracking
 from collabslam_lab.processes import use_one_thread
 from collabslam_lab.worlds import Recipe, WorldRecording
 
-FRAMES = 100
+FRAMES = 60
 """Of a world, from its beginning; recordings are taken whole."""
-QUICK_FRAMES = 40
+QUICK_FRAMES = 20
 
 Numbers = dict[str, float | None]
 

@@ -16,7 +16,8 @@ from collabslam.demo.rendered import Sensor
 from collabslam.errors import InputError
 from collabslam_lab.worlds.catalogue import SETS, WITH_BOARD, Recipe, with_board
 
-SUFFIX = "-life"
+LIFE = "-life"
+"""What follows a recipe's name for the world under the conditions of life."""
 
 RANGES: dict[str, tuple[float, float]] = {
     "exposure": (0.008, 0.03),
@@ -58,7 +59,7 @@ def lifelike(recipe: Recipe) -> Recipe:
     drawn = {key: float(np.exp(rng.uniform(*np.log(ends)))) for key, ends in RANGES.items()}
     out = replace(
         recipe,
-        name=recipe.name + SUFFIX,
+        name=recipe.name + LIFE,
         exposure=drawn["exposure"],
         readout=drawn["readout"],
         sensor=Sensor(electrons=drawn["electrons"]),
@@ -88,7 +89,7 @@ def recipe(name: str) -> Recipe:
     InputError
         If there is none.
     """
-    for suffix, change in ((WITH_BOARD, with_board), (SUFFIX, lifelike)):
+    for suffix, change in ((WITH_BOARD, with_board), (LIFE, lifelike)):
         if name.endswith(suffix):
             return change(recipe(name.removesuffix(suffix)))
     known = {r.name: r for rows in SETS.values() for r in rows}
