@@ -26,10 +26,10 @@ RANGES: dict[str, tuple[float, float]] = {
     "exposure_step": (0.2, 0.7),
     "shake_degrees": (0.15, 0.6),
     "shake_metres": (0.003, 0.015),
-    "passers": (2.0, 10.0),
-    "bare": (0.4, 0.65),
-    "contrast": (0.45, 0.8),
-    "alike": (0.3, 0.8),
+    "passers": (4.0, 16.0),
+    "bare": (0.4, 0.7),
+    "contrast": (0.4, 0.7),
+    "alike": (0.5, 0.95),
     "furniture": (0.1, 0.4),
 }
 """From and to; each is drawn evenly in its logarithm. Units are those of `Recipe`, `Sensor` and `Style`."""
@@ -44,7 +44,7 @@ WAYS: dict[str, str] = {
     "f": "S8 L S6 R S9 L S7",
     "g": "S9 L S8 L S9 R S10",
     "h": "S14 L S12 L S14",
-    "i": "S10 L S12 L S10 L S11 R S6",
+    "i": "S10 L S12 L S8 L S9 R S6",
     "j": "S10 R S8 L S12 R S10 R S9 L S12 R S11",
 }
 """Ways of 50 to 200 m, by the name of a recipe or of its set; turns and the study's corridors stay."""
