@@ -17,7 +17,7 @@ from collabslam.demo.recording import DemoRecording
 from collabslam.demo.rendered import PIXEL_NOISE
 from collabslam.demo.walk import CorridorWalk
 from collabslam.geometry import pose, rotation_exp
-from collabslam.types import Array, Frame
+from collabslam.types import Array, Frame, Image
 
 TAG = Tag("36h11", 3, 0.3)
 PHONE = Camera("pinhole", 640, 480, (545.0, 545.0, 319.5, 239.5))
@@ -69,3 +69,21 @@ def phone_video(path: Path) -> Path:
             image = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
             file.write(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1].tobytes())
     return path
+
+
+def tracked_shots() -> list[tuple[Image, Array]]:
+    """Pictures of a phone that is carried, and T_WF of each (4, 4); the tag is in the first one alone."""
+    first = corridor_recording()
+    there = DemoRecording(first.renderer, CorridorWalk(_SPEED), np.array([0.0, 1.0]), "there", 0)
+    stand = there.person(0.0)
+    steps = [(0.0, 0.0), (0.06, 0.02), (-0.05, -0.03), (0.02, 0.04), (0.1, 0.0)]
+    generator = np.random.default_rng(0)
+    shots = []
+    for k, (aside, turn) in enumerate(steps):
+        at = stand @ pose(rotation_exp([0.0, turn, 0.0]), [aside, 0.0, 0.0])
+        image = there.renderer.render(at, PHONE)
+        if k == 0:
+            image = paint(image, PHONE, at, TAG, tag_pose(there))
+        noisy = image + PIXEL_NOISE * generator.standard_normal(image.shape)
+        shots.append((np.clip(np.rint(noisy), 0, 255).astype(np.uint8), np.asarray(at)))
+    return shots

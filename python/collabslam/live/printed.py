@@ -79,7 +79,7 @@ class PrintedPoses:
         world = self._worlds.of(session)
         world.move(t, own, sightings(worn_image, self._worn_camera, self._targets))
         of_cf = world.sightings()
-        for frame in reversed(self._frames):
+        for frame in reversed(self._frames) if of_cf else ():
             if frame.seen is None:
                 frame.seen = sightings(frame.image, self._camera, self._targets)
             both = shared(frame.seen, of_cf)
