@@ -46,10 +46,6 @@ def namespaces(wire: w.Wire) -> Iterator[Network]:
         inside = {
             role: ["ip", "netns", "exec", name] for role, name in zip(("robot", "worn"), names, strict=True)
         }
-        if wire.again_ms:
-            route = f"ip route change 10.77.0.0/24 dev wire rto_min {wire.again_ms:.0f}ms"
-            for before in inside.values():
-                subprocess.run([*before, *route.split()], check=True)
         yield Network(dict.fromkeys(inside, f"{w.ADDRESSES[0]}:7447"), inside, relay)
 
 

@@ -47,9 +47,6 @@ class Wire:
         Bits per second, in millions; 0 for no limit.
     queue_ms : float
         What waits for that rate at most.
-    again_ms : float
-        The least time after which both ends send again what nobody answers (``rto_min``); 0 for the system's,
-        which is 200.  Loopback does not know it.
     """
 
     loss: float = 0.0
@@ -58,7 +55,6 @@ class Wire:
     jitter_ms: float = 0.0
     rate_mbit: float = 0.0
     queue_ms: float = 200.0
-    again_ms: float = 0.0
 
 
 @dataclass

@@ -168,6 +168,23 @@ def test_a_device_writes_its_own_keys_only(
     assert robot == [(names.key("berta", names.IMAGE), 1000)]
 
 
+def test_images_go_as_datagrams_and_the_rest_does_not(
+    folder: Path, address: Address, robot: list[tuple[str, int]]
+) -> None:
+    """Both links are of one device, and it writes its own keys only by either of them."""
+    with link.open_device(address, Keys.read(folder / "berta")) as session:
+        assert until(lambda: len(list(session.info.links())) == 2)
+        kinds = {str(of.reliability).rpartition(".")[2] for of in session.info.links()}
+        assert kinds == {"BEST_EFFORT", "RELIABLE"}
+        for datagrams in (True, False):
+            for device in ("anna", "berta"):
+                out = link.publisher(session, names.key(device, names.IMAGE), datagrams=datagrams)
+                out.put(bytes(10_000 + datagrams))
+            time.sleep(0.3)  # what comes at once is held to be a flood
+        assert until(lambda: len(robot) >= 2)
+    assert sorted(robot) == [(names.key("berta", names.IMAGE), n) for n in (10_000, 10_001)]
+
+
 def test_a_message_that_is_too_large_does_not_arrive(
     folder: Path, address: Address, robot: list[tuple[str, int]]
 ) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import Clip
 
-from collabslam.live.pace import COURAGE, LEVELS, PATIENCE, SCALES, Encoder, Pace
+from collabslam.live.pace import AGAIN, COURAGE, LEVELS, PATIENCE, PROMPT, SCALES, TRIED, Encoder, Pace, Way
 
 
 def report(pace: Pace, age: float, times: int) -> None:
@@ -69,3 +69,39 @@ def test_plain_images_go_out_whole() -> None:
         data = encoder.encode(plain, 10_000)
     assert len(data) < 10_000
     assert cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED).shape == (480, 720)
+
+
+def told(way: Way, reports: int, share: float, *, every: float = 0.5, t: float = 0.0) -> tuple[int, float]:
+    """Reports of a robot that gets a share of what goes as datagrams, and all else; what was sent, when."""
+    sent = received = 0
+    for _ in range(reports):
+        for _ in range(5):
+            received += way.datagrams(sent) is False or (sent * share) % 1.0 + share >= 1.0
+            sent += 1
+        t += every
+        way.report(t, sent, received)
+    return sent, t
+
+
+def test_datagrams_are_used_while_most_of_them_arrive() -> None:
+    way = Way()
+    sent, _ = told(way, 100, 0.7)
+    assert way.datagrams(sent)
+
+
+def test_a_network_that_loses_every_datagram_is_given_up_and_tried_again() -> None:
+    way = Way()
+    assert way.datagrams(0)
+    sent, _ = told(way, 1 + TRIED // 5, 0.0)
+    assert not way.datagrams(sent)
+    assert not way.datagrams(sent + AGAIN - 6)
+    assert way.datagrams(sent + AGAIN)
+
+
+def test_what_was_sent_into_the_dark_says_nothing() -> None:
+    way = Way()
+    sent, _ = told(way, 20, 0.0, every=PROMPT + 0.1)
+    assert way.datagrams(sent)
+    way.report(1000.0, 500, 0)
+    way.report(1000.4, 502, 1)  # a robot that was started anew counts from the beginning
+    assert way.datagrams(502)

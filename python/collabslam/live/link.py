@@ -56,10 +56,11 @@ class Address:
         except ValueError:
             return self.host in _LOCAL
 
-    def endpoint(self, *, secured: bool) -> str:
-        """As Zenoh writes it."""
+    def endpoints(self, *, secured: bool) -> list[str]:
+        """As Zenoh writes them: with TLS, which loses nothing, datagrams of QUIC, which wait for nothing."""
         host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{'tls' if secured else 'tcp'}/{host}:{self.port}"
+        place = f"{host}:{self.port}"
+        return [f"tls/{place}?rel=1", f"quic/{place}?rel=0"] if secured else [f"tcp/{place}"]
 
 
 @contextlib.contextmanager
@@ -80,7 +81,7 @@ def open_robot(address: Address, keys: Keys | None) -> Iterator[Any]:
         If the link would be open to a network.
     """
     config = _config(address, keys, listens=True)
-    config |= {"listen/endpoints": [address.endpoint(secured=keys is not None)]}
+    config |= {"listen/endpoints": address.endpoints(secured=keys is not None)}
     config |= {"transport/unicast/max_sessions": SESSIONS}
     config |= {"low_pass_filter": [_sizes()]}
     config |= {"downsampling": [_rates(["*"] if keys is None else keys.devices)]}
@@ -99,7 +100,7 @@ def open_device(address: Address, keys: Keys | None) -> Iterator[Any]:
     config = _config(address, keys, listens=False)
     config |= {
         "listen/endpoints": [],
-        "connect/endpoints": [address.endpoint(secured=keys is not None)],
+        "connect/endpoints": address.endpoints(secured=keys is not None),
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,
         "connect/retry": {
@@ -117,8 +118,19 @@ def connected(session: Any) -> bool:
     return any(True for _ in session.info.peers_zid())
 
 
-def publisher(session: Any, key: str, *, urgent: bool = False) -> Any:
-    """A publisher that never waits: what cannot be sent is dropped, what is urgent goes first."""
+def has_datagrams(session: Any) -> bool:
+    """Whether what may be lost has a link of its own."""
+    import zenoh
+
+    return any(of.reliability == zenoh.Reliability.BEST_EFFORT for of in session.info.links())
+
+
+def publisher(session: Any, key: str, *, urgent: bool = False, datagrams: bool = False) -> Any:
+    """A publisher that never waits: what cannot be sent is dropped, what is urgent goes first.
+
+    Where the link has datagrams and they are asked for, what is lost costs itself only, and what overtakes
+    is lost; else everything comes in order, late where something was lost before it.
+    """
     import zenoh
 
     return session.declare_publisher(
@@ -126,6 +138,7 @@ def publisher(session: Any, key: str, *, urgent: bool = False) -> Any:
         congestion_control=zenoh.CongestionControl.DROP,
         priority=zenoh.Priority.REAL_TIME if urgent else zenoh.Priority.DATA,
         express=True,
+        reliability=zenoh.Reliability.BEST_EFFORT if datagrams else zenoh.Reliability.RELIABLE,
     )
 
 
@@ -194,7 +207,8 @@ def _config(address: Address, keys: Keys | None, *, listens: bool) -> dict[str, 
         "transport/link/rx/max_message_size": LARGEST,
     }
     if keys is not None:
-        config["transport/link/tls"] = keys.tls(listens=listens)
+        config["transport/link/tls"] = keys.tls(listens=listens)  # of both links
+        config["transport/unicast/max_links"] = 2
     return config
 
 

@@ -9,15 +9,15 @@ from collabslam._core import Camera
 from collabslam.errors import DataError, InputError
 from collabslam.live import link, messages, names
 from collabslam.live.clock import ClockEstimator, Exchange
-from collabslam.live.pace import Encoder, Pace
+from collabslam.live.pace import Encoder, Pace, Way
 from collabslam.live.steady import SteadyClock
 from collabslam.types import Array, Image
 from collabslam.worn_pose import AhrsReading, LaserScan
 from collabslam.worn_pose.readings import Wearer
 
 BEATS = (0.015, 0.030, 0.060)
-"""Seconds after an image at which empty messages follow it: only when something came after a lost packet does
-TCP know of the loss at once; otherwise it waits for its timer, 0.2 s and more."""
+"""Seconds after an image at which empty messages follow it where it goes by TLS: only when something came
+after a lost packet does TCP know of the loss at once; otherwise it waits for its timer, 0.2 s and more."""
 ATTITUDES = 30.0
 """Attitudes of each AHRS that are sent per second; the robot interpolates between them."""
 ASK_EVERY, ASK_FIRST, SOON = 0.5, 0.1, 20
@@ -40,7 +40,7 @@ class WornDevice:
     """
 
     def __init__(self, session: Any, name: str, camera: Camera, clock: SteadyClock) -> None:
-        self.pace = Pace()
+        self.pace, self.way = Pace(), Way()
         self.robot_clock = ClockEstimator()
         self.sent = 0
         self.session = names.new_session(names.device_name(name))
@@ -50,10 +50,13 @@ class WornDevice:
         self._info = messages.camera_info(0.0, self.session, camera)
         self._ended = threading.Event()
         self._known = threading.Event()
-        urgent = (names.EXCHANGE,)
         self._out = {
-            part: link.publisher(session, names.key(name, part), urgent=part in urgent)
+            part: link.publisher(session, names.key(name, part), urgent=part == names.EXCHANGE)
             for part in names.PARTS
+        }
+        self._datagrams = {
+            part: link.publisher(session, names.key(name, part), datagrams=True)
+            for part in (names.IMAGE, names.T_CF, names.ATTITUDE, names.ROBOT_ATTITUDE)
         }
         self._status = link.subscriber(session, names.STATUS, self._heard)
         self._sent_at = threading.Condition()
@@ -77,9 +80,10 @@ class WornDevice:
     def send(self, t: float, image: Image, pose: tuple[Array, Array] | None = None) -> None:
         """An image of Cf taken at ``t`` seconds by the clock; T_CF and its covariance where known."""
         jpeg = self._encoder.encode(image, self.pace.level.size)
+        out = self._datagrams if self.way.datagrams(self.sent) else self._out
         if pose is not None:
-            self._out[names.T_CF].put(messages.pose(t, "cs_optical", *pose))
-        self._out[names.IMAGE].put(messages.compressed_image(t, self.session, jpeg))
+            out[names.T_CF].put(messages.pose(t, "cs_optical", *pose))
+        out[names.IMAGE].put(messages.compressed_image(t, self.session, jpeg))
         with self._sent_at:
             self.sent += 1
             self._sent_at.notify_all()
@@ -91,7 +95,8 @@ class WornDevice:
             return
         self._last_attitude[reading.where] = reading.t
         part = names.ATTITUDE if reading.where == "worn" else names.ROBOT_ATTITUDE
-        self._out[part].put(messages.attitude(reading.t, self.session, reading.q_xyzw))
+        out = self._datagrams if self.way.datagrams(self.sent) else self._out
+        out[part].put(messages.attitude(reading.t, self.session, reading.q_xyzw))
 
     def scan(self, scan: LaserScan) -> None:
         """A scan of one of the robot's scanners, where this device hears it, by this device's clock."""
@@ -124,6 +129,8 @@ class WornDevice:
                 if self.sent == done:
                     continue
                 done = self.sent
+            if self.way.datagrams(done) and link.has_datagrams(self._zenoh):
+                continue
             before = 0.0
             for at in BEATS:
                 self._ended.wait(at - before)
@@ -162,6 +169,8 @@ class WornDevice:
         try:
             own = messages.status_from(payload).get(self._name)
             if own is not None:
-                self.pace.report(float(own["age_median_ms"]) / 1e3, float(own["images"]))
+                images = float(own["images"])
+                self.way.report(self._clock.now(), self.sent, int(images))
+                self.pace.report(float(own["age_median_ms"]) / 1e3, images)
         except (DataError, KeyError, ValueError):
             pass  # a robot of another version: the pace stays

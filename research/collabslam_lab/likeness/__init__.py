@@ -1,1 +1,0 @@
-"""How like recordings the rendered worlds are, by what the tracker makes of both: ``reproduce worlds``."""
