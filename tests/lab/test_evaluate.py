@@ -31,6 +31,7 @@ from collabslam_lab.benchmark.figures import NAMES
 from collabslam_lab.benchmark.plan import find_plan, parse_plan
 from collabslam_lab.benchmark.store import Item, Row, code_hash
 from collabslam_lab.cli import main as lab
+from collabslam_lab.intervals import t_interval
 from collabslam_lab.switches import with_switches
 
 PLAN = """
@@ -237,10 +238,10 @@ def test_the_interval_of_a_mean_is_students() -> None:
     stats = pytest.importorskip("scipy.stats")
     for count in (2, 3, 10, 31):
         values = np.random.default_rng(count).normal(size=count)
-        mean, low, high = figures.t_interval(values.tolist())
+        mean, low, high = t_interval(values.tolist())
         expected = stats.t.interval(0.95, count - 1, loc=values.mean(), scale=stats.sem(values))
         assert (mean, low, high) == pytest.approx((values.mean(), *expected), rel=1e-3)
-    assert figures.t_interval([2.0]) == (2.0, None, None)
+    assert t_interval([2.0]) == (2.0, None, None)
 
 
 def test_a_truth_that_is_no_judge_serves_the_worn_camera_only(place: Path, tmp_path: Path) -> None:

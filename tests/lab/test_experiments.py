@@ -14,11 +14,11 @@ import pytest
 from collabslam.errors import SettingsError
 from collabslam.geometry import pose_inverse, se3_log
 from collabslam_lab.cli import main as lab
-from collabslam_lab.paper_worlds import EXPERIMENTS, cases, run_experiments
+from collabslam_lab.paper_worlds import EXPERIMENTS, cases, paired, run_experiments
 from collabslam_lab.paper_worlds.cases import DIRECT, MODES, SENSORS, Case
 from collabslam_lab.paper_worlds.poses import sensed
 from collabslam_lab.paper_worlds.variants import Cropped, Variant, varied
-from collabslam_lab.worlds import WorldRecording, recipe, world_recording
+from collabslam_lab.worlds import SETS, WorldRecording, recipe, world_recording
 from collabslam_lab.worlds.sensors import estimated_poses, pose_errors, readings_of
 
 ERRORS = {"mono": 0.5, "mono-undelayed": 0.6, "collab-init": 0.3, "collab": 0.15, "collab-tight": 0.12}
@@ -28,13 +28,13 @@ ROW_KEYS = {
 }  # fmt: skip
 
 
-def made_up(case: Case, seed: int) -> str:
+def made_up(case: Case) -> str:
     """A result of the right form, in which `collab` has 0.3 times the error of `mono`."""
 
     def row(mode: str, poses: str) -> dict[str, Any]:
         error = ERRORS[mode]
         return {
-            "sequence": case.name, "mode": mode, "poses": poses, "path_length_m": 15.0,
+            "sequence": case.name, "seed": case.seed, "mode": mode, "poses": poses, "path_length_m": 15.0,
             "avg_position_error_m": error, "sum_position_error_m": 100 * error,
             "final_position_error_m": 2 * error, "final_error_pct": 200 * error / 15.0,
             "heading_error_deg": 2 * error, "overlap_ratio": 0.4, "matched_ratio": 0.3,
@@ -57,15 +57,17 @@ def test_every_experiment_writes_its_files_and_goes_on_where_it_was(
 ) -> None:
     asked: list[Case] = []
 
-    def run_case(case: Case, seed: int) -> str:
+    def run_case(case: Case) -> str:
         asked.append(case)
-        return made_up(case, seed)
+        return made_up(case)
 
     monkeypatch.setattr(cases, "run_case", run_case)
-    assert lab.main(["reproduce", "table1", "--jobs", "1", "--out", str(tmp_path)]) == 0
-    assert len(asked) == 10
-    assert lab.main(["reproduce", "paper", "--jobs", "1", "--out", str(tmp_path)]) == 0
-    assert len(asked) == len(set(asked)) == 50  # the corridors were there
+    words = ["--seeds", "0-1", "--jobs", "1", "--out", str(tmp_path)]
+    assert lab.main(["reproduce", "table1", *words]) == 0
+    assert len(asked) == 2 * 10
+    assert lab.main(["reproduce", "paper", *words]) == 0
+    assert len(asked) == len(set(asked)) == 2 * 50  # the corridors were there
+    assert {case.world for case in asked} == {f"{r.name}-life" for rows in SETS.values() for r in rows}
     shown = capsys.readouterr().out
     for name in EXPERIMENTS:
         assert (tmp_path / f"{name}.md").read_text() in shown
@@ -75,10 +77,14 @@ def test_every_experiment_writes_its_files_and_goes_on_where_it_was(
         rows = list(csv.reader((tmp_path / f"{name}.csv").read_text().splitlines()))
         assert {len(row) for row in rows} == {len(rows[0])}
     table1 = json.loads((tmp_path / "table1.json").read_text())
-    assert len(table1["rows"]) == 10 * len(MODES) * 2 + 10 * 2
+    assert len(table1["rows"]) == 2 * (10 * len(MODES) * 2 + 10 * 2)
     ratio = table1["aims"][0]
     assert ratio["reached"] == pytest.approx(0.3)
     assert ratio["met"]
+    gain = table1["paired"][0]
+    assert (gain["mode"], gain["sequences"], gain["pairs"], gain["better"]) == ("collab", 10, 20, 1.0)
+    assert gain["ratio"] == pytest.approx(0.3)
+    assert gain["difference"] == pytest.approx(100.0 * (0.15 - 0.5) / 15.0)
     assert [a["met"] for a in table1["aims"] if "undelayed" in a["aim"]] == [True, True]
     turns = json.loads((tmp_path / "fig13.json").read_text())["aims"]
     assert all(a["met"] for a in turns)
@@ -93,12 +99,12 @@ def test_every_experiment_writes_its_files_and_goes_on_where_it_was(
         "angle_sd": 10,
     }
     assert [p["value"] for p in study["availability"] if p["mode"] == "mono"] == [0.0]
-    assert {p["runs"] for curve in study.values() for p in curve} == {10}
+    assert {p["runs"] for curve in study.values() for p in curve} == {2 * 10}
 
 
 def test_an_aim_that_is_missed_is_said_to_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def worse(case: Case, seed: int) -> str:
-        content = json.loads(made_up(case, seed))
+    def worse(case: Case) -> str:
+        content = json.loads(made_up(case))
         for row in content["rows"]:
             if row["mode"] == "collab" and case.name == "corridor-1":
                 row.update(final_error_pct=None)  # never started
@@ -107,16 +113,33 @@ def test_an_aim_that_is_missed_is_said_to_be(tmp_path: Path, monkeypatch: pytest
         return json.dumps(content)
 
     monkeypatch.setattr(cases, "run_case", worse)
-    aims = run_experiments(["table1"], tmp_path, seed=0, jobs=1, progress=False)["table1"]["aims"]
+    aims = run_experiments(["table1"], tmp_path, seeds=[0], jobs=1, progress=False)["table1"]["aims"]
     assert [a["met"] for a in aims[:4]] == [False, True, False, False]
     assert aims[3]["reached"] == pytest.approx(0.9)
 
 
+def test_pairs_are_averaged_by_sequence_before_their_interval() -> None:
+    shares = {("a", 0): (1.0, 2.0), ("a", 1): (1.0, 8.0), ("b", 0): (3.0, 3.0), ("c", 0): (2.0, 4.0)}
+    rows = [
+        {"mode": mode, "poses": DIRECT, "sequence": s, "seed": seed, "share": share, "final_error_pct": 1.0}
+        for (s, seed), pair in shares.items()
+        for mode, share in zip(("collab", "mono"), pair, strict=True)
+    ]
+    rows.append({**rows[0], "sequence": "d", "final_error_pct": None})  # never started
+    (gain,) = paired.gains(rows)
+    logs = np.log([0.25, 1.0, 0.5])
+    assert (gain.sequences, gain.pairs) == (3, 4)
+    assert gain.better == pytest.approx(2 / 3)
+    assert gain.ratio == pytest.approx(np.exp(logs.mean()))
+    assert gain.ratio_low == pytest.approx(np.exp(logs.mean() - 4.303 * logs.std(ddof=1) / np.sqrt(3)))
+    assert gain.difference == pytest.approx(np.mean([-4.0, 0.0, -2.0]))
+
+
 def test_bad_input_is_named(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="no experiment 'table3'"):
-        run_experiments(["table3"], tmp_path, seed=0, jobs=1)
+        run_experiments(["table3"], tmp_path, seeds=[0], jobs=1)
     with pytest.raises(SettingsError, match="give 1 job"):
-        run_experiments(["table1"], tmp_path, seed=0, jobs=0)
+        run_experiments(["table1"], tmp_path, seeds=[0], jobs=0)
     with pytest.raises(SystemExit):
         lab.main(["reproduce", "table3"])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,14 +14,18 @@ from collabslam.datasets import open_recording, write_recording
 from collabslam.datasets.ros.bag import Bag
 from collabslam.datasets.ros.writer import TOPICS, write_bag
 from collabslam.datasets.wrapped import WrappedRecording
-from collabslam.demo.renderer import Renderer
+from collabslam.demo.rendered import Sensor
+from collabslam.demo.renderer import Renderer, Shutter
 from collabslam.demo.walk import camera_pose
 from collabslam.demo.world import Panel, panel
 from collabslam.errors import InputError
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
 from collabslam.runs.runner import run
 from collabslam.types import Frame
-from collabslam_lab.worlds import SETS, WorldRecording, world_recording
+from collabslam_lab.worlds import SETS, WorldRecording, recipe, world_recording
+from collabslam_lab.worlds.building import Style, build
+from collabslam_lab.worlds.life import RANGES
+from collabslam_lab.worlds.recording import LEAD
 from collabslam_lab.worlds.route import CELL, Route
 from collabslam_lab.worlds.sensors import readings_of
 
@@ -110,18 +115,115 @@ def test_the_person_hides_what_is_behind() -> None:
     assert 0.03 < changed.mean() < 0.4
 
 
+def _sweep(yaw: float, pitch: float, *, readout: float = 0.0) -> Shutter:
+    """A camera that turns while its shutter is open, radians in all."""
+    return Shutter(se3_exp([0.0, 0.0, 0.0, pitch, yaw, 0.0]), 0.01, readout)
+
+
 def test_an_open_shutter_blurs_along_the_motion() -> None:
     stripes = np.tile(np.repeat(np.array([40, 220], np.uint8), 16), (256, 16))
     board = [panel((3.0, 2.0, 1.5), (0.0, -4.0, 0.0), (0.0, 0.0, -3.0), stripes)]
     pose = camera_pose([0.0, 0.0, 0.0], 0.0, 0.0, 0.0)
     renderer = Renderer(board)
     still = renderer.render(pose, PINHOLE).astype(float)
-    across = renderer.render(pose, PINHOLE, (), se3_exp([0.0, 0.0, 0.0, 0.0, 0.05, 0.0])).astype(float)
-    along = renderer.render(pose, PINHOLE, (), se3_exp([0.0, 0.0, 0.0, 0.05, 0.0, 0.0])).astype(float)
+    across = renderer.render(pose, PINHOLE, (), _sweep(0.05, 0.0)).astype(float)
+    along = renderer.render(pose, PINHOLE, (), _sweep(0.0, 0.05)).astype(float)
     middle = (slice(40, 80), slice(60, 120))
     assert across[middle].std() < 0.75 * still[middle].std()
     assert along[middle].std() > 0.95 * still[middle].std()
     assert across[middle].mean() == pytest.approx(still[middle].mean(), abs=12)
+
+
+def test_a_rolling_shutter_sees_each_row_from_where_the_camera_is_then() -> None:
+    rng = np.random.Generator(np.random.PCG64(1))
+    texture = cv2.GaussianBlur(rng.integers(0, 256, (300, 400)).astype(np.uint8), (0, 0), 4.0)
+    board = [panel((3.0, 2.0, 1.5), (0.0, -4.0, 0.0), (0.0, 0.0, -3.0), np.asarray(texture, np.uint8))]
+    pose, renderer = camera_pose([0.0, 0.0, 0.0], 0.0, 0.0, 0.0), Renderer(board)
+    turn = np.array([0.1, -0.05, 0.02, 0.03, 0.06, 0.02])
+    rolled = renderer.render(pose, PINHOLE, (), Shutter(se3_exp(turn), 1e-6, 0.03)).astype(float)
+    together = renderer.render(pose, PINHOLE, (), Shutter(se3_exp(turn), 1e-6)).astype(float)
+    for row in (15, 60, 105):
+        share = row / 119.0 - 0.5
+        then = renderer.render(pose @ se3_exp(share * turn), PINHOLE).astype(float)
+        columns = slice(20, 160)
+        missed = np.abs(rolled[row, columns] - then[row, columns]).mean()
+        assert missed < 1.5
+        if row != 60:
+            assert np.abs(together[row, columns] - then[row, columns]).mean() > 4.0 * missed
+
+
+def test_light_has_a_noise_of_its_own() -> None:
+    world = WorldRecording(replace(recipe("corridor-2"), sensor=Sensor(2.0, 500.0)))
+    for level in (40, 160):
+        grey = np.full((480, 720), level, np.uint8)
+        seen = world._sensed(grey, 0, 1.0, np.random.default_rng(3))[200:280, 320:400].astype(float)
+        assert seen.std() == pytest.approx(np.sqrt(4.0 + 255.0 * level / 500.0), rel=0.06)
+
+
+def test_the_exposure_jumps_by_its_step_and_stays_between() -> None:
+    still, jumping = recipe("corridor-2"), replace(recipe("corridor-2"), exposure_step=0.5)
+    one, other = WorldRecording(still), WorldRecording(jumping)
+    times = np.arange(1.0, 10.0, 0.1)
+    stops = np.array([np.log2(other._brightness(0, t) / one._brightness(0, t)) for t in times])
+    assert set(np.round(stops, 6)) <= {-0.5, 0.0, 0.5}
+    assert 1 <= np.count_nonzero(np.diff(stops)) <= 5
+
+
+def test_tiles_that_are_alike_and_walls_that_fade() -> None:
+    track = np.array([[0.0, 0.0]])
+
+    def floor(style: Style) -> np.ndarray:
+        rng = np.random.Generator(np.random.PCG64(4))
+        return build(rng, [(0, 0)], style, track).panels[0].image.astype(float)
+
+    same, plain, faded = floor(Style(alike=1.0)), floor(Style()), floor(Style(contrast=0.3))
+    tile = round(0.325 * 320)
+    assert np.abs(same[:, tile:] - same[:, :-tile]).max() <= 1.0
+    assert np.abs(plain[:, tile:] - plain[:, :-tile]).mean() > 10.0
+    assert faded.std() == pytest.approx(0.3 * plain.std(), rel=0.05)
+
+
+def test_life_is_drawn_within_its_ranges_and_long() -> None:
+    lived = [recipe(name + "-life") for name in EVERY]
+    for r in lived:
+        values = {
+            **{key: getattr(r, key) for key in ("exposure", "readout", "exposure_step", "passers")},
+            **{key: getattr(r.style, key) for key in ("bare", "contrast", "alike", "furniture")},
+            "electrons": r.sensor.electrons,
+            "shake_degrees": r.shake[0],
+            "shake_metres": r.shake[1],
+        }
+        assert values.keys() == RANGES.keys()
+        assert all(RANGES[key][0] <= value <= RANGES[key][1] for key, value in values.items())
+    assert len({r.exposure for r in lived}) == len(lived)
+    ways = [
+        r.length or Route(r.route).length for r in lived if r.name.startswith("corridor") or len(r.name) == 6
+    ]
+    assert len(ways) == 20
+    assert min(ways) >= 50.0
+    assert max(ways) == pytest.approx(200.0, abs=2.0)
+
+
+def test_those_who_walk_past_meet_nobody_and_are_seen_by_all() -> None:
+    world = WorldRecording(replace(recipe("turn90-3-life"), passers=20.0))
+    assert len(world.passers) >= 2
+    walls, near = world.building.plan, 0
+    for t in world.times[::3]:
+        now = float(t) - LEAD
+        there = [p for p in world.passers if p.there(now)]
+        near = max(near, len(there))
+        assert world.shins(t).shape == (2 + 2 * len(there), 3)
+        assert len(world._movers(0, t)) == 3 + 3 * len(there)
+        for p in there:
+            place = p.trunk(now)
+            a, b = walls[:, 0], walls[:, 1]
+            along = np.clip(((place - a) * (b - a)).sum(axis=1) / ((b - a) ** 2).sum(axis=1), 0.0, 1.0)
+            inside = 0.0 < world.drive.progress(now) < world.drive.route.length
+            if inside and np.linalg.norm(place - world.robot(t)[:2, 3]) < 5.0:
+                assert np.linalg.norm(a + along[:, None] * (b - a) - place, axis=1).min() > 0.2
+            assert np.linalg.norm(place - world.robot(t)[:2, 3]) > 0.4
+            assert np.linalg.norm(place - world.person(t)[:2, 3]) > 0.4
+    assert near >= 1
 
 
 def test_a_glossy_floor_mirrors_the_scene() -> None:

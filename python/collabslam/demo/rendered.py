@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -14,9 +15,27 @@ from collabslam.geometry import pose_inverse
 from collabslam.types import Array, Frame, Image
 
 PIXEL_NOISE = 2.5
-"""Standard deviation of the pictures' noise, grey levels."""
+"""Standard deviation of the pictures' noise, grey levels, where a sensor has no other."""
 VIGNETTING = 0.18
 """Share of the light that is lost in the corners."""
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """The noise of a camera's pictures.
+
+    Attributes
+    ----------
+    noise : float
+        Standard deviation of what every pixel has whatever the light (reading out, rounding), grey levels.
+    electrons : float
+        That light sets free in a pixel of level 255. A pixel of level g so has a noise of light of its own,
+        sqrt(255 g / electrons) grey levels. The less light and the more gain, the fewer: some 10000 by day,
+        some hundreds in a dim corridor; infinite for no such noise.
+    """
+
+    noise: float = PIXEL_NOISE
+    electrons: float = float("inf")
 
 
 class RenderedRecording(ABC):
@@ -30,14 +49,24 @@ class RenderedRecording(ABC):
         Time stamps, seconds.
     truth : (N, 4, 4) float64
         T_WC.
+    sensor : Sensor, optional
+        Of both cameras.
     """
 
     def __init__(
-        self, name: str, source: str, camera: Camera, worn_camera: Camera, times: Array, truth: Array
+        self,
+        name: str,
+        source: str,
+        camera: Camera,
+        worn_camera: Camera,
+        times: Array,
+        truth: Array,
+        sensor: Sensor | None = None,
     ) -> None:
         self.name, self.source, self.target = name, source, None
         self.camera, self.worn_camera = camera, worn_camera
         self.times, self.truth = times, truth
+        self._sensor = sensor or Sensor()
         self._gains = [vignette(camera), vignette(worn_camera)]
         self._robot_image = lru_cache(maxsize=8)(self._take_robot_image)
         self._frame = lru_cache(maxsize=8)(self._take_frame)
@@ -76,8 +105,13 @@ class RenderedRecording(ABC):
     def _sensed(self, clean: Image, which: int, light: float, generator: np.random.Generator) -> Image:
         """What the sensor of Cs (0) or Cf (1) makes of a clean picture: vignetting, exposure, noise."""
         noise = generator.standard_normal(clean.shape, dtype=np.float32)
-        noise *= np.float32(PIXEL_NOISE)
-        noise += clean * (self._gains[which] * np.float32(light))
+        lit = clean * (self._gains[which] * np.float32(light))
+        sensor = self._sensor
+        if np.isfinite(sensor.electrons):
+            noise *= np.sqrt(lit * np.float32(255.0 / sensor.electrons) + np.float32(sensor.noise**2))
+        else:
+            noise *= np.float32(sensor.noise)
+        noise += lit
         return np.clip(np.rint(noise, out=noise), 0, 255, out=noise).astype(np.uint8)
 
 

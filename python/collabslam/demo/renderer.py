@@ -7,7 +7,9 @@ affine in the pixel, so the depth test is exact. Textures are prefiltered apart 
 (a rip-map), with the level chosen per cell, so that walls seen at a grazing angle neither alias nor blur.
 The picture is then smoothed by a Gaussian, which stands for the blur of lens and pixel, and resampled
 through the camera's own distortion. A shutter that stays open blurs it along each pixel's own motion, which
-follows from its depth; a glossy floor (z = 0) adds the scene's mirror image.
+follows from its depth; one that rolls takes each row from where it was on that motion when the row was read.
+Both follow the camera's motion alone: bodies that move are swept as if they stood still meanwhile. A glossy
+floor (z = 0) adds the scene's mirror image.
 """
 
 from __future__ import annotations
@@ -37,9 +39,29 @@ _EDGE = 1e-3
 _MOST_SHUTTER_STEPS = 8
 _COARSE = 4
 _GLOSS_BLUR = 2.5
+_MARGIN, _SWEPT_MARGIN = 3, 48
 
 Mover = tuple["Renderer", Array]
 """A body that moves, and its pose (4, 4) in the world."""
+
+
+@dataclass(frozen=True)
+class Shutter:
+    """How long a picture takes, and how the camera moves meanwhile.
+
+    Attributes
+    ----------
+    motion : (4, 4) float64
+        Pose of C at the end of it all in C at its beginning; the pose of the picture is that in the middle.
+    exposure : float
+        Seconds that each row is exposed, above 0.
+    readout : float
+        Seconds from the first row's exposure to the last row's: 0 where all are exposed together.
+    """
+
+    motion: Array
+    exposure: float
+    readout: float = 0.0
 
 
 class RipMap:
@@ -72,13 +94,14 @@ class _Lens:
     rays: Array = field(repr=False)
 
     @classmethod
-    def of(cls, camera: Camera, scale: float) -> _Lens:
+    def of(cls, camera: Camera, scale: float, margin: int) -> _Lens:
+        """Of a camera; the ideal picture reaches `margin` of its own pixels beyond what the camera sees."""
         v, u = np.mgrid[0 : camera.height, 0 : camera.width]
         rays = camera.unproject(np.stack([u.ravel(), v.ravel()], axis=1).astype(float))
         xy = (rays[:, :2] / rays[:, 2:]).reshape(camera.height, camera.width, 2)
         focal = scale * np.array(camera.intrinsics[:2])
-        low = np.floor(xy.min(axis=(0, 1)) * focal) - 3
-        size = np.ceil(xy.max(axis=(0, 1)) * focal) + 3 - low + 1
+        low = np.floor(xy.min(axis=(0, 1)) * focal) - margin
+        size = np.ceil(xy.max(axis=(0, 1)) * focal) + margin - low + 1
         matrix = np.array([[focal[0], 0, -low[0]], [0, focal[1], -low[1]], [0, 0, 1.0]])
         maps = (xy * focal - low).astype(np.float32)
         unit = np.concatenate([xy, np.ones((*xy.shape[:2], 1))], axis=2)
@@ -131,10 +154,11 @@ class Renderer:
         self._gloss = np.array([p.gloss for p in panels], float)
         self._lenses: dict[tuple[object, ...], _Lens] = {}
 
-    def _lens(self, camera: Camera) -> _Lens:
-        key = (camera.model, camera.width, camera.height, tuple(camera.intrinsics), tuple(camera.distortion))
+    def _lens(self, camera: Camera, margin: int = _MARGIN) -> _Lens:
+        size = (camera.model, camera.width, camera.height, margin)
+        key = (*size, tuple(camera.intrinsics), tuple(camera.distortion))
         if key not in self._lenses:
-            self._lenses[key] = _Lens.of(camera, self._scale)
+            self._lenses[key] = _Lens.of(camera, self._scale, margin)
         return self._lenses[key]
 
     def _in_camera(self, pose: Array) -> Array:
@@ -148,7 +172,7 @@ class Renderer:
         return np.stack([self._u @ a.T, self._v @ a.T, self._origin @ a.T + b], axis=2)
 
     def render(
-        self, pose: Array, camera: Camera, movers: Sequence[Mover] = (), shutter: Array | None = None
+        self, pose: Array, camera: Camera, movers: Sequence[Mover] = (), shutter: Shutter | None = None
     ) -> Grey:
         """The picture (H, W) uint8 that `camera` takes, free of noise.
 
@@ -157,14 +181,14 @@ class Renderer:
         Parameters
         ----------
         pose : (4, 4) float64
-            T_WC, at the middle of the exposure.
+            T_WC, at the middle of the exposure of the middle row.
         camera : Camera
         movers : sequence of (Renderer, (4, 4) float64)
             Bodies that move, each with its pose in the world.
-        shutter : (4, 4) float64, optional
-            Pose of C when the shutter closes in C when it opens; the shutter is short if left out.
+        shutter : Shutter, optional
+            It is short, for all rows together, if left out.
         """
-        lens = self._lens(camera)
+        lens = self._lens(camera, _MARGIN if shutter is None else _SWEPT_MARGIN)
         canvas = _Canvas.blank(lens, glossy=bool(self._gloss.any()))
         things = self._things(self._in_camera(pose), [(m, pose_inverse(pose) @ t) for m, t in movers])
         _draw_all(things, lens, canvas)
@@ -225,24 +249,29 @@ def _add_reflection(canvas: _Canvas, mirrored: _Things, lens: _Lens) -> None:
     np.copyto(canvas.picture, np.clip(mixed, 0, 255).astype(np.uint8), where=where)
 
 
-def _swept(picture: Grey, inverse_depth: Shade, lens: _Lens, shutter: Array) -> Grey:
-    """Mean of the picture over the exposure: each pixel is followed along its own motion."""
+def _swept(picture: Grey, inverse_depth: Shade, lens: _Lens, shutter: Shutter) -> Grey:
+    """Mean of the picture over each row's exposure: each pixel is followed along its own motion."""
     h, w = lens.map_u.shape
     coarse = (w // _COARSE, h // _COARSE)
     rays = cv2.resize(lens.rays.astype(np.float32), coarse, interpolation=cv2.INTER_AREA)
     near = cv2.remap(inverse_depth, lens.map_u, lens.map_v, cv2.INTER_NEAREST)
     near = cv2.resize(near, coarse, interpolation=cv2.INTER_AREA)
-    back = pose_inverse(shutter)
+    back = pose_inverse(shutter.motion)
     ends = rays @ back[:3, :3].T.astype(np.float32) + near[..., None] * back[:3, 3].astype(np.float32)
     focal = np.array([lens.matrix[0, 0], lens.matrix[1, 1]], np.float32)
     flow = (ends[..., :2] / ends[..., 2:] - rays[..., :2] / rays[..., 2:]) * focal
-    longest = float(np.abs(flow).max()) / lens.scale
+    exposed = shutter.exposure / (shutter.exposure + shutter.readout)
+    row: Array | float = 0.0
+    if shutter.readout > 0.0:
+        row = (1.0 - exposed) * (np.arange(h)[:, None] / max(h - 1, 1) - 0.5)
+    longest = exposed * float(np.abs(flow).max()) / lens.scale
     steps = min(_MOST_SHUTTER_STEPS, 1 + int(np.ceil(longest)))
     flow_u, flow_v = (cv2.resize(np.ascontiguousarray(flow[..., k]), (w, h)) for k in (0, 1))
     total = np.zeros((h, w), np.float32)
     for share in (np.arange(steps) + 0.5) / steps - 0.5:
-        f = np.float32(share)
-        moved = cv2.remap(picture, lens.map_u + f * flow_u, lens.map_v + f * flow_v, cv2.INTER_LINEAR)
+        f = np.asarray(exposed * share - row, np.float32)
+        u, v = lens.map_u + f * flow_u, lens.map_v + f * flow_v
+        moved = cv2.remap(picture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         cv2.accumulate(moved, total)
     total /= np.float32(steps)
     return np.rint(total, out=total).astype(np.uint8)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,6 +9,7 @@ from typing import Any
 from collabslam.runs.report import median_of
 from collabslam_lab.benchmark.plan import Plan
 from collabslam_lab.benchmark.store import Row
+from collabslam_lab.intervals import t_interval
 
 NAMES = (
     "ate_pct_all_frames",
@@ -26,10 +25,6 @@ NAMES = (
 )
 """The numbers of `collabslam.runs.summary` by which recordings and modes are judged."""
 BASE = "mono"
-_T95 = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145,
-        2.131, 2.120, 2.110, 2.101, 2.093, 2.086, 2.080, 2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048,
-        2.045, 2.042)  # fmt: skip
-"""Two-sided 95 % quantiles of Student's t for 1 to 30 degrees of freedom."""
 
 
 @dataclass(frozen=True)
@@ -91,16 +86,6 @@ def differences(plan: Plan, rows: Sequence[Row]) -> list[Difference]:
             if mode != BASE and found:
                 out.append(Difference(entry.name, mode, len(found), *t_interval(found)))
     return out
-
-
-def t_interval(values: Sequence[float]) -> tuple[float, float | None, float | None]:
-    """Mean of independent values, and the ends of its 95 % interval; None for a single value."""
-    mean, count = statistics.fmean(values), len(values)
-    if count < 2:
-        return mean, None, None
-    quantile = _T95[min(count - 1, len(_T95)) - 1]
-    half = quantile * statistics.stdev(values) / math.sqrt(count)
-    return mean, mean - half, mean + half
 
 
 def _errors(rows: Sequence[Row], name: str, mode: str) -> Mapping[int, float]:

@@ -7,7 +7,10 @@ import os
 from pathlib import Path
 
 from collabslam.cli import OK, options
+from collabslam.extras import needs
 from collabslam_lab.cli.engine_options import add_engine, engine_of
+
+WORLDS = "worlds"
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -34,25 +37,48 @@ def configure(parser: argparse.ArgumentParser) -> None:
             "names of experiments with learned descriptors, of the rendered demo and of --data's recordings:",
             *by_learning,
             "",
+            "what sets these worlds, beside recordings (needs --data):",
+            f"  {WORLDS:14} what the tracker makes of worlds and of recordings",
+            "",
             "settings of the simulation:",
             *settings,
         ]
     )
-    names = [*paper_simulation.EXPERIMENTS, *paper_worlds.EXPERIMENTS, *learned.EXPERIMENTS, "all", "paper"]
+    names = [
+        *paper_simulation.EXPERIMENTS,
+        *paper_worlds.EXPERIMENTS,
+        *learned.EXPERIMENTS,
+        WORLDS,
+        "all",
+        "paper",
+    ]
     parser.add_argument("names", metavar="NAME", nargs="+", choices=names, help="see below, or all, or paper")
     parser.add_argument(
         "--out", metavar="DIR", type=Path, default=Path("results/reproduce"), help=options.OUT_HELP
     )
     parser.add_argument(
+        "--data", metavar="DIR", type=Path, help="recordings for `worlds`, as for `collabslam-lab evaluate`"
+    )
+    parser.add_argument(
         "--runs", metavar="N", type=int, default=200, help="Monte Carlo runs of a simulation (default 200)"
     )
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of all noise (default 0)")
+    parser.add_argument(
+        "--seed", metavar="N", type=int, default=0, help="of all noise of a simulation (default 0)"
+    )
+    parser.add_argument(
+        "--seeds",
+        metavar="A-B",
+        type=options.seed_list,
+        help="of all noise, of experiments in rendered worlds (default 0-9; 0 with --quick)",
+    )
+    parser.add_argument(
+        "--plain", action="store_true", help="rendered worlds that are short and easy, not those of life"
+    )
     parser.add_argument("--jobs", metavar="N", type=int, help="processes at a time (default: all cores)")
     add_engine(parser)
     parser.add_argument(
         "--quick", action="store_true", help="few recordings of each experiment: to see that it works"
     )
-    parser.add_argument("--data", metavar="DATA_DIR", type=Path, help="folder that holds the recordings")
     parser.add_argument(
         "--set",
         metavar="NAME=VALUE",
@@ -64,10 +90,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Run simulations and experiments, write their files, print their pages."""
+    from collabslam.errors import SettingsError
     from collabslam.settings.table import parse_assignments
     from collabslam_lab import learned, paper_simulation, paper_worlds
 
     jobs = (os.cpu_count() or 1) if arguments.jobs is None else arguments.jobs
+    if WORLDS in arguments.names and arguments.data is None:
+        raise SettingsError(f"'{WORLDS}' compares with recordings: say with --data DIR where they are.")
     simulations = _asked(arguments.names, list(paper_simulation.EXPERIMENTS), "all")
     if simulations:
         paper_simulation.reproduce(
@@ -84,15 +113,22 @@ def main(arguments: argparse.Namespace) -> int:
         paper_worlds.run_experiments(
             in_worlds,
             arguments.out,
-            seed=arguments.seed,
+            seeds=arguments.seeds or ([0] if arguments.quick else list(range(10))),
             jobs=jobs,
             engine=engine_of(arguments),
             quick=arguments.quick,
+            plain=arguments.plain,
         )
     if set(arguments.names) & set(learned.EXPERIMENTS):
         from collabslam_lab.learned.viewpoints import reproduce
 
         print(reproduce(arguments.out, arguments.data, seed=arguments.seed, quick=arguments.quick))
+    if WORLDS in arguments.names:
+        with needs("plot"):
+            from collabslam_lab.likeness.compare import compare_worlds
+        compare_worlds(
+            arguments.data, arguments.out, jobs=jobs, engine=engine_of(arguments), quick=arguments.quick
+        )
     return OK
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,10 +31,11 @@ def run_experiments(
     names: Sequence[str],
     out: Path,
     *,
-    seed: int,
+    seeds: Sequence[int],
     jobs: int,
     engine: Engine | None = None,
     quick: bool = False,
+    plain: bool = False,
     progress: bool = True,
 ) -> dict[str, dict[str, Any]]:
     """Run experiments by name, write NAME.png, .csv, .json and .md into ``out``, print the Markdown.
@@ -46,7 +48,7 @@ def run_experiments(
     names : sequence of str
         Of `EXPERIMENTS`.
     out : Path
-    seed : int
+    seeds : sequence of int
         Of all noise; the scenes are fixed.
     jobs : int
         Processes, each with one thread.
@@ -54,6 +56,8 @@ def run_experiments(
         Where they run; on this machine if left out.
     quick : bool
         Only a few recordings of each set: to see that it works, not to compare numbers.
+    plain : bool
+        In the recipes as they are, short and easy, and not under the conditions of life.
     progress : bool
 
     Returns
@@ -76,18 +80,21 @@ def run_experiments(
     for name in names:
         if name not in EXPERIMENTS:
             raise SettingsError(f"There is no experiment '{name}'; there are {', '.join(EXPERIMENTS)}.")
-    if jobs < 1 or seed < 0:
-        raise SettingsError(f"jobs {jobs}, seed {seed}: give 1 job or more, seed 0 or more.")
+    if jobs < 1 or not seeds or min(seeds) < 0:
+        raise SettingsError(f"jobs {jobs}, seeds {list(seeds)}: give 1 job or more, seeds of 0 or more.")
     with needs("plot"):
         from collabslam_lab.figures.finding import hand_over
     numbers = {}
     modules = {name: importlib.import_module(f"collabslam_lab.paper_worlds.{name}") for name in names}
-    wanted = [case for module in modules.values() for case in module.cases(quick)]
-    results = gather(
-        wanted, out / "recordings", seed=seed, jobs=jobs, progress=progress, engine=engine or LOCAL
-    )
+    wanted = {
+        name: [replace(case, seed=seed, plain=plain) for seed in seeds for case in module.cases(quick)]
+        for name, module in modules.items()
+    }
+    every = [case for cases in wanted.values() for case in cases]
+    results = gather(every, out / "recordings", jobs=jobs, progress=progress, engine=engine or LOCAL)
     for name, module in modules.items():
-        finding = module.make([results[case] for case in module.cases(quick)])
-        how = f"collabslam-lab reproduce {name} --seed {seed}{' --quick' if quick else ''}"
+        finding = module.make([results[case] for case in wanted[name]])
+        options = f"{' --plain' if plain else ''}{' --quick' if quick else ''}"
+        how = f"collabslam-lab reproduce {name} --seeds {','.join(map(str, seeds))}{options}"
         numbers[name] = hand_over(out, name, finding, how)
     return numbers

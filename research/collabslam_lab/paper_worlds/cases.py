@@ -24,7 +24,7 @@ from collabslam_lab.engines import LOCAL, Engine
 from collabslam_lab.paper_worlds.poses import sensed
 from collabslam_lab.paper_worlds.variants import Variant, varied
 from collabslam_lab.processes import use_one_thread
-from collabslam_lab.worlds import WorldRecording, world_recording
+from collabslam_lab.worlds import LIFE, WorldRecording, world_recording
 
 Row = dict[str, Any]
 
@@ -46,15 +46,26 @@ class Case:
         Modes, and where each has the poses from: `SENSORS`, `DIRECT` or `UNCALIBRATED`.
     variants : tuple of Variant
         Changes to the worn camera, each run on its own (for the study); the recording as it is if empty.
+    seed : int
+        Of all noise.
+    plain : bool
+        Whether the recipe is taken as it is, and not under the conditions of life.
     """
 
     name: str
     runs: tuple[tuple[str, str], ...] = ()
     variants: tuple[Variant, ...] = ()
+    seed: int = 0
+    plain: bool = False
 
-    def key(self, seed: int) -> str:
+    @property
+    def world(self) -> str:
+        """Name of the world."""
+        return self.name if self.plain else self.name + LIFE
+
+    def key(self) -> str:
         """Changes with everything that the result depends on."""
-        text = f"{self!r} {seed} {version()} {Settings.default().hash()}"
+        text = f"{self!r} {version()} {Settings.default().hash()}"
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
@@ -79,14 +90,14 @@ class CaseResult:
 
 
 def gather(
-    cases: Iterable[Case], folder: Path, *, seed: int, jobs: int, progress: bool, engine: Engine = LOCAL
+    cases: Iterable[Case], folder: Path, *, jobs: int, progress: bool, engine: Engine = LOCAL
 ) -> dict[Case, CaseResult]:
     """Results of the cases; those that `folder` already holds are not run again."""
     wanted = list(dict.fromkeys(cases))
     done: dict[Case, CaseResult] = {}
     waiting = []
     for case in wanted:
-        found = _read(folder, case, seed)
+        found = _read(folder, case)
         if found is None:
             waiting.append(case)
         else:
@@ -94,17 +105,18 @@ def gather(
     if progress and done:
         print(f"{len(done)} of {len(wanted)} recordings are there already", flush=True)
     with Progress(len(waiting), "experiments", enabled=progress and bool(waiting), unit="recording") as bar:
-        for case, text in _texts(waiting, seed, jobs, engine):
-            write_text(_path(folder, case, seed), text)
+        for case, text in _texts(waiting, jobs, engine):
+            write_text(_path(folder, case), text)
             done[case] = _parsed(case, json.loads(text))
             bar.update(f"{case.name}, {_worst(done[case].rows)}")
     return done
 
 
-def run_case(case: Case, seed: int) -> str:
+def run_case(case: Case) -> str:
     """Render a recording once and run all that is asked for; also the work of a child process."""
     use_one_thread()
-    world = world_recording(case.name, seed)
+    seed = case.seed
+    world = world_recording(case.world, seed)
     held = HeldRecording(world, progress=False)
     rows: list[Row] = []
     tracks = {"truth": _rounded(world.truth[:, :2, 3])}
@@ -114,7 +126,7 @@ def run_case(case: Case, seed: int) -> str:
             run_of = variant.mode, variant.values
             if run_of not in known:
                 recording = varied(world, held, variant, seed)
-                known[run_of], _ = _scored(world, recording, variant.mode, DIRECT, {})
+                known[run_of], _ = _scored(case, world, recording, variant.mode, DIRECT, {})
             rows.append({**known[run_of], "factor": variant.factor, "value": variant.value})
         return json.dumps({"rows": rows, "tracks": tracks})
     for poses in dict.fromkeys(poses for _, poses in case.runs):
@@ -123,17 +135,22 @@ def run_case(case: Case, seed: int) -> str:
             (held, {}) if poses == DIRECT else sensed(world, held, seed, calibrated=calibrated)
         )
         for mode in [mode for mode, source in case.runs if source == poses]:
-            row, positions = _scored(world, recording, mode, poses, changes)
+            row, positions = _scored(case, world, recording, mode, poses, changes)
             rows.append(row)
             tracks[f"{mode}/{poses}"] = positions
     return json.dumps({"rows": _shared_overlap(rows), "tracks": tracks})
 
 
 def _scored(
-    world: WorldRecording, recording: Recording, mode: str, poses: str, changes: dict[str, Any]
+    case: Case,
+    world: WorldRecording,
+    recording: Recording,
+    mode: str,
+    poses: str,
+    changes: dict[str, Any],
 ) -> tuple[Row, list[list[float]]]:
     """One run: its row, and its positions in the truth's frame."""
-    row: Row = {"sequence": world.name, "mode": mode, "poses": poses}
+    row: Row = {"sequence": case.name, "seed": case.seed, "mode": mode, "poses": poses}
     try:
         result = run(recording, mode=mode, start="worn", settings=Settings.default().replace(changes))
     except CollabslamError as error:
@@ -185,24 +202,24 @@ def _shared_overlap(rows: list[Row]) -> list[Row]:
     return rows
 
 
-def _texts(cases: Sequence[Case], seed: int, jobs: int, engine: Engine) -> Iterable[tuple[Case, str]]:
+def _texts(cases: Sequence[Case], jobs: int, engine: Engine) -> Iterable[tuple[Case, str]]:
     if jobs == 1 and engine.is_local:
         for case in cases:
-            yield case, run_case(case, seed)
+            yield case, run_case(case)
         return
     with engine.pool(jobs) as pool:
-        futures = {pool.submit(run_case, case, seed): case for case in cases}
+        futures = {pool.submit(run_case, case): case for case in cases}
         for future in as_completed(futures):
             yield futures[future], future.result()
 
 
-def _path(folder: Path, case: Case, seed: int) -> Path:
-    return folder / f"{case.name}-{case.key(seed)}.json"
+def _path(folder: Path, case: Case) -> Path:
+    return folder / f"{case.world}-{case.seed}-{case.key()}.json"
 
 
-def _read(folder: Path, case: Case, seed: int) -> CaseResult | None:
+def _read(folder: Path, case: Case) -> CaseResult | None:
     try:
-        return _parsed(case, json.loads(_path(folder, case, seed).read_text(encoding="utf-8")))
+        return _parsed(case, json.loads(_path(folder, case).read_text(encoding="utf-8")))
     except (OSError, ValueError, KeyError):
         return None
 

@@ -9,7 +9,7 @@ from collabslam_lab.figures import style
 from collabslam_lab.figures.finding import Finding, Table
 from collabslam_lab.paper_worlds import table2
 from collabslam_lab.paper_worlds.cases import DIRECT, SENSORS, Case, CaseResult, Row
-from collabslam_lab.paper_worlds.tables import COLUMNS, SOURCES, cells, chosen, mean, rows_of
+from collabslam_lab.paper_worlds.tables import COLUMNS, SOURCES, by_sequence, cells, chosen, mean, rows_of
 
 PAPER_SHARE, PAPER_WORST, PAPER_OVERLAP = 0.23, 0.45, 0.37
 
@@ -47,7 +47,7 @@ def make(results: Sequence[CaseResult]) -> Finding:
             ]
         )
     figure, panels = style.canvas(1, 1, (9.0, 4.4), "Time a frame, pose of the worn camera from its sensors")
-    axes, group = panels[0, 0], chosen(rows, "collab", SENSORS)
+    axes, group = panels[0, 0], by_sequence(chosen(rows, "collab", SENSORS))
     names = [r["sequence"] for r in group]
     parts = [float(r["ms_pseudo_stereo"]) for r in group]
     axes.bar(names, [r["ms_per_frame"] for r in group], color=style.GREY, label="all else")

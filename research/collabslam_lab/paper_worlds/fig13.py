@@ -58,11 +58,11 @@ def make(results: Sequence[CaseResult]) -> Finding:
             draw_tracks(axes, first, poses, ("mono", "collab"), f"{first.case.name}, {SOURCES[poses]}")
     panels[0, 0].legend(fontsize=8.5)
     header = (
-        "turn", "approach", "pose of the worn camera", "sequences", "heading error at the end, degrees",
+        "turn", "approach", "pose of the worn camera", "runs", "heading error at the end, degrees",
         "largest", "error at the end, m", "% of the path",
     )  # fmt: skip
     return scored(
-        Table("Means over the sequences:", header, lines),
+        Table("Means over the runs:", header, lines),
         rows,
         aims,
         title="Figure 13: close turns",

@@ -93,7 +93,7 @@ def make(results: Sequence[CaseResult]) -> Finding:
     return Finding(
         title="Error against availability, overlap and noise of the worn camera",
         figure=figure,
-        tables=[Table("Corridors of 15 m, each its own scene and noise:", header, lines)],
+        tables=[Table("Corridors of 15 m, each its own scene, and the seeds of their noise:", header, lines)],
         verdict=(
             f"One factor varies at a time; the others stay at {100 * AVAILABLE:.0f} % availability, the "
             f"whole picture, {100 * POSITION_SD:.0f} cm and {ANGLE_SD:g} degree, independent in each frame. "

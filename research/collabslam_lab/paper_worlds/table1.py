@@ -1,4 +1,4 @@
-"""Table 1: ten corridors of 15 m."""
+"""Table 1: ten corridors."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from collabslam_lab.paper_worlds.tables import (
     Aim,
     all_started,
     average_share,
+    by_sequence,
     cases_of,
     chosen,
     mean,
@@ -37,7 +38,7 @@ def make(results: Sequence[CaseResult]) -> Finding:
     rows = rows_of(results)
     aims = {poses: _aims(rows, poses) for poses in SOURCES}
     header = (
-        "approach", "pose of the worn camera", "sequences", "sum of position errors, m",
+        "approach", "pose of the worn camera", "runs", "sum of position errors, m",
         "average error, m", "error at the end, m", "overlap, s/s", "average error, % of the path",
     )  # fmt: skip
     lines = []
@@ -52,10 +53,10 @@ def make(results: Sequence[CaseResult]) -> Finding:
             line += [number(mean(group, k), 3) for k in ("avg_position_error_m", "final_position_error_m")]
             share = sum(average_share(r) for r in group) / max(len(group), 1)
             lines.append([*line, number(mean(group, "overlap_ratio"), 3), number(share, 2)])
-    figure, panels = style.canvas(1, 2, (11.0, 4.6), "Table 1: corridors of 15 m", sharey=True)
+    figure, panels = style.canvas(1, 2, (11.0, 4.6), "Table 1: corridors", sharey=True)
     for axes, poses in zip(panels[0], (SENSORS, DIRECT), strict=True):
         for mode in modes_in(rows):
-            group = chosen(rows, mode, poses)
+            group = by_sequence(chosen(rows, mode, poses))
             names = [r["sequence"].removeprefix("corridor-") for r in group]
             values = [r["avg_position_error_m"] for r in group]
             colour, dashes = LINES[mode]
@@ -66,7 +67,7 @@ def make(results: Sequence[CaseResult]) -> Finding:
     panels[0, 0].set_ylim(bottom=0.0)
     style.legend(panels[0, 0])
     return scored(
-        Table("Means over the sequences:", header, lines),
+        Table("Means over the runs:", header, lines),
         rows,
         aims,
         title="Table 1: average errors in corridors",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,11 +11,12 @@ from matplotlib.figure import Figure
 
 from collabslam.runs.report import number
 from collabslam_lab.figures.finding import Finding, Table
+from collabslam_lab.paper_worlds import paired
 from collabslam_lab.paper_worlds.cases import DIRECT, MODES, SENSORS, UNCALIBRATED, Case, CaseResult, Row
 from collabslam_lab.worlds import SETS
 
 COLUMNS = (
-    "sequence", "mode", "poses", "path_length_m", "avg_position_error_m", "sum_position_error_m",
+    "sequence", "seed", "mode", "poses", "path_length_m", "avg_position_error_m", "sum_position_error_m",
     "final_position_error_m", "final_error_pct", "heading_error_deg", "overlap_ratio", "matched_ratio",
     "tau", "kappa", "U",
     "frames", "frames_ok", "frames_ok_reported", "frames_lost", "features_per_frame", "scale_error",
@@ -63,6 +65,21 @@ def mean(rows: Sequence[Row], key: str) -> float:
     return float(np.mean(values)) if values else float("nan")
 
 
+def by_sequence(rows: Sequence[Row]) -> list[Row]:
+    """Means over the seeds: a row for each sequence, mode and source of poses that started at least once."""
+    groups: dict[tuple[str, str, str], list[Row]] = {}
+    for row in rows:
+        if row.get("final_error_pct") is not None:
+            groups.setdefault((row["sequence"], row["mode"], row["poses"]), []).append(row)
+    keys = [key for key in COLUMNS if key not in ("sequence", "seed", "mode", "poses")]
+    out = []
+    for (sequence, mode, poses), group in groups.items():
+        means = {key: mean(group, key) for key in keys}
+        known = {key: value if np.isfinite(value) else None for key, value in means.items()}
+        out.append({"sequence": sequence, "mode": mode, "poses": poses, "runs": len(group), **known})
+    return out
+
+
 def average_share(row: Row) -> float:
     """Average position error as a share of the path, percent."""
     if row.get("avg_position_error_m") is None:
@@ -100,11 +117,12 @@ def scored(
     paper: Any = None,
 ) -> Finding:
     """The page of a set of recordings: its own table, the aims by source of poses, and every row."""
-    numbers = {"rows": rows, "aims": _aims_numbers(aims)}
+    gains = paired.gains([{**r, "share": average_share(r)} for r in rows])
+    numbers = {"rows": rows, "aims": _aims_numbers(aims), "paired": [asdict(g) for g in gains]}
     return Finding(
         title=title,
         figure=figure,
-        tables=[table, _aims_table(aims), _each_row_table(rows)],
+        tables=[table, _aims_table(aims), paired.table(gains), _each_row_table(by_sequence(rows))],
         verdict=verdict,
         numbers=numbers if paper is None else {**numbers, "paper": paper},
         columns=COLUMNS,
@@ -141,7 +159,7 @@ def all_started(rows: Sequence[Row], poses: str) -> Aim:
     """Whether `collab` started on every recording: one that did not is in none of the means."""
     asked = sum(r["mode"] == "collab" and r["poses"] == poses for r in rows)
     share = len(chosen(rows, "collab", poses)) / asked
-    return Aim("sequences on which collab started, of all", share, ">=", 1.0)
+    return Aim("runs in which collab started, of all", share, ">=", 1.0)
 
 
 def no_strawman(rows: Sequence[Row], poses: str) -> list[Aim]:
@@ -166,8 +184,9 @@ def _each_row_table(rows: Sequence[Row]) -> Table:
         ("error at the end, m", lambda r: number(r.get("final_position_error_m"), 3)),
         ("% of the path", lambda r: number(r.get("final_error_pct"), 2)),
         ("heading error, degrees", lambda r: number(r.get("heading_error_deg"), 2)),
-        ("frames OK", lambda r: f"{r.get('frames_ok', '-')} of {r.get('frames', '-')}"),
+        ("frames OK", lambda r: f"{number(r['frames_ok'], 0)} of {number(r['frames'], 0)}"),
+        ("runs", lambda r: str(r["runs"])),
         ("ms a frame", lambda r: number(r.get("ms_per_frame"), 1)),
     ]
     lines = [[text(r) for _, text in columns] for r in rows]
-    return Table("Every sequence and mode:", [c for c, _ in columns], lines)
+    return Table("Every sequence and mode, means over the seeds:", [c for c, _ in columns], lines)

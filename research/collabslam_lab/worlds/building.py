@@ -20,8 +20,8 @@ DIM = (1.0, 0.75, 0.5)
 """Light of a stretch of corridor where some lamps are out, as a share."""
 
 _CLEARANCE = 0.30
+_TILE, _PLATE = (0.325, 0.325), (0.65, 0.5)
 _KINDS = {"doors": (0, 0, 3), "posters": (1, 4, 7), "mixed": (0, 1, 2, 4, 5, 7), "repeated": (3,)}
-_BARE_SHARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -38,12 +38,21 @@ class Style:
         Whether some lamps are out.
     furniture : float
         Chance that a stretch of wall has a piece of furniture before it.
+    bare : float
+        Share of the stretches of wall that carry nothing.
+    contrast : float
+        Of walls, floor and ceiling: share of the textures' differences of brightness that is left.
+    alike : float
+        How much one tile of floor or ceiling is like the other: 0 each its own, 1 all the same.
     """
 
     walls: str = "mixed"
     reflective: bool = False
     dim: bool = False
     furniture: float = 0.5
+    bare: float = 0.25
+    contrast: float = 1.0
+    alike: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -96,9 +105,13 @@ def _stretches(rng: Rng, style: Style) -> Callable[[], Grey]:
     """Draws one stretch of wall after the other."""
     kinds = _KINDS[style.walls]
     if style.walls == "repeated":
-        same = wall(rng, CELL, HEIGHT, kinds[0])
+        same = _faded(wall(rng, CELL, HEIGHT, kinds[0]), style)
         return lambda: same
-    return lambda: wall(rng, CELL, HEIGHT, int(rng.choice(kinds)), fitted=bool(rng.random() >= _BARE_SHARE))
+
+    def draw() -> Grey:
+        return wall(rng, CELL, HEIGHT, int(rng.choice(kinds)), fitted=bool(rng.random() >= style.bare))
+
+    return lambda: _faded(draw(), style)
 
 
 def _side(corner: Array, dx: int, dy: int) -> tuple[Vector, Vector]:
@@ -112,11 +125,12 @@ def _side(corner: Array, dx: int, dy: int) -> tuple[Vector, Vector]:
 def _level(rng: Rng, corner: Array, style: Style) -> list[Panel]:
     """Floor and ceiling of a cell."""
     x, y = float(corner[0]), float(corner[1])
-    tiles = textures.blocks(rng, CELL, CELL, block=(0.325, 0.325), level=125.0, spread=17.0, bond=False)
+    tiles = textures.blocks(rng, CELL, CELL, block=_TILE, level=125.0, spread=17.0, bond=False)
+    tiles = _faded(_repeating(tiles, _TILE, style.alike), style)
     floor = panel((x + CELL, y + CELL, 0.0), (0, -CELL, 0), (-CELL, 0, 0), tiles)
     if style.reflective:
         floor = Panel(floor.origin, floor.u, floor.v, floor.image, GLOSS)
-    lamps = textures.ceiling(rng, CELL, CELL)
+    lamps = _faded(_repeating(textures.ceiling(rng, CELL, CELL), _PLATE, style.alike), style)
     return [floor, panel((x, y + CELL, HEIGHT), (0, -CELL, 0), (CELL, 0, 0), lamps)]
 
 
@@ -143,6 +157,23 @@ def _furniture(
     corners = [face.origin[:2] for face in faces[:4]]
     outline = [np.array([a, b]) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
     return faces, outline
+
+
+def _faded(image: Grey, style: Style) -> Grey:
+    """With the style's contrast about the mean."""
+    if style.contrast == 1.0:
+        return image
+    return textures.grey(image.mean() + style.contrast * (image - image.mean()))
+
+
+def _repeating(image: Grey, block: tuple[float, float], share: float) -> Grey:
+    """A texture of blocks of ``block`` metres, its first one mixed into all by ``share``."""
+    if share == 0.0:
+        return image
+    h, w = image.shape
+    one = image[: textures.texels(block[1]), : textures.texels(block[0])]
+    same = np.tile(one, (h // one.shape[0] + 1, w // one.shape[1] + 1))[:h, :w]
+    return textures.grey(image + share * (same - image.astype(np.float32)))
 
 
 def _lit(face: Panel, light: float) -> Panel:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from collabslam.errors import InputError
+from collabslam.demo.rendered import Sensor
 from collabslam.types import Board
 from collabslam_lab.worlds.building import Style
 from collabslam_lab.worlds.motion import Station
@@ -22,9 +22,10 @@ Beside means half a step ahead of Cs: right beside it, between the arcs of both 
 """
 
 PLAIN = Style()
+PLAIN_SENSOR = Sensor()
 
 BOARD = Board(9, 6, 0.15)
-_WITH_BOARD = "-board"
+WITH_BOARD = "-board"
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,17 @@ class Recipe:
     light : float
         Level of the light, 1 for a lit corridor.
     exposure : float
-        Seconds that the shutters are open.
+        Seconds that each row of a picture is exposed.
+    readout : float
+        Seconds from the first row to the last one: the shutters roll where it is above 0.
+    sensor : Sensor
+        Noise of both cameras.
+    exposure_step : float
+        Stops by which the cameras' exposure jumps up or down, each by itself, every few seconds.
+    shake : (float, float)
+        See `worlds.motion.Drive`.
+    passers : float
+        People a minute who come the other way.
     shutter_lag : float
         Seconds by which Cf's shutter is later than Cs's and than the pose that is measured.
     board : float or None
@@ -70,6 +81,11 @@ class Recipe:
     style: Style = PLAIN
     light: float = 1.0
     exposure: float = 0.008
+    readout: float = 0.0
+    sensor: Sensor = PLAIN_SENSOR
+    exposure_step: float = 0.0
+    shake: tuple[float, float] = (0.0, 0.0)
+    passers: float = 0.0
     shutter_lag: float = 0.0
     board: float | None = None
 
@@ -144,16 +160,10 @@ SETS: dict[str, tuple[Recipe, ...]] = {
 
 
 def with_board(walk: Recipe) -> Recipe:
-    """Some metres down a lit corridor, as fast as another recording, towards a board, beside its person."""
+    """Some metres down a lit corridor, as fast as another recording, towards a board, beside its person.
+
+    Who calibrates chooses where: on even ground, with nobody else about. The cameras' shutters roll as ever.
+    """
     way = replace(walk, route="S4", length=6.5, along=1.0, stations=BESIDE, board=9.6)
-    return replace(way, name=walk.name + _WITH_BOARD, style=Style(furniture=0.0), light=1.0, exposure=0.008)
-
-
-def recipe(name: str) -> Recipe:
-    """The recipe of a name, `with_board` for ``NAME-board``; raises InputError if there is none."""
-    if name.endswith(_WITH_BOARD):
-        return with_board(recipe(name.removesuffix(_WITH_BOARD)))
-    known = {r.name: r for rows in SETS.values() for r in rows}
-    if name not in known:
-        raise InputError(f"There is no world '{name}'; there are {', '.join(known)}.")
-    return known[name]
+    way = replace(way, sensor=PLAIN_SENSOR, exposure_step=0.0, shake=(0.0, 0.0), passers=0.0)
+    return replace(way, name=walk.name + WITH_BOARD, style=Style(furniture=0.0), light=1.0, exposure=0.008)

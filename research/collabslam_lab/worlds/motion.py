@@ -26,6 +26,7 @@ _WALK_DT = 0.02
 _ANTICIPATION = 0.4
 _CHANGE_SECONDS = 3.0
 _GLANCE_PERIOD = 4.2
+_SHAKE_HZ = (0.2, 1.5)
 
 Station = tuple[float, float, float]
 """(share of the way from which it holds, metres ahead of the robot, metres to its left)."""
@@ -50,6 +51,9 @@ class Drive:
         Metres that the robot drives.
     seed : int
         Of its shake.
+    shake : (float, float)
+        What shakes it beside the driving, as uneven ground or a hand does, between 0.2 and 1.5 Hz: standard
+        deviation about each axis, degrees, and along each, metres.
     """
 
     route: Route
@@ -57,6 +61,7 @@ class Drive:
     lane: float
     length: float
     seed: int
+    shake: tuple[float, float] = (0.0, 0.0)
 
     @property
     def duration(self) -> float:
@@ -78,12 +83,32 @@ class Drive:
         yaw = float(heading) + waves(t, [(0.012, 0.31, d), (0.0012, 3.7, e)])
         pitch = waves(t, [(0.004, 0.53, f), (0.0025, 2.9, g), (0.0012, 4.4, a)])
         roll = waves(t, [(0.003, 0.43, b), (0.0018, 3.4, c)])
-        return camera_pose([place[0], place[1], height], yaw, pitch, roll)
+        if self.shake == (0.0, 0.0):
+            return camera_pose([place[0], place[1], height], yaw, pitch, roll)
+        x, y, z, more_yaw, more_pitch, more_roll = self._shaken(t)
+        where = [place[0] + x, place[1] + y, height + z]
+        return camera_pose(where, yaw + more_yaw, pitch + more_pitch, roll + more_roll)
 
     def base(self, t: float) -> Array:
         """(4, 4): the robot's body, x ahead, z up, its origin on the floor below Cs."""
         place, heading = self.route.along(self.progress(t), self.lane)
         return upright(place, float(heading))
+
+    def _shaken(self, t: float) -> Array:
+        """(6,): metres along x, y and z, then radians of yaw, pitch and roll."""
+        rates, sines, cosines = self._tremor
+        angle = 2.0 * np.pi * rates * t
+        return np.asarray(sines @ np.sin(angle) + cosines @ np.cos(angle))
+
+    @cached_property
+    def _tremor(self) -> tuple[Array, Array, Array]:
+        """Frequencies (K,), Hz, and amplitudes (6, K) of the sines and cosines that shake it."""
+        rng = np.random.Generator(np.random.PCG64((self.seed, 5)))
+        count = 8
+        rates = np.exp(rng.uniform(np.log(_SHAKE_HZ[0]), np.log(_SHAKE_HZ[1]), count))
+        degrees, metres = self.shake
+        sd = np.repeat([metres, np.deg2rad(degrees)], 3)[:, None] / np.sqrt(count)
+        return rates, sd * rng.standard_normal((6, count)), sd * rng.standard_normal((6, count))
 
     @cached_property
     def _shake(self) -> list[float]:

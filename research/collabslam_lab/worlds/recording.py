@@ -15,16 +15,18 @@ from collabslam._core import Camera
 from collabslam.demo import textures
 from collabslam.demo.recording import measured_pose
 from collabslam.demo.rendered import RenderedRecording
-from collabslam.demo.renderer import Mover, Renderer
+from collabslam.demo.renderer import Mover, Renderer, Shutter
 from collabslam.demo.walk import waves
 from collabslam.demo.world import Panel, panel
 from collabslam.errors import InputError
 from collabslam.geometry import pose_inverse, rounded_covariance
-from collabslam.types import Array, Frame, Image, WornView
+from collabslam.types import Array, Frame, Image, Indices, WornView
 from collabslam_lab.worlds.bodies import Person, robot
 from collabslam_lab.worlds.building import Building, build
-from collabslam_lab.worlds.catalogue import BOARD, Recipe, recipe
+from collabslam_lab.worlds.catalogue import BOARD, Recipe
+from collabslam_lab.worlds.life import recipe
 from collabslam_lab.worlds.motion import Drive, Walk
+from collabslam_lab.worlds.passers import ASIDE, Passer, passers
 from collabslam_lab.worlds.route import Route
 
 ROBOT_CAMERA = (720, 480, (781.0, 780.0, 361.5, 238.0), (-0.08, 0.06, 0.0005, -0.0004))
@@ -40,6 +42,7 @@ LEAD = 0.6
 """Stamp of the first frame, seconds: robot and person stand still before, while other sensors run already."""
 
 _BOARD_HEIGHT = 1.25
+_JUMP_SECONDS = (2.0, 5.0)
 
 
 class WorldRecording(RenderedRecording):
@@ -58,15 +61,16 @@ class WorldRecording(RenderedRecording):
         self.recipe = recipe
         route = Route(recipe.route)
         length = route.length if recipe.length is None else recipe.length
-        self.drive = Drive(route, recipe.speed, -recipe.side * LANE, length, recipe.seed)
+        self.drive = Drive(route, recipe.speed, -recipe.side * LANE, length, recipe.seed, recipe.shake)
         stations = tuple((share, ahead, recipe.side * left) for share, ahead, left in recipe.stations)
         self.walk = Walk(self.drive, stations, recipe.along, recipe.seed)
+        self.passers = passers(self.drive, recipe.passers, -recipe.side * ASIDE, recipe.seed)
         count = int(self.drive.duration * RATE) + 1
         times = np.round(LEAD + np.arange(count) / RATE, 9)  # whole nanoseconds, as files hold them
         self._seed = seed
         cameras = (Camera("radtan", *ROBOT_CAMERA), Camera("radtan", *WORN_CAMERA))
         truth = np.stack([self.robot(float(t)) for t in times])
-        super().__init__(recipe.name, f"world:{recipe.name}", *cameras, times, truth)
+        super().__init__(recipe.name, f"world:{recipe.name}", *cameras, times, truth, recipe.sensor)
 
     def robot(self, t: float) -> Array:
         """True T_WC (4, 4) at the stamp `t`, seconds."""
@@ -81,14 +85,18 @@ class WorldRecording(RenderedRecording):
         return self._expose(1, t + self.recipe.shutter_lag, generator)
 
     def shins(self, t: float) -> Array:
-        """(2, 3): x, y and radius of the person's shins in the lasers' plane at the stamp `t`, metres."""
-        return self.walk.walker.legs(max(t - LEAD, 0.0))
+        """(2 + 2 N, 3): x, y and radius of shins in the lasers' plane at the stamp `t`, metres: the person's,
+        then those of everybody who walks past."""
+        now = max(t - LEAD, 0.0)
+        return np.concatenate([self.walk.walker.legs(now), *(p.legs(now) for p in self._near(now))])
 
     @cached_property
     def building(self) -> Building:
         """The scene's panels, and its floor plan."""
         moments = np.arange(0.0, self.drive.duration + 0.1, 0.1)
         places = [self.drive.base(t)[:2, 3] for t in moments] + [self.walk.walker.trunk(t) for t in moments]
+        for passer in self.passers:
+            places += [passer.trunk(t) for t in moments if passer.there(t)]
         built = build(self._scene(0), self.drive.route.cells, self.recipe.style, np.array(places))
         at = self.recipe.board
         return built if at is None else replace(built, panels=(*built.panels, _board(at)))
@@ -101,6 +109,13 @@ class WorldRecording(RenderedRecording):
     @cached_property
     def _person(self) -> Person:
         return Person.drawn(self._scene(1), SCALE)
+
+    @cached_property
+    def _strangers(self) -> dict[Passer, Person]:
+        return {p: Person.drawn(self._scene(30 + k), SCALE) for k, p in enumerate(self.passers)}
+
+    def _near(self, now: float) -> list[Passer]:
+        return [p for p in self.passers if p.there(now)]
 
     @cached_property
     def _robot(self) -> Renderer:
@@ -126,23 +141,44 @@ class WorldRecording(RenderedRecording):
         """What Cs (0) or Cf (1) delivers at time `t`, with noise."""
         path = (self.robot, self.person)[which]
         camera = (self.camera, self.worn_camera)[which]
-        half = 0.5 * self.recipe.exposure
-        shutter = pose_inverse(path(t - half)) @ path(t + half)
+        exposure, readout = self.recipe.exposure, self.recipe.readout
+        half = 0.5 * (exposure + readout)
+        shutter = Shutter(pose_inverse(path(t - half)) @ path(t + half), exposure, readout)
         clean = self.renderer.render(path(t), camera, self._movers(which, t), shutter)
         return self._sensed(clean, which, self._brightness(which, t), generator)
 
     def _movers(self, which: int, t: float) -> list[Mover]:
-        """Whom the camera may see: Cs the person, Cf the robot."""
-        if which == 0:
-            now = max(t - LEAD, 0.0)
-            place, heading = self.walk.walker.trunk(now), self.walk.heading(now)
-            return self._person.movers(place, heading, self.shins(t)[:, :2])
-        return [(self._robot, self.drive.base(max(t - LEAD, 0.0)))]
+        """Whom the camera may see: Cs the person, Cf the robot, both everybody who walks past."""
+        now = max(t - LEAD, 0.0)
+        out: list[Mover] = []
+        for p in self._near(now):
+            out += self._strangers[p].movers(p.trunk(now), p.heading(now), p.legs(now)[:, :2])
+        if which == 1:
+            return [*out, (self._robot, self.drive.base(now))]
+        place, heading, walker = self.walk.walker.trunk(now), self.walk.heading(now), self.walk.walker
+        return [*out, *self._person.movers(place, heading, walker.legs(now)[:, :2])]
 
     def _brightness(self, which: int, t: float) -> float:
         """Level of a picture: light, and the wandering of the camera's own exposure control."""
         a, b = np.random.Generator(np.random.PCG64((self.recipe.seed, 20 + which))).uniform(0.0, 6.28, 2)
-        return self.recipe.light * (1.0 + waves(t, [(0.07, 0.13, float(a)), (0.04, 0.41, float(b))]))
+        wandering = 1.0 + waves(t, [(0.07, 0.13, float(a)), (0.04, 0.41, float(b))])
+        return float(
+            self.recipe.light * wandering * 2.0 ** (self.recipe.exposure_step * self._step(which, t))
+        )
+
+    def _step(self, which: int, t: float) -> int:
+        """Steps by which the exposure is off at time `t`: -1, 0 or 1."""
+        jumps, steps = self._jumps[which]
+        return int(steps[np.searchsorted(jumps, t)])
+
+    @cached_property
+    def _jumps(self) -> list[tuple[Array, Indices]]:
+        """When the exposure of Cs, and of Cf, jumps, seconds, and the steps around these (N + 1,)."""
+        count = int(self.drive.duration / _JUMP_SECONDS[0]) + 1
+        drawn = [np.random.Generator(np.random.PCG64((self.recipe.seed, 24 + k))) for k in range(2)]
+        times = [np.cumsum(rng.uniform(*_JUMP_SECONDS, count)) for rng in drawn]
+        steps = [np.cumsum(rng.integers(1, 3, count + 1)) % 3 - 1 for rng in drawn]
+        return list(zip(times, steps, strict=True))
 
 
 def _board(at: float) -> Panel:
@@ -159,7 +195,7 @@ def world_recording(name: str, seed: int = 0) -> WorldRecording:
     Parameters
     ----------
     name : str
-        Of a recipe in `collabslam_lab.worlds.SETS`.
+        As for `collabslam_lab.worlds.life.recipe`.
     seed : int
         Of the noise; not negative.
 

@@ -32,7 +32,7 @@ from collabslam_lab.worn_sensors import (
 )
 
 LEVEL_SD = 0.005
-"""How far the robot's camera is from level, radians: the floor is flat, driving shakes it."""
+"""How far the robot's camera is from level on even ground, radians: the floor is flat, driving shakes it."""
 AFTER = 0.3
 """Seconds for which they run on after the last one."""
 
@@ -57,7 +57,8 @@ def config_of(recording: WorldRecording, person: Person | None = None) -> WornPo
     _, ahead, left = recording.recipe.stations[0]
     right = -recording.recipe.side * left
     start = (0.5 * round(2.0 * right), 0.5 * round(2.0 * ahead))
-    return WornPoseConfig(person=person or Person(), start=start, level_sd=LEVEL_SD)
+    level_sd = float(np.hypot(LEVEL_SD, np.deg2rad(recording.recipe.shake[0])))
+    return WornPoseConfig(person=person or Person(), start=start, level_sd=level_sd)
 
 
 def readings_of(recording: WorldRecording, seed: int) -> Readings:
