@@ -437,6 +437,41 @@ class Filter:
         InputError
             If the filter has started.
         """
+    @property
+    def pose_and_scale_covariance(self) -> _Array | None:
+        """(7, 7) float64, covariance of the pose over (translation m, rotation rad), right tangent of T_WC, and
+        of the scale's logarithm, as `scale_sd` has it; None without a map.
+        """
+    def where_to_look(
+        self, t_cf: ArrayLike, covariance: ArrayLike, bias: ArrayLike | None = None, *, least: int = 0
+    ) -> tuple[CandidateViews, CandidateViews]:
+        """Views of Cf that a person could offer next, and how much each would tell (METHOD 23).
+
+        Parameters
+        ----------
+        t_cf : (4, 4) float64
+            Where the person is and looks: maps points of F into C, metres.
+        covariance : (6, 6) float64
+            Of the next measured T_CF over (translation m, rotation rad), tangent on the right; along the axes
+            of Cs it is taken to be the same whichever way Cf looks.
+        bias : (6, 6) float64, optional
+            The part of it that lasts from frame to frame; ``worn.bias_share`` of it if left out.
+        least : int
+            Fewest matches with which a view is used.
+
+        Returns
+        -------
+        here : CandidateViews
+            From where Cf is, by direction, those with the most matches first.
+        elsewhere : CandidateViews
+            From places around, each looking at the middle of what Cs sees. None of both before the start, and
+            where Cs sees nothing of known depth.
+
+        Raises
+        ------
+        InputError
+            As `check_worn`.
+        """
     def check_worn(self, t_cf: ArrayLike, covariance: ArrayLike, bias: ArrayLike | None = None) -> None:
         """Checks that a view of Cf with this pose can be measured.
 
@@ -1194,6 +1229,32 @@ class CandidateReport:
     def born(self) -> _Ids: ...
     @property
     def dropped(self) -> _Mask: ...
+
+@final
+class CandidateViews:
+    """Views that Cf could offer.
+
+    Attributes
+    ----------
+    t_cf : (N, 4, 4) float64
+        Pose of Cf relative to Cs: maps points of F into C, metres.
+    matches : (N,) float64
+        Matches to be expected.
+    gain : (N,) float64
+        Expected decrease of half the logarithm of the determinant of the covariance of the pose and the
+        scale's logarithm, nats.
+    best : int or None
+        The view of the largest gain; None where nothing is gained.
+    """
+
+    @property
+    def t_cf(self) -> _Array: ...
+    @property
+    def matches(self) -> _Array: ...
+    @property
+    def gain(self) -> _Array: ...
+    @property
+    def best(self) -> int | None: ...
 
 @final
 class Landmarks:

@@ -25,6 +25,8 @@ const CRATE: Table = &[
     ("state", &["error", "math", "observe", "kernel"]),
     ("gauge", &["math", "observe", "kernel", "state"]),
     ("local", &["error", "observe", "kernel", "state"]),
+    ("scale", &["observe", "state"]),
+    ("look", &["math", "camera", "observe", "state", "scale"]),
     ("predict", &["math", "settings", "state"]),
     (
         "guard",
@@ -43,8 +45,8 @@ const CRATE: Table = &[
         "filter",
         &[
             "error", "math", "camera", "settings", "observe", "overlap", "validate", "birth",
-            "misfit", "placed", "kernel", "state", "gauge", "local", "predict", "guard", "batch",
-            "odometry", "chi2",
+            "misfit", "placed", "kernel", "state", "gauge", "local", "scale", "look", "predict",
+            "guard", "batch", "odometry", "chi2",
         ],
     ),
 ];
@@ -97,6 +99,7 @@ const FILTER: Table = &[
     ("prediction", &["visibility", "ekf", "wheels"]),
     ("relocalisation", &["measurements", "sources", "ekf"]),
     ("scale", &["ekf"]),
+    ("where_to_look", &["ekf"]),
     ("restart", &["measurements", "sources", "known_map", "ekf"]),
     ("validation", &["measurements", "ekf"]),
     ("working_set", &["measurements", "ekf"]),

@@ -32,4 +32,5 @@ mod threads;
 mod undo;
 mod update;
 mod validate;
+mod where_to_look;
 mod worn_bias;

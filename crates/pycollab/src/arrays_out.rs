@@ -45,10 +45,15 @@ pub(crate) fn to_matrix<const R: usize, const C: usize>(
 
 /// `T` as 4x4.
 pub(crate) fn to_pose(py: Python<'_>, pose: &Pose) -> Table {
+    to_matrix(py, &homogeneous(pose))
+}
+
+/// `T` as a matrix.
+pub(crate) fn homogeneous(pose: &Pose) -> SMatrix<f64, 4, 4> {
     let mut m = SMatrix::<f64, 4, 4>::identity();
     m.fixed_view_mut::<3, 3>(0, 0).copy_from(&pose.rotation);
     m.fixed_view_mut::<3, 1>(0, 3).copy_from(&pose.translation);
-    to_matrix(py, &m)
+    m
 }
 
 /// `(N, R, C)` from fixed-size matrices.

@@ -29,8 +29,8 @@ mod _core {
     use crate::filter::measurements::{PyDepthMeasurement, PyWornMeasurement};
     #[pymodule_export]
     use crate::filter::{
-        Block, CandidateReport, PyConditionalPrediction, PyFilter, PyKnownMap, PyLandmarks,
-        PyMapRelocalisation, PyOutcomes, PyOverlap, PyPrediction, PyUpdateReport,
+        Block, CandidateReport, CandidateViews, PyConditionalPrediction, PyFilter, PyKnownMap,
+        PyLandmarks, PyMapRelocalisation, PyOutcomes, PyOverlap, PyPrediction, PyUpdateReport,
     };
     #[pymodule_export]
     use crate::frontend::consensus::{

@@ -41,6 +41,7 @@ mod update;
 mod validation;
 mod visibility;
 mod wheels;
+mod where_to_look;
 mod working_set;
 mod worn_error;
 

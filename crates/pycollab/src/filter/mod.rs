@@ -8,11 +8,13 @@ mod odometry;
 mod prediction;
 mod report;
 mod update;
+mod where_to_look;
 
 pub(crate) use births::CandidateReport;
 pub(crate) use map::{PyKnownMap, PyLandmarks};
 pub(crate) use prediction::{PyConditionalPrediction, PyOverlap, PyPrediction};
 pub(crate) use report::{PyMapRelocalisation, PyOutcomes, PyUpdateReport};
+pub(crate) use where_to_look::CandidateViews;
 
 use crate::arrays_out::{Column, Table, column, symmetric, to_ids, to_matrix, to_pose};
 use crate::camera::PyCamera;

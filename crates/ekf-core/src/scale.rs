@@ -1,0 +1,88 @@
+//! The scale of camera and map, as the state tells it.
+//!
+//! Its logarithm is estimated as best as the features allow by themselves: the mean of the logarithms of their ranges from the
+//! camera, each weighted with the inverse of its variance. With `b` its derivative by the state, `b^T N = 1` along the scale's
+//! direction `N(x)` (see [`gauge`](crate::gauge)), the variance is `b^T P b`. An error that all features share is in it as it
+//! is; errors of single depths average out.
+
+use crate::observe::point::CameraPose;
+use crate::state::{Block, State};
+use nalgebra::{SMatrix, SVector, Vector3};
+
+/// How the estimate of the scale's logarithm depends on the state.
+pub(crate) struct ScaleEstimate {
+    /// Its covariance with the state, `P b`, row by row as P is stored.
+    pub(crate) along: Vec<f64>,
+    /// `b^T P b`.
+    pub(crate) variance: f64,
+}
+
+/// Derivatives of the logarithm of a range by the camera's position and by the feature.
+struct LogRange {
+    by_camera: Vector3<f64>,
+    by_feature: SVector<f64, 6>,
+}
+
+impl LogRange {
+    /// `None` of a feature without a point.
+    fn of(state: &State, camera: &CameraPose, block: &Block) -> Option<Self> {
+        let feature = state.feature(block);
+        let ray = feature.point()? - camera.r;
+        let by_point = ray / ray.norm_squared();
+        Some(Self {
+            by_camera: -by_point,
+            by_feature: feature.point_jacobian().tr_mul(&by_point),
+        })
+    }
+
+    fn variance(&self, state: &State, block: &Block) -> f64 {
+        let (cross, own) = state.feature_covariance(block);
+        let with_camera: SMatrix<f64, 3, 6> = cross.fixed_view::<3, 6>(0, 0).into_owned();
+        let camera = state.covariance().block::<3, 3>(0, 0);
+        let mixed = (with_camera.tr_mul(&self.by_camera)).dot(&self.by_feature);
+        (camera * self.by_camera).dot(&self.by_camera)
+            + (own * self.by_feature).dot(&self.by_feature)
+            + 2.0 * mixed
+    }
+}
+
+impl ScaleEstimate {
+    /// `None` where no feature has a depth.
+    pub(crate) fn of(state: &State) -> Option<Self> {
+        let camera = state.camera_pose();
+        let mut b = vec![0.0; state.mean().len()];
+        let mut total = 0.0;
+        for block in state.layout().features() {
+            let Some(range) = LogRange::of(state, &camera, block) else {
+                continue;
+            };
+            let weight = 1.0 / range.variance(state, block);
+            if !(weight.is_finite() && weight > 0.0) {
+                continue;
+            }
+            total += weight;
+            for (b, value) in b[..3].iter_mut().zip(range.by_camera.iter()) {
+                *b += weight * value;
+            }
+            for (b, value) in b[block.range()].iter_mut().zip(range.by_feature.iter()) {
+                *b += weight * value;
+            }
+        }
+        if total == 0.0 {
+            return None;
+        }
+        // A row that several features share tells the sum of what they tell.
+        let stored = state.covariance().stored();
+        let mut by_row = vec![0.0; stored.n];
+        for (b, &slot) in b.iter().zip(stored.slots) {
+            by_row[slot] += b / total;
+        }
+        let mut along = vec![0.0; stored.n];
+        state.covariance().times(&by_row, &[], &mut along);
+        let sum: f64 = by_row.iter().zip(&along).map(|(b, p)| b * p).sum();
+        Some(Self {
+            along,
+            variance: sum.max(0.0),
+        })
+    }
+}
