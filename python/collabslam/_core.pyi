@@ -439,8 +439,8 @@ class Filter:
         """
     @property
     def pose_and_scale_covariance(self) -> _Array | None:
-        """(7, 7) float64, covariance of the pose over (translation m, rotation rad), right tangent of T_WC, and
-        of the scale's logarithm, as `scale_sd` has it; None without a map.
+        """(7, 7) float64, covariance of the pose over (translation m, rotation rad), right tangent of T_WC,
+        and of the scale's logarithm, as `scale_sd` has it; None without a map.
         """
     def where_to_look(
         self, t_cf: ArrayLike, covariance: ArrayLike, bias: ArrayLike | None = None, *, least: int = 0

@@ -63,6 +63,10 @@ class DemoRecording(RenderedRecording):
         """What Cf sees at the stamp `t`, with noise, wherever it looks."""
         return self._expose(self._walk.person(t), 1, generator)
 
+    def worn_picture_at(self, pose: Array, generator: np.random.Generator) -> Image:
+        """What Cf would see from a `pose` T_WF (4, 4), with noise."""
+        return self._expose(pose, 1, generator)
+
     def person(self, t: float) -> Array:
         """True T_WF (4, 4) at the stamp `t`, seconds."""
         return self._walk.person(t)

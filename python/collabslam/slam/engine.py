@@ -27,6 +27,7 @@ from collabslam.slam.feature_states import (
     unsearched_features,
 )
 from collabslam.slam.guard import all_or_nothing, alone
+from collabslam.slam.looking import counts as look_counts
 from collabslam.slam.map_change import ImagePoints, MapChange
 from collabslam.slam.parts import EngineParts
 from collabslam.slam.relocalise import searchable
@@ -269,6 +270,7 @@ class Slam(EngineParts):
     def _frame(self, t: float, image: Image, worn: WornView | None, blank: str) -> StepResult:
         """One frame, its image judged by `BlankImageDetector` and its view of Cf due."""
         times = StageTimes()
+        self._looking.saw(worn)
         self.filter.predict(t)
         followed = self.filter.followed_odometry
         if blank:
@@ -419,6 +421,9 @@ class Slam(EngineParts):
         self, t: float, status: Status, counts: dict[str, Any], features: FrameFeatures, times: StageTimes
     ) -> StepResult:
         scale_sd = self.filter.scale_sd
+        if self._options.worn.where_to_look:
+            counts = {**counts, **look_counts(self._look())}
+            times.done("look")
         sizes = {"map_size": self.filter.map_size, "candidates": self.filter.candidate_count}
         return StepResult(
             t=t,

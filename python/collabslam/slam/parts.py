@@ -34,6 +34,7 @@ from collabslam.slam.doubts import Doubts
 from collabslam.slam.free_start import FreeStart
 from collabslam.slam.guard import Guard, alone
 from collabslam.slam.late_views import KeptFrame, LateViews
+from collabslam.slam.looking import Look, Looking, WornPose
 from collabslam.slam.map_management import MapManager
 from collabslam.slam.printed_targets import PrintedTargets
 from collabslam.slam.recovery import Recovery
@@ -46,9 +47,9 @@ from collabslam.slam.tracks import Tracks
 from collabslam.slam.worn_frame import WornMatcher
 from collabslam.types import Board, Tag, Target, WornView
 
-KIND, VERSION = "engine state", 6
+KIND, VERSION = "engine state", 7
 """Of the file that `EngineParts.save` writes; the version counts the changes of what is in it."""
-CLASSES = (KeptFrame, MapAside, Patch, Target, WornView)
+CLASSES = (KeptFrame, MapAside, Patch, Target, WornPose, WornView)
 """Dataclasses that are in it."""
 
 Engine = TypeVar("Engine", bound="EngineParts")
@@ -100,6 +101,7 @@ class EngineParts:
         self._tracks = Tracks(camera, self._options)
         self._worn = WornMatcher(core, camera, worn_camera, settings, self._options)
         self._late = LateViews(core, camera, self._worn, self._tracks, settings, self._options)
+        self._looking = Looking(core, self._options.worn.min_matches)
         self._depth = DepthInput()
         self._relocaliser = Relocaliser(core, camera, self._tracks, self._options)
         self._printed = PrintedTargets(core, camera)
@@ -138,6 +140,24 @@ class EngineParts:
                 "start='target'."
             )
         self._printed.add(target)
+
+    @alone
+    def where_to_look(self) -> Look | None:
+        """Where the person who wears Cf should look next, as far as pose and scale are concerned (METHOD 23).
+
+        Cf is taken to be where its last view was taken from, relative to Cs.  It takes a millisecond or two
+        and changes nothing.  With the setting ``frontend.worn.where_to_look`` the diagnostics of each frame
+        have it.
+
+        Returns
+        -------
+        Look or None
+            None before the start, while LOST, before the first view of Cf, and where no view would help.
+        """
+        return self._look()
+
+    def _look(self) -> Look | None:
+        return None if self._monitor.lost else self._looking.ask()
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
         raise InputError(

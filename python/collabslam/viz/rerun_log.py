@@ -32,7 +32,7 @@ COLOURS = {
     "outside": (130, 130, 130),
     "not searched": (130, 130, 130),
 }
-CS, CF, TRUTH = (29, 111, 165), (242, 177, 50), (200, 200, 200)
+CS, CF, TRUTH, LOOK = (29, 111, 165), (242, 177, 50), (200, 200, 200), (60, 200, 90)
 STATUS = {"OK": 3.0, "DOUBTFUL": 2.0, "COASTING": 1.0, "LOST": 0.0}
 UNIX_STAMPS = 1e8
 PLANE = 0.4
@@ -65,6 +65,7 @@ class Viewed(Protocol):
     filter: Any
 
     def landmarks(self) -> Any: ...
+    def where_to_look(self) -> Any: ...
 
 
 class RerunLog:
@@ -137,6 +138,8 @@ class RerunLog:
         self._put("world/cs", rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]))
         self._path(frame.index, step)
         self._worn(frame, step, engine)
+        if "look_gain" in step.diagnostics:
+            self._look(step.pose, engine.where_to_look())
         if frame.index % _EVERY == 0:
             self._map(engine.landmarks())
 
@@ -225,6 +228,19 @@ class RerunLog:
             u0, v0, u1, v1 = roi
             box = rr.Boxes2D(mins=[[u0, v0]], sizes=[[u1 - u0, v1 - v0]], colors=[colour])
             self._put(f"{picture}/overlap", box)
+
+    def _look(self, pose: Array, look: Any) -> None:
+        """An arrow of a metre from Cf to where it should look, and the place where more would be gained."""
+        rr = self._rr
+        if look is None:
+            self._clear("world/look", "world/stand")
+            return
+        view, place = pose @ look.t_cf, pose[:3, :3] @ look.stand_at + pose[:3, 3]
+        label = f"look here: {look.gain:.2f} nats"
+        arrow = rr.Arrows3D(origins=[view[:3, 3]], vectors=[view[:3, 2]], colors=[LOOK], labels=[label])
+        self._put("world/look", arrow)
+        label = f"stand here: {look.stand_gain:.2f} nats"
+        self._put("world/stand", rr.Points3D([place], radii=0.05, colors=[LOOK], labels=[label]))
 
     def _map(self, landmarks: Any) -> None:
         self._ellipsoids("world/map", landmarks.points, landmarks.covariance, [(140, 150, 160)])

@@ -15,12 +15,13 @@ WORLDS = "worlds"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    from collabslam_lab import learned, paper_simulation, paper_worlds
+    from collabslam_lab import learned, paper_simulation, paper_worlds, wearers
     from collabslam_lab.paper_simulation.simulation_settings import SIMULATION
 
     simulated = [f"  {name:14} {text}" for name, text in paper_simulation.EXPERIMENTS.items()]
     rendered = [f"  {name:14} {text}" for name, text in paper_worlds.EXPERIMENTS.items()]
     by_learning = [f"  {name:14} {text}" for name, text in learned.EXPERIMENTS.items()]
+    worn = [f"  {name:14} {text}" for name, text in wearers.EXPERIMENTS.items()]
     settings = [
         f"  {key}={entry.default:g}{' ' + entry.unit if entry.unit else ''}: {entry.doc}"
         for key, entry in SIMULATION.items()
@@ -40,6 +41,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
             "what sets these worlds, beside recordings (needs --data):",
             f"  {WORLDS:14} what the tracker makes of worlds and of recordings",
             "",
+            "names of experiments about those who wear a camera:",
+            *worn,
+            "",
             "settings of the simulation:",
             *settings,
         ]
@@ -49,6 +53,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         *paper_worlds.EXPERIMENTS,
         *learned.EXPERIMENTS,
         WORLDS,
+        *wearers.EXPERIMENTS,
         "all",
         "paper",
     ]
@@ -92,7 +97,7 @@ def main(arguments: argparse.Namespace) -> int:
     """Run simulations and experiments, write their files, print their pages."""
     from collabslam.errors import SettingsError
     from collabslam.settings.table import parse_assignments
-    from collabslam_lab import learned, paper_simulation, paper_worlds
+    from collabslam_lab import learned, paper_simulation, paper_worlds, wearers
 
     jobs = (os.cpu_count() or 1) if arguments.jobs is None else arguments.jobs
     if WORLDS in arguments.names and arguments.data is None:
@@ -129,9 +134,19 @@ def main(arguments: argparse.Namespace) -> int:
         compare_worlds(
             arguments.data, arguments.out, jobs=jobs, engine=engine_of(arguments), quick=arguments.quick
         )
+    of_wearers = _asked(arguments.names, list(wearers.EXPERIMENTS))
+    if of_wearers:
+        wearers.run_experiments(
+            of_wearers,
+            arguments.out,
+            seed=arguments.seed,
+            jobs=jobs,
+            engine=engine_of(arguments),
+            quick=arguments.quick,
+        )
     return OK
 
 
-def _asked(names: list[str], known: list[str], every: str) -> list[str]:
+def _asked(names: list[str], known: list[str], every: str | None = None) -> list[str]:
     """Those of `known` that are asked for, in the order given; all if `every` is."""
     return known if every in names else [n for n in dict.fromkeys(names) if n in known]

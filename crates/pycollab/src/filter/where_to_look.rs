@@ -40,8 +40,8 @@ impl CandidateViews {
 
 #[pymethods]
 impl PyFilter {
-    /// (7, 7) float64, covariance of the pose over (translation m, rotation rad), right tangent of T_WC, and
-    /// of the scale's logarithm, as `scale_sd` has it; None without a map.
+    /// (7, 7) float64, covariance of the pose over (translation m, rotation rad), right tangent of T_WC,
+    /// and of the scale's logarithm, as `scale_sd` has it; None without a map.
     #[getter]
     fn pose_and_scale_covariance(&self, py: Python<'_>) -> PyResult<Option<Table>> {
         let covariance = self.read(py, |f| Ok(f.pose_and_scale_covariance()))?;

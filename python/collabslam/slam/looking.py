@@ -1,0 +1,130 @@
+"""Where the person with Cf should look next (METHOD section 23): the filter's answer in a person's terms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from collabslam._core import Filter
+from collabslam.formats.schema import Check, covariance, instance, optional, pose
+from collabslam.slam.state import PersistentState
+from collabslam.types import Array, WornView
+
+
+@dataclass(frozen=True)
+class Look:
+    """Where a person should look next, and where they should stand for more.
+
+    Attributes
+    ----------
+    gain : float
+        Expected decrease of half the logarithm of the determinant of the covariance of pose and scale, nats:
+        0.7 is half the uncertainty in one of their seven directions.
+    matches : float
+        Matches to be expected of that view.
+    t_cf : (4, 4) float64
+        That view: maps points of F into C, metres; its position is the person's present one.
+    right_deg, up_deg : float
+        The turn from where Cf looks now to there, about its own axes, degrees.
+    stand_at : (3,) float64
+        The best of the places around, looking at the middle of what Cs sees, metres in C.
+    stand_gain : float
+        What a view from there is expected to gain.
+    """
+
+    gain: float
+    matches: float
+    t_cf: Array
+    right_deg: float
+    up_deg: float
+    stand_at: Array
+    stand_gain: float
+
+
+DIAGNOSTICS = (
+    "look_right_deg",
+    "look_up_deg",
+    "look_gain",
+    "look_matches",
+    "look_stand_x",
+    "look_stand_y",
+    "look_stand_z",
+    "look_stand_gain",
+)
+"""Names of `counts`."""
+
+
+def counts(look: Look | None) -> dict[str, float]:
+    """The answer as diagnostics of a frame, NaN where there is none."""
+    if look is None:
+        return dict.fromkeys(DIAGNOSTICS, float("nan"))
+    numbers = (look.right_deg, look.up_deg, look.gain, look.matches, *look.stand_at.tolist(), look.stand_gain)
+    return dict(zip(DIAGNOSTICS, numbers, strict=True))
+
+
+@dataclass(frozen=True)
+class WornPose:
+    """Where Cf was when it was last measured: ``t_cf``, ``covariance`` and ``bias`` as of a `WornView`."""
+
+    t_cf: Array
+    covariance: Array
+    bias: Array | None
+
+
+class Looking(PersistentState):
+    """Remembers where Cf was last, and asks the filter where it should look.
+
+    Parameters
+    ----------
+    core : Filter
+    least : int
+        Fewest matches with which a view is used.
+    """
+
+    PERSISTENT: ClassVar[Mapping[str, Check]] = {
+        "_last": optional(
+            instance(WornPose, t_cf=pose, covariance=covariance(6), bias=optional(covariance(6)))
+        ),
+    }
+
+    def __init__(self, core: Filter, least: int) -> None:
+        self._filter, self._least = core, least
+        self._last: WornPose | None = None
+
+    def saw(self, worn: WornView | None) -> None:
+        """A frame came with this view."""
+        if worn is not None:
+            bias = None if worn.bias is None else np.array(worn.bias, np.float64)
+            t_cf, covariance = (np.array(a, np.float64) for a in (worn.t_cf, worn.covariance))
+            self._last = WornPose(t_cf, covariance, bias)
+
+    def ask(self) -> Look | None:
+        """The answer; None where nothing would be gained, or nobody knows where Cf is."""
+        worn = self._last
+        if worn is None:
+            return None
+        here, around = self._filter.where_to_look(worn.t_cf, worn.covariance, worn.bias, least=self._least)
+        if here.best is None:
+            return None
+        view = here.t_cf[here.best]
+        stand = around.best
+        return Look(
+            gain=float(here.gain[here.best]),
+            matches=float(here.matches[here.best]),
+            t_cf=view,
+            **_turn(worn.t_cf, view),
+            stand_at=(view if stand is None else around.t_cf[stand])[:3, 3],
+            stand_gain=float(here.gain[here.best] if stand is None else around.gain[stand]),
+        )
+
+
+def _turn(now: Array, then: Array) -> dict[str, Any]:
+    """The turn of the optical axis from one pose to another, as somebody who looks along ``now`` sees it."""
+    x, y, z = now[:3, :3].T @ then[:3, 2]
+    return {
+        "right_deg": float(np.degrees(np.arctan2(x, z))),
+        "up_deg": float(np.degrees(np.arctan2(-y, np.hypot(x, z)))),
+    }
