@@ -15,9 +15,12 @@ from conftest import Clip
 from collabslam import InputError, Slam
 from collabslam.live.clock import Exchange
 from collabslam.live.core import ClockReading, Event, LiveCore, LivePose, RobotFrame
-from collabslam.live.downlink import VIEW_WIDTH, view_picture
+from collabslam.live.downlink import VIEW_WIDTH, status_of, view_picture
+from collabslam.live.messages import status_from
 from collabslam.live.slam import BOUNDS, LiveSlam
 from collabslam.live.views import BROKEN, EARLY, LATE, NO_CLOCK, OTHER, REFUSED, REPEATED, SURPLUS, LiveView
+from collabslam.settings.table import Settings
+from collabslam.slam.looking import DIAGNOSTICS
 from collabslam.types import Frame, WornView
 
 FRAMES = 14
@@ -291,3 +294,17 @@ def test_the_picture_joins_what_both_see(clip: Clip, frames: list[Frame]) -> Non
     u, v, u_f, v_f = scale * pairs[0]
     middle = round(0.5 * (v + v_f)), round(0.5 * (u + u_f + VIEW_WIDTH))
     assert np.abs(with_lines - without)[middle].max() > 40
+
+
+def test_the_status_says_where_to_look_where_the_run_asks_for_it(clip: Clip, frames: list[Frame]) -> None:
+    camera, worn_camera = clip.recording.camera, clip.recording.worn_camera
+    asked = Settings.default().replace({"frontend.worn.where_to_look": True})
+    for settings in (None, asked):
+        core = LiveCore(Slam(camera, worn_camera, settings=settings), same_clock=True)
+        pose = fed(core, events(frames[:4]))[-1]
+        robot_says = status_from(status_of(pose, {}, {}))["robot"]
+        said = {name for name in robot_says if name.startswith("look_")}
+        assert said == (set(DIAGNOSTICS) if settings else set())
+    assert float(robot_says["look_right_deg"]) == pytest.approx(
+        pose.step.diagnostics["look_right_deg"], rel=1e-3
+    )

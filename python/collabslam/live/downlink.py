@@ -11,6 +11,7 @@ import numpy as np
 
 from collabslam.live import link, messages, names
 from collabslam.live.core import LivePose
+from collabslam.slam import looking
 from collabslam.slam.engine import Slam
 
 STATUS_EVERY, MAP_EVERY, VIEW_EVERY = 0.5, 2.0, 0.3
@@ -86,6 +87,7 @@ def status_of(pose: LivePose, facts: Mapping[str, Any], devices: Mapping[str, An
         "accepted": step.diagnostics.get("accepted", 0),
         "cf_matches": step.diagnostics.get("cf_matches", 0),
         "ms": f"{step.diagnostics.get('ms_total', 0.0):.1f}",
+        **_look(step.diagnostics),
         **facts,
     }
     entries = {"robot": (step.status.value, step.status.value, values)}
@@ -93,6 +95,12 @@ def status_of(pose: LivePose, facts: Mapping[str, Any], devices: Mapping[str, An
         rounded = {k: f"{v:.6g}" if isinstance(v, float) else v for k, v in report.items()}
         entries[name] = ("OK", pose.link, rounded)
     return messages.status(step.t, entries)
+
+
+def _look(diagnostics: Mapping[str, Any]) -> dict[str, str]:
+    """Where the person should look, in a run that says so, as far as it is known now."""
+    values = {name: float(diagnostics.get(name, np.nan)) for name in looking.DIAGNOSTICS}
+    return {name: f"{value:.4g}" for name, value in values.items() if np.isfinite(value)}
 
 
 def view_picture(pose: LivePose) -> bytes:

@@ -75,11 +75,20 @@ function take(message, from) {
   if (message.facts) {
     const own = Object.entries(message.facts).filter(([name]) => shown.has(name) || name.includes(":"));
     facts({ "images sent": sent, ...Object.fromEntries(own) });
+    look(message.facts);
   }
 }
 
 function due(now) {
   return socket && !busy && socket.bufferedAmount <= 60000 && now - last >= 900 / level.rate;
+}
+
+// An arrow to where this camera should look, as its picture stands on the screen; none where the robot does not say it.
+function look(said) {
+  const right = Number(said["look right deg"]), up = Number(said["look up deg"]), turn = Math.round(Math.hypot(right, up));
+  document.getElementById("look").hidden = !Number.isFinite(turn);
+  document.getElementById("arrow").style.transform = `rotate(${Math.atan2(right, up)}rad)`;
+  document.getElementById("turn").textContent = `Turn by ${turn} degrees.`;
 }
 
 function frame(now, data) {
