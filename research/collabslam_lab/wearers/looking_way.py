@@ -25,7 +25,7 @@ from collabslam_lab.processes import use_one_thread
 RATE, SPEED = 10.0, 1.5
 FIRST, EVERY = 5, 10
 """Frame of the first look, and frames from one to the next."""
-STARTS = (0.0, 1.5, 3.0, 4.5, 6.0, 7.5, 9.0, 10.5)
+STARTS = (0.0, 1.5, 3.0, 4.5, 6.0, 7.5)
 """Times of the walk at which the ways begin, seconds."""
 LEAST = 8
 """The setting ``frontend.worn.min_matches``."""
