@@ -1,7 +1,8 @@
 """A way down the demo's corridor on which the person looks where a policy says, once a second.
 
-Cf is beside Cs all the time and its pose is always measured; its picture is taken in the first frame and at
-the looks only.  All policies meet the same noise: that of a look is drawn by way and frame.
+Cf is beside Cs all the time and its pose is always measured; its picture is taken ahead until the map has
+started, and then at the looks only.  All policies meet the same noise: that of a look is drawn by way and
+frame.
 """
 
 from __future__ import annotations
@@ -17,23 +18,25 @@ from collabslam.demo.recording import DemoRecording, measured_pose
 from collabslam.demo.renderer import Renderer
 from collabslam.demo.walk import CorridorWalk
 from collabslam.demo.world import corridor
-from collabslam.geometry import pose_inverse
+from collabslam.geometry import pose_inverse, rotation_exp
 from collabslam.slam.engine import Slam
 from collabslam.types import Array, Image, WornView
 from collabslam_lab.processes import use_one_thread
 
 RATE, SPEED = 10.0, 1.5
 FIRST, EVERY = 5, 10
-"""Frame of the first look, and frames from one to the next."""
+"""Frames from the start to the first look, and from one look to the next."""
 STARTS = (0.0, 1.5, 3.0, 4.5, 6.0, 7.5)
-"""Times of the walk at which the ways begin, seconds."""
+"""Times of the walk at which the ways begin in turn, seconds."""
 LEAST = 8
 """The setting ``frontend.worn.min_matches``."""
 KNOWN = 1e-4
 """As in the core's ``look``: what is known better counts as known."""
-POLICIES = ("never", "ahead", "random", "cue", "best")
-DRAWS = 3
-"""Ways of the policy ``random``, each with other directions."""
+POLICIES = ("never", "anywhere", "random", "ahead", "cue", "best")
+DRAWS = 2
+"""Ways of the policies ``anywhere`` and ``random``, each with other directions."""
+BEST = 12
+"""The best choice is asked for on so many ways: it takes as long as all the others."""
 
 
 @dataclass
@@ -42,8 +45,9 @@ class Looked:
 
     Attributes
     ----------
-    error : float
-        Mean error of the position, metres.
+    error, sd : float
+        Of the position from the first look on, RMS over the frames, metres: the real one, and what the
+        filter says.
     foretold, gained : list of float
         Of each view that was tried, nats.
     expected, matched : list of float
@@ -53,6 +57,7 @@ class Looked:
     """
 
     error: float = float("nan")
+    sd: float = float("nan")
     foretold: list[float] = field(default_factory=list)
     gained: list[float] = field(default_factory=list)
     expected: list[float] = field(default_factory=list)
@@ -60,7 +65,8 @@ class Looked:
     ms: list[float] = field(default_factory=list)
 
 
-Choice = Callable[["Way", int, Slam, CandidateViews], int | None]
+Choice = Callable[["Way", int, Slam, CandidateViews], Array | None]
+"""The attitude (3, 3) in C of the look in a frame, of the views that are offered; None does not look."""
 
 
 class Way:
@@ -69,17 +75,18 @@ class Way:
     Parameters
     ----------
     number : int
-        Of `STARTS`.
+        Each has noise of its own; where it begins is `STARTS` in turn.
     frames : int
     seed : int
     """
 
     def __init__(self, number: int, frames: int, seed: int) -> None:
         self._seed = (seed, number)
+        own = int(np.random.SeedSequence(self._seed).generate_state(1)[0])
         length = SPEED * (STARTS[-1] + 0.1 * frames) + 1.0
-        times = STARTS[number] + np.arange(frames) / RATE
+        times = STARTS[number % len(STARTS)] + np.arange(frames) / RATE
         renderer, walk = Renderer(corridor(length)), CorridorWalk(SPEED)
-        self.recording = DemoRecording(renderer, walk, times, f"way-{number}", seed)
+        self.recording = DemoRecording(renderer, walk, times, f"way-{number}", own)
         self.pictures: list[Image] = [self.recording.image(i) for i in range(frames)]
         self.result = Looked()
 
@@ -105,21 +112,36 @@ class Way:
         """The whole way, looking where ``choice`` says."""
         recording, self.result = self.recording, Looked()
         slam = Slam(recording.camera, recording.worn_camera)
-        errors = []
+        errors, variances = [], []
         for i, picture in enumerate(self.pictures):
-            worn = self.view(i, np.eye(3)) if i == 0 else None
-            if i >= FIRST and (i - FIRST) % EVERY == 0:
+            worn = None if slam.filter.started else self.view(i, np.eye(3))
+            since = len(errors)
+            if since >= FIRST and (since - FIRST) % EVERY == 0:
                 t_cf, covariance = self.measured(i)
                 began = time.perf_counter()
                 here, _ = slam.filter.where_to_look(t_cf, covariance, least=LEAST)
                 self.result.ms.append(1e3 * (time.perf_counter() - began))
-                chosen = choice(self, i, slam, here)
-                worn = None if chosen is None else self.view(i, here.t_cf[chosen][:3, :3])
-            pose = slam.step(float(recording.times[i]), picture, worn).pose
-            true = pose_inverse(recording.truth[0]) @ recording.truth[i]
-            errors.append(float(np.linalg.norm(pose[:3, 3] - true[:3, 3])))
-        self.result.error = float(np.mean(errors[FIRST:]))
+                attitude = choice(self, i, slam, here)
+                worn = None if attitude is None else self.view(i, attitude)
+            step = slam.step(float(recording.times[i]), picture, worn)
+            if not slam.filter.started:
+                continue
+            if not errors:
+                origin = pose_inverse(recording.truth[i])
+            errors.append(step.pose[:3, 3] - (origin @ recording.truth[i])[:3, 3])
+            variances.append(np.trace(step.covariance[:3, :3]))
+        self.result.error = float(np.sqrt(np.mean(np.sum(np.square(errors[FIRST:]), axis=1))))
+        self.result.sd = float(np.sqrt(np.mean(variances[FIRST:])))
         return self.result
+
+    def landmarks_in(self, i: int, slam: Slam, attitudes: Array) -> Array:
+        """How many landmarks that Cs sees are in Cf's image in frame ``i``, for each attitude (N, 3, 3)."""
+        points = slam.landmarks().points - slam.filter.pose[:3, 3]
+        points = points @ slam.filter.pose[:3, :3]
+        points = points[self.recording.camera.project(points).visible]
+        away = points - self.measured(i)[0][:3, 3]
+        camera = self.recording.worn_camera
+        return np.array([camera.project(away @ attitude).visible.sum() for attitude in attitudes])
 
     def gains(self, i: int, slam: Slam, here: CandidateViews) -> Array:
         """What each view would really gain in frame ``i``: all are taken, each by a copy of the engine."""
@@ -145,41 +167,59 @@ def log_det(slam: Slam) -> float:
     return 0.5 * float(np.linalg.slogdet(covariance + KNOWN**2 * np.eye(len(covariance)))[1])
 
 
-def _never(way: Way, i: int, slam: Slam, here: CandidateViews) -> int | None:
+def directions() -> Array:
+    """Attitudes (N, 3, 3) in C every 15 degrees around and up to 60 degrees up and down, level with C."""
+    turns = np.deg2rad([(up, right) for up in range(-60, 61, 15) for right in range(0, 360, 15)])
+    return np.array([rotation_exp([0.0, right, 0.0]) @ rotation_exp([up, 0.0, 0.0]) for up, right in turns])
+
+
+def _never(way: Way, i: int, slam: Slam, here: CandidateViews) -> Array | None:
     return None
 
 
-def _ahead(way: Way, i: int, slam: Slam, here: CandidateViews) -> int | None:
-    turns = np.abs(here.t_cf[:, :3, :3] - np.eye(3)).sum(axis=(1, 2))
-    return int(np.argmin(turns)) if len(turns) else None
+def _ahead(way: Way, i: int, slam: Slam, here: CandidateViews) -> Array | None:
+    return np.eye(3)
 
 
-def _cue(way: Way, i: int, slam: Slam, here: CandidateViews) -> int | None:
-    return here.best
+def _cue(way: Way, i: int, slam: Slam, here: CandidateViews) -> Array | None:
+    return None if here.best is None else here.t_cf[here.best][:3, :3]
 
 
-def _best(way: Way, i: int, slam: Slam, here: CandidateViews) -> int | None:
+def _best(way: Way, i: int, slam: Slam, here: CandidateViews) -> Array | None:
     gains = way.gains(i, slam, here)
-    return int(np.argmax(gains)) if len(gains) else None
+    return here.t_cf[int(np.argmax(gains))][:3, :3] if len(gains) else None
+
+
+def _anywhere(generator: np.random.Generator) -> Choice:
+    def choose(way: Way, i: int, slam: Slam, here: CandidateViews) -> Array | None:
+        return np.array(generator.choice(directions()))
+
+    return choose
 
 
 def _random(generator: np.random.Generator) -> Choice:
-    def choose(way: Way, i: int, slam: Slam, here: CandidateViews) -> int | None:
-        return int(generator.integers(len(here.gain))) if len(here.gain) else None
+    def choose(way: Way, i: int, slam: Slam, here: CandidateViews) -> Array | None:
+        attitudes = directions()
+        attitudes = attitudes[way.landmarks_in(i, slam, attitudes) > 0]
+        return np.array(generator.choice(attitudes)) if len(attitudes) else None
 
     return choose
 
 
 def look_along(number: int, frames: int, seed: int) -> dict[str, list[Looked]]:
-    """All policies on one way; also the work of a child process."""
+    """All policies on one way, the best choice on the first `BEST` only; also the work of a child process."""
     use_one_thread()
     way = Way(number, frames, seed)
-    draws = [np.random.Generator(np.random.PCG64((seed, number, 7, draw))) for draw in range(DRAWS)]
+
+    def drawn(kind: int) -> list[np.random.Generator]:
+        return [np.random.Generator(np.random.PCG64((seed, number, kind, draw))) for draw in range(DRAWS)]
+
     choices: dict[str, list[Choice]] = {
         "never": [_never],
+        "anywhere": [_anywhere(generator) for generator in drawn(8)],
+        "random": [_random(generator) for generator in drawn(7)],
         "ahead": [_ahead],
-        "random": [_random(draw) for draw in draws],
         "cue": [_cue],
-        "best": [_best],
+        "best": [_best] if number < BEST else [],
     }
     return {policy: [way.go(choice) for choice in choices[policy]] for policy in POLICIES}
