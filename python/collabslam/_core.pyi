@@ -445,7 +445,7 @@ class Filter:
     def where_to_look(
         self, t_cf: ArrayLike, covariance: ArrayLike, bias: ArrayLike | None = None, *, least: int = 0
     ) -> tuple[CandidateViews, CandidateViews]:
-        """Views of Cf that a person could offer next, and how much each would tell (METHOD 23).
+        """Views of Cf that a person could offer next, and how much each would tell (METHOD 24).
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Where to look (METHOD section 23) on the demo: asked for, in every frame, and left out."""
+"""Where to look (METHOD section 24) on the demo: asked for, in every frame, and left out."""
 
 from __future__ import annotations
 

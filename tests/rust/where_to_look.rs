@@ -1,4 +1,4 @@
-//! Where to look (METHOD 23): what is foretold of a view is what its update does.
+//! Where to look (METHOD 24): what is foretold of a view is what its update does.
 
 use crate::scene::{camera, settings, worn_covariance};
 use ekf_core::look::{CandidateView, Look};

@@ -1,4 +1,4 @@
-"""Where the person with Cf should look next (METHOD section 23): the filter's answer in a person's terms."""
+"""Where the person with Cf should look next (METHOD section 24): the filter's answer in a person's terms."""
 
 from __future__ import annotations
 

@@ -143,7 +143,7 @@ class EngineParts:
 
     @alone
     def where_to_look(self) -> Look | None:
-        """Where the person who wears Cf should look next, as far as pose and scale are concerned (METHOD 23).
+        """Where the person who wears Cf should look next, as far as pose and scale are concerned (METHOD 24).
 
         Cf is taken to be where its last view was taken from, relative to Cs.  It takes a millisecond or two
         and changes nothing.  With the setting ``frontend.worn.where_to_look`` the diagnostics of each frame

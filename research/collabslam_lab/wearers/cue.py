@@ -1,4 +1,4 @@
-"""Where to look: is the foretold gain the real one, and does following it help? METHOD, section 23."""
+"""Where to look: is the foretold gain the real one, and does following it help? METHOD, section 24."""
 
 from __future__ import annotations
 

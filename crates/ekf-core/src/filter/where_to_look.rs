@@ -1,4 +1,4 @@
-//! Where a person should look next (METHOD 23).
+//! Where a person should look next (METHOD 24).
 
 use super::ekf::Filter;
 use crate::error::EkfError;

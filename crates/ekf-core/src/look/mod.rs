@@ -1,4 +1,4 @@
-//! Where the worn camera should look (METHOD 23): of the views of Cf that a person could offer next, the one that leaves
+//! Where the worn camera should look (METHOD 24): of the views of Cf that a person could offer next, the one that leaves
 //! camera and scale best known.
 //!
 //! ```text

@@ -1,4 +1,4 @@
-//! Where the worn camera should look (METHOD 23).
+//! Where the worn camera should look (METHOD 24).
 
 use super::PyFilter;
 use crate::arrays_in::{Argument, covariance6, pose};
@@ -48,7 +48,7 @@ impl PyFilter {
         Ok(covariance.map(|covariance| to_matrix(py, &covariance)))
     }
 
-    /// Views of Cf that a person could offer next, and how much each would tell (METHOD 23).
+    /// Views of Cf that a person could offer next, and how much each would tell (METHOD 24).
     ///
     /// Parameters
     /// ----------
