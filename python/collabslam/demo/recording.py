@@ -111,8 +111,18 @@ def measured_pose(
 
     Standard deviations are of the position along each axis, metres, and about F's axes, degrees.
     """
+    return pose_with_error(true, generator.standard_normal(6), position_sd, rotation_sd)
+
+
+def pose_with_error(
+    true: Array,
+    error: Array,
+    position_sd: float = POSITION_SD,
+    rotation_sd: tuple[float, float, float] = ROTATION_SD,
+) -> tuple[Array, Array]:
+    """As `measured_pose`, with this error (6,) in standard deviations."""
     sd = np.concatenate([np.full(3, position_sd), np.deg2rad(rotation_sd)])
-    error = se3_exp(sd * generator.standard_normal(6))
+    error = se3_exp(sd * error)
     measured = np.eye(4)
     measured[:3, :3] = true[:3, :3] @ error[:3, :3].T
     measured[:3, 3] = true[:3, 3] - measured[:3, :3] @ error[:3, 3]
