@@ -422,7 +422,7 @@ class Slam(EngineParts):
     ) -> StepResult:
         scale_sd = self.filter.scale_sd
         if self._options.worn.where_to_look:
-            counts = {**counts, **look_counts(self._look())}
+            counts = {**counts, **look_counts(self._next_look())}
             times.done("look")
         sizes = {"map_size": self.filter.map_size, "candidates": self.filter.candidate_count}
         return StepResult(

@@ -154,9 +154,9 @@ class EngineParts:
         Look or None
             None before the start, while LOST, before the first view of Cf, and where no view would help.
         """
-        return self._look()
+        return self._next_look()
 
-    def _look(self) -> Look | None:
+    def _next_look(self) -> Look | None:
         return None if self._monitor.lost else self._looking.ask()
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:

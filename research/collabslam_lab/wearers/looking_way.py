@@ -109,7 +109,8 @@ class Way:
         together, row = divmod(number, 6)
         generator = np.random.Generator(np.random.PCG64((seed, together, i, 6)))
         q, r = np.linalg.qr(generator.standard_normal((6, 6)))
-        return np.sqrt(6.0) * (q * np.sign(np.diag(r)))[row]
+        error: Array = np.sqrt(6.0) * (q * np.sign(np.diag(r)))[row]
+        return error
 
     def _true(self, i: int) -> Array:
         true = np.eye(4)
@@ -120,7 +121,8 @@ class Way:
         """The whole way, looking where ``choice`` says."""
         recording, self.result = self.recording, Looked()
         slam = Slam(recording.camera, recording.worn_camera)
-        errors, variances = [], []
+        errors: list[Array] = []
+        variances: list[float] = []
         for i, picture in enumerate(self.pictures):
             worn = None if slam.filter.started else self.view(i, np.eye(3))
             since = len(errors)
@@ -137,7 +139,7 @@ class Way:
             if not errors:
                 origin = pose_inverse(recording.truth[i])
             errors.append(step.pose[:3, 3] - (origin @ recording.truth[i])[:3, 3])
-            variances.append(np.trace(step.covariance[:3, :3]))
+            variances.append(float(np.trace(step.covariance[:3, :3])))
         self.result.error = float(np.sqrt(np.mean(np.sum(np.square(errors[FIRST:]), axis=1))))
         self.result.sd = float(np.sqrt(np.mean(variances[FIRST:])))
         return self.result
