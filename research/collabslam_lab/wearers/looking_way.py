@@ -93,7 +93,7 @@ class Way:
 
     def measured(self, i: int) -> tuple[Array, Array]:
         """Measured T_CF of frame ``i`` for a Cf that looks as Cs does, and its covariance."""
-        return pose_with_error(self._true(i), self._error(i))
+        return pose_with_error(self._true(i), t_cf_error(*self._seed, i))
 
     def view(self, i: int, attitude: Array) -> WornView:
         """Cf's view in frame ``i``, looking along ``attitude`` (3, 3) in C."""
@@ -101,16 +101,7 @@ class Way:
         true[:3, :3] = attitude
         generator = np.random.Generator(np.random.PCG64((*self._seed, i)))
         picture = self.recording.worn_picture_at(self.recording.truth[i] @ true, generator)
-        return WornView(picture, *pose_with_error(true, self._error(i)))
-
-    def _error(self, i: int) -> Array:
-        """Of T_CF in frame ``i``, in standard deviations: a row of a random rotation of six dimensions."""
-        seed, number = self._seed
-        together, row = divmod(number, 6)
-        generator = np.random.Generator(np.random.PCG64((seed, together, i, 6)))
-        q, r = np.linalg.qr(generator.standard_normal((6, 6)))
-        error: Array = np.sqrt(6.0) * (q * np.sign(np.diag(r)))[row]
-        return error
+        return WornView(picture, *pose_with_error(true, t_cf_error(*self._seed, i)))
 
     def _true(self, i: int) -> Array:
         true = np.eye(4)
@@ -168,6 +159,15 @@ class Way:
         self.result.expected += here.matches.tolist()
         self.result.gained += gains.tolist()
         return gains
+
+
+def t_cf_error(seed: int, number: int, i: int) -> Array:
+    """Error (6,) of T_CF in a frame of a way, in standard deviations: a row of a random rotation."""
+    together, row = divmod(number, 6)
+    generator = np.random.Generator(np.random.PCG64((seed, together, i, 6)))
+    q, r = np.linalg.qr(generator.standard_normal((6, 6)))
+    error: Array = np.sqrt(6.0) * (q * np.sign(np.diag(r)))[row]
+    return error
 
 
 def log_det(slam: Slam) -> float:
