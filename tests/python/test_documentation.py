@@ -30,6 +30,7 @@ from collabslam.cli import main as cli
 from collabslam.datasets import write_recording
 from collabslam.datasets.calibration import sensor_mapping
 from collabslam.demo import demo_run
+from collabslam_lab import wearers
 from collabslam_lab.benchmark import evaluate
 from collabslam_lab.cli import main as lab
 from collabslam_lab.learned import viewpoints
@@ -141,6 +142,7 @@ def there(place: Path, clip: Clip, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(evaluate.descriptors, "measure_all", lambda *_: ([], []))
     monkeypatch.setattr(evaluate.blackout, "measure_all", lambda *_: ([], []))
     monkeypatch.setattr(viewpoints, "reproduce", lambda *_, **__: "")
+    monkeypatch.setattr(wearers, "run_experiments", lambda *_, **__: {})
     return place
 
 

@@ -15,7 +15,7 @@ from collabslam_lab.figures.finding import Finding, Table
 from collabslam_lab.wearers.looking_way import EVERY, POLICIES, RATE, Looked, look_along
 
 FRAMES, QUICK_FRAMES = 45, 17
-WAYS, QUICK_WAYS = 48, 2
+WAYS, QUICK_WAYS = 24, 2
 RESAMPLED = 2000
 """Drawings of ways for an interval."""
 AIMS = {"gain_correlation": 0.7, "error_over_random": 0.7, "error_over_best": 1.1, "ms": 5.0}
