@@ -29,6 +29,29 @@ def test_an_offset_is_of_the_image_and_of_t_cf() -> None:
     assert not np.array_equal(frame.worn.image, honest.worn.image)
 
 
+def test_views_of_any_time_tell_as_much_and_are_honest_about_it() -> None:
+    # What their error is over many draws of the noise, the core's own test says: here a draw counts for more.
+    rows = list(clocks.clock_rows([0, 1, 2], clocks.FEW_CLOCKS, 40))
+    scores = {
+        clock: clocks.pooled(
+            [
+                row
+                for row in rows
+                if row["rate_hz"] == clock.rate
+                and row["late_s"] == clock.late
+                and row["phase_s"] == clock.phase
+            ]
+        )
+        for clock in (clocks.TOGETHER, *clocks.FEW_CLOCKS)
+    }
+    together = scores[clocks.TOGETHER]
+    for clock, score in scores.items():
+        fewer = np.sqrt(max(1.0, clocks.TOGETHER.rate / clock.rate))
+        assert score.claimed < 1.2 * fewer * together.claimed, clock
+        assert 0.5 < score.nees < 9.0, clock  # 6 is expected
+    assert min(row["ok_share"] for row in rows) > 0.7  # views that are 0.95 s late start a filter so late
+
+
 def test_scores_are_pooled_over_frames() -> None:
     rows = [
         {"frames": 1, "sum_square_m2": 9.0, "sum_variance_m2": 4.0, "sum_nees": 5.0},

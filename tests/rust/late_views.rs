@@ -49,15 +49,54 @@ fn view(
 
 type Known = std::collections::BTreeMap<u64, usize>;
 
-/// Frames of a warm filter with a view of Cf that is `late` by so many seconds in each; mean error and mean NEES.
-fn run(seed: u64, late: f64, frames: usize, changes: &[(&str, Value)]) -> (f64, f64, Warm) {
+/// When Cf takes its views, and how much later they come: views per second, seconds, seconds.
+#[derive(Clone, Copy, Debug)]
+struct Clock {
+    rate: f64,
+    phase: f64,
+    late: f64,
+}
+
+/// Every view is of a frame's instant, and there at once.
+const TOGETHER: Clock = Clock {
+    rate: 1.0 / DT,
+    phase: 0.0,
+    late: 0.0,
+};
+
+/// A view at each frame, taken so many seconds before it.
+fn late_by(late: f64) -> Clock {
+    Clock {
+        phase: (-late).rem_euclid(DT),
+        late,
+        ..TOGETHER
+    }
+}
+
+impl Clock {
+    /// Number of the newest view that has come by `t`, and when it was taken.
+    fn newest(self, t: f64) -> (f64, f64) {
+        let number = ((t - self.late - self.phase) * self.rate + 1e-6).floor();
+        (number, self.phase + number / self.rate)
+    }
+}
+
+/// Frames of a warm filter, each with the newest view of Cf that has come since the one before; mean of the squared error, and
+/// mean NEES.
+fn run(seed: u64, clock: Clock, frames: usize, changes: &[(&str, Value)]) -> (f64, f64, Warm) {
     let mut warm = warm(seed, changes);
     let (mut errors, mut nees) = (0.0, 0.0);
+    let mut last = clock.newest(warm.t - DT).0;
     for _ in 0..frames {
-        let (mut z, mut points) = warm.scene.measure(warm.t, &warm.known, late == 0.0);
-        let taken = warm.t - late;
+        let (number, taken) = clock.newest(warm.t);
+        let is_new = number > last;
+        let is_present = (warm.t - taken).abs() < 1e-9;
+        last = number;
+        let (mut z, mut points) = warm
+            .scene
+            .measure(warm.t, &warm.known, is_new && is_present);
         let kept: Vec<f64> = warm.filter.kept_times().chain([warm.t]).collect();
-        if late > 0.0 && kept[0] <= taken {
+        if is_new && !is_present && kept[0] <= taken {
             let nearest = kept.iter().copied();
             let nearest = nearest.min_by(|a, b| (a - taken).abs().total_cmp(&(b - taken).abs()));
             let frame = nearest.expect("the present frame is one");
@@ -70,7 +109,7 @@ fn run(seed: u64, late: f64, frames: usize, changes: &[(&str, Value)]) -> (f64, 
             warm.known.remove(&id);
         }
         let (off, of_pose) = error(&warm);
-        errors += off / frames as f64;
+        errors += off * off / frames as f64;
         nees += of_pose / frames as f64;
         warm.filter.keep_pose(1.0);
         warm.next_frame();
@@ -80,31 +119,39 @@ fn run(seed: u64, late: f64, frames: usize, changes: &[(&str, Value)]) -> (f64, 
 
 #[test]
 fn they_are_worth_as_much_as_those_of_the_frames_own_instant() {
-    let seeds = 0..12;
-    let mean = |late: f64| {
+    let seeds = 30;
+    let rms = |clock: Clock| {
         let (mut off, mut nees) = (0.0, 0.0);
-        for seed in seeds.clone() {
-            let (of_run, of_pose, _) = run(seed, late, 30, &[]);
-            off += of_run / 12.0;
-            nees += of_pose / 12.0;
+        for seed in 0..seeds {
+            let (of_run, of_pose, _) = run(seed, clock, 30, &[]);
+            off += of_run / seeds as f64;
+            nees += of_pose / seeds as f64;
         }
-        (off, nees)
+        (off.sqrt(), nees)
     };
-    let (present, _) = mean(0.0);
-    for late in [0.03, 0.1, 0.37, 0.95] {
-        let (off, nees) = mean(late);
-        println!("late by {late}: {off} against {present}, NEES {nees}");
-        assert!(
-            off < 1.2 * present,
-            "late by {late}: {off} against {present}"
-        );
-        assert!(nees < 9.0, "late by {late}: NEES {nees}");
+    let (present, _) = rms(TOGETHER);
+    let clocks = [
+        (10.0, 0.07, 0.0),
+        (10.0, 0.0, 0.1),
+        (10.0, 0.03, 0.4),
+        (10.0, 0.05, 0.9),
+        (7.0, 0.02, 0.0),
+        (7.0, 0.02, 0.5),
+        (30.0, 0.01, 0.3),
+        (30.0, 0.01, 0.95),
+    ];
+    for (rate, phase, late) in clocks {
+        let clock = Clock { rate, phase, late };
+        let (off, nees) = rms(clock);
+        println!("{clock:?}: {off} against {present}, NEES {nees}");
+        assert!(off < 1.2 * present, "{clock:?}: {off} against {present}");
+        assert!(nees > 3.0 && nees < 7.5, "{clock:?}: NEES {nees}");
     }
 }
 
 #[test]
 fn a_feature_may_be_born_of_an_earlier_frame() {
-    let (_, _, mut warm) = run(3, 0.33, 12, &[]);
+    let (_, _, mut warm) = run(3, late_by(0.33), 12, &[]);
     let frame = warm.filter.kept_times().nth(3).expect("poses are kept");
     let (mut worn, points) = view(&mut warm.scene, &Known::new(), frame, frame);
     worn.capture = Some(Capture {
@@ -139,7 +186,7 @@ fn bits(filter: &Filter) -> Vec<u8> {
 
 #[test]
 fn a_filter_that_keeps_poses_goes_on_from_a_snapshot_and_from_a_checkpoint() {
-    let (_, _, mut warm) = run(5, 0.37, 15, &[]);
+    let (_, _, mut warm) = run(5, late_by(0.37), 15, &[]);
     let mut again = Filter::restore(&bits(&warm.filter)).expect("a snapshot");
     warm.filter.checkpoint();
     let before = bits(&warm.filter);
@@ -170,7 +217,7 @@ fn a_filter_that_keeps_poses_goes_on_from_a_snapshot_and_from_a_checkpoint() {
 fn a_local_update_gives_what_a_full_one_does() {
     let local = [("map.local_from", Value::Int(4))];
     let full = [("map.local_from", Value::Int(1_000_000))];
-    let [a, b] = [&local[..], &full[..]].map(|changes| run(9, 0.42, 25, changes).2.filter);
+    let [a, b] = [&local[..], &full[..]].map(|changes| run(9, late_by(0.42), 25, changes).2.filter);
     let (a, b) = (a.state(), b.state());
     assert_eq!(a.mean().len(), b.mean().len());
     let off = (a.covariance().to_dense() - b.covariance().to_dense())
