@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from collabslam.checks import lengths, matching, robot, views
 from collabslam.checks.alone import focal_range
 from collabslam.checks.calibration import check_calibration
 from collabslam.checks.mistakes import BODY_FROM_OPTICAL, OPTICAL_FROM_BODY, Eye, mirrored
+from collabslam.checks.trials import clock_trials
 from collabslam.cli import main as cli
 from collabslam.datasets.poses import interpolate_track
 from collabslam.datasets.wrapped import WrappedRecording
@@ -314,3 +316,15 @@ def test_images_that_stand_still_tell_no_focal_length(tmp_path: Path) -> None:
     image = np.random.default_rng(1).integers(0, 255, (120, 160), np.uint8)
     camera = Camera("pinhole", 160, 120, (100.0, 100.0, 79.5, 59.5))
     assert focal_range(lambda k: image, range(12), Eye(camera)) is None
+
+
+def test_without_true_poses_a_clock_may_be_a_focal_length() -> None:
+    """A frame later everything straight ahead is larger, as with a longer focal length."""
+    views: Any = [SimpleNamespace(matches={-1: None, 0: None, 1: None, 2: None})]
+    for alone in (True, False):
+        trials = list(clock_trials(cast(Any, (None, None)), views, 0.1, alone=alone))
+        images = [trial for trial in trials if "images" in trial.fault]
+        named = {trial.fault for trial in images if "focal length" in trial.remedy}
+        assert len(images) == 6
+        assert all("0.10 s" in fault for fault in named)
+        assert len(named) == (2 if alone else 0)
