@@ -16,11 +16,12 @@ from collabslam._core import Camera
 from collabslam.datasets import write_recording
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.errors import DataError
+from collabslam.geometry import rotation_exp
 from collabslam.types import Array, Image
 from collabslam_lab.cli import main as cli
 from collabslam_lab.peers import environments
 from collabslam_lab.peers.prepared import Found, run_script, write_job
-from collabslam_lab.peers.scored import scored
+from collabslam_lab.peers.scored import apart, scored
 from collabslam_lab.peers.systems import PEERS, SCRIPTS
 from collabslam_lab.peers.undistorted import Undistorted
 from collabslam_lab.peers.vocabulary import BRANCHES, train, write_vocabulary
@@ -43,8 +44,11 @@ if script.name == "svo.py":
     print("out of memory")
     sys.exit(3)
 name, frames = ("final", job["few"]) if script.name == "colmap.py" else ("live", range(len(images)))
-places = {{k: (0.5 * truth[k] + 7).tolist() for k in frames[1:]}}
-(folder / "found.json").write_text(json.dumps({{name: places, "cpu": 0.5, "wall": [0.01] * len(images)}}))
+places = {{k: (0.5 * truth[k, :3, 3] + 7).tolist() for k in frames[1:]}}
+found = {{name: places, "cpu": 0.5, "wall": [0.01] * len(images)}}
+if script.name == "colmap.py":
+    found["turns"] = {{k: (np.diag([1, -1, -1]) @ truth[k, :3, :3]).tolist() for k in places}}
+(folder / "found.json").write_text(json.dumps(found))
 """
 
 
@@ -71,7 +75,7 @@ def table(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> list[dict[str
     place = tmp_path_factory.mktemp("peers")
     write_recording(Walk(clip, FRAMES), place / "data" / "walk")
     (place / "data" / "evaluate.yaml").write_text(PLAN)
-    np.save(place / "truth.npy", clip.recording.truth[:FRAMES, :3, 3])
+    np.save(place / "truth.npy", clip.recording.truth[:FRAMES])
     made_up(place / "envs", place / "truth.npy")
     words = ["--out", str(place / "out"), "--envs", str(place / "envs"), "--offline-frames", "6"]
     assert cli.main(["peers", str(place / "data"), "--systems", "collabslam,svo", *words]) == 0
@@ -91,6 +95,10 @@ def test_every_system_has_a_row(table: list[dict[str, object]]) -> None:
     assert mono["ate_se3_pct"] is None  # one camera alone has no scale
     assert (mono["coverage"], mono["cpu_ms"], mono["covariance"]) == (11 / 12, pytest.approx(500 / 12), False)
     assert (colmap["given"], colmap["coverage"], colmap["ate_sim3_live_pct"]) == (6, 5 / 6, None)
+    assert (mono["attitude_deg"], colmap["attitude_deg"]) == (None, pytest.approx(0.0, abs=1e-6))
+    assert colmap["attitude_to_ours_deg"] is None  # it was run by itself
+    assert 0.0 < float(str(ours["attitude_deg"])) < 5.0
+    assert ours["attitude_to_ours_deg"] is None
     assert ours["covariance"]
     assert isinstance(ours["ate_se3_pct"], float)
     assert 0.0 < float(str(ours["cpu_ms"])) <= 1000.0 * 60.0
@@ -135,6 +143,19 @@ def test_errors_are_those_of_the_frames_with_a_pose() -> None:
     assert row["ate_se3_pct"] == pytest.approx(100.0 * np.sqrt((spread**2).sum(axis=1).mean()) / 4.0)
     assert row["coverage"] == 0.8
     assert scored(Found({0: places[0]}, {}, 1.0), truth, metric=True, given=5)["ate_sim3_pct"] is None
+
+
+def test_attitudes_are_compared_whichever_way_the_worlds_are_turned() -> None:
+    world = rotation_exp([0.3, -2.0, 0.7])
+    truth = np.tile(np.eye(4), (5, 1, 1))
+    truth[:, :3, :3] = [rotation_exp([0.1 * k, 0.0, 0.2]) for k in range(5)]
+    nods = np.radians([1.0, -1.0, 1.0, -1.0])
+    turns = {k: world @ truth[k, :3, :3] @ rotation_exp([nod, 0.0, 0.0]) for k, nod in enumerate(nods)}
+    ours = {k: truth[k, :3, :3] @ rotation_exp([nod, 0.0, 0.0]) for k, nod in enumerate(nods)}
+    row = scored(Found({}, {}, 1.0, [], turns), truth, metric=False, given=5, ours=ours)
+    assert row["attitude_deg"] == pytest.approx(1.0, abs=1e-3)
+    assert row["attitude_to_ours_deg"] == pytest.approx(0.0, abs=1e-6)
+    assert apart({0: world, 1: world}, {0: world, 1: world}) is None
 
 
 class Bent(WrappedRecording):

@@ -181,9 +181,10 @@ def _rows(
     if recording.truth is None:
         print(f"{item.entry.name}: it has no truth, left out", flush=True)
         return
-    truth = recording.truth
+    truth, ours = recording.truth, _NOTHING
     if not asked.systems or OURS in asked.systems:
-        yield from _our_rows(item, recording, asked)
+        rows, ours = _our_rows(item, recording, asked)
+        yield from rows
     rig = _rig(item)
     for peer in peers:
         name = {"recording": item.entry.name, "system": peer.name, "version": peer.version}
@@ -210,7 +211,7 @@ def _rows(
                 **row,
                 "status": "done",
                 "given": given,
-                **scored(found, truth, metric=peer.stereo, given=given),
+                **scored(found, truth, metric=peer.stereo, given=given, ours=ours.turns),
             }
         except CollabslamError as error:
             yield {**row, **_failed(str(error))}
@@ -221,9 +222,11 @@ def _rows(
 _NOTHING = Found({}, {}, 0.0)
 
 
-def _our_rows(item: Item, recording: Recording, asked: Asked) -> Iterator[Row]:
+def _our_rows(item: Item, recording: Recording, asked: Asked) -> tuple[list[Row], Found]:
+    """Rows of this system, and what it found with Cf."""
     assert recording.truth is not None
     count = len(recording)
+    rows = []
     try:
         found: dict[str, Found] = one(run_ours, (item,), asked.seconds)
         fault = None
@@ -233,10 +236,11 @@ def _our_rows(item: Item, recording: Recording, asked: Asked) -> Iterator[Row]:
         row: Row = {"recording": item.entry.name, "system": name, "version": version()}
         row |= {"covariance": True, "frames": count}
         if fault is not None:
-            yield {**row, **_failed(fault)}
+            rows.append({**row, **_failed(fault)})
         else:
-            yield {**row, "status": "done", "given": count,
-                   **scored(what, recording.truth, metric=name == TOGETHER, given=count)}  # fmt: skip
+            numbers = scored(what, recording.truth, metric=name == TOGETHER, given=count)
+            rows.append({**row, "status": "done", "given": count, **numbers})
+    return rows, found[TOGETHER]
 
 
 def _failed(why: str) -> Row:
@@ -262,12 +266,13 @@ def _rig(item: Item) -> _Rig | None:
 
 
 def _earlier(out: Path, recordings: set[str], asked: Asked) -> list[Row]:
-    """Rows of an earlier run that this one does not make again."""
+    """Rows of an earlier run that this one does not make again; none of another version's numbers."""
     systems = {peer.name for peer in PEERS if not asked.systems or peer.name in asked.systems}
     if not asked.systems or OURS in asked.systems:
         systems |= {ALONE, TOGETHER}
     try:
         rows = json.loads((out / "peers.json").read_text(encoding="utf-8"))
+        rows = [row for row in rows if _failed("").keys() <= row.keys() | {"error"}]
         return [row for row in rows if row["recording"] not in recordings or row["system"] not in systems]
     except (OSError, ValueError, KeyError, TypeError):
         return []

@@ -64,4 +64,5 @@ def measured(recording: Recording, mode: str, start: str, settings: Settings) ->
     record = run(recording, mode=mode, start=start, settings=settings, slam=slam).record
     valid = {k for k in range(len(record)) if record.valid_at(k)}
     live = {k: record.poses[k, :3, 3].tolist() for k in sorted(valid)}
-    return Found(live, {}, sum(engine.cpu), list(record.seconds))
+    turns = {k: record.poses[k, :3, :3] for k in sorted(valid)}
+    return Found(live, {}, sum(engine.cpu), list(record.seconds), turns)

@@ -22,6 +22,7 @@ WIDE = 1000
 _LOG = "log.txt"
 
 Positions = dict[int, list[float]]
+Turns = dict[int, Array]
 
 
 @dataclass(frozen=True)
@@ -38,12 +39,15 @@ class Found:
         Seconds of all threads.
     wall : list of float
         Seconds of each frame; empty for what works offline.
+    turns : dict of frame to (3, 3) float64
+        R_WC, of the poses by which its authors would judge it; empty where it told none.
     """
 
     live: Positions
     final: Positions
     cpu: float
     wall: list[float] = field(default_factory=list)
+    turns: Turns = field(default_factory=dict)
 
     @property
     def best(self) -> Positions:
@@ -161,6 +165,7 @@ def run_script(peer: Peer, python: Path, folder: Path, seconds: float) -> Found:
             _positions(told.get("final", {})),
             float(told["cpu"]),
             [float(x) for x in told.get("wall", [])],
+            _turns(told.get("turns", {})),
         )
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise DataError(f"It left nothing that can be read ({type(error).__name__}: {error}).") from error
@@ -169,3 +174,8 @@ def run_script(peer: Peer, python: Path, folder: Path, seconds: float) -> Found:
 def _positions(told: Mapping[str, Sequence[float]]) -> Positions:
     positions = {int(k): [float(x) for x in position] for k, position in told.items()}
     return {k: p for k, p in positions.items() if len(p) == 3 and np.isfinite(p).all()}
+
+
+def _turns(told: Mapping[str, Sequence[Sequence[float]]]) -> Turns:
+    turns = {int(k): np.asarray(turn, np.float64) for k, turn in told.items()}
+    return {k: r for k, r in turns.items() if r.shape == (3, 3) and np.isfinite(r).all()}

@@ -11,7 +11,7 @@ from collabslam.errors import InputError
 from collabslam.evaluation import metrics
 from collabslam.evaluation.headline import frame_times
 from collabslam.types import Array
-from collabslam_lab.peers.prepared import Found, Positions
+from collabslam_lab.peers.prepared import Found, Positions, Turns
 from collabslam_lab.report import markdown_table
 
 Row = dict[str, Any]
@@ -20,7 +20,7 @@ LEAST = 3
 """Positions without which there is no alignment."""
 
 
-def scored(found: Found, truth: Array, *, metric: bool, given: int) -> Row:
+def scored(found: Found, truth: Array, *, metric: bool, given: int, ours: Turns | None = None) -> Row:
     """The numbers of a row.
 
     Parameters
@@ -32,12 +32,16 @@ def scored(found: Found, truth: Array, *, metric: bool, given: int) -> Row:
         Whether the positions are in metres; if not, there is no error without a fitted scale.
     given : int
         Frames that the system was given.
+    ours : dict of frame to (3, 3) array, optional
+        R_WC of this system with Cf on the same recording.
 
     Returns
     -------
     dict
         ``ate_sim3_pct`` and ``ate_se3_pct``: RMS error of the positions in percent of the whole true path,
         None where there is none; ``ate_sim3_live_pct``: of the positions as told when the frames came;
+        ``attitude_deg`` and ``attitude_to_ours_deg``: RMS angle to the attitudes of the truth and of this
+        system with Cf, see `apart`;
         ``coverage``: share of the frames given that have a position; ``cpu_ms``: of all threads, per frame
         given; ``ms_p99`` and ``ms_max``: of the clock, from a frame to its answer.
     """
@@ -45,6 +49,8 @@ def scored(found: Found, truth: Array, *, metric: bool, given: int) -> Row:
         "ate_sim3_pct": _ate(found.best, truth, with_scale=True),
         "ate_se3_pct": _ate(found.best, truth, with_scale=False) if metric else None,
         "ate_sim3_live_pct": _ate(found.live, truth, with_scale=True),
+        "attitude_deg": apart(found.turns, _turns(truth)),
+        "attitude_to_ours_deg": apart(found.turns, ours or {}),
         "coverage": len(found.best) / given,
         "cpu_ms": 1e3 * found.cpu / given,
         **frame_times(found.wall),
@@ -64,8 +70,29 @@ def _ate(positions: Positions, truth: Array, *, with_scale: bool) -> float | Non
         return None
 
 
+def apart(a: Turns, b: Turns) -> float | None:
+    """RMS angle between two systems' attitudes in the frames that both have, degrees.
+
+    Their worlds may be turned against each other: the one turn that fits best over all these frames is taken
+    out, so that no frame counts more than another.  None where fewer than `LEAST` are common to both.
+    """
+    frames = sorted(a.keys() & b.keys())
+    if len(frames) < LEAST:
+        return None
+    first, second = np.array([a[k] for k in frames]), np.array([b[k] for k in frames])
+    u, _, vt = np.linalg.svd(np.einsum("kij,klj->il", first, second))
+    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    angles = metrics.rotation_angles(first.transpose(0, 2, 1) @ turn @ second)
+    return float(np.degrees(np.sqrt(np.mean(angles**2))))
+
+
+def _turns(poses: Array) -> Turns:
+    return {k: pose[:3, :3] for k, pose in enumerate(poses) if np.isfinite(pose).all()}
+
+
 _HEAD = ("recording", "system", "version", "ATE Sim(3), %", "as it went, %", "ATE SE(3), %",
-         "frames with a pose, %", "CPU ms a frame", "p99, ms", "slowest, ms", "covariance")  # fmt: skip
+         "attitude, degrees", "to ours, degrees", "frames with a pose, %", "CPU ms a frame", "p99, ms",
+         "slowest, ms", "covariance")  # fmt: skip
 
 
 def peers_markdown(rows: Sequence[Row]) -> str:
@@ -84,6 +111,8 @@ def peers_markdown(rows: Sequence[Row]) -> str:
                 _number(row["ate_sim3_pct"], 2),
                 _number(row["ate_sim3_live_pct"], 2),
                 _number(row["ate_se3_pct"], 2),
+                _number(row["attitude_deg"], 2),
+                _number(row["attitude_to_ours_deg"], 2),
                 f"{100.0 * row['coverage']:.0f}{few}",
                 _number(row["cpu_ms"], 0),
                 _number(row["ms_p99"], 0),

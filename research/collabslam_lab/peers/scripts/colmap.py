@@ -48,4 +48,5 @@ cpu = time.process_time() - cpu
 largest = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
 placed = [] if largest is None else [largest.images[i] for i in largest.reg_image_ids()]
 final = {int(Path(image.name).stem): image.projection_center().tolist() for image in placed}
-(folder / "found.json").write_text(json.dumps({"final": final, "cpu": cpu}))
+turns = {int(Path(i.name).stem): i.cam_from_world().rotation.matrix().T.tolist() for i in placed}
+(folder / "found.json").write_text(json.dumps({"final": final, "turns": turns, "cpu": cpu}))
