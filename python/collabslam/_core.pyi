@@ -1222,13 +1222,21 @@ class CandidateReport:
     born : (N,) int64
         Feature id of those that became features, -1 elsewhere.
     dropped : (N,) bool
-        Those that were given up; the others wait on.
+        Those that were given up as they do not move as points at rest; the others wait on.
+    held : (N,) bool
+        Those that wait where they were first seen, though a far point there would have moved.
+    fixed : (N,) bool
+        Those that were given up as they are fixed to the camera.
     """
 
     @property
     def born(self) -> _Ids: ...
     @property
     def dropped(self) -> _Mask: ...
+    @property
+    def held(self) -> _Mask: ...
+    @property
+    def fixed(self) -> _Mask: ...
 
 @final
 class CandidateViews:

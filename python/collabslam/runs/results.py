@@ -73,6 +73,7 @@ DIAGNOSTICS = (
     "births_delayed",
     "births_undelayed",
     "candidates_strayed",
+    "candidates_fixed",
     "deleted",
     "map_size",
     "candidates",

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from collabslam._core import Camera, Filter, Prediction, UpdateReport
 from collabslam.errors import InputError
-from collabslam.frontend.detect import Corners
+from collabslam.frontend.detect import Corners, Hidden
 from collabslam.frontend.patch import SIZE
 from collabslam.images import check_grey
 from collabslam.settings.table import Settings
@@ -296,6 +296,7 @@ class Slam(EngineParts):
         else:
             change = self._map.hold(view, found)
         self._tracks.adopt(view, self.filter.pose, change, self.filter.candidates, recovered)
+        self._fixed.adopt(change.fixed)
         self._relocaliser.forget(change.deleted)
         seen = _matched(found, report) if recovered is None else recovered.seen
         self._late.keep(view, found, seen, change)
@@ -337,9 +338,18 @@ class Slam(EngineParts):
         """The frame as the parts see it: what is hidden, where corners are, how the camera stood before."""
         started, lost = self.filter.started, self._monitor.lost
         worn, captured = self._late.place(t, worn, lost=lost)
-        hidden = self._worn.hidden(worn)
+        hidden = self._hidden(worn)
         corners = Corners(image, self._options.detect, SIZE, hidden=hidden)
         return View(t, image, worn, hidden, corners, started, lost, captured)
+
+    def _hidden(self, worn: WornView | None) -> Hidden | None:
+        """Which pixels of Cs show no landmark: whoever wears Cf, or what is fixed to the camera."""
+        wearer, fixed = self._worn.hidden(worn), self._fixed
+        if not fixed.is_there:
+            return wearer
+        if wearer is None:
+            return fixed.hides
+        return lambda uv: wearer(uv) | fixed.hides(uv)
 
     def _expected(self, view: View) -> Prediction:
         """Features to search, with their predicted pixels (METHOD 7.2)."""

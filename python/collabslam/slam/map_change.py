@@ -56,6 +56,8 @@ class MapChange:
         Features that the filter has deleted.
     strayed : int
         Candidates given up as they do not move as a point of a scene that stands still.
+    fixed : (F, 2) float64
+        Pixels of candidates given up as they are fixed to the camera.
     """
 
     instant: ImagePoints = field(default_factory=ImagePoints)
@@ -67,6 +69,7 @@ class MapChange:
     earlier: Mapping[int, Patch] = field(default_factory=dict)
     deleted: Ids = field(default_factory=lambda: np.empty(0, np.int64))
     strayed: int = 0
+    fixed: Array = field(default_factory=lambda: np.empty((0, 2)))
 
     @property
     def born(self) -> ImagePoints:
@@ -87,6 +90,7 @@ class MapChange:
             "births_delayed": len(self.delayed),
             "births_undelayed": len(self.undelayed) + len(self.promoted),
             "candidates_strayed": self.strayed,
+            "candidates_fixed": len(self.fixed),
             "deleted": len(self.deleted),
         }
 

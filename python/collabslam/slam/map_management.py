@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from collabslam._core import Filter, UpdateReport
@@ -15,6 +17,17 @@ from collabslam.slam.tracks import Found
 from collabslam.slam.view import View
 from collabslam.slam.worn_frame import Overlap
 from collabslam.types import Array, Ids
+
+
+@dataclass(frozen=True)
+class _Observed:
+    """What became of candidates: the feature of each that became one, how many strayed, ids of those that are
+    held in their places (`CandidateReport`), and pixels of those that are fixed to the camera."""
+
+    delayed: dict[int, int]
+    strayed: int
+    held: Ids
+    fixed: Array
 
 
 class MapManager:
@@ -66,11 +79,12 @@ class MapManager:
         earlier = overlap.earlier_births(report, self._filter, view.t)
         measured = depths.births(report)
         self._filter.drop_candidates(np.concatenate([found.lost, used]))
-        delayed, strayed = self._observe(found, used)
+        observed = self._observe(found, used)
+        delayed = observed.delayed
         deleted = self._filter.manage_map()
         instant = instant.with_more(self._printed.births() if self._filter.started else ImagePoints())
         matched = report.bearings.accepted.sum() + len(instant) + len(earlier) + len(measured) + len(delayed)
-        promoted = self._promote_oldest(found, self._vague_below - int(matched))
+        promoted = self._promote_oldest(found, observed.held, self._vague_below - int(matched))
         waiting = np.isin(found.candidates, self._filter.candidates)
         kept = ~np.isin(found.ids, deleted)
         became = np.isin(found.candidates, [*delayed, *promoted])
@@ -83,7 +97,16 @@ class MapManager:
         if not self._filter.started:
             instant = self._start(view, instant)
         return MapChange(
-            instant, measured, undelayed, delayed, promoted, candidates, earlier, deleted, strayed
+            instant,
+            measured,
+            undelayed,
+            delayed,
+            promoted,
+            candidates,
+            earlier,
+            deleted,
+            observed.strayed,
+            observed.fixed,
         )
 
     def _start(self, view: View, instant: ImagePoints) -> ImagePoints:
@@ -111,16 +134,21 @@ class MapManager:
         self._filter.drop_candidates(self._filter.candidates if view.lost else found.lost)
         return MapChange()
 
-    def _observe(self, found: Found, used: Ids) -> tuple[dict[int, int], int]:
-        """Candidates with enough parallax, and the features that they become; how many strayed."""
+    def _observe(self, found: Found, used: Ids) -> _Observed:
+        """Candidates that were found, but for those that births with depth use up."""
         rest = ~np.isin(found.candidates, used)
         ids, uv = found.candidates[rest], found.candidate_uv[rest]
         report = self._filter.observe_candidates(ids, uv)
-        return _by_candidate(ids, report.born), int(report.dropped.sum())
+        return _Observed(
+            _by_candidate(ids, report.born), int(report.dropped.sum()), ids[report.held], uv[report.fixed]
+        )
 
-    def _promote_oldest(self, found: Found, count: int) -> dict[int, int]:
-        """Where the view runs out of features, candidates that waited longest wait no longer."""
-        waiting = np.intersect1d(found.candidates, self._filter.candidates)
+    def _promote_oldest(self, found: Found, held: Ids, count: int) -> dict[int, int]:
+        """Where the view runs out of features, candidates that waited longest wait no longer.
+
+        Those that the image ``held`` in their places though the camera turned may be fixed to it.
+        """
+        waiting = np.setdiff1d(np.intersect1d(found.candidates, self._filter.candidates), held)
         ids = waiting[: max(count, 0)]
         return _by_candidate(ids, self._filter.promote_candidates(ids))
 

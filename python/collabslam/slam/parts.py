@@ -31,6 +31,7 @@ from collabslam.settings.table import Settings
 from collabslam.slam.blank_image import BlankImageDetector
 from collabslam.slam.depth_input import DepthInput
 from collabslam.slam.doubts import Doubts
+from collabslam.slam.fixed_content import FixedContent
 from collabslam.slam.free_start import FreeStart
 from collabslam.slam.guard import Guard, alone
 from collabslam.slam.late_views import KeptFrame, LateViews
@@ -102,6 +103,7 @@ class EngineParts:
         self._worn = WornMatcher(core, camera, worn_camera, settings, self._options)
         self._late = LateViews(core, camera, self._worn, self._tracks, settings, self._options)
         self._looking = Looking(core, self._options.worn.min_matches)
+        self._fixed = FixedContent(camera)
         self._depth = DepthInput()
         self._relocaliser = Relocaliser(core, camera, self._tracks, self._options)
         self._printed = PrintedTargets(core, camera)

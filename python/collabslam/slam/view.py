@@ -21,7 +21,7 @@ class View:
     worn : WornView or None
         The worn camera's view; if it was taken at another time, with T_CF between that and this frame.
     hidden : callable or None
-        Which pixels of Cs show whoever wears Cf; None where that is nobody.
+        Which pixels of Cs show whoever wears Cf, or what is fixed to the camera; None where all are clear.
     corners : Corners
         Of ``image``.
     started : bool

@@ -2,6 +2,7 @@
 
 use super::candidate::{Candidate, CandidateOutcome, FirstView};
 use super::ekf::Filter;
+use crate::birth::held::{Held, held};
 use crate::birth::new_feature::{FirstPoseCovariance, NewFeature};
 use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
@@ -73,7 +74,7 @@ impl Filter {
             .iter()
             .map(|(id, uv)| {
                 let outcome = self.try_delayed_birth(*id, uv);
-                if outcome != CandidateOutcome::Waiting {
+                if !outcome.waits() {
                     self.candidates.remove(id);
                 }
                 outcome
@@ -153,15 +154,21 @@ impl Filter {
             return CandidateOutcome::Dropped;
         };
         let birth = &self.settings.birth;
-        if (first.r - now.r).norm() < birth.min_baseline {
-            return CandidateOutcome::Waiting;
-        }
         let r_cw = quat::rotation(&now.q).transpose();
         let first_in_c = Pose {
             rotation: r_cw * quat::rotation(&first.q),
             translation: r_cw * (first.r - now.r),
         };
         let sigma = self.settings.pixel.sigma_cs;
+        // Four sigma of two pixels, and as much again for the poses.
+        let gate = 8.0 * std::f64::consts::SQRT_2 * sigma / self.camera.fx;
+        let has_baseline = (first.r - now.r).norm() >= birth.min_baseline;
+        match held(&self.camera, uv, &candidate.uv, &first_in_c, sigma, gate) {
+            Some(Held::ByTheCamera) if has_baseline => return CandidateOutcome::Fixed,
+            Some(_) => return CandidateOutcome::Held,
+            None if !has_baseline => return CandidateOutcome::Waiting,
+            None => {}
+        }
         let Some(view) = TwoView::new(&self.camera, uv, &self.camera, &candidate.uv, &first_in_c)
         else {
             return CandidateOutcome::Waiting;
@@ -173,8 +180,7 @@ impl Filter {
             .translation
             .cross(&(view.rotation * view.other_ray));
         let off_plane = view.ray.dot(&normal.normalize()).abs();
-        // Four sigma of two pixels, and as much again for the poses.
-        if off_plane > 8.0 * std::f64::consts::SQRT_2 * sigma / self.camera.fx {
+        if off_plane > gate {
             return CandidateOutcome::Dropped;
         }
         if view.rho_variance_from_pixels(sigma, sigma).sqrt() > birth.max_rho_ratio * view.rho {

@@ -99,6 +99,17 @@ pub enum CandidateOutcome {
     Born(u64),
     /// Too little baseline or parallax yet: it waits.
     Waiting,
+    /// It waits, where it was first seen: a far point there would have moved, one at some distance not.
+    Held,
     /// The two rays do not meet: it was dropped.
     Dropped,
+    /// It is where it was first seen, and no point at rest would be there: it is fixed to the camera, and was dropped.
+    Fixed,
+}
+
+impl CandidateOutcome {
+    /// Whether it is still a candidate.
+    pub fn waits(&self) -> bool {
+        matches!(self, Self::Waiting | Self::Held)
+    }
 }

@@ -16,11 +16,17 @@ use pyo3::prelude::*;
 /// born : (N,) int64
 ///     Feature id of those that became features, -1 elsewhere.
 /// dropped : (N,) bool
-///     Those that were given up; the others wait on.
+///     Those that were given up as they do not move as points at rest; the others wait on.
+/// held : (N,) bool
+///     Those that wait where they were first seen, though a far point there would have moved.
+/// fixed : (N,) bool
+///     Those that were given up as they are fixed to the camera.
 #[pyclass(module = "collabslam._core", frozen, get_all)]
 pub(crate) struct CandidateReport {
     born: Column<i64>,
     dropped: Column<bool>,
+    held: Column<bool>,
+    fixed: Column<bool>,
 }
 
 /// Points of known position in C, with the error that they share.
@@ -98,12 +104,14 @@ impl PyFilter {
         let outcomes = self.write(py, |f| f.observe_candidates(&seen))?;
         let born = |o: &CandidateOutcome| match o {
             CandidateOutcome::Born(id) => Some(*id),
-            CandidateOutcome::Waiting | CandidateOutcome::Dropped => None,
+            _ => None,
         };
-        let dropped = |o: &CandidateOutcome| matches!(o, CandidateOutcome::Dropped);
+        let which = |outcome| column(py, outcomes.iter().map(|o| *o == outcome));
         Ok(CandidateReport {
             born: to_ids(py, outcomes.iter().map(born)),
-            dropped: column(py, outcomes.iter().map(dropped)),
+            dropped: which(CandidateOutcome::Dropped),
+            held: which(CandidateOutcome::Held),
+            fixed: which(CandidateOutcome::Fixed),
         })
     }
 
