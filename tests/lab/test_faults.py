@@ -10,15 +10,19 @@ from collabslam.demo import corridor_recording
 from collabslam.demo.demo_run import HeldRecording
 from collabslam.errors import CollabslamError, InputError
 from collabslam.geometry import se3_exp
+from collabslam.runs.report import unused_text
 from collabslam.runs.runner import run
+from collabslam.runs.summary import is_trusted
 from collabslam.settings.frontend import BlankImageSettings
 from collabslam.slam.blank_image import BlankImageDetector
 from collabslam.slam.engine import Slam
 from collabslam.slam.results import StepResult
-from collabslam.types import Frame, Recording, WornView
+from collabslam.types import Frame, Recording, Status, WornView
+from collabslam_lab.reliability.attacks.streams import STREAMS
 from collabslam_lab.reliability.faults import FAULTS, FaultyRecording, inject
 from collabslam_lab.reliability.table import FaultRow, faults_markdown, measure_faults
 
+PATCHES = {name: make for name, _, make in STREAMS if name in ("patch-moving", "hood")}
 BY_NAME = {fault.name: fault for fault in FAULTS}
 
 
@@ -57,6 +61,46 @@ def test_every_fault_makes_a_recording_that_depends_on_the_seed_alone(walk: Reco
         assert a.t == one.times[i]
         np.testing.assert_array_equal(a.image, b.image)
         assert (a.worn is None) == (b.worn is None)
+
+
+def _with_patch(walk: Recording, name: str) -> Recording:
+    return PATCHES[name](walk, np.random.default_rng(0))
+
+
+def test_a_run_beside_a_moving_patch_is_doubted(walk: Recording) -> None:
+    """Over 30 % of the image, 5 px a frame: its points are taken for a scene that stands still."""
+    summary = run(_with_patch(walk, "patch-moving")).summary
+    assert summary["frames_doubtful"] > 0.3 * len(walk)
+    assert set(summary["doubts"]) == {"moving"}
+    assert summary["ok_but_wrong_share"] <= 0.02
+    assert not is_trusted(summary)
+
+
+def test_what_is_fixed_to_the_camera_is_left_alone(walk: Recording) -> None:
+    slam, hooded = slam_on(walk), _with_patch(walk, "hood")
+    top = walk.camera.height - walk.camera.height // 3
+    seen, fixed = [], 0
+    for i in range(len(hooded)):
+        frame = hooded.frame(i)
+        step = slam.step(frame.t, frame.image, frame.worn)
+        used = [state == "accepted" for state in step.features.states]
+        seen.append((int((step.features.found[used][:, 1] > top + 5).sum()), sum(used)))
+        fixed += step.diagnostics.get("candidates_fixed", 0)
+    on_hood, in_all = np.sum(seen[5:], axis=0)
+    assert fixed > 10
+    assert on_hood < 0.02 * in_all
+    assert step.status is Status.OK
+    again = Slam.from_state(slam.state())
+    assert again.filter.candidates.tolist() == slam.filter.candidates.tolist()
+
+
+def test_what_is_fixed_to_the_camera_is_said(walk: Recording) -> None:
+    assert run(walk).summary["points_fixed_to_camera"] == 0
+    result = run(_with_patch(walk, "hood")).summary
+    assert result["points_fixed_to_camera"] > 10
+    assert "something is fixed to it" in unused_text(result)
+    assert is_trusted(result)
+    assert result["ok_but_wrong_share"] == 0.0
 
 
 def test_stamps_that_do_not_follow_are_left_out_and_counted(walk: Recording) -> None:

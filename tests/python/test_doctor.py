@@ -56,6 +56,7 @@ WORN = {"worn": 1, "overlap": 1, "cf_points": 100, "cf_matches": 30}
         (many(doubt="moving"), {}, "30 frames are not to be trusted: new points do not move"),
         (many(doubt="cf_matches"), {}, "30 frames are not to be trusted: points of the map"),
         (many(predicted=9), {}, "The map is thin: 9 features"),
+        (many(candidates_fixed=2), {}, "60 points turn with the camera"),
         (many(rejected_low_score=20), {}, "50 % of the features searched look different"),
         (many(rejected_ambiguous=16), {}, "40 % of the features searched are ambiguous"),
         (many(rejected_hohct=8), {}, "20 % of the features searched are found where"),

@@ -105,6 +105,16 @@ def test_a_jump_is_doubted_for_thirty_frames() -> None:
     assert not is_jump((still, 1e-2 * np.eye(6)), (se3_exp([0.1, 0, 0, 0, 0, 0]), sure))
 
 
+def test_what_was_doubted_stands_while_the_camera_is_lost() -> None:
+    judge = doubts()
+    for _ in range(10):
+        judge.judge(report(), FOUND, seen(2.0), born())
+    before = judge.state()
+    assert judge.standing() == "t_cf"
+    assert judge.state() == before, "it takes nothing in"
+    assert doubts().standing() == NOTHING
+
+
 def test_four_frames_are_too_few() -> None:
     judge, loud = doubts(), report(refused=FOUND // 2, nis=900.0)
     said = [judge.judge(loud, FOUND, Overlap(), born()) for _ in range(5)]

@@ -2,7 +2,9 @@
 
 use crate::scene::{Scene, Warm, name, normal, normals, rng, settings, warm, worn_covariance};
 use ekf_core::CandidateOutcome;
+use ekf_core::birth::held::{Held, held};
 use ekf_core::birth::two_view::TwoView;
+use ekf_core::camera::Camera;
 use ekf_core::math::{inverse_depth, pose::Pose, quat};
 use ekf_core::observe::point::CameraPose;
 use ekf_core::settings::Value;
@@ -505,6 +507,51 @@ fn a_match_off_the_plane_of_both_views_is_no_birth() {
             assert!(!is_born(right) || *wrong == wanted, "{up} px: {wrong:?}");
         }
     }
+}
+
+/// A point that is in its place in the image though the camera has turned is fixed to it, or may be: no birth either way.
+#[test]
+fn what_is_fixed_to_the_camera_is_no_birth() {
+    let (mut warm, tracked) = delayed(&[], 20);
+    let (size, count) = (warm.filter.map_size(), tracked.len());
+    let mut still: Vec<(u64, Vector2<f64>)> = tracked.iter().map(|t| (t.0, t.2)).collect();
+    // Noise of a pixel is no motion.
+    still.iter_mut().for_each(|(_, uv)| uv.x += 0.9);
+    let outcomes = warm.filter.observe_candidates(&still).expect("candidates");
+    let is = |outcome| outcomes.iter().filter(|o| **o == outcome).count();
+    let (held, fixed) = (is(CandidateOutcome::Held), is(CandidateOutcome::Fixed));
+    assert_eq!(warm.filter.map_size(), size, "{outcomes:?}");
+    assert!(held + fixed > 0, "{outcomes:?}");
+    assert_eq!(warm.filter.candidate_count(), count - fixed);
+}
+
+/// Where a point at rest can be, from infinity to the place of the first view, and where none can.
+#[test]
+fn a_point_is_fixed_to_the_camera_where_no_distance_explains_it() {
+    let intrinsics = [500.0, 500.0, 320.0, 240.0];
+    let camera = Camera::new("pinhole", 640, 480, intrinsics, &[]).expect("camera");
+    let (sigma, gate) = (1.0, 8.0 / 500.0);
+    let at = |px: f64, x: f64, z: f64, uv: (f64, f64), moved: f64| {
+        let first_in_c = Pose {
+            rotation: *nalgebra::Rotation3::from_euler_angles(0.0, px / 500.0, 0.0).matrix(),
+            translation: nalgebra::Vector3::new(x, 0.0, z),
+        };
+        let first = Vector2::new(uv.0, uv.1);
+        let now = Vector2::new(uv.0 + moved, uv.1);
+        held(&camera, &now, &first, &first_in_c, sigma, gate)
+    };
+    let middle = (320.0, 240.0);
+    // Without a turn it is just far; one of 20 px moves a far point to the right, and near ones further towards the first view.
+    assert_eq!(at(0.0, -0.2, 0.0, middle, 0.0), None);
+    assert_eq!(at(20.0, -0.2, 0.0, middle, 0.0), Some(Held::Perhaps));
+    assert_eq!(at(20.0, 0.2, 0.0, middle, 0.0), Some(Held::ByTheCamera));
+    // Straight ahead, beside the way: nearer points move outwards, away from the middle.
+    assert_eq!(at(20.0, 0.0, -0.2, (520.0, 240.0), 0.0), Some(Held::ByTheCamera));
+    assert_eq!(at(20.0, 0.0, -0.2, (120.0, 240.0), 0.0), Some(Held::Perhaps));
+    assert_eq!(at(20.0, 0.0, -0.2, (320.0, 40.0), 0.0), Some(Held::ByTheCamera));
+    // On the spot nobody can tell; what moves by more than its noise is not held.
+    assert_eq!(at(20.0, 0.0, 0.0, middle, 0.0), Some(Held::Perhaps));
+    assert_eq!(at(20.0, 0.2, 0.0, middle, 1.1), None);
 }
 
 /// What is still vague after its pixel in Cf was measured waits for a better view.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from collabslam.frontend.worn_verdict import contradicted
-from collabslam.runs.report import DOUBTS
+from collabslam.runs.report import DOUBTS, FIXED
 from collabslam.runs.run_folder import RunFolder
 from collabslam.types import Array, Mask
 
@@ -126,6 +126,8 @@ def _tracking(frames: Frames) -> Iterator[str]:
             f"The map is thin: {float(np.nanmedian(predicted)):.0f} features are in view in the median; the "
             "scene lacks texture, or corners are refused (lower frontend.detect.quality)."
         )
+    if fixed := frames.total("candidates_fixed"):
+        yield f"{fixed:.0f} {FIXED}; clean the lens, crop the image, or turn the camera."
     if not searched:
         return
     if frames.total("rejected_low_score") > MANY * searched:

@@ -86,14 +86,23 @@ DOUBTS = {
 """What a run is doubted for, by the cause in ``frames.csv``."""
 
 
+FIXED = (
+    "points turn with the camera and were left out with what is near them in the image: something is fixed "
+    "to it (a hood, dirt on the lens, an overlay)"
+)
+"""What is said of a number of such points."""
+
+
 def unused_text(summary: Summary) -> str:
-    """Which frames of the stream could not be used, empty if all could."""
+    """What of the stream could not be used, empty if all could."""
     counts = (
         ("frames_out_of_order", "left out, whose time stamps repeat or go back"),
         ("frames_slipped", "contradict odometry, as where wheels slip"),
         ("frames_unseen", "only predicted, whose image is blank or repeats the last"),
     )
     parts = [f"{summary[key]} frames {what}" for key, what in counts if summary.get(key)]
+    if points := summary.get("points_fixed_to_camera"):
+        parts.append(f"{points} {FIXED}")
     return "; ".join(parts)
 
 

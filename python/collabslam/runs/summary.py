@@ -63,6 +63,7 @@ def summarise(
         "frames_unseen": int(np.nansum(record.diagnostic("unseen"))),
         "frames_slipped": int(np.nansum(record.diagnostic("slipped"))),
         "doubts": _doubts(record),
+        "points_fixed_to_camera": int(np.nansum(record.diagnostic("candidates_fixed"))),
         "map_size_final": len(landmarks.ids),
         "settings_hash": plan.settings.hash(),
         "options": plan.notes,

@@ -81,6 +81,10 @@ class Doubts(PersistentState):
             self._against = _last(self._against, overlap.against, _LAST)
         if report.accepted:
             self._take(report, found, overlap, change)
+        return self.standing()
+
+    def standing(self) -> str:
+        """What is doubted by the frames so far: a camera that is lost does not make its map any better."""
         doubted = {
             WORN: self._without_view <= _LAST and contradicted(self._against),
             WORN_MATCHES: self._too_many(self._worn_matches, self._expected),

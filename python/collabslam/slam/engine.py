@@ -320,7 +320,8 @@ class Slam(EngineParts):
         # Where wheels predicted, it is they who may be wrong.
         jumped = counts["relocalised"] and not (view.lost or followed) and is_jump(before, self._where())
         judged = report, len(found.ids), overlap, change
-        counts["doubt"] = NOTHING if view.lost else self._doubts.judge(*judged, jumped=jumped)
+        # A map that was in doubt is no better where a lost camera finds itself in it again.
+        counts["doubt"] = self._doubts.standing() if view.lost else self._doubts.judge(*judged, jumped=jumped)
         if status is Status.OK and not counts["relocalised"]:
             self._relocaliser.remember(view, self.filter.pose, seen)
         if status is Status.OK and counts["doubt"] != NOTHING:

@@ -130,6 +130,17 @@ def _patch(share: float, *, speed: float, seed: int = 4) -> Show:
     return show
 
 
+def _hood(image: Image, rng: Rng, _: int) -> Image:
+    """The robot's own hood over the lower third, with the sensor's noise."""
+    height, width = image.shape
+    top = height - height // 3
+    coarse = np.random.default_rng(5).integers(20, 235, (height // 24 + 1, width // 8 + 1)).astype(np.uint8)
+    hood = cv2.resize(coarse, (width, height - top), interpolation=cv2.INTER_CUBIC)
+    out: Image = image.copy()
+    out[top:] = np.clip(hood + rng.normal(0.0, 2.0, hood.shape), 0, 255)
+    return out
+
+
 def _dark(image: Image, *_: object) -> Image:
     return np.zeros_like(image)
 
@@ -271,6 +282,10 @@ STREAMS: tuple[tuple[str, str, Make], ...] = (
     ("patch-large", "a moving patch over 60 % of the image", _shown(_patch(0.6, speed=3.0))),
     ("patch-small", "a moving patch over 10 % of the image", _shown(_patch(0.1, speed=5.0))),
     ("patch-still", "a sticker over 30 % of the lens", _shown(_patch(0.3, speed=0.0))),
+    ("patch-still-large", "a sticker over 60 % of the lens", _shown(_patch(0.6, speed=0.0))),
+    ("patch-still-small", "a sticker over 10 % of the lens", _shown(_patch(0.1, speed=0.0))),
+    ("hood", "the robot's own hood in the lower third of the image", _shown(_hood)),
+    ("patch-slow", "a slow patch over 30 % of the image", _shown(_patch(0.3, speed=2.0))),
     ("patch-cf", "a moving patch over 30 % of Cf's image", _shown(None, _patch(0.3, speed=5.0))),
     ("dark", "black images throughout", _shown(_dark, _dark)),
     ("dark-cs", "black images of Cs throughout", _shown(_dark)),
