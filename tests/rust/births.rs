@@ -546,9 +546,18 @@ fn a_point_is_fixed_to_the_camera_where_no_distance_explains_it() {
     assert_eq!(at(20.0, -0.2, 0.0, middle, 0.0), Some(Held::Perhaps));
     assert_eq!(at(20.0, 0.2, 0.0, middle, 0.0), Some(Held::ByTheCamera));
     // Straight ahead, beside the way: nearer points move outwards, away from the middle.
-    assert_eq!(at(20.0, 0.0, -0.2, (520.0, 240.0), 0.0), Some(Held::ByTheCamera));
-    assert_eq!(at(20.0, 0.0, -0.2, (120.0, 240.0), 0.0), Some(Held::Perhaps));
-    assert_eq!(at(20.0, 0.0, -0.2, (320.0, 40.0), 0.0), Some(Held::ByTheCamera));
+    assert_eq!(
+        at(20.0, 0.0, -0.2, (520.0, 240.0), 0.0),
+        Some(Held::ByTheCamera)
+    );
+    assert_eq!(
+        at(20.0, 0.0, -0.2, (120.0, 240.0), 0.0),
+        Some(Held::Perhaps)
+    );
+    assert_eq!(
+        at(20.0, 0.0, -0.2, (320.0, 40.0), 0.0),
+        Some(Held::ByTheCamera)
+    );
     // On the spot nobody can tell; what moves by more than its noise is not held.
     assert_eq!(at(20.0, 0.0, 0.0, middle, 0.0), Some(Held::Perhaps));
     assert_eq!(at(20.0, 0.2, 0.0, middle, 1.1), None);
