@@ -48,7 +48,7 @@ from collabslam.slam.tracks import Tracks
 from collabslam.slam.worn_frame import WornMatcher
 from collabslam.types import Board, Tag, Target, WornView
 
-KIND, VERSION = "engine state", 7
+KIND, VERSION = "engine state", 8
 """Of the file that `EngineParts.save` writes; the version counts the changes of what is in it."""
 CLASSES = (KeptFrame, MapAside, Patch, Target, WornPose, WornView)
 """Dataclasses that are in it."""
