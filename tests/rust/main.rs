@@ -9,6 +9,7 @@ mod cameras;
 mod conditional_prediction;
 mod free_start;
 mod gauge;
+mod graph;
 mod guards;
 mod handover;
 mod jacobians;

@@ -22,6 +22,7 @@ pub mod chi2;
 pub mod error;
 pub mod filter;
 pub mod gauge;
+pub mod graph;
 mod guard;
 mod kernel;
 mod local;

@@ -1,0 +1,194 @@
+//! The graph and its solution.
+
+use super::factor::Factor;
+use super::normal::Normal;
+use super::{HandedOn, Marginals, NODE};
+use crate::error::EkfError;
+use crate::math::pose::Pose;
+use nalgebra::{DMatrix, DVector};
+
+/// Most steps of a solution: from where a chain of poses stands, some five do.
+const MOST_STEPS: usize = 50;
+/// Largest component of a step after which the poses stand: metres, radians.
+const STANDS: f64 = 1e-10;
+/// Share by which the diagonal grows at first where a step would lead uphill.
+const FIRST_DAMPING: f64 = 1e-6;
+/// From there it grows tenfold, until nothing moves any more.
+const MOST_DAMPING: f64 = 1e12;
+
+/// The pose of a submap in W, and by how much what it handed on is wrong.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Node {
+    /// `T_WX`.
+    pub pose: Pose,
+    /// See [`HandedOn`].
+    pub handed_on: HandedOn,
+}
+
+impl Node {
+    /// At a pose, with nothing wrong.
+    pub fn at(pose: Pose) -> Self {
+        let handed_on = HandedOn::zeros();
+        Self { pose, handed_on }
+    }
+}
+
+/// Nodes, and factors between them.
+#[derive(Clone, Debug, Default)]
+pub struct PoseGraph {
+    nodes: Vec<Node>,
+    factors: Vec<Factor>,
+}
+
+/// How a solution ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Solved {
+    /// Sum of the squared weighted residuals: chi-square where all noise is as it is said to be.
+    pub cost: f64,
+    /// Steps that were taken.
+    pub steps: usize,
+}
+
+impl PoseGraph {
+    /// Of these nodes and factors.
+    ///
+    /// # Errors
+    /// `InvalidInput` if a factor is of a node that is not there, or of one and the same, or its weight is not `k x 20`;
+    /// `NonFinite`.
+    pub fn new(nodes: Vec<Node>, factors: Vec<Factor>) -> Result<Self, EkfError> {
+        let what = "factors";
+        for (k, factor) in factors.iter().enumerate() {
+            let (first, second) = (factor.first, factor.second);
+            if second >= nodes.len() || first.is_some_and(|i| i >= nodes.len() || i == second) {
+                let count = nodes.len();
+                let why = format!(
+                    "factor {k} is of the nodes {first:?} and {second}; give two of {count}"
+                );
+                return Err(EkfError::InvalidInput { what, why });
+            }
+            if factor.weight.ncols() != NODE + super::HANDED_ON {
+                let why = format!("the weight of factor {k} has {} columns, not 20", {
+                    factor.weight.ncols()
+                });
+                return Err(EkfError::InvalidInput { what, why });
+            }
+            let numbers = factor.weight.iter().chain(&factor.handed_on);
+            let mut numbers = numbers.chain(&factor.pose.rotation);
+            if !numbers.all(|v| v.is_finite())
+                || !factor.pose.translation.iter().all(|v| v.is_finite())
+            {
+                return Err(EkfError::NonFinite { what });
+            }
+        }
+        Ok(Self { nodes, factors })
+    }
+
+    /// The nodes.
+    pub fn nodes(&self) -> &[Node] {
+        &self.nodes
+    }
+
+    /// The factors.
+    pub fn factors(&self) -> &[Factor] {
+        &self.factors
+    }
+
+    /// Moves the nodes to where all factors agree best (Levenberg and Marquardt).
+    ///
+    /// # Errors
+    /// `NotPositiveDefinite` if a node is tied to nothing; the nodes stay where they were.
+    pub fn solve(&mut self) -> Result<Solved, EkfError> {
+        let before = self.nodes.clone();
+        let solved = self.descend();
+        if solved.is_err() {
+            self.nodes = before;
+        }
+        solved
+    }
+
+    fn descend(&mut self) -> Result<Solved, EkfError> {
+        let mut normal = Normal::of(self);
+        let mut damping = 0.0;
+        for steps in 0..MOST_STEPS {
+            let mut step =
+                DMatrix::from_column_slice(normal.downhill.len(), 1, normal.downhill.as_slice());
+            normal.factored(damping)?.solve(&mut step);
+            let step = step.column(0).into_owned();
+            if !step.iter().all(|v| v.is_finite()) {
+                let what = "the solution of a graph of poses";
+                return Err(EkfError::NonFinite { what });
+            }
+            let cost = normal.cost;
+            if step.amax() < STANDS {
+                return Ok(Solved { cost, steps });
+            }
+            let nodes = self.moved(&step);
+            let old = std::mem::replace(&mut self.nodes, nodes);
+            // What rounding adds is no way uphill.
+            if Normal::cost(self) <= cost * (1.0 + 1e-12) + 1e-15 {
+                damping *= 0.1;
+                if damping < FIRST_DAMPING {
+                    damping = 0.0;
+                }
+                normal = Normal::of(self);
+            } else {
+                self.nodes = old;
+                damping = (damping * 10.0).max(FIRST_DAMPING);
+                if damping > MOST_DAMPING {
+                    return Ok(Solved { cost, steps });
+                }
+            }
+        }
+        let (cost, steps) = (normal.cost, MOST_STEPS);
+        Ok(Solved { cost, steps })
+    }
+
+    fn moved(&self, step: &DVector<f64>) -> Vec<Node> {
+        let nodes = self.nodes.iter().enumerate();
+        let moved = |(i, node): (usize, &Node)| Node {
+            pose: node
+                .pose
+                .retract(&step.fixed_rows::<6>(NODE * i).into_owned()),
+            handed_on: node.handed_on
+                + step
+                    .fixed_rows::<{ super::HANDED_ON }>(NODE * i + 6)
+                    .into_owned(),
+        };
+        nodes.map(moved).collect()
+    }
+
+    /// What the covariances of its nodes are asked from, where the nodes stand.
+    ///
+    /// # Errors
+    /// `NotPositiveDefinite` if a node is tied to nothing.
+    pub fn marginals(&self) -> Result<Marginals, EkfError> {
+        Marginals::of(self)
+    }
+
+    /// Chi-square of a factor before it is believed: its residual against its own noise and that of its nodes.
+    ///
+    /// # Errors
+    /// `NotPositiveDefinite` if a node is tied to nothing.
+    pub fn distance(&self, factor: &Factor, marginals: &Marginals) -> Result<f64, EkfError> {
+        let linear = factor.linear(&self.nodes);
+        let (by, p) = match factor.first {
+            Some(first) => {
+                let mut by = DMatrix::zeros(linear.residual.len(), 2 * NODE);
+                by.columns_mut(0, NODE).copy_from(&linear.by_first);
+                by.columns_mut(NODE, NODE).copy_from(&linear.by_second);
+                (by, marginals.of_nodes(&[first, factor.second]))
+            }
+            None => {
+                let mut by = DMatrix::zeros(linear.residual.len(), NODE);
+                by.copy_from(&linear.by_second);
+                (by, marginals.of_nodes(&[factor.second]))
+            }
+        };
+        let s = DMatrix::identity(by.nrows(), by.nrows()) + &by * p * by.transpose();
+        let stage = "distance of a loop";
+        let s = s
+            .cholesky()
+            .ok_or(EkfError::NotPositiveDefinite { stage, pivot: 0 })?;
+        Ok(linear.residual.dot(&s.solve(&linear.residual)))
+    }
+}
