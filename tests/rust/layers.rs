@@ -16,6 +16,8 @@ const CRATE: Table = &[
     ("camera", &["error"]),
     ("settings", &["error"]),
     ("observe", &["math", "camera"]),
+    ("graph", &["error", "math"]),
+    ("sight", &["chi2", "error", "math", "camera"]),
     ("overlap", &["math", "camera", "settings"]),
     ("validate", &["chi2", "settings"]),
     ("birth", &["math", "camera", "observe"]),
@@ -45,8 +47,8 @@ const CRATE: Table = &[
         "filter",
         &[
             "error", "math", "camera", "settings", "observe", "overlap", "validate", "birth",
-            "misfit", "placed", "kernel", "state", "gauge", "local", "scale", "look", "predict",
-            "guard", "batch", "odometry", "chi2",
+            "graph", "misfit", "placed", "kernel", "state", "gauge", "local", "scale", "look",
+            "predict", "guard", "batch", "odometry", "chi2",
         ],
     ),
 ];
@@ -100,6 +102,7 @@ const FILTER: Table = &[
     ("relocalisation", &["measurements", "sources", "ekf"]),
     ("scale", &["ekf"]),
     ("where_to_look", &["ekf"]),
+    ("submap", &["ekf"]),
     ("restart", &["measurements", "sources", "known_map", "ekf"]),
     ("validation", &["measurements", "ekf"]),
     ("working_set", &["measurements", "ekf"]),

@@ -50,6 +50,10 @@ impl Walk {
         if self.filter.started() {
             self.candidates(k);
         }
+        if self.filter.started() && k % 6 == 4 {
+            let seen: Vec<u64> = self.known.keys().copied().collect();
+            self.filter.end_submap(&seen).expect("known");
+        }
         for id in self.filter.manage_map() {
             self.known.remove(&id);
         }

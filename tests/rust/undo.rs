@@ -21,6 +21,10 @@ fn frame(warm: &mut Warm, k: usize) {
         warm.filter.remove_features(&[gone]).unwrap();
         warm.known.remove(&gone);
     }
+    if k % 3 == 1 {
+        let seen: Vec<u64> = warm.known.keys().copied().collect();
+        warm.filter.end_submap(&seen).unwrap();
+    }
     for id in warm.filter.manage_map() {
         warm.known.remove(&id);
     }

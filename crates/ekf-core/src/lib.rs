@@ -37,6 +37,7 @@ mod placed;
 pub mod predict;
 mod scale;
 pub mod settings;
+pub mod sight;
 pub mod state;
 pub mod validate;
 
@@ -44,7 +45,7 @@ pub use camera::{Camera, Distortion};
 pub use error::EkfError;
 pub use filter::{
     Bearing, CandidateOutcome, Capture, ConditionalPrediction, DepthObservation, Filter, KnownMap,
-    Landmark, Measurements, Outcome, PredictedFeature, ToldByFound, UpdateReport, ViewTiming,
-    WornObservation, WornPair,
+    Landmark, Measurements, Outcome, PredictedFeature, Submap, ToldByFound, UpdateReport,
+    ViewTiming, WornObservation, WornPair,
 };
 pub use settings::Settings;

@@ -46,36 +46,43 @@ impl LogRange {
     }
 }
 
+/// Derivative of the estimate of the scale's logarithm by the state; `None` where no feature has a depth.
+pub(crate) fn by_state(state: &State) -> Option<Vec<f64>> {
+    let camera = state.camera_pose();
+    let mut b = vec![0.0; state.mean().len()];
+    let mut total = 0.0;
+    for block in state.layout().features() {
+        let Some(range) = LogRange::of(state, &camera, block) else {
+            continue;
+        };
+        let weight = 1.0 / range.variance(state, block);
+        if !(weight.is_finite() && weight > 0.0) {
+            continue;
+        }
+        total += weight;
+        for (b, value) in b[..3].iter_mut().zip(range.by_camera.iter()) {
+            *b += weight * value;
+        }
+        for (b, value) in b[block.range()].iter_mut().zip(range.by_feature.iter()) {
+            *b += weight * value;
+        }
+    }
+    if total == 0.0 {
+        return None;
+    }
+    b.iter_mut().for_each(|b| *b /= total);
+    Some(b)
+}
+
 impl ScaleEstimate {
     /// `None` where no feature has a depth.
     pub(crate) fn of(state: &State) -> Option<Self> {
-        let camera = state.camera_pose();
-        let mut b = vec![0.0; state.mean().len()];
-        let mut total = 0.0;
-        for block in state.layout().features() {
-            let Some(range) = LogRange::of(state, &camera, block) else {
-                continue;
-            };
-            let weight = 1.0 / range.variance(state, block);
-            if !(weight.is_finite() && weight > 0.0) {
-                continue;
-            }
-            total += weight;
-            for (b, value) in b[..3].iter_mut().zip(range.by_camera.iter()) {
-                *b += weight * value;
-            }
-            for (b, value) in b[block.range()].iter_mut().zip(range.by_feature.iter()) {
-                *b += weight * value;
-            }
-        }
-        if total == 0.0 {
-            return None;
-        }
+        let b = by_state(state)?;
         // A row that several features share tells the sum of what they tell.
         let stored = state.covariance().stored();
         let mut by_row = vec![0.0; stored.n];
         for (b, &slot) in b.iter().zip(stored.slots) {
-            by_row[slot] += b / total;
+            by_row[slot] += b;
         }
         let mut along = vec![0.0; stored.n];
         state.covariance().times(&by_row, &[], &mut along);

@@ -130,6 +130,7 @@ impl Filter {
             | BlockKind::Calibration
             | BlockKind::OdometryScale
             | BlockKind::WornError
+            | BlockKind::Submap
             | BlockKind::Auxiliary(_) => false,
         });
         for id in &gone {

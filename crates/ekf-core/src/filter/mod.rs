@@ -36,6 +36,7 @@ mod scale;
 pub mod snapshot;
 mod snapshot_image;
 mod sources;
+mod submap;
 mod undo;
 mod update;
 mod validation;
@@ -56,3 +57,4 @@ pub use measurements::{
     WornPair,
 };
 pub use predicted_features::PredictedFeature;
+pub use submap::Submap;

@@ -26,7 +26,8 @@ pub fn directions(x: &[f64], layout: &Layout, out: &mut Vec<f64>) {
         match block.kind {
             BlockKind::Feature(Form::InverseDepth) => inverse_depth_feature(x, block, out),
             BlockKind::Feature(Form::Point) => position(x, block.offset, out),
-            BlockKind::Clone => {
+            // What a submap hands on is no place: it stays.
+            BlockKind::Clone | BlockKind::Submap => {
                 position(x, block.offset, out);
                 attitude(x, block.offset + 3, out);
             }

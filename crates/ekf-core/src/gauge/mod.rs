@@ -25,7 +25,7 @@ pub(crate) use slip::Slip;
 use crate::kernel::Product;
 use crate::observe::POSE_DIM;
 use crate::observe::block::MeasurementBlock;
-use crate::state::{Block, BlockKind, CAMERA_DIM, Layout, State};
+use crate::state::{Block, BlockKind, CAMERA_DIM, Layout, Rest, State};
 use directions::SCALE;
 use nalgebra::SMatrix;
 use std::ops::Range;
@@ -45,6 +45,8 @@ pub(crate) struct Gauge {
     column: Vec<f64>,
     /// Stored rows on which no coordinate depends: the auxiliary ones.
     idle: Vec<Range<usize>>,
+    /// Rows that a submap's beginning leaves.
+    rest: Rest,
     carried: Vec<bool>,
     change: Product,
 }
@@ -128,7 +130,14 @@ impl Gauge {
         if by_scale.iter().any(|&b| b != 0.0) {
             self.idle.clear();
             self.idle.extend(state.auxiliary_rows());
-            state.p.times(by_scale, &self.idle, scale);
+            // Where a submap began is no part of what the filter estimates: it must not change its sums.
+            match state.submap_rows() {
+                Some(apart) => {
+                    let (idle, rest) = (&self.idle, &mut self.rest);
+                    state.p.times_apart(&apart, by_scale, idle, scale, rest);
+                }
+                None => state.p.times(by_scale, &self.idle, scale),
+            }
         }
     }
 
@@ -226,7 +235,7 @@ impl Gauge {
 fn carried_blocks<'a>(layout: &'a Layout, followed: &'a [u64]) -> impl Iterator<Item = &'a Block> {
     layout.blocks().iter().filter(|b| match b.kind {
         BlockKind::Feature(_) => followed.binary_search(&b.id).is_ok(),
-        BlockKind::Clone => true,
+        BlockKind::Clone | BlockKind::Submap => true,
         BlockKind::WornBias
         | BlockKind::Calibration
         | BlockKind::OdometryScale

@@ -23,13 +23,14 @@ pub(crate) struct Slip {
 
 impl Gauge {
     /// Adds the covariance of a slip of the camera, its clones and the followed features that were born with the id `free`
-    /// or a later one, O(n^2). What they are to each other is as certain as before.
+    /// or a later one, O(n^2); where a submap began is out of view. What they are to each other is as certain as before.
     pub(crate) fn slip(&mut self, state: &mut State, slip: &Slip, free: u64) {
         let (n, rows) = (state.p.stored().n, state.x.len());
         directions(&state.x, &state.layout, &mut self.from);
         self.from.resize(MOTIONS * rows, 0.0);
         let moved = |block: &Block| match block.kind {
             BlockKind::Feature(_) => block.id >= free,
+            BlockKind::Submap => false,
             _ => true,
         };
         let blocks = carried_blocks(&state.layout, &self.followed).filter(|b| moved(b));

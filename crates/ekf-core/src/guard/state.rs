@@ -138,7 +138,8 @@ fn rows_are_sane(
         if matches!(block.kind, BlockKind::Auxiliary(_) | BlockKind::WornError) {
             continue;
         }
-        turned |= block.kind == BlockKind::Clone && norm(block.offset + 3) < LEAST_QUATERNION;
+        turned |= matches!(block.kind, BlockKind::Clone | BlockKind::Submap)
+            && norm(block.offset + 3) < LEAST_QUATERNION;
         if !block.range().all(is_good) {
             let (kind, id) = (block.kind, block.id);
             return Err(format!(

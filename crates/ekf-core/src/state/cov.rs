@@ -27,6 +27,15 @@ pub struct LinearPart<'a> {
     pub matrix: &'a [f64],
 }
 
+/// Room for the rows that [`Covariance::times_apart`] does not leave apart.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Rest {
+    p: Vec<f64>,
+    b: Vec<f64>,
+    idle: Vec<Range<usize>>,
+    out: Vec<f64>,
+}
+
 /// Rounding error of a few products and sums, relative.
 const OF_SUMS: f64 = 16.0 * f64::EPSILON;
 
@@ -386,6 +395,45 @@ impl Covariance {
     /// `P b` by stored rows, one pass over the stored triangle; `b` is zero in the stretches `idle` (increasing).
     pub(crate) fn times(&self, b: &[f64], idle: &[Range<usize>], out: &mut [f64]) {
         kernel::times(&self.data, self.ld, b, idle, out);
+    }
+
+    /// As [`Self::times`], to the bit what it would be if the stored rows `apart` were not there; `b` is zero in them. They are
+    /// multiplied by themselves.
+    pub(crate) fn times_apart(
+        &self,
+        apart: &Range<usize>,
+        b: &[f64],
+        idle: &[Range<usize>],
+        out: &mut [f64],
+        rest: &mut Rest,
+    ) {
+        let (n, gone) = (self.n, apart.len());
+        let m = n - gone;
+        let others = || (0..apart.start).chain(apart.end..n);
+        let place = |row: usize| if row < apart.start { row } else { row - gone };
+        rest.p.resize(m * m, 0.0);
+        for j in others() {
+            let to = &mut rest.p[place(j) * m..][place(j)..m];
+            let column = &self.data[j * self.ld..][..n];
+            let (before, after) = to.split_at_mut(apart.start.saturating_sub(j));
+            before.copy_from_slice(&column[j.min(apart.start)..apart.start]);
+            after.copy_from_slice(&column[j.max(apart.end)..]);
+        }
+        rest.b.clear();
+        rest.b.extend(others().map(|j| b[j]));
+        rest.idle.clear();
+        let idle = idle
+            .iter()
+            .map(|r| place(r.start)..place(r.start) + r.len());
+        rest.idle.extend(idle);
+        rest.out.resize(m, 0.0);
+        kernel::times(&rest.p, m, &rest.b, &rest.idle, &mut rest.out);
+        for j in others() {
+            out[j] = rest.out[place(j)];
+        }
+        for i in apart.clone() {
+            out[i] = (0..n).map(|j| self.stored_entry(i, j) * b[j]).sum();
+        }
     }
 
     fn reserve(&mut self, n: usize) {

@@ -89,7 +89,9 @@ impl State {
         let mut ids = std::collections::BTreeSet::new();
         for &(id, kind) in blocks {
             let is_auxiliary = matches!(kind, BlockKind::Auxiliary(_));
+            let again = |b: &Block| kind == BlockKind::Submap && b.kind == kind;
             if kind == BlockKind::WornError
+                || state.layout.blocks().iter().any(again)
                 || (!is_auxiliary && (id >= *next_id || !ids.insert(id)))
             {
                 return Err(EkfError::bad_snapshot("a block of its state is impossible"));
@@ -162,6 +164,7 @@ fn in_order(kind: BlockKind, slots: &[usize]) -> bool {
         | BlockKind::WornBias
         | BlockKind::Calibration
         | BlockKind::OdometryScale
-        | BlockKind::WornError => side_by_side(slots),
+        | BlockKind::WornError
+        | BlockKind::Submap => side_by_side(slots),
     }
 }

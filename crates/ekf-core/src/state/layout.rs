@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 /// Dimension of the camera's block `[r(3) q(4) v(3) w(3)]` (METHOD 2).
 pub const CAMERA_DIM: usize = 13;
 
+/// Numbers of the beginning of a submap.
+pub const SUBMAP_DIM: usize = POSE_DIM + 7;
+
 /// What a block of the state is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum BlockKind {
@@ -21,6 +24,9 @@ pub enum BlockKind {
     OdometryScale,
     /// The error of one frame's T_CF, tangent, 6 numbers; lives for that frame only.
     WornError,
+    /// Where the present submap began: the camera's pose there `[r(3) q(4)]`, and by how much the scale's logarithm and the bias
+    /// of T_CF were estimated wrongly, 7 numbers.
+    Submap,
     /// Auxiliary rows of the local update; only a working state has them, never the state that is shown.
     Auxiliary(usize),
 }
@@ -30,6 +36,7 @@ impl BlockKind {
     pub const fn dim(self) -> usize {
         match self {
             Self::Clone => POSE_DIM,
+            Self::Submap => SUBMAP_DIM,
             Self::Auxiliary(rows) => rows,
             Self::Feature(form) => form.dim(),
             Self::OdometryScale => 2,
@@ -51,6 +58,7 @@ impl BlockKind {
             Self::Calibration => "Calibration",
             Self::OdometryScale => "OdometryScale",
             Self::WornError => "WornError",
+            Self::Submap => "Submap",
             Self::Auxiliary(_) => "Auxiliary",
         }
     }

@@ -1,7 +1,7 @@
 //! The state vector, its layout and its covariance.
 //!
 //! ```text
-//! x = [ r(3) q(4) v(3) w(3) | bias(6)? | odometry scale(2)? | feature(6 or 3) ... | clone(7) ... | worn error(6)? ]
+//! x = [ r(3) q(4) v(3) w(3) | bias(6)? | odometry scale(2)? | feature(6 or 3) ... | clone(7) ... | submap(14)? | worn error(6)? ]
 //!       camera, always 13     blocks in order of birth, each with an id
 //! ```
 
@@ -10,9 +10,10 @@ pub mod cov;
 mod image;
 pub mod layout;
 
+pub(crate) use cov::Rest;
 pub use cov::{Covariance, LinearPart};
 pub(crate) use image::StateImage;
-pub use layout::{Block, BlockKind, CAMERA_DIM, Layout};
+pub use layout::{Block, BlockKind, CAMERA_DIM, Layout, SUBMAP_DIM};
 
 use crate::math::quat;
 use crate::observe::point::CameraPose;
@@ -130,6 +131,13 @@ impl State {
     pub(crate) fn auxiliary_blocks(&self) -> impl Iterator<Item = &Block> {
         let blocks = self.layout.blocks().iter();
         blocks.filter(|b| matches!(b.kind, BlockKind::Auxiliary(_)))
+    }
+
+    /// Where the rows of the present submap's beginning are stored, if there is one.
+    pub(crate) fn submap_rows(&self) -> Option<Range<usize>> {
+        let block = self.layout.of_kind(BlockKind::Submap).next()?;
+        let first = self.p.stored().slots[block.offset];
+        Some(first..first + SUBMAP_DIM)
     }
 
     /// Where the rows of the auxiliary blocks are stored, increasing.
@@ -351,7 +359,7 @@ impl State {
         self.normalise_quaternion_at(3);
         for i in 0..self.layout.blocks().len() {
             let block = self.layout.blocks()[i];
-            if block.kind == BlockKind::Clone {
+            if matches!(block.kind, BlockKind::Clone | BlockKind::Submap) {
                 self.normalise_quaternion_at(block.offset + 3);
             }
         }

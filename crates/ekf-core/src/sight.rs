@@ -1,0 +1,260 @@
+//! An earlier submap in sight: where the camera is in it, from the pixels of its landmarks and their covariance (METHOD 23).
+
+use crate::camera::Camera;
+use crate::chi2;
+use crate::error::EkfError;
+use crate::math::pose::Pose;
+use crate::math::quat;
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6, SMatrix, SVector, Vector2, Vector3};
+
+/// Numbers that a submap hands on.
+const HANDED_ON: usize = 7;
+/// Numbers that a sight is about: the pose, and what the submap handed on.
+const ABOUT: usize = 6 + HANDED_ON;
+/// Level of the tests of one match and of all together.
+const LEVEL: f64 = 0.9999;
+/// Most steps of a fit, and the step after which it stands (metres, radians).
+const MOST_STEPS: usize = 20;
+const STANDS: f64 = 1e-9;
+
+/// A submap's landmarks as they stood to the camera where it ended.
+#[derive(Clone, Copy, Debug)]
+pub struct Landmarks<'a> {
+    /// Metres.
+    pub points: &'a [Vector3<f64>],
+    /// `3n x 3n`, m^2.
+    pub covariance: &'a DMatrix<f64>,
+    /// With what the submap handed on, `3n x 7`.
+    pub with_handed_on: &'a DMatrix<f64>,
+    /// Covariance of what it handed on.
+    pub handed_on: &'a SMatrix<f64, HANDED_ON, HANDED_ON>,
+}
+
+/// Where the camera is in a submap.
+#[derive(Clone, Debug)]
+pub struct Sight {
+    /// Pose of the camera in the frame of the submap's end.
+    pub pose: Pose,
+    /// What the matches say about the pose (right tangent) and about what the submap handed on.
+    pub information: SMatrix<f64, ABOUT, ABOUT>,
+    /// Which matches it rests on.
+    pub accepted: Vec<bool>,
+    /// Their squared residual against all noise, and its degrees of freedom.
+    pub chi2: f64,
+    /// See `chi2`.
+    pub dof: usize,
+}
+
+/// Fits the pose to matches of landmarks (by their place) with pixels of sd `sigma`, and tests them by chi-square: the worst is
+/// taken out until each agrees with the others and all together pass. `None` if fewer than `least`, or fewer than half of
+/// them, are left, or they leave the pose open.
+///
+/// # Errors
+/// `BadShape`, `NonFinite`, `InvalidInput` (no such landmark).
+pub fn sight(
+    camera: &Camera,
+    sigma: f64,
+    landmarks: &Landmarks<'_>,
+    matches: &[(usize, Vector2<f64>)],
+    guess: &Pose,
+    least: usize,
+) -> Result<Option<Sight>, EkfError> {
+    check(landmarks, matches, sigma)?;
+    let mut kept: Vec<usize> = (0..matches.len()).collect();
+    let mut pose = guess.clone();
+    while kept.len() >= least.max(4) && 2 * kept.len() >= matches.len() {
+        let some: Vec<_> = kept.iter().map(|&k| matches[k]).collect();
+        let Some((fitted, rows)) = fit(camera, sigma, landmarks, &some, &pose) else {
+            return Ok(None);
+        };
+        pose = fitted;
+        let Some(inverse) = rows.noise(landmarks.covariance, sigma).map(|l| l.inverse()) else {
+            return Ok(None);
+        };
+        let weighted = &inverse * &rows.residual;
+        let squared = rows.residual.dot(&weighted);
+        let dof = 2 * some.len() - 6;
+        let by_itself = |k: &usize| {
+            let own = inverse.fixed_view::<2, 2>(2 * k, 2 * k).try_inverse();
+            let z = weighted.fixed_rows::<2>(2 * k);
+            own.map_or(f64::INFINITY, |own| z.dot(&(own * z)))
+        };
+        let all: Vec<f64> = (0..some.len()).map(|k| by_itself(&k)).collect();
+        let worst = (0..all.len()).max_by(|&a, &b| all[a].total_cmp(&all[b]));
+        let Some(worst) = worst else {
+            return Ok(None);
+        };
+        let fits = all[worst] <= chi2::quantile(LEVEL, 2.0)
+            && squared <= chi2::quantile(LEVEL, dof as f64);
+        if !fits {
+            kept.remove(worst);
+            continue;
+        }
+        let mut accepted = vec![false; matches.len()];
+        kept.iter().for_each(|&k| accepted[k] = true);
+        let information = rows.information(landmarks, sigma);
+        return Ok(information.map(|information| Sight {
+            pose,
+            information,
+            accepted,
+            chi2: squared,
+            dof,
+        }));
+    }
+    Ok(None)
+}
+
+fn check(
+    landmarks: &Landmarks<'_>,
+    matches: &[(usize, Vector2<f64>)],
+    sigma: f64,
+) -> Result<(), EkfError> {
+    let n = 3 * landmarks.points.len();
+    let shapes = [
+        ("covariance of the landmarks", landmarks.covariance, n),
+        (
+            "covariance of the landmarks with what is handed on",
+            landmarks.with_handed_on,
+            HANDED_ON,
+        ),
+    ];
+    for (what, matrix, columns) in shapes {
+        if matrix.shape() != (n, columns) {
+            let expected = format!("({n}, {columns})");
+            let got = format!("{:?}", matrix.shape());
+            return Err(EkfError::BadShape {
+                what,
+                expected,
+                got,
+            });
+        }
+        if !matrix.iter().all(|v| v.is_finite()) {
+            return Err(EkfError::NonFinite { what });
+        }
+    }
+    let numbers = landmarks.points.iter().flat_map(|p| p.iter());
+    let mut numbers = numbers
+        .chain(landmarks.handed_on.iter())
+        .chain(matches.iter().flat_map(|(_, uv)| uv.iter()));
+    if !numbers.all(|v| v.is_finite()) || !(sigma.is_finite() && sigma > 0.0) {
+        let what = "landmarks or pixels of a sight";
+        return Err(EkfError::NonFinite { what });
+    }
+    match matches.iter().find(|(k, _)| 3 * k >= n) {
+        Some((k, _)) => Err(EkfError::InvalidInput {
+            what: "matches",
+            why: format!("there is no landmark {k} among {}", n / 3),
+        }),
+        None => Ok(()),
+    }
+}
+
+/// Linearised matches.
+struct Rows {
+    residual: DVector<f64>,
+    /// By the pose's right tangent.
+    by_pose: DMatrix<f64>,
+    /// By the points, each match by its own.
+    by_point: Vec<(usize, SMatrix<f64, 2, 3>)>,
+}
+
+impl Rows {
+    /// `None` where a landmark has no pixel.
+    fn of(
+        camera: &Camera,
+        landmarks: &Landmarks<'_>,
+        matches: &[(usize, Vector2<f64>)],
+        pose: &Pose,
+    ) -> Option<Self> {
+        let into = pose.inverse();
+        let mut rows = Self {
+            residual: DVector::zeros(2 * matches.len()),
+            by_pose: DMatrix::zeros(2 * matches.len(), 6),
+            by_point: Vec::with_capacity(matches.len()),
+        };
+        for (k, &(landmark, uv)) in matches.iter().enumerate() {
+            let seen = into.apply(&landmarks.points[landmark]);
+            let (expected, by_seen) = camera.project_jac(&seen)?;
+            let mut moved = SMatrix::<f64, 3, 6>::zeros();
+            moved.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(-1.0);
+            moved
+                .fixed_view_mut::<3, 3>(0, 3)
+                .copy_from(&quat::skew(&seen));
+            rows.residual
+                .fixed_rows_mut::<2>(2 * k)
+                .copy_from(&(uv - expected));
+            rows.by_pose
+                .fixed_view_mut::<2, 6>(2 * k, 0)
+                .copy_from(&(by_seen * moved));
+            rows.by_point.push((landmark, by_seen * into.rotation));
+        }
+        Some(rows)
+    }
+
+    /// The factor of the residual's covariance, with this one of all points.
+    fn noise(&self, points: &DMatrix<f64>, sigma: f64) -> Option<Cholesky<f64, Dyn>> {
+        let m = self.residual.len();
+        let mut s = DMatrix::identity(m, m) * (sigma * sigma);
+        for (i, (a, by_a)) in self.by_point.iter().enumerate() {
+            for (j, (b, by_b)) in self.by_point.iter().enumerate() {
+                let p = points.fixed_view::<3, 3>(3 * a, 3 * b);
+                let mut block = s.fixed_view_mut::<2, 2>(2 * i, 2 * j);
+                block += by_a * p * by_b.transpose();
+            }
+        }
+        ((&s + s.transpose()) * 0.5).cholesky()
+    }
+
+    /// What is said about the pose and what was handed on: the points by themselves are uncertain by what that leaves.
+    fn information(
+        &self,
+        landmarks: &Landmarks<'_>,
+        sigma: f64,
+    ) -> Option<SMatrix<f64, ABOUT, ABOUT>> {
+        let least = SMatrix::<f64, HANDED_ON, HANDED_ON>::identity() * 1e-12;
+        let handed_on = (landmarks.handed_on + least).cholesky()?;
+        let with = landmarks.with_handed_on;
+        let solved = handed_on.solve(&with.transpose());
+        let own = landmarks.covariance - with * &solved;
+        let noise = self.noise(&own, sigma)?;
+        let m = self.residual.len();
+        let mut by = DMatrix::<f64>::zeros(m, ABOUT);
+        by.columns_mut(0, 6).copy_from(&self.by_pose);
+        for (k, (landmark, by_point)) in self.by_point.iter().enumerate() {
+            let gain = solved.columns(3 * landmark, 3).transpose();
+            by.view_mut((2 * k, 6), (2, HANDED_ON))
+                .copy_from(&(by_point * gain));
+        }
+        let information = by.transpose() * noise.solve(&by);
+        let information = (&information + information.transpose()) * 0.5;
+        let pose: Matrix6<f64> = information.fixed_view::<6, 6>(0, 0).into_owned();
+        pose.cholesky()?;
+        Some(SMatrix::from_column_slice(information.as_slice()))
+    }
+}
+
+/// The pose of least squares, and the matches linearised there; `None` where they leave it open.
+fn fit(
+    camera: &Camera,
+    sigma: f64,
+    landmarks: &Landmarks<'_>,
+    matches: &[(usize, Vector2<f64>)],
+    guess: &Pose,
+) -> Option<(Pose, Rows)> {
+    let mut pose = guess.clone();
+    for _ in 0..MOST_STEPS {
+        let rows = Rows::of(camera, landmarks, matches, &pose)?;
+        let noise = rows.noise(landmarks.covariance, sigma)?;
+        let information = rows.by_pose.transpose() * noise.solve(&rows.by_pose);
+        let information: Matrix6<f64> = information.fixed_view::<6, 6>(0, 0).into_owned();
+        let pull = rows.by_pose.transpose() * noise.solve(&rows.residual);
+        let pull = SVector::<f64, 6>::from_column_slice(pull.as_slice());
+        let step = information.cholesky()?.solve(&pull);
+        pose = pose.retract(&step);
+        if step.amax() < STANDS {
+            break;
+        }
+    }
+    let rows = Rows::of(camera, landmarks, matches, &pose)?;
+    Some((pose, rows))
+}

@@ -1,0 +1,179 @@
+//! An earlier submap in sight: honest where all is as stated, and not taken in by wrong matches.
+
+use crate::scene::{camera, normals, rng};
+use ekf_core::EkfError;
+use ekf_core::graph::{Factor, HANDED_ON, NODE};
+use ekf_core::math::pose::Pose;
+use ekf_core::sight::{Landmarks, Sight, sight};
+use nalgebra::{DMatrix, Matrix6, SMatrix, Vector2, Vector3, Vector6};
+use rand::Rng;
+use rand_pcg::Pcg64;
+
+const SCALE_SD: f64 = 0.03;
+const SIGMA: f64 = 0.7;
+
+/// Landmarks whose errors are their own along the ray, and one of the scale; what they are in truth; and a view of them.
+struct Case {
+    points: Vec<Vector3<f64>>,
+    covariance: DMatrix<f64>,
+    with_handed_on: DMatrix<f64>,
+    handed_on: SMatrix<f64, HANDED_ON, HANDED_ON>,
+    truth: Vec<Vector3<f64>>,
+    pose: Pose,
+    scale: f64,
+    matches: Vec<(usize, Vector2<f64>)>,
+}
+
+impl Case {
+    fn new(rng: &mut Pcg64, count: usize) -> Self {
+        let pose = Pose::exp(&Vector6::new(0.4, -0.2, 0.5, 0.05, -0.1, 0.03));
+        let scale = SCALE_SD * normals::<1>(rng)[0];
+        let mut case = Self {
+            points: Vec::new(),
+            covariance: DMatrix::zeros(3 * count, 3 * count),
+            with_handed_on: DMatrix::zeros(3 * count, HANDED_ON),
+            handed_on: SMatrix::zeros(),
+            truth: Vec::new(),
+            pose,
+            scale,
+            matches: Vec::new(),
+        };
+        case.handed_on[(0, 0)] = SCALE_SD * SCALE_SD;
+        while case.points.len() < count {
+            let point = Vector3::new(
+                rng.random_range(-2.0..2.0),
+                rng.random_range(-1.2..1.2),
+                rng.random_range(4.0..8.0),
+            );
+            let ray = point.normalize();
+            // One error by itself, one that all share with the scale.
+            let own = 0.1 * normals::<1>(rng)[0];
+            let truth = point + ray * own + point * scale;
+            let uv = camera().project(&case.pose.inverse().apply(&truth));
+            let Some(uv) = uv.filter(|uv| camera().in_image(uv, 5.0)) else {
+                continue;
+            };
+            case.matches
+                .push((case.points.len(), uv + normals::<2>(rng) * SIGMA));
+            case.points.push(point);
+            case.truth.push(truth);
+        }
+        for (i, a) in case.points.iter().enumerate() {
+            for (j, b) in case.points.iter().enumerate() {
+                let mut block = a * b.transpose() * (SCALE_SD * SCALE_SD);
+                if i == j {
+                    let ray = a.normalize();
+                    block += ray * ray.transpose() * 0.01 + SMatrix::identity() * 1e-8;
+                }
+                case.covariance
+                    .fixed_view_mut::<3, 3>(3 * i, 3 * j)
+                    .copy_from(&block);
+            }
+            case.with_handed_on
+                .fixed_view_mut::<3, 1>(3 * i, 0)
+                .copy_from(&(a * (SCALE_SD * SCALE_SD)));
+        }
+        case
+    }
+
+    fn landmarks(&self) -> Landmarks<'_> {
+        Landmarks {
+            points: &self.points,
+            covariance: &self.covariance,
+            with_handed_on: &self.with_handed_on,
+            handed_on: &self.handed_on,
+        }
+    }
+
+    fn sight(&self) -> Option<Sight> {
+        let guess = self
+            .pose
+            .retract(&Vector6::new(0.1, -0.1, 0.1, 0.02, 0.02, -0.02));
+        sight(
+            &camera(),
+            SIGMA,
+            &self.landmarks(),
+            &self.matches,
+            &guess,
+            8,
+        )
+        .unwrap()
+    }
+}
+
+#[test]
+fn it_is_honest_about_the_pose_and_leaves_the_scale_to_what_knows_it() {
+    let (draws, mut nees, mut kept) = (60, 0.0, 0);
+    for seed in 0..draws {
+        let case = Case::new(&mut rng(seed), 25);
+        let found = case.sight().unwrap();
+        kept += found.accepted.iter().filter(|a| **a).count();
+        // With the scale as known as the filter says it is.
+        let mut information = found.information;
+        for i in 0..HANDED_ON {
+            information[(6 + i, 6 + i)] += 1.0 / (case.handed_on[(i, i)] + 1e-12);
+        }
+        let p = information.try_inverse().unwrap();
+        let p: Matrix6<f64> = p.fixed_view::<6, 6>(0, 0).into_owned();
+        let error = found.pose.inverse().compose(&case.pose).log();
+        let p = (p + p.transpose()) * 0.5;
+        nees += error.dot(&p.cholesky().unwrap().solve(&error)) / draws as f64;
+        // Nothing is said of the size of it all: larger by a share, and as much farther away.
+        let mut along = SMatrix::<f64, NODE, 1>::zeros();
+        let back = found.pose.rotation.transpose() * found.pose.translation;
+        along.fixed_rows_mut::<3>(0).copy_from(&back);
+        along[6] = 1.0;
+        let said = (found.information * along).dot(&along);
+        assert!(said * SCALE_SD * SCALE_SD < 0.1, "{said}");
+        assert!(Factor::sight(0, 1, &found.pose, &found.information).is_ok());
+        assert!(case.scale.abs() < 5.0 * SCALE_SD && case.truth.len() == 25);
+    }
+    assert!((4.2..7.8).contains(&nees), "{nees}");
+    assert!(kept as f64 > 0.99 * (25 * draws) as f64, "{kept}");
+}
+
+#[test]
+fn wrong_matches_are_taken_out_and_too_many_of_them_are_no_sight() {
+    let mut case = Case::new(&mut rng(7), 24);
+    for k in [3, 11, 20] {
+        case.matches[k].1 += Vector2::new(25.0, -18.0);
+    }
+    let found = case.sight().unwrap();
+    let out: Vec<usize> = (0..24).filter(|&k| !found.accepted[k]).collect();
+    assert_eq!(out, [3, 11, 20]);
+    assert!(
+        found.chi2 < 80.0 && found.dof == 36,
+        "{} {}",
+        found.chi2,
+        found.dof
+    );
+    for (k, (_, uv)) in case.matches.iter_mut().enumerate() {
+        if k % 2 == 0 {
+            *uv += Vector2::new(7.0 * k as f64, 200.0 - 15.0 * k as f64);
+        }
+    }
+    assert!(case.sight().is_none());
+    case.matches.truncate(5);
+    assert!(case.sight().is_none());
+}
+
+#[test]
+fn what_makes_no_sense_is_refused() {
+    let case = Case::new(&mut rng(1), 10);
+    let ask = |landmarks: &Landmarks<'_>, matches: &[(usize, Vector2<f64>)], sigma| {
+        sight(&camera(), sigma, landmarks, matches, &case.pose, 8)
+    };
+    let small = DMatrix::zeros(3, 3);
+    let wrong = Landmarks {
+        covariance: &small,
+        ..case.landmarks()
+    };
+    let found = ask(&wrong, &case.matches, SIGMA);
+    assert!(matches!(found, Err(EkfError::BadShape { .. })));
+    let found = ask(&case.landmarks(), &[(10, Vector2::zeros())], SIGMA);
+    assert!(matches!(found, Err(EkfError::InvalidInput { .. })));
+    let found = ask(&case.landmarks(), &[(0, Vector2::repeat(f64::NAN))], SIGMA);
+    assert!(matches!(found, Err(EkfError::NonFinite { .. })));
+    let found = ask(&case.landmarks(), &case.matches, 0.0);
+    assert!(matches!(found, Err(EkfError::NonFinite { .. })));
+}
