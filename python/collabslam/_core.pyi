@@ -12,8 +12,10 @@ __all__ = [
     "ConditionalPrediction",
     "Consensus",
     "DepthMeasurement",
+    "Edge",
     "EpipolarResiduals",
     "ExpectedPixels",
+    "Factor",
     "Filter",
     "KnownMap",
     "Landmarks",
@@ -25,12 +27,16 @@ __all__ = [
     "PairOptions",
     "PairPoints",
     "PeakTest",
+    "PoseGraph",
     "Prediction",
     "ProjectedPoints",
     "SampledTemplates",
     "SearchResult",
     "SearchWindow",
     "SettingInfo",
+    "Sight",
+    "Submap",
+    "SubmapLandmarks",
     "Turn",
     "UpdateReport",
     "WarpLimits",
@@ -893,6 +899,30 @@ class Filter:
         InputError
             For unknown ids; the filter stays as it was.
         """
+    def end_submap(self, seen: ArrayLike) -> Submap:
+        """Ends the present submap and begins the next one; no estimate changes.
+
+        Parameters
+        ----------
+        seen : (N,) int64
+            Features measured in this frame; those of good depth are taken down.
+
+        Returns
+        -------
+        Submap
+
+        Raises
+        ------
+        InputError
+            Before the start, or for unknown ids; the filter stays as it was.
+        """
+    def since_submap(self) -> Edge | None:
+        """The way since the last submap ended, or None where none has in this map.
+
+        Returns
+        -------
+        Edge or None
+        """
     def known_map(self) -> KnownMap:
         """The map to start another filter in.
 
@@ -1312,6 +1342,383 @@ class KnownMap:
     def covariance(self) -> _Array: ...
     @property
     def place(self) -> _Array: ...
+
+@final
+class Edge:
+    """The way from where a submap began, as the filter knows it; of :meth:`Filter.since_submap`.
+
+    Attributes
+    ----------
+    pose : (4, 4) float64
+        Of its end from its beginning, metres.
+    revised : (7,) float64
+        By how much the estimate of what the beginning handed on has changed since.
+    covariance : (20, 20) float64
+        Joint, of the pose (right tangent, m and rad), what the beginning handed on and what the end hands on.
+    """
+
+    @property
+    def pose(self) -> _Array: ...
+    @property
+    def revised(self) -> _Array: ...
+    @property
+    def covariance(self) -> _Array: ...
+
+@final
+class Submap:
+    """A submap that has ended; of :meth:`Filter.end_submap`.
+
+    Attributes
+    ----------
+    edge : Edge or None
+        The way since the last one ended; None of the first one in a map.
+    pose : (4, 4) float64
+        T_WC where it ended, metres.
+    pose_covariance : (6, 6) float64
+        Right tangent, m^2 and rad^2.
+    handed_on : (7, 7) float64
+        Covariance of what it hands on: the logarithm of the scale, and the bias of T_CF.
+    ids : (N,) int64
+        Landmarks in view.
+    points : (N, 3) float64
+        From the camera, metres.
+    covariance : (3 N, 3 N) float64
+        Their joint covariance as they stand to the camera, m^2.
+    with_handed_on : (3 N, 7) float64
+        Their covariance with what is handed on.
+    """
+
+    @property
+    def edge(self) -> Edge | None: ...
+    @property
+    def pose(self) -> _Array: ...
+    @property
+    def pose_covariance(self) -> _Array: ...
+    @property
+    def handed_on(self) -> _Array: ...
+    @property
+    def ids(self) -> _Ids: ...
+    @property
+    def points(self) -> _Array: ...
+    @property
+    def covariance(self) -> _Array: ...
+    @property
+    def with_handed_on(self) -> _Array: ...
+
+@final
+class Sight:
+    """Where the camera is in an earlier submap; of :meth:`SubmapLandmarks.sight`.
+
+    Attributes
+    ----------
+    pose : (4, 4) float64
+        Of the camera in the frame of the submap's end, metres.
+    accepted : (N,) bool
+        The matches that it rests on.
+    chi2 : float
+        Their squared residual against all noise.
+    dof : int
+        Its degrees of freedom.
+    """
+
+    @property
+    def pose(self) -> _Array: ...
+    @property
+    def accepted(self) -> _Mask: ...
+    @property
+    def chi2(self) -> float: ...
+    @property
+    def dof(self) -> int: ...
+
+@final
+class Factor:
+    """What was measured of one or two submaps' poses, weighted by its covariance.
+
+    Parameters
+    ----------
+    first : int
+        Submap that it is measured from; -1 is W.
+    second : int
+        Submap that is measured.
+    pose : (4, 4) float64
+        Of the second from the first, metres.
+    handed_on : (7,) float64
+        What the first was found to hand on.
+    weight : (K, 20) float64
+        Makes the residual white.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, or a pose that is none.
+    """
+
+    def __new__(
+        cls, first: int, second: int, pose: ArrayLike, handed_on: ArrayLike, weight: ArrayLike
+    ) -> Factor: ...
+    @staticmethod
+    def between(first: int, second: int, edge: Edge) -> Factor:
+        """What the filter says of two submaps that follow one another.
+
+        Parameters
+        ----------
+        first, second : int
+        edge : Edge
+
+        Returns
+        -------
+        Factor
+
+        Raises
+        ------
+        FilterError
+            If its covariance is none.
+        """
+    @staticmethod
+    def of_pose(first: int, second: int, pose: ArrayLike, covariance: ArrayLike) -> Factor:
+        """A pose measured by itself.
+
+        Parameters
+        ----------
+        first : int
+            -1 is W.
+        second : int
+        pose : (4, 4) float64
+        covariance : (6, 6) float64
+            Right tangent, m^2 and rad^2.
+
+        Returns
+        -------
+        Factor
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, or a pose that is none.
+        FilterError
+            If the covariance is none.
+        """
+    @staticmethod
+    def of_handed_on(submap: int, covariance: ArrayLike) -> Factor:
+        """How well the filter knows what a submap hands on, where none of the same map follows it.
+
+        Parameters
+        ----------
+        submap : int
+        covariance : (7, 7) float64
+
+        Returns
+        -------
+        Factor
+
+        Raises
+        ------
+        InputError
+            For a wrong shape.
+        FilterError
+            If the covariance is none.
+        """
+    @staticmethod
+    def of_sight(first: int, second: int, sight: Sight) -> Factor:
+        """What the sight of an earlier submap says.
+
+        Parameters
+        ----------
+        first : int
+            The submap that is seen.
+        second : int
+            The submap at whose end it is seen.
+        sight : Sight
+
+        Returns
+        -------
+        Factor
+
+        Raises
+        ------
+        InputError
+            If its information is not finite.
+        """
+    @property
+    def first(self) -> int: ...
+    @property
+    def second(self) -> int: ...
+    @property
+    def pose(self) -> _Array: ...
+    @property
+    def handed_on(self) -> _Array: ...
+    @property
+    def weight(self) -> _Array: ...
+
+@final
+class PoseGraph:
+    """A graph of submaps' poses.
+
+    Parameters
+    ----------
+    poses : (N, 4, 4) float64
+        Of each submap in W, metres.
+    handed_on : (N, 7) float64
+        By how much what it handed on is wrong.
+    factors : list of Factor
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, numbers that are not finite, or a factor of a submap that is not there.
+    """
+
+    def __new__(cls, poses: ArrayLike, handed_on: ArrayLike, factors: list[Factor]) -> PoseGraph: ...
+    def solved(self) -> PoseGraph:
+        """The graph whose poses all factors agree with best.
+
+        Returns
+        -------
+        PoseGraph
+
+        Raises
+        ------
+        FilterError
+            If a submap is tied to nothing.
+        """
+    def covariance(self, submap: int) -> _Array:
+        """Covariance of a submap's pose.
+
+        Parameters
+        ----------
+        submap : int
+
+        Returns
+        -------
+        (6, 6) float64
+            Right tangent, m^2 and rad^2.
+
+        Raises
+        ------
+        InputError
+            If there is no such submap.
+        FilterError
+            If a submap is tied to nothing.
+        """
+    def relative(self, first: int, second: int) -> tuple[_Array, _Array]:
+        """Pose of one submap from another, and its covariance (right tangent, m^2 and rad^2).
+
+        Parameters
+        ----------
+        first, second : int
+
+        Returns
+        -------
+        pose : (4, 4) float64
+        covariance : (6, 6) float64
+
+        Raises
+        ------
+        InputError
+            If there is no such submap.
+        FilterError
+            If a submap is tied to nothing.
+        """
+    def distance(self, factor: Factor) -> float:
+        """Chi-square of a factor before it is believed, of as many degrees of freedom as it measures.
+
+        Parameters
+        ----------
+        factor : Factor
+
+        Returns
+        -------
+        float
+
+        Raises
+        ------
+        InputError
+            If it is of a submap that is not there.
+        FilterError
+            If a submap is tied to nothing.
+        """
+    def onward(self, submap: int, edge: Edge) -> tuple[_Array, _Array]:
+        """A pose that the filter knows from a submap's end on, in W, and its covariance (right tangent).
+
+        Parameters
+        ----------
+        submap : int
+        edge : Edge
+
+        Returns
+        -------
+        pose : (4, 4) float64
+        covariance : (6, 6) float64
+
+        Raises
+        ------
+        InputError
+            If there is no such submap.
+        FilterError
+            If a submap is tied to nothing.
+        """
+    @property
+    def poses(self) -> _Array:
+        """(N, 4, 4) float64, see the class."""
+    @property
+    def handed_on(self) -> _Array:
+        """(N, 7) float64, see the class."""
+
+@final
+class SubmapLandmarks:
+    """The landmarks of a submap, to be seen again.
+
+    Parameters
+    ----------
+    points, covariance, with_handed_on, handed_on : ndarray
+        As :class:`Submap` has them.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes.
+    """
+
+    def __new__(
+        cls, points: ArrayLike, covariance: ArrayLike, with_handed_on: ArrayLike, handed_on: ArrayLike
+    ) -> SubmapLandmarks: ...
+    def sight(
+        self,
+        camera: Camera,
+        sigma: float,
+        landmarks: ArrayLike,
+        uv: ArrayLike,
+        guess: ArrayLike,
+        least: int,
+    ) -> Sight | None:
+        """Pose of a camera that sees the submap, from matches with its landmarks and their covariance.
+
+        The worst match is taken out until each agrees with the others and all together pass, by chi-square.
+
+        Parameters
+        ----------
+        camera : Camera
+        sigma : float
+            Standard deviation of a pixel.
+        landmarks : (N,) int64
+            Of each match, by its place among the points.
+        uv : (N, 2) float64
+            Its pixel.
+        guess : (4, 4) float64
+            The pose to begin with, as PnP gives it.
+        least : int
+            Fewest matches that must be left.
+
+        Returns
+        -------
+        Sight or None
+            None if too few matches agree.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, numbers that are not finite, or a landmark that is not there.
+        """
 
 @final
 class ExpectedPixels:

@@ -22,6 +22,7 @@ from collabslam.formats.files import LineFile
 from collabslam.formats.landmarks import write_ply
 from collabslam.runs import results
 from collabslam.runs.folder import MARK, claim, locked
+from collabslam.slam.results import SubmapPoses
 
 CONFIG = MARK + ": test\n"
 
@@ -54,7 +55,11 @@ def write(folder: Path, frames: int = 4) -> RunRecord:
         truth = record.poses.copy()
         truth[1] = np.nan
         writer.finish(
-            record, landmarks(), truth, {"mode": "mono", "ate_rmse_m": float("nan"), "n": np.int64(3)}
+            record,
+            landmarks(),
+            truth,
+            {"mode": "mono", "ate_rmse_m": float("nan"), "n": np.int64(3)},
+            SubmapPoses(record.times[:2], record.poses[:2], []),
         )
     return record
 
@@ -78,6 +83,7 @@ def test_trajectory_holds_the_valid_poses_in_tum_order(tmp_path: Path) -> None:
     x, y, z, w = rows[2, 4:]
     np.testing.assert_allclose(g.pose_from_quaternion(rows[2, 1:4], [w, x, y, z]), record.poses[3], atol=1e-8)
     assert len(numbers(tmp_path / "groundtruth.tum")) == 3
+    np.testing.assert_allclose(numbers(tmp_path / "submaps.tum")[:, 1:4], record.poses[:2, :3, 3], atol=1e-8)
 
 
 def test_covariances_are_lower_triangles_matched_to_the_poses(tmp_path: Path) -> None:

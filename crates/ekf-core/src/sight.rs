@@ -1,4 +1,4 @@
-//! An earlier submap in sight: where the camera is in it, from the pixels of its landmarks and their covariance (METHOD 23).
+//! An earlier submap in sight: where the camera is in it, from the pixels of its landmarks and their covariance (METHOD 24).
 
 use crate::camera::Camera;
 use crate::chi2;
@@ -136,11 +136,12 @@ fn check(
     let mut numbers = numbers
         .chain(landmarks.handed_on.iter())
         .chain(matches.iter().flat_map(|(_, uv)| uv.iter()));
-    if !numbers.all(|v| v.is_finite()) || !(sigma.is_finite() && sigma > 0.0) {
+    let good = numbers.all(|v| v.is_finite()) && sigma.is_finite() && sigma > 0.0;
+    if !good {
         let what = "landmarks or pixels of a sight";
         return Err(EkfError::NonFinite { what });
     }
-    match matches.iter().find(|(k, _)| 3 * k >= n) {
+    match matches.iter().find(|(k, _)| *k >= n / 3) {
         Some((k, _)) => Err(EkfError::InvalidInput {
             what: "matches",
             why: format!("there is no landmark {k} among {}", n / 3),

@@ -8,6 +8,7 @@ mod filter;
 mod frontend;
 mod gate;
 mod geometry;
+mod graph;
 mod settings;
 mod turn;
 
@@ -58,6 +59,8 @@ mod _core {
         pose_inverse, quaternion_wxyz, rotation_exp, rotation_from_quaternion, rotation_log,
         se3_exp, se3_log, skew, tangent_to_fixed,
     };
+    #[pymodule_export]
+    use crate::graph::{PyEdge, PyFactor, PyPoseGraph, PySight, PySubmap, PySubmapLandmarks};
     #[pymodule_export]
     use crate::settings::{SettingInfo, accepted_value, settings_schema};
     #[pymodule_export]

@@ -36,6 +36,7 @@ LINES: tuple[tuple[str, Callable[[Summary], str]], ...] = (
     ("NEES position, attitude", lambda s: _pair(s, "nees", 1, " (3 is honest)")),
     ("error over claimed sd", lambda s: _pair(s, "sharpness", 2, " (1 is honest)")),
     ("features a frame", lambda s: number(s["features_per_frame"], 1)),
+    ("loops found", lambda s: _loops(s)),
     ("overlap", lambda s: number(s["overlap_ratio"], 0, "%", 100.0)),
     ("measurements with depth", lambda s: str(s["depth_measurements"])),
     ("time a frame", lambda s: number(step_ms(s), 1, "ms")),
@@ -169,6 +170,16 @@ def _pair(summary: Summary, what: str, digits: int, note: str) -> str:
     """Position and attitude side by side."""
     values = [summary[f"{what}_{part}"] for part in ("position", "attitude")]
     return _MISSING if None in values else ", ".join(number(v, digits) for v in values) + note
+
+
+def _loops(summary: Summary) -> str:
+    """How many, between how many submaps, and by how much the camera was off at the largest of them."""
+    loops, submaps = summary["loops"], summary["submaps"]
+    if not loops:
+        return f"none between {submaps} submaps"
+    worst = max(loops, key=lambda loop: loop["residual_m"])
+    off = f"{worst['residual_m']:.2f} m, {worst['residual_deg']:.1f} deg"
+    return f"{len(loops)} between {submaps} submaps, off by {off} at most"
 
 
 def _with_share(metres: Any, percent: Any) -> str:

@@ -1,9 +1,10 @@
 """The one writer of every result file.
 
 A result folder holds ``config.yaml`` (the settings as used), ``frames.csv`` (every frame), ``trajectory.tum``
-and ``trajectory.cov`` (valid poses only), ``groundtruth.tum``, ``map.ply``, ``trajectory.png`` and
-``summary.json``; ``checkpoint.bin`` until a run that keeps one is done; ``traceback.txt`` of one that a fault
-of this program ended.  The first three grow line by line, each line in one piece once its frame is done.
+and ``trajectory.cov`` (valid poses only), ``groundtruth.tum``, ``map.ply``, ``submaps.tum``,
+``trajectory.png`` and ``summary.json``; ``checkpoint.bin`` until a run that keeps one is done;
+``traceback.txt`` of one that a fault of this program ended.  Those of ``LINES`` grow line by
+line, each line in one piece once its frame is done.
 Whole files are written beside their place and then moved into it, so that a reader never meets half a file.
 """
 
@@ -35,14 +36,16 @@ from collabslam.formats.trajectory import (
     write_tum,
 )
 from collabslam.runs.folder import CONFIG, unwritable
+from collabslam.slam.results import SubmapPoses
 from collabslam.types import Array
 
 FRAMES, TRAJECTORY, COVARIANCE = "frames.csv", "trajectory.tum", "trajectory.cov"
 GROUND_TRUTH, MAP, PICTURE, SUMMARY = "groundtruth.tum", "map.ply", "trajectory.png", "summary.json"
+SUBMAPS = "submaps.tum"
 CHECKPOINT, TRACEBACK = "checkpoint.bin", "traceback.txt"
 LINES = (FRAMES, COVARIANCE, TRAJECTORY)
 """Files that grow line by line; a pose's covariance comes before the pose."""
-AT_THE_END = (GROUND_TRUTH, MAP, PICTURE, SUMMARY)
+AT_THE_END = (GROUND_TRUTH, MAP, SUBMAPS, PICTURE, SUMMARY)
 RESULT_FILES = (CONFIG, FRAMES, TRAJECTORY, COVARIANCE, *AT_THE_END)
 _OWN = (*RESULT_FILES, CHECKPOINT, TRACEBACK)
 
@@ -55,6 +58,7 @@ DIAGNOSTICS = (
     "refused",
     "doubt",
     "relocalised",
+    "loops",
     "restarted",
     "slipped",
     "rejected_low_score",
@@ -95,6 +99,7 @@ DIAGNOSTICS = (
     "ms_map",
     "ms_total",
 )
+_SUBMAPS_NOTE = "# Poses at the ends of submaps, as loops correct them."
 _TRUTH_NOTE = "# True poses, moved so that the one at the start equals the estimate's."
 _TRUTH_NOTE_SCALED = "# True poses, moved so that the one at the start equals the estimate's, in its unit."
 LEADING = ("index", "t", "status", "valid", "started", "worn")
@@ -174,7 +179,12 @@ class ResultWriter:
         write(self.folder / CHECKPOINT)
 
     def finish(
-        self, record: RunRecord, landmarks: Landmarks | None, truth: Array | None, summary: Mapping[str, Any]
+        self,
+        record: RunRecord,
+        landmarks: Landmarks | None,
+        truth: Array | None,
+        summary: Mapping[str, Any],
+        submaps: SubmapPoses | None = None,
     ) -> None:
         """Write everything that needs the whole run.
 
@@ -185,6 +195,7 @@ class ResultWriter:
         truth : (N, 4, 4) array or None
             In W, NaN where missing.
         summary : mapping
+        submaps : SubmapPoses, optional
         """
         if truth is not None:
             write_tum(
@@ -196,6 +207,10 @@ class ResultWriter:
             )
         if landmarks is not None:
             write_ply(self.folder / MAP, landmarks, self._unit)
+        if submaps is not None:
+            write_tum(
+                self.folder / SUBMAPS, submaps.times, submaps.poses, note=_SUBMAPS_NOTE, unit=self._unit
+            )
         write_summary(self.folder / SUMMARY, summary)
 
     def complete(self) -> None:

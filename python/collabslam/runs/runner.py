@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -26,6 +26,7 @@ from collabslam.runs.results import ResultWriter, jsonable
 from collabslam.runs.summary import INTERRUPTED, TERMINATED, Summary, summarise
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
+from collabslam.slam.results import SubmapPoses
 from collabslam.slam.saved_map import SavedMap
 from collabslam.types import Array, Board, Frame, Image, Indices, Odometry, Recording, Tag, WornView
 from collabslam.version import version
@@ -59,6 +60,8 @@ class RunResult:
         The map at the end.
     folder : Path or None
         Where the results are.
+    submaps : SubmapPoses or None
+        The submaps of the way and the loops between them, of an engine that has any.
     """
 
     summary: Summary
@@ -66,6 +69,7 @@ class RunResult:
     truth: AlignedTruth | None
     landmarks: Landmarks
     folder: Path | None = None
+    submaps: SubmapPoses | None = None
 
 
 def run(
@@ -347,13 +351,16 @@ class _Run:
         aligned = align_truth(self.record, truth, metric=self.plan.metric)
         before = getattr(self.recording, "left_out", 0)
         summary["frames_out_of_order"] = before + len(self.recording) - len(usable)
-        return RunResult(summary, self.record, aligned, landmarks, self.folder)
+        submaps = self.engine.submaps() if isinstance(self.engine, Slam) else None
+        summary["submaps"] = 0 if submaps is None else len(submaps.times)
+        summary["loops"] = [] if submaps is None else [asdict(loop) for loop in submaps.loops]
+        return RunResult(summary, self.record, aligned, landmarks, self.folder, submaps)
 
     def _write(self, result: RunResult, writer: ResultWriter | None, save_map: Path | None) -> None:
         """What needs the whole run; the checkpoint goes last, when nothing else can fail."""
         if writer:
             poses = None if result.truth is None else result.truth.poses
-            writer.finish(self.record, result.landmarks, poses, result.summary)
+            writer.finish(self.record, result.landmarks, poses, result.summary, result.submaps)
         if save_map is not None and len(result.landmarks.ids):
             self.engine.saved_map().save(save_map)
         if writer and not result.summary["interrupted"]:

@@ -31,7 +31,7 @@ from collabslam.slam.looking import counts as look_counts
 from collabslam.slam.map_change import ImagePoints, MapChange
 from collabslam.slam.parts import EngineParts
 from collabslam.slam.relocalise import searchable
-from collabslam.slam.results import Landmarks, StepResult
+from collabslam.slam.results import Landmarks, StepResult, SubmapPoses
 from collabslam.slam.saved_map import SavedMap
 from collabslam.slam.starts import check_start
 from collabslam.slam.tracks import Found
@@ -326,8 +326,34 @@ class Slam(EngineParts):
             self._relocaliser.remember(view, self.filter.pose, seen)
         if status is Status.OK and counts["doubt"] != NOTHING:
             status = Status.DOUBTFUL
+        trusted = status is Status.OK and not counts["relocalised"]
+        loop = self._submaps.follow(view, seen.without(change.deleted)) if trusted else None
+        counts["loops"] = int(loop is not None)
         times.done("map")
         return self._result(t, status, counts, frame_features(expected, found, report, overlap), times)
+
+    @alone
+    def submaps(self) -> SubmapPoses:
+        """The submaps of the way so far, as the loops correct them, and the loops (METHOD 24)."""
+        return SubmapPoses(self._submaps.times, self._submaps.poses, self._submaps.loops)
+
+    @alone
+    def between_submaps(self, first: int, second: int) -> tuple[Array, Array]:
+        """Pose of one submap from another with what is known of it.
+
+        Returns
+        -------
+        pose : (4, 4) float64
+            Metres.
+        covariance : (6, 6) float64
+            Over (translation, rotation), tangent on the right, m^2 and rad^2.
+
+        Raises
+        ------
+        InputError
+            If there is no such submap.
+        """
+        return self._submaps.relative(first, second)
 
     @alone
     def landmarks(self) -> Landmarks:
@@ -425,7 +451,7 @@ class Slam(EngineParts):
             status = Status.OK
         else:
             status = self._judge(t, 0, accepted=frozen or followed, followed=followed)
-        counts = {"accepted": 0, "relocalised": 0, "unseen": 1, "slipped": 0}
+        counts = {"accepted": 0, "relocalised": 0, "loops": 0, "unseen": 1, "slipped": 0}
         return self._result(t, status, counts, unsearched_features(self.filter.predict_pixels()), times)
 
     def _result(
@@ -435,6 +461,7 @@ class Slam(EngineParts):
         if self._options.worn.where_to_look:
             counts = {**counts, **look_counts(self._next_look())}
             times.done("look")
+        pose_map, covariance_map = self._submaps.place()
         sizes = {"map_size": self.filter.map_size, "candidates": self.filter.candidate_count}
         return StepResult(
             t=t,
@@ -447,6 +474,8 @@ class Slam(EngineParts):
             features=features,
             metric=self._metric,
             scale_sd=scale_sd if self._metric and scale_sd is not None else math.inf,
+            pose_map=pose_map,
+            covariance_map=covariance_map,
         )
 
 

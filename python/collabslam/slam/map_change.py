@@ -26,6 +26,11 @@ class ImagePoints:
         """These and others."""
         return ImagePoints(np.concatenate([self.ids, others.ids]), np.concatenate([self.uv, others.uv]))
 
+    def without(self, ids: Ids) -> ImagePoints:
+        """Those that are not among ``ids``."""
+        kept = ~np.isin(self.ids, ids)
+        return ImagePoints(self.ids[kept], self.uv[kept])
+
     @classmethod
     def born(cls, ids: Ids, uv: Array) -> ImagePoints:
         """Those of the pixels that gave a feature; ``ids`` is -1 for the others."""

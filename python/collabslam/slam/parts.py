@@ -40,9 +40,11 @@ from collabslam.slam.map_management import MapManager
 from collabslam.slam.printed_targets import PrintedTargets
 from collabslam.slam.recovery import Recovery
 from collabslam.slam.relocalise import MapAside, Relocaliser
+from collabslam.slam.results import Loop
 from collabslam.slam.saved_map import SavedMap
 from collabslam.slam.state import check_camera, persistent_parts
 from collabslam.slam.status import StatusMonitor
+from collabslam.slam.submaps import Link, Submap, Submaps
 from collabslam.slam.target_start import TargetStart
 from collabslam.slam.tracks import Tracks
 from collabslam.slam.worn_frame import WornMatcher
@@ -50,7 +52,7 @@ from collabslam.types import Board, Tag, Target, WornView
 
 KIND, VERSION = "engine state", 8
 """Of the file that `EngineParts.save` writes; the version counts the changes of what is in it."""
-CLASSES = (KeptFrame, MapAside, Patch, Target, WornPose, WornView)
+CLASSES = (KeptFrame, Link, Loop, MapAside, Patch, Submap, Target, WornPose, WornView)
 """Dataclasses that are in it."""
 
 Engine = TypeVar("Engine", bound="EngineParts")
@@ -107,6 +109,8 @@ class EngineParts:
         self._depth = DepthInput()
         self._relocaliser = Relocaliser(core, camera, self._tracks, self._options)
         self._printed = PrintedTargets(core, camera)
+        sigma = float(settings["filter.pixel.sigma_cs"])
+        self._submaps = Submaps(core, camera, sigma, self._options)
         self._target_start: TargetStart | None = None
         if start == "target":
             self._target_start = TargetStart(core, camera, target, self._printed, self._options)

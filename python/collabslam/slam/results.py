@@ -37,6 +37,9 @@ class StepResult:
     scale_sd : float
         Relative standard deviation of the scale: all distances from the camera to the map may be too long or
         too short by this share together.  Infinite where lengths are no metres, and before the start.
+    pose_map, covariance_map : (4, 4), (6, 6) float64
+        The same pose in the map of all submaps, as loops correct it, and its covariance.  ``pose`` and
+        ``covariance`` until one is found: those never jump when an earlier place is recognised, these do.
     """
 
     t: float
@@ -49,11 +52,50 @@ class StepResult:
     features: FrameFeatures
     metric: bool
     scale_sd: float
+    pose_map: Array
+    covariance_map: Array
 
     @property
     def unit(self) -> str:
         """Of lengths: `METRES` or `ARBITRARY`."""
         return METRES if self.metric else ARBITRARY
+
+
+@dataclass(frozen=True)
+class Loop:
+    """An earlier submap that was recognised.
+
+    Attributes
+    ----------
+    first, second : int
+        The submap seen, and the one at whose end it was seen.
+    t_first, t_second : float
+        When they ended, seconds.
+    matches : int
+        Landmarks that it rests on.
+    residual_m, residual_deg : float
+        By how much the camera is elsewhere than the graph had it, seen from the first.
+    chi2 : float
+        The same, squared against its covariance: of 6 degrees of freedom.
+    """
+
+    first: int
+    second: int
+    t_first: float
+    t_second: float
+    matches: int
+    residual_m: float
+    residual_deg: float
+    chi2: float
+
+
+@dataclass(frozen=True)
+class SubmapPoses:
+    """Submaps: ``times`` (N,) of their ends, seconds, ``poses`` (N, 4, 4) there in W, and ``loops``."""
+
+    times: Array
+    poses: Array
+    loops: list[Loop]
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,10 @@ from collabslam.types import Array, Mask
 if TYPE_CHECKING:
     from collabslam.evaluation.scoring import AlignedTruth
     from collabslam.runs.runner import RunResult
+    from collabslam.slam.results import SubmapPoses
 
 
-TRUTH, WORN, POINTS = "#1b1b1b", "#f2b134", "#8a94a0"
+TRUTH, WORN, POINTS, LOOPS = "#1b1b1b", "#f2b134", "#8a94a0", "#2a9d6f"
 COLOURS = {"mono": "#d1495b", "mono-undelayed": "#b5651d", "collab-init": "#6a8d3a", "collab": "#1d6fa5",
            "collab-tight": "#5b3a8e"}  # fmt: skip
 SIGMAS = 3.0
@@ -42,6 +43,7 @@ def plot_run(result: RunResult, path: Path) -> None:
     colour = COLOURS.get(mode, POINTS)
     _truth(top, result.truth)
     _path(top, result.record, colour, mode)
+    _loops(top, result.submaps)
     _scene(top, [result])
     _errors(bottom, result.record, result.truth, colour, mode)
     _dress_errors(bottom, [result])
@@ -131,6 +133,21 @@ def _truth(axes: Axes, truth: AlignedTruth | None) -> None:
         p = np.where(truth.known[:, None], truth.poses[:, :3, 3], np.nan)
         axes.plot(
             p[:, 2], p[:, 0], color=TRUTH, linewidth=1.6, linestyle=(0, (4, 2)), label="truth", zorder=5
+        )
+
+
+def _loops(axes: Axes, submaps: SubmapPoses | None) -> None:
+    """Where submaps ended, as loops correct them; a line from each one seen to where that was."""
+    if submaps is None or not submaps.loops:
+        return
+    p = submaps.poses[:, :3, 3]
+    axes.plot(
+        p[:, 2], p[:, 0], color=LOOPS, linewidth=1.0, marker=".", label="submaps, loops closed", zorder=4
+    )
+    for k, loop in enumerate(submaps.loops):
+        ends = p[[loop.first, loop.second]]
+        axes.plot(
+            ends[:, 2], ends[:, 0], color=LOOPS, linewidth=2.2, label="loop" if k == 0 else None, zorder=6
         )
 
 

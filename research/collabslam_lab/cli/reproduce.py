@@ -15,13 +15,14 @@ WORLDS = "worlds"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    from collabslam_lab import learned, paper_simulation, paper_worlds, wearers
+    from collabslam_lab import learned, long_ways, paper_simulation, paper_worlds, wearers
     from collabslam_lab.paper_simulation.simulation_settings import SIMULATION
 
     simulated = [f"  {name:14} {text}" for name, text in paper_simulation.EXPERIMENTS.items()]
     rendered = [f"  {name:14} {text}" for name, text in paper_worlds.EXPERIMENTS.items()]
     by_learning = [f"  {name:14} {text}" for name, text in learned.EXPERIMENTS.items()]
     worn = [f"  {name:14} {text}" for name, text in wearers.EXPERIMENTS.items()]
+    long = [f"  {name:14} {text}" for name, text in long_ways.EXPERIMENTS.items()]
     settings = [
         f"  {key}={entry.default:g}{' ' + entry.unit if entry.unit else ''}: {entry.doc}"
         for key, entry in SIMULATION.items()
@@ -44,6 +45,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
             "names of experiments about those who wear a camera:",
             *worn,
             "",
+            "names of experiments on long ways:",
+            *long,
+            "",
             "settings of the simulation:",
             *settings,
         ]
@@ -54,6 +58,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         *learned.EXPERIMENTS,
         WORLDS,
         *wearers.EXPERIMENTS,
+        *long_ways.EXPERIMENTS,
         "all",
         "paper",
     ]
@@ -97,7 +102,7 @@ def main(arguments: argparse.Namespace) -> int:
     """Run simulations and experiments, write their files, print their pages."""
     from collabslam.errors import SettingsError
     from collabslam.settings.table import parse_assignments
-    from collabslam_lab import learned, paper_simulation, paper_worlds, wearers
+    from collabslam_lab import learned, long_ways, paper_simulation, paper_worlds, wearers
 
     jobs = (os.cpu_count() or 1) if arguments.jobs is None else arguments.jobs
     if WORLDS in arguments.names and arguments.data is None:
@@ -143,6 +148,10 @@ def main(arguments: argparse.Namespace) -> int:
             jobs=jobs,
             engine=engine_of(arguments),
             quick=arguments.quick,
+        )
+    if set(arguments.names) & set(long_ways.EXPERIMENTS):
+        long_ways.study_loops(
+            arguments.out, seed=arguments.seed, jobs=jobs, runs=arguments.runs, quick=arguments.quick
         )
     return OK
 

@@ -281,7 +281,7 @@ mod tests {
         let rows =
             SMatrix::<f64, 5, NODE>::from_fn(|i, j| wave(i + 5 * j) * 10f64.powi(j as i32 % 4));
         let information = rows.transpose() * rows;
-        let factor = Factor::sight(0, 1, &Pose::identity(), &information).unwrap();
+        let factor = Factor::sight(0, 1, &Pose::identity(), &information).expect("finite");
         let again = factor.weight.columns(0, NODE).into_owned();
         let off = (again.transpose() * again - information).amax() / information.amax();
         assert!(off < 1e-10, "{off:e}");

@@ -5,6 +5,7 @@ use crate::arrays_in::{Argument, ids, matrix, rows, square};
 use crate::arrays_out::{
     Column, Stack, Table, column, stacked, symmetric, to_ids, to_matrix, vectors,
 };
+use crate::graph::{PyEdge, PySubmap};
 use ekf_core::KnownMap;
 use pyo3::prelude::*;
 
@@ -88,6 +89,37 @@ impl PyFilter {
     fn remove_features(&self, py: Python<'_>, ids: Argument<'_>) -> PyResult<()> {
         let ids = self::ids("ids", &ids)?;
         self.write(py, |f| f.remove_features(&ids))
+    }
+
+    /// Ends the present submap and begins the next one; no estimate changes.
+    ///
+    /// Parameters
+    /// ----------
+    /// seen : (N,) int64
+    ///     Features measured in this frame; those of good depth are taken down.
+    ///
+    /// Returns
+    /// -------
+    /// Submap
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     Before the start, or for unknown ids; the filter stays as it was.
+    fn end_submap(&self, py: Python<'_>, seen: Argument<'_>) -> PyResult<PySubmap> {
+        let seen = ids("seen", &seen)?;
+        let submap = self.write(py, |f| f.end_submap(&seen))?;
+        PySubmap::new(py, submap)
+    }
+
+    /// The way since the last submap ended, or None where none has in this map.
+    ///
+    /// Returns
+    /// -------
+    /// Edge or None
+    fn since_submap(&self, py: Python<'_>) -> PyResult<Option<PyEdge>> {
+        let edge = self.read(py, |f| Ok(f.since_submap()))?;
+        Ok(edge.map(PyEdge))
     }
 
     /// The map to start another filter in.

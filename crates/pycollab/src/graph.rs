@@ -1,0 +1,623 @@
+//! Submaps, an earlier one in sight, and the graph of their poses (METHOD 24).
+
+use crate::arrays_in::{Argument, finite, ids, matrix, pixels, pose, rows, same_length, square};
+use crate::arrays_out::{
+    Column, Stack, Table, column, stacked, symmetric, to_ids, to_matrix, to_pose, vectors,
+};
+use crate::camera::PyCamera;
+use crate::errors::{invalid, to_python};
+use crate::gate;
+use ekf_core::graph::{Edge, Factor, HANDED_ON, HandedOn, Marginals, Node, PoseGraph};
+use ekf_core::math::pose::Pose;
+use ekf_core::math::quat;
+use ekf_core::sight::{Landmarks, Sight, sight as core_sight};
+use ekf_core::{EkfError, Submap};
+use nalgebra::{DMatrix, SMatrix, Vector3};
+use pyo3::prelude::*;
+use std::sync::OnceLock;
+
+/// Numbers of a factor's residual.
+const RESIDUAL: usize = 6 + 2 * HANDED_ON;
+/// How far a matrix may be from a rotation.
+const ROUNDING: f64 = 1e-6;
+
+fn numbers<const K: usize>(py: Python<'_>, matrix: &DMatrix<f64>) -> Table {
+    let row = |i: usize| SMatrix::<f64, K, 1>::from_fn(|k, _| matrix[(i, k)]);
+    vectors(py, (0..matrix.nrows()).map(row))
+}
+
+fn table<const K: usize>(what: &'static str, value: &Argument<'_>) -> PyResult<DMatrix<f64>> {
+    let rows = rows::<K>(what, value)?;
+    Ok(DMatrix::from_fn(rows.len(), K, |i, k| rows[i][k]))
+}
+
+fn rigid(what: &'static str, value: &Argument<'_>) -> PyResult<Pose> {
+    let pose = pose(what, value)?;
+    if quat::is_rotation(&pose.rotation, ROUNDING) {
+        return Ok(pose);
+    }
+    let why = "its 3x3 is no rotation matrix; give a 4x4 rigid transform";
+    Err(invalid(what, why))
+}
+
+/// The way from where a submap began, as the filter knows it; of :meth:`Filter.since_submap`.
+///
+/// Attributes
+/// ----------
+/// pose : (4, 4) float64
+///     Of its end from its beginning, metres.
+/// revised : (7,) float64
+///     By how much the estimate of what the beginning handed on has changed since.
+/// covariance : (20, 20) float64
+///     Joint, of the pose (right tangent, m and rad), what the beginning handed on and what the end hands on.
+#[pyclass(name = "Edge", module = "collabslam._core", frozen)]
+pub(crate) struct PyEdge(pub(crate) Edge);
+
+#[pymethods]
+impl PyEdge {
+    #[getter]
+    fn pose(&self, py: Python<'_>) -> Table {
+        to_pose(py, &self.0.pose)
+    }
+    #[getter]
+    fn revised(&self, py: Python<'_>) -> Column<f64> {
+        column(py, self.0.revised.iter().copied())
+    }
+    #[getter]
+    fn covariance(&self, py: Python<'_>) -> Table {
+        to_matrix(py, &self.0.covariance)
+    }
+}
+
+/// A submap that has ended; of :meth:`Filter.end_submap`.
+///
+/// Attributes
+/// ----------
+/// edge : Edge or None
+///     The way since the last one ended; None of the first one in a map.
+/// pose : (4, 4) float64
+///     T_WC where it ended, metres.
+/// pose_covariance : (6, 6) float64
+///     Right tangent, m^2 and rad^2.
+/// handed_on : (7, 7) float64
+///     Covariance of what it hands on: the logarithm of the scale, and the bias of T_CF.
+/// ids : (N,) int64
+///     Landmarks in view.
+/// points : (N, 3) float64
+///     From the camera, metres.
+/// covariance : (3 N, 3 N) float64
+///     Their joint covariance as they stand to the camera, m^2.
+/// with_handed_on : (3 N, 7) float64
+///     Their covariance with what is handed on.
+#[pyclass(name = "Submap", module = "collabslam._core", frozen, get_all)]
+pub(crate) struct PySubmap {
+    edge: Option<Py<PyEdge>>,
+    pose: Table,
+    pose_covariance: Table,
+    handed_on: Table,
+    ids: Column<i64>,
+    points: Table,
+    covariance: Table,
+    with_handed_on: Table,
+}
+
+impl PySubmap {
+    pub(crate) fn new(py: Python<'_>, submap: Submap) -> PyResult<Self> {
+        let n = submap.covariance.nrows();
+        Ok(Self {
+            edge: submap.edge.map(|e| Py::new(py, PyEdge(e))).transpose()?,
+            pose: to_pose(py, &submap.pose),
+            pose_covariance: to_matrix(py, &submap.pose_covariance),
+            handed_on: to_matrix(py, &submap.handed_on),
+            ids: to_ids(py, submap.ids.into_iter().map(Some)),
+            points: vectors(py, submap.points.into_iter()),
+            covariance: symmetric(py, submap.covariance.data.into(), n),
+            with_handed_on: numbers::<HANDED_ON>(py, &submap.with_handed_on),
+        })
+    }
+}
+
+/// Where the camera is in an earlier submap; of :meth:`SubmapLandmarks.sight`.
+///
+/// Attributes
+/// ----------
+/// pose : (4, 4) float64
+///     Of the camera in the frame of the submap's end, metres.
+/// accepted : (N,) bool
+///     The matches that it rests on.
+/// chi2 : float
+///     Their squared residual against all noise.
+/// dof : int
+///     Its degrees of freedom.
+#[pyclass(name = "Sight", module = "collabslam._core", frozen)]
+pub(crate) struct PySight(Sight);
+
+#[pymethods]
+impl PySight {
+    #[getter]
+    fn pose(&self, py: Python<'_>) -> Table {
+        to_pose(py, &self.0.pose)
+    }
+    #[getter]
+    fn accepted(&self, py: Python<'_>) -> Column<bool> {
+        column(py, self.0.accepted.iter().copied())
+    }
+    #[getter]
+    fn chi2(&self) -> f64 {
+        self.0.chi2
+    }
+    #[getter]
+    fn dof(&self) -> usize {
+        self.0.dof
+    }
+}
+
+/// The landmarks of a submap, to be seen again.
+///
+/// Parameters
+/// ----------
+/// points, covariance, with_handed_on, handed_on : ndarray
+///     As :class:`Submap` has them.
+///
+/// Raises
+/// ------
+/// InputError
+///     For wrong shapes.
+#[pyclass(name = "SubmapLandmarks", module = "collabslam._core", frozen)]
+pub(crate) struct PySubmapLandmarks {
+    points: Vec<Vector3<f64>>,
+    covariance: DMatrix<f64>,
+    with_handed_on: DMatrix<f64>,
+    handed_on: SMatrix<f64, HANDED_ON, HANDED_ON>,
+}
+
+#[pymethods]
+impl PySubmapLandmarks {
+    #[new]
+    fn new(
+        points: Argument<'_>,
+        covariance: Argument<'_>,
+        with_handed_on: Argument<'_>,
+        handed_on: Argument<'_>,
+    ) -> PyResult<Self> {
+        Ok(Self {
+            points: rows::<3>("points", &points)?,
+            covariance: square("covariance", &covariance)?,
+            with_handed_on: table::<HANDED_ON>("with_handed_on", &with_handed_on)?,
+            handed_on: matrix::<HANDED_ON, HANDED_ON>("handed_on", &handed_on)?,
+        })
+    }
+
+    /// Pose of a camera that sees the submap, from matches with its landmarks and their covariance.
+    ///
+    /// The worst match is taken out until each agrees with the others and all together pass, by chi-square.
+    ///
+    /// Parameters
+    /// ----------
+    /// camera : Camera
+    /// sigma : float
+    ///     Standard deviation of a pixel.
+    /// landmarks : (N,) int64
+    ///     Of each match, by its place among the points.
+    /// uv : (N, 2) float64
+    ///     Its pixel.
+    /// guess : (4, 4) float64
+    ///     The pose to begin with, as PnP gives it.
+    /// least : int
+    ///     Fewest matches that must be left.
+    ///
+    /// Returns
+    /// -------
+    /// Sight or None
+    ///     None if too few matches agree.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For wrong shapes, numbers that are not finite, or a landmark that is not there.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "a match has a landmark and a pixel"
+    )]
+    fn sight(
+        &self,
+        py: Python<'_>,
+        camera: &PyCamera,
+        sigma: f64,
+        landmarks: Argument<'_>,
+        uv: Argument<'_>,
+        guess: Argument<'_>,
+        least: usize,
+    ) -> PyResult<Option<PySight>> {
+        let (which, uv) = (ids("landmarks", &landmarks)?, pixels("uv", &uv)?);
+        same_length("uv", which.len(), uv.len())?;
+        let guess = rigid("guess", &guess)?;
+        let matches: Vec<_> = which.iter().map(|&k| k as usize).zip(uv).collect();
+        let camera = &camera.0;
+        let found = gate::enter(py, || {
+            let submap = Landmarks {
+                points: &self.points,
+                covariance: &self.covariance,
+                with_handed_on: &self.with_handed_on,
+                handed_on: &self.handed_on,
+            };
+            core_sight(camera, sigma, &submap, &matches, &guess, least)
+        })?;
+        Ok(found.map(PySight))
+    }
+}
+
+/// What was measured of one or two submaps' poses, weighted by its covariance.
+///
+/// Parameters
+/// ----------
+/// first : int
+///     Submap that it is measured from; -1 is W.
+/// second : int
+///     Submap that is measured.
+/// pose : (4, 4) float64
+///     Of the second from the first, metres.
+/// handed_on : (7,) float64
+///     What the first was found to hand on.
+/// weight : (K, 20) float64
+///     Makes the residual white.
+///
+/// Raises
+/// ------
+/// InputError
+///     For wrong shapes, or a pose that is none.
+#[pyclass(name = "Factor", module = "collabslam._core", frozen)]
+pub(crate) struct PyFactor(Factor);
+
+#[pymethods]
+impl PyFactor {
+    #[new]
+    fn new(
+        first: i64,
+        second: usize,
+        pose: Argument<'_>,
+        handed_on: Argument<'_>,
+        weight: Argument<'_>,
+    ) -> PyResult<Self> {
+        Ok(Self(Factor {
+            first: usize::try_from(first).ok(),
+            second,
+            pose: rigid("pose", &pose)?,
+            handed_on: crate::arrays_in::vector::<HANDED_ON>("handed_on", &handed_on)?,
+            weight: table::<RESIDUAL>("weight", &weight)?,
+        }))
+    }
+
+    /// What the filter says of two submaps that follow one another.
+    ///
+    /// Parameters
+    /// ----------
+    /// first, second : int
+    /// edge : Edge
+    ///
+    /// Returns
+    /// -------
+    /// Factor
+    ///
+    /// Raises
+    /// ------
+    /// FilterError
+    ///     If its covariance is none.
+    #[staticmethod]
+    fn between(first: usize, second: usize, edge: &PyEdge) -> PyResult<Self> {
+        let made = Factor::between(first, second, &edge.0);
+        made.map(Self).map_err(to_python)
+    }
+
+    /// A pose measured by itself.
+    ///
+    /// Parameters
+    /// ----------
+    /// first : int
+    ///     -1 is W.
+    /// second : int
+    /// pose : (4, 4) float64
+    /// covariance : (6, 6) float64
+    ///     Right tangent, m^2 and rad^2.
+    ///
+    /// Returns
+    /// -------
+    /// Factor
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For wrong shapes, or a pose that is none.
+    /// FilterError
+    ///     If the covariance is none.
+    #[staticmethod]
+    fn of_pose(
+        first: i64,
+        second: usize,
+        pose: Argument<'_>,
+        covariance: Argument<'_>,
+    ) -> PyResult<Self> {
+        let pose = rigid("pose", &pose)?;
+        let covariance = finite("covariance", matrix::<6, 6>("covariance", &covariance)?)?;
+        let made = Factor::pose(usize::try_from(first).ok(), second, &pose, &covariance);
+        made.map(Self).map_err(to_python)
+    }
+
+    /// How well the filter knows what a submap hands on, where none of the same map follows it.
+    ///
+    /// Parameters
+    /// ----------
+    /// submap : int
+    /// covariance : (7, 7) float64
+    ///
+    /// Returns
+    /// -------
+    /// Factor
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For a wrong shape.
+    /// FilterError
+    ///     If the covariance is none.
+    #[staticmethod]
+    fn of_handed_on(submap: usize, covariance: Argument<'_>) -> PyResult<Self> {
+        let what = "covariance";
+        let covariance = finite(what, matrix::<HANDED_ON, HANDED_ON>(what, &covariance)?)?;
+        let made = Factor::handed_on(submap, &covariance);
+        made.map(Self).map_err(to_python)
+    }
+
+    /// What the sight of an earlier submap says.
+    ///
+    /// Parameters
+    /// ----------
+    /// first : int
+    ///     The submap that is seen.
+    /// second : int
+    ///     The submap at whose end it is seen.
+    /// sight : Sight
+    ///
+    /// Returns
+    /// -------
+    /// Factor
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     If its information is not finite.
+    #[staticmethod]
+    fn of_sight(first: usize, second: usize, sight: &PySight) -> PyResult<Self> {
+        let made = Factor::sight(first, second, &sight.0.pose, &sight.0.information);
+        made.map(Self).map_err(to_python)
+    }
+
+    #[getter]
+    fn first(&self) -> i64 {
+        self.0.first.map_or(-1, |first| first as i64)
+    }
+    #[getter]
+    fn second(&self) -> usize {
+        self.0.second
+    }
+    #[getter]
+    fn pose(&self, py: Python<'_>) -> Table {
+        to_pose(py, &self.0.pose)
+    }
+    #[getter]
+    fn handed_on(&self, py: Python<'_>) -> Column<f64> {
+        column(py, self.0.handed_on.iter().copied())
+    }
+    #[getter]
+    fn weight(&self, py: Python<'_>) -> Table {
+        numbers::<RESIDUAL>(py, &self.0.weight)
+    }
+}
+
+/// A graph of submaps' poses.
+///
+/// Parameters
+/// ----------
+/// poses : (N, 4, 4) float64
+///     Of each submap in W, metres.
+/// handed_on : (N, 7) float64
+///     By how much what it handed on is wrong.
+/// factors : list of Factor
+///
+/// Raises
+/// ------
+/// InputError
+///     For wrong shapes, numbers that are not finite, or a factor of a submap that is not there.
+#[pyclass(name = "PoseGraph", module = "collabslam._core", frozen)]
+pub(crate) struct PyPoseGraph {
+    graph: PoseGraph,
+    marginals: OnceLock<Result<Marginals, EkfError>>,
+}
+
+impl PyPoseGraph {
+    fn of(graph: PoseGraph) -> Self {
+        Self {
+            graph,
+            marginals: OnceLock::new(),
+        }
+    }
+
+    fn marginals(&self) -> Result<&Marginals, EkfError> {
+        let made = self.marginals.get_or_init(|| self.graph.marginals());
+        made.as_ref().map_err(Clone::clone)
+    }
+
+    fn check(&self, submap: usize) -> PyResult<()> {
+        let count = self.graph.nodes().len();
+        if submap < count {
+            return Ok(());
+        }
+        let why = format!("there is no submap {submap} among {count}");
+        Err(invalid("submap", why))
+    }
+}
+
+#[pymethods]
+impl PyPoseGraph {
+    #[new]
+    fn new(
+        poses: Argument<'_>,
+        handed_on: Argument<'_>,
+        factors: Vec<PyRef<'_, PyFactor>>,
+    ) -> PyResult<Self> {
+        let poses = crate::arrays_in::stack::<4, 4>("poses", &poses)?;
+        let handed_on: Vec<HandedOn> = rows::<HANDED_ON>("handed_on", &handed_on)?;
+        same_length("handed_on", poses.len(), handed_on.len())?;
+        let node = |(m, handed_on): (&SMatrix<f64, 4, 4>, HandedOn)| {
+            let rotation = m.fixed_view::<3, 3>(0, 0).into_owned();
+            let good = m.iter().chain(&handed_on).all(|v| v.is_finite())
+                && quat::is_rotation(&rotation, ROUNDING);
+            let pose = Pose {
+                rotation,
+                translation: m.fixed_view::<3, 1>(0, 3).into_owned(),
+            };
+            let why = "one is no 4x4 rigid transform";
+            let node = good.then_some(Node { pose, handed_on });
+            node.ok_or_else(|| invalid("poses", why))
+        };
+        let nodes: Vec<Node> = poses
+            .iter()
+            .zip(handed_on)
+            .map(node)
+            .collect::<PyResult<_>>()?;
+        let factors = factors.iter().map(|f| f.0.clone()).collect();
+        let graph = PoseGraph::new(nodes, factors).map_err(to_python)?;
+        Ok(Self::of(graph))
+    }
+
+    /// The graph whose poses all factors agree with best.
+    ///
+    /// Returns
+    /// -------
+    /// PoseGraph
+    ///
+    /// Raises
+    /// ------
+    /// FilterError
+    ///     If a submap is tied to nothing.
+    fn solved(&self, py: Python<'_>) -> PyResult<Self> {
+        let mut graph = self.graph.clone();
+        gate::enter(py, || graph.solve().map(|_| Self::of(graph)))
+    }
+
+    /// (N, 4, 4) float64, see the class.
+    #[getter]
+    fn poses(&self, py: Python<'_>) -> Stack<f64> {
+        let nodes = self.graph.nodes().iter();
+        let matrix = |node: &Node| {
+            let mut m = SMatrix::<f64, 4, 4>::identity();
+            m.fixed_view_mut::<3, 3>(0, 0)
+                .copy_from(&node.pose.rotation);
+            m.fixed_view_mut::<3, 1>(0, 3)
+                .copy_from(&node.pose.translation);
+            m
+        };
+        stacked(py, nodes.map(matrix))
+    }
+
+    /// (N, 7) float64, see the class.
+    #[getter]
+    fn handed_on(&self, py: Python<'_>) -> Table {
+        vectors(py, self.graph.nodes().iter().map(|n| n.handed_on))
+    }
+
+    /// Covariance of a submap's pose.
+    ///
+    /// Parameters
+    /// ----------
+    /// submap : int
+    ///
+    /// Returns
+    /// -------
+    /// (6, 6) float64
+    ///     Right tangent, m^2 and rad^2.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     If there is no such submap.
+    /// FilterError
+    ///     If a submap is tied to nothing.
+    fn covariance(&self, py: Python<'_>, submap: usize) -> PyResult<Table> {
+        self.check(submap)?;
+        let p = gate::enter(py, || Ok(self.marginals()?.of_node(submap)))?;
+        Ok(to_matrix(py, &p.fixed_view::<6, 6>(0, 0).into_owned()))
+    }
+
+    /// Pose of one submap from another, and its covariance (right tangent, m^2 and rad^2).
+    ///
+    /// Parameters
+    /// ----------
+    /// first, second : int
+    ///
+    /// Returns
+    /// -------
+    /// pose : (4, 4) float64
+    /// covariance : (6, 6) float64
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     If there is no such submap.
+    /// FilterError
+    ///     If a submap is tied to nothing.
+    fn relative(&self, py: Python<'_>, first: usize, second: usize) -> PyResult<(Table, Table)> {
+        self.check(first)?;
+        self.check(second)?;
+        let (pose, p) = gate::enter(py, || Ok(self.marginals()?.relative(first, second)))?;
+        Ok((to_pose(py, &pose), to_matrix(py, &p)))
+    }
+
+    /// Chi-square of a factor before it is believed, of as many degrees of freedom as it measures.
+    ///
+    /// Parameters
+    /// ----------
+    /// factor : Factor
+    ///
+    /// Returns
+    /// -------
+    /// float
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     If it is of a submap that is not there.
+    /// FilterError
+    ///     If a submap is tied to nothing.
+    fn distance(&self, py: Python<'_>, factor: &PyFactor) -> PyResult<f64> {
+        let factor = &factor.0;
+        self.check(factor.second)?;
+        self.check(factor.first.unwrap_or(0))?;
+        gate::enter(py, || self.graph.distance(factor, self.marginals()?))
+    }
+
+    /// A pose that the filter knows from a submap's end on, in W, and its covariance (right tangent).
+    ///
+    /// Parameters
+    /// ----------
+    /// submap : int
+    /// edge : Edge
+    ///
+    /// Returns
+    /// -------
+    /// pose : (4, 4) float64
+    /// covariance : (6, 6) float64
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     If there is no such submap.
+    /// FilterError
+    ///     If a submap is tied to nothing.
+    fn onward(&self, py: Python<'_>, submap: usize, edge: &PyEdge) -> PyResult<(Table, Table)> {
+        self.check(submap)?;
+        let (graph, edge) = (&self.graph, &edge.0);
+        let (pose, p) = gate::enter(py, || self.marginals()?.onward(graph, submap, edge))?;
+        Ok((to_pose(py, &pose), to_matrix(py, &p)))
+    }
+}

@@ -1,0 +1,75 @@
+"""The study of long ways: what its numbers say of ways that went one way or the other."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from collabslam.types import Array
+from collabslam_lab.long_ways.drawing import plan_view
+from collabslam_lab.long_ways.study import recipes, summary
+from collabslam_lab.long_ways.walk import Walked
+from collabslam_lab.worlds.route import CELL, Route
+
+
+def _walked(name: str = "ring", loops: int = 1) -> Walked:
+    ms = np.full(100, 10.0)
+    ms[90:] = 12.0
+    ms[15] = 30.0
+    odometry: Array = np.linspace(0.0, 1.0, 100)
+    corrected = np.where(np.arange(100) >= 50, odometry / 4.0, odometry)
+    way = np.column_stack([np.arange(100.0), np.zeros(100), np.ones(100)])
+    return Walked(
+        name,
+        ms,
+        odometry,
+        corrected,
+        50 if loops else None,
+        loops,
+        0,
+        5.0 if loops else math.nan,
+        7.0 if loops else math.nan,
+        6.0 if loops else math.nan,
+        0.5,
+        way,
+        way[::10],
+        [(0, 5)] if loops else [],
+        way,
+    )
+
+
+def test_the_numbers_are_of_the_ways_that_closed_a_loop() -> None:
+    wrong = replace(_walked("other"), false=1, load_s=2.0, nees_mid=9.0)
+    numbers = summary([_walked(), wrong, _walked("open", loops=0)])
+    assert numbers["frames"] == 100
+    assert numbers["loops"] == 2
+    assert numbers["false_loops"] == 1
+    assert abs(numbers["error_before_over_after"] - 4.0) < 1e-9
+    assert numbers["nees_mid"] == 7.0
+    assert (numbers["nees_end"], numbers["nees_between"]) == (7.0, 6.0)
+    assert abs(numbers["ms_median_ratio_last_over_second_tenth"] - 1.2) < 1e-9
+    assert numbers["ms_p99_ratio_last_over_second_tenth"] < 1.0
+    assert numbers["map_load_s"] == 2.0
+
+
+def test_without_a_loop_there_is_nothing_to_say_of_its_gain() -> None:
+    numbers = summary([_walked(loops=0)])
+    assert math.isnan(numbers["error_before_over_after"])
+    assert numbers["loops"] == numbers["false_loops"] == 0
+
+
+def test_the_ways_go_round_and_the_whole_ones_are_ten_thousand_frames_long() -> None:
+    for quick in (True, False):
+        for recipe in recipes(quick=quick):
+            route = Route(recipe.route)
+            lap = route.length / (2 if quick else 34)
+            place, _ = route.along(np.array([1.0, 1.0 + lap]))
+            assert np.linalg.norm(place[1] - place[0]) < 0.1 * CELL
+            assert quick or route.length / recipe.speed * 10.0 > 9800
+    assert {r.style.walls for r in recipes(quick=True)} == {"mixed", "repeated"}
+
+
+def test_the_plan_view_is_a_picture() -> None:
+    assert plan_view(_walked())[:8] == b"\x89PNG\r\n\x1a\n"
