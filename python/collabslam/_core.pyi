@@ -27,6 +27,7 @@ __all__ = [
     "PairOptions",
     "PairPoints",
     "PeakTest",
+    "Placed",
     "PoseGraph",
     "Prediction",
     "ProjectedPoints",
@@ -1551,6 +1552,49 @@ class Factor:
     def weight(self) -> _Array: ...
 
 @final
+class Placed:
+    """A pose in W with what is handed on there, and how well both are known.
+
+    Parameters
+    ----------
+    pose : (4, 4) float64
+        Metres.
+    handed_on : (7,) float64
+        By how much what is handed on there is wrong.
+    covariance : (13, 13) float64
+        Joint, of the pose (right tangent, m and rad) and what is handed on.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, or a pose that is none.
+    """
+
+    def __new__(cls, pose: ArrayLike, handed_on: ArrayLike, covariance: ArrayLike) -> Placed: ...
+    @property
+    def pose(self) -> _Array: ...
+    @property
+    def handed_on(self) -> _Array: ...
+    @property
+    def covariance(self) -> _Array: ...
+    def onward(self, edge: Edge) -> Placed:
+        """Where the way from here ends, corrected by what the errors handed on here are now known to be.
+
+        Parameters
+        ----------
+        edge : Edge
+
+        Returns
+        -------
+        Placed
+
+        Raises
+        ------
+        FilterError
+            If the covariance of the way is none.
+        """
+
+@final
 class PoseGraph:
     """A graph of submaps' poses.
 
@@ -1581,8 +1625,8 @@ class PoseGraph:
         FilterError
             If a submap is tied to nothing.
         """
-    def covariance(self, submap: int) -> _Array:
-        """Covariance of a submap's pose.
+    def placed(self, submap: int) -> Placed:
+        """A submap in W, as all factors have it.
 
         Parameters
         ----------
@@ -1590,8 +1634,7 @@ class PoseGraph:
 
         Returns
         -------
-        (6, 6) float64
-            Right tangent, m^2 and rad^2.
+        Placed
 
         Raises
         ------
@@ -1634,26 +1677,6 @@ class PoseGraph:
         ------
         InputError
             If it is of a submap that is not there.
-        FilterError
-            If a submap is tied to nothing.
-        """
-    def onward(self, submap: int, edge: Edge) -> tuple[_Array, _Array]:
-        """A pose that the filter knows from a submap's end on, in W, and its covariance (right tangent).
-
-        Parameters
-        ----------
-        submap : int
-        edge : Edge
-
-        Returns
-        -------
-        pose : (4, 4) float64
-        covariance : (6, 6) float64
-
-        Raises
-        ------
-        InputError
-            If there is no such submap.
         FilterError
             If a submap is tied to nothing.
         """

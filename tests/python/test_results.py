@@ -46,6 +46,13 @@ def step(k: int, valid: bool = True) -> SimpleNamespace:
     )
 
 
+def submap_poses(record: RunRecord) -> SubmapPoses:
+    """The first two frames, the second a metre farther along x than the filter had it."""
+    poses = record.poses[:2].copy()
+    poses[1, 0, 3] += 1.0
+    return SubmapPoses(record.times[:2], poses, record.covariances[:2], record.poses[:2], [], landmarks())
+
+
 def write(folder: Path, frames: int = 4) -> RunRecord:
     record = RunRecord()
     with results.ResultWriter(folder, CONFIG) as writer:
@@ -59,7 +66,7 @@ def write(folder: Path, frames: int = 4) -> RunRecord:
             landmarks(),
             truth,
             {"mode": "mono", "ate_rmse_m": float("nan"), "n": np.int64(3)},
-            SubmapPoses(record.times[:2], record.poses[:2], []),
+            submap_poses(record),
         )
     return record
 
@@ -83,7 +90,17 @@ def test_trajectory_holds_the_valid_poses_in_tum_order(tmp_path: Path) -> None:
     x, y, z, w = rows[2, 4:]
     np.testing.assert_allclose(g.pose_from_quaternion(rows[2, 1:4], [w, x, y, z]), record.poses[3], atol=1e-8)
     assert len(numbers(tmp_path / "groundtruth.tum")) == 3
-    np.testing.assert_allclose(numbers(tmp_path / "submaps.tum")[:, 1:4], record.poses[:2, :3, 3], atol=1e-8)
+
+
+def test_loops_correct_what_follows_the_submap_that_they_move(tmp_path: Path) -> None:
+    record = write(tmp_path)
+    corrected, rows = (numbers(tmp_path / name) for name in ("corrected.tum", "trajectory.tum"))
+    moved = rows[:, 1:4] + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    np.testing.assert_allclose(corrected[:, 1:4], moved, atol=1e-8)
+    ends = record.poses[:2, :3, 3] + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    np.testing.assert_allclose(numbers(tmp_path / "submaps.tum")[:, 1:4], ends, atol=1e-8)
+    assert numbers(tmp_path / "submaps.cov").shape == (2, 22)
+    assert (tmp_path / "whole_map.ply").read_bytes() == (tmp_path / "map.ply").read_bytes()
 
 
 def test_covariances_are_lower_triangles_matched_to_the_poses(tmp_path: Path) -> None:

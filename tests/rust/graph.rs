@@ -301,26 +301,29 @@ fn what_follows_a_node_is_corrected_by_what_the_node_handed_on_wrongly() {
     graph = PoseGraph::new(graph.nodes().to_vec(), factors).unwrap();
     graph.solve().unwrap();
     let marginals = graph.marginals().unwrap();
-    let (pose, p) = marginals.onward(&graph, 18, next).unwrap();
+    let onward = marginals.placed(18).onward(next).unwrap();
     // The same as one node more.
     let mut factors = graph.factors().to_vec();
     factors.retain(|f| f.weight.nrows() != HANDED_ON);
     factors.push(Factor::between(18, 19, next).unwrap());
     factors.push(Factor::handed_on(19, &measured.last).unwrap());
     let mut nodes = graph.nodes().to_vec();
-    nodes.push(Node::at(pose.clone()));
+    nodes.push(onward.node.clone());
     let mut longer = PoseGraph::new(nodes, factors).unwrap();
     longer.solve().unwrap();
-    let off = longer.nodes()[19]
-        .pose
-        .inverse()
-        .compose(&pose)
-        .log()
-        .amax();
-    assert!(off < 1e-6, "{off:e}");
-    let same = longer.marginals().unwrap().of_node(19);
-    let off = (same.fixed_view::<6, 6>(0, 0) - p).amax() / p.amax();
-    assert!(off < 1e-3, "{off:e}");
+    let same = longer.marginals().unwrap().placed(19);
+    let off = same.node.pose.inverse().compose(&onward.node.pose).log();
+    assert!(off.amax() < 1e-6, "{off}");
+    let off = same.node.handed_on - onward.node.handed_on;
+    assert!(off.amax() < 1e-6, "{off}");
+    let sd = same.covariance.diagonal().map(f64::sqrt);
+    // Of the pose and the scale: there is no bias here.
+    for i in 0..7 {
+        for j in 0..7 {
+            let off = (same.covariance - onward.covariance)[(i, j)] / (sd[i] * sd[j]);
+            assert!(off.abs() < 1e-3, "{i} {j}: {off:e}");
+        }
+    }
     let moved = graph.nodes()[18].handed_on[0].abs();
     assert!(moved > 0.1 * SCALE_SD, "the scale was found wrong: {moved}");
 }

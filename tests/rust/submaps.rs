@@ -202,13 +202,14 @@ fn a_chain_of_submaps_leads_where_the_filter_is_and_is_as_sure_of_the_way() {
     let squared = off.dot(&p.cholesky().unwrap().solve(&off));
     assert!(squared < 6.0, "{squared}");
     let edge: Edge = warm.filter.since_submap().unwrap();
-    let (pose, p) = marginals.onward(&graph, 8, &edge).unwrap();
+    let onward = marginals.placed(8).onward(&edge).unwrap();
+    let p = onward.covariance.fixed_view::<6, 6>(0, 0).into_owned();
     let (rotation, translation) = warm.filter.pose();
     let now = Pose {
         rotation,
         translation,
     };
-    let off = now.inverse().compose(&pose).log();
+    let off = now.inverse().compose(&onward.node.pose).log();
     let squared = off.dot(&p.cholesky().unwrap().solve(&off));
     assert!(squared < 6.0, "{squared}");
     // A chain forgets what ties far poses together: it may be less sure than the filter, hardly more.

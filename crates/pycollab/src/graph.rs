@@ -1,18 +1,15 @@
-//! Submaps, an earlier one in sight, and the graph of their poses (METHOD 24).
+//! The graph of submaps' poses (METHOD 24).
 
-use crate::arrays_in::{Argument, finite, ids, matrix, pixels, pose, rows, same_length, square};
-use crate::arrays_out::{
-    Column, Stack, Table, column, stacked, symmetric, to_ids, to_matrix, to_pose, vectors,
-};
-use crate::camera::PyCamera;
+use crate::arrays_in::{Argument, finite, matrix, pose, rows, same_length, vector};
+use crate::arrays_out::{Column, Stack, Table, column, stacked, to_matrix, to_pose, vectors};
 use crate::errors::{invalid, to_python};
 use crate::gate;
-use ekf_core::graph::{Edge, Factor, HANDED_ON, HandedOn, Marginals, Node, PoseGraph};
+use crate::submap::{PyEdge, PySight};
+use ekf_core::EkfError;
+use ekf_core::graph::{Factor, HANDED_ON, HandedOn, Marginals, NODE, Node, Placed, PoseGraph};
 use ekf_core::math::pose::Pose;
 use ekf_core::math::quat;
-use ekf_core::sight::{Landmarks, Sight, sight as core_sight};
-use ekf_core::{EkfError, Submap};
-use nalgebra::{DMatrix, SMatrix, Vector3};
+use nalgebra::{DMatrix, SMatrix};
 use pyo3::prelude::*;
 use std::sync::OnceLock;
 
@@ -21,230 +18,26 @@ const RESIDUAL: usize = 6 + 2 * HANDED_ON;
 /// How far a matrix may be from a rotation.
 const ROUNDING: f64 = 1e-6;
 
-fn numbers<const K: usize>(py: Python<'_>, matrix: &DMatrix<f64>) -> Table {
+pub(crate) fn numbers<const K: usize>(py: Python<'_>, matrix: &DMatrix<f64>) -> Table {
     let row = |i: usize| SMatrix::<f64, K, 1>::from_fn(|k, _| matrix[(i, k)]);
     vectors(py, (0..matrix.nrows()).map(row))
 }
 
-fn table<const K: usize>(what: &'static str, value: &Argument<'_>) -> PyResult<DMatrix<f64>> {
+pub(crate) fn table<const K: usize>(
+    what: &'static str,
+    value: &Argument<'_>,
+) -> PyResult<DMatrix<f64>> {
     let rows = rows::<K>(what, value)?;
     Ok(DMatrix::from_fn(rows.len(), K, |i, k| rows[i][k]))
 }
 
-fn rigid(what: &'static str, value: &Argument<'_>) -> PyResult<Pose> {
+pub(crate) fn rigid(what: &'static str, value: &Argument<'_>) -> PyResult<Pose> {
     let pose = pose(what, value)?;
     if quat::is_rotation(&pose.rotation, ROUNDING) {
         return Ok(pose);
     }
     let why = "its 3x3 is no rotation matrix; give a 4x4 rigid transform";
     Err(invalid(what, why))
-}
-
-/// The way from where a submap began, as the filter knows it; of :meth:`Filter.since_submap`.
-///
-/// Attributes
-/// ----------
-/// pose : (4, 4) float64
-///     Of its end from its beginning, metres.
-/// revised : (7,) float64
-///     By how much the estimate of what the beginning handed on has changed since.
-/// covariance : (20, 20) float64
-///     Joint, of the pose (right tangent, m and rad), what the beginning handed on and what the end hands on.
-#[pyclass(name = "Edge", module = "collabslam._core", frozen)]
-pub(crate) struct PyEdge(pub(crate) Edge);
-
-#[pymethods]
-impl PyEdge {
-    #[getter]
-    fn pose(&self, py: Python<'_>) -> Table {
-        to_pose(py, &self.0.pose)
-    }
-    #[getter]
-    fn revised(&self, py: Python<'_>) -> Column<f64> {
-        column(py, self.0.revised.iter().copied())
-    }
-    #[getter]
-    fn covariance(&self, py: Python<'_>) -> Table {
-        to_matrix(py, &self.0.covariance)
-    }
-}
-
-/// A submap that has ended; of :meth:`Filter.end_submap`.
-///
-/// Attributes
-/// ----------
-/// edge : Edge or None
-///     The way since the last one ended; None of the first one in a map.
-/// pose : (4, 4) float64
-///     T_WC where it ended, metres.
-/// pose_covariance : (6, 6) float64
-///     Right tangent, m^2 and rad^2.
-/// handed_on : (7, 7) float64
-///     Covariance of what it hands on: the logarithm of the scale, and the bias of T_CF.
-/// ids : (N,) int64
-///     Landmarks in view.
-/// points : (N, 3) float64
-///     From the camera, metres.
-/// covariance : (3 N, 3 N) float64
-///     Their joint covariance as they stand to the camera, m^2.
-/// with_handed_on : (3 N, 7) float64
-///     Their covariance with what is handed on.
-#[pyclass(name = "Submap", module = "collabslam._core", frozen, get_all)]
-pub(crate) struct PySubmap {
-    edge: Option<Py<PyEdge>>,
-    pose: Table,
-    pose_covariance: Table,
-    handed_on: Table,
-    ids: Column<i64>,
-    points: Table,
-    covariance: Table,
-    with_handed_on: Table,
-}
-
-impl PySubmap {
-    pub(crate) fn new(py: Python<'_>, submap: Submap) -> PyResult<Self> {
-        let n = submap.covariance.nrows();
-        Ok(Self {
-            edge: submap.edge.map(|e| Py::new(py, PyEdge(e))).transpose()?,
-            pose: to_pose(py, &submap.pose),
-            pose_covariance: to_matrix(py, &submap.pose_covariance),
-            handed_on: to_matrix(py, &submap.handed_on),
-            ids: to_ids(py, submap.ids.into_iter().map(Some)),
-            points: vectors(py, submap.points.into_iter()),
-            covariance: symmetric(py, submap.covariance.data.into(), n),
-            with_handed_on: numbers::<HANDED_ON>(py, &submap.with_handed_on),
-        })
-    }
-}
-
-/// Where the camera is in an earlier submap; of :meth:`SubmapLandmarks.sight`.
-///
-/// Attributes
-/// ----------
-/// pose : (4, 4) float64
-///     Of the camera in the frame of the submap's end, metres.
-/// accepted : (N,) bool
-///     The matches that it rests on.
-/// chi2 : float
-///     Their squared residual against all noise.
-/// dof : int
-///     Its degrees of freedom.
-#[pyclass(name = "Sight", module = "collabslam._core", frozen)]
-pub(crate) struct PySight(Sight);
-
-#[pymethods]
-impl PySight {
-    #[getter]
-    fn pose(&self, py: Python<'_>) -> Table {
-        to_pose(py, &self.0.pose)
-    }
-    #[getter]
-    fn accepted(&self, py: Python<'_>) -> Column<bool> {
-        column(py, self.0.accepted.iter().copied())
-    }
-    #[getter]
-    fn chi2(&self) -> f64 {
-        self.0.chi2
-    }
-    #[getter]
-    fn dof(&self) -> usize {
-        self.0.dof
-    }
-}
-
-/// The landmarks of a submap, to be seen again.
-///
-/// Parameters
-/// ----------
-/// points, covariance, with_handed_on, handed_on : ndarray
-///     As :class:`Submap` has them.
-///
-/// Raises
-/// ------
-/// InputError
-///     For wrong shapes.
-#[pyclass(name = "SubmapLandmarks", module = "collabslam._core", frozen)]
-pub(crate) struct PySubmapLandmarks {
-    points: Vec<Vector3<f64>>,
-    covariance: DMatrix<f64>,
-    with_handed_on: DMatrix<f64>,
-    handed_on: SMatrix<f64, HANDED_ON, HANDED_ON>,
-}
-
-#[pymethods]
-impl PySubmapLandmarks {
-    #[new]
-    fn new(
-        points: Argument<'_>,
-        covariance: Argument<'_>,
-        with_handed_on: Argument<'_>,
-        handed_on: Argument<'_>,
-    ) -> PyResult<Self> {
-        Ok(Self {
-            points: rows::<3>("points", &points)?,
-            covariance: square("covariance", &covariance)?,
-            with_handed_on: table::<HANDED_ON>("with_handed_on", &with_handed_on)?,
-            handed_on: matrix::<HANDED_ON, HANDED_ON>("handed_on", &handed_on)?,
-        })
-    }
-
-    /// Pose of a camera that sees the submap, from matches with its landmarks and their covariance.
-    ///
-    /// The worst match is taken out until each agrees with the others and all together pass, by chi-square.
-    ///
-    /// Parameters
-    /// ----------
-    /// camera : Camera
-    /// sigma : float
-    ///     Standard deviation of a pixel.
-    /// landmarks : (N,) int64
-    ///     Of each match, by its place among the points.
-    /// uv : (N, 2) float64
-    ///     Its pixel.
-    /// guess : (4, 4) float64
-    ///     The pose to begin with, as PnP gives it.
-    /// least : int
-    ///     Fewest matches that must be left.
-    ///
-    /// Returns
-    /// -------
-    /// Sight or None
-    ///     None if too few matches agree.
-    ///
-    /// Raises
-    /// ------
-    /// InputError
-    ///     For wrong shapes, numbers that are not finite, or a landmark that is not there.
-    #[allow(
-        clippy::too_many_arguments,
-        reason = "a match has a landmark and a pixel"
-    )]
-    fn sight(
-        &self,
-        py: Python<'_>,
-        camera: &PyCamera,
-        sigma: f64,
-        landmarks: Argument<'_>,
-        uv: Argument<'_>,
-        guess: Argument<'_>,
-        least: usize,
-    ) -> PyResult<Option<PySight>> {
-        let (which, uv) = (ids("landmarks", &landmarks)?, pixels("uv", &uv)?);
-        same_length("uv", which.len(), uv.len())?;
-        let guess = rigid("guess", &guess)?;
-        let matches: Vec<_> = which.iter().map(|&k| k as usize).zip(uv).collect();
-        let camera = &camera.0;
-        let found = gate::enter(py, || {
-            let submap = Landmarks {
-                points: &self.points,
-                covariance: &self.covariance,
-                with_handed_on: &self.with_handed_on,
-                handed_on: &self.handed_on,
-            };
-            core_sight(camera, sigma, &submap, &matches, &guess, least)
-        })?;
-        Ok(found.map(PySight))
-    }
 }
 
 /// What was measured of one or two submaps' poses, weighted by its covariance.
@@ -283,7 +76,7 @@ impl PyFactor {
             first: usize::try_from(first).ok(),
             second,
             pose: rigid("pose", &pose)?,
-            handed_on: crate::arrays_in::vector::<HANDED_ON>("handed_on", &handed_on)?,
+            handed_on: vector::<HANDED_ON>("handed_on", &handed_on)?,
             weight: table::<RESIDUAL>("weight", &weight)?,
         }))
     }
@@ -526,7 +319,7 @@ impl PyPoseGraph {
         vectors(py, self.graph.nodes().iter().map(|n| n.handed_on))
     }
 
-    /// Covariance of a submap's pose.
+    /// A submap in W, as all factors have it.
     ///
     /// Parameters
     /// ----------
@@ -534,8 +327,7 @@ impl PyPoseGraph {
     ///
     /// Returns
     /// -------
-    /// (6, 6) float64
-    ///     Right tangent, m^2 and rad^2.
+    /// Placed
     ///
     /// Raises
     /// ------
@@ -543,10 +335,10 @@ impl PyPoseGraph {
     ///     If there is no such submap.
     /// FilterError
     ///     If a submap is tied to nothing.
-    fn covariance(&self, py: Python<'_>, submap: usize) -> PyResult<Table> {
+    fn placed(&self, py: Python<'_>, submap: usize) -> PyResult<PyPlaced> {
         self.check(submap)?;
-        let p = gate::enter(py, || Ok(self.marginals()?.of_node(submap)))?;
-        Ok(to_matrix(py, &p.fixed_view::<6, 6>(0, 0).into_owned()))
+        let placed = gate::enter(py, || Ok(self.marginals()?.placed(submap)))?;
+        Ok(PyPlaced(placed))
     }
 
     /// Pose of one submap from another, and its covariance (right tangent, m^2 and rad^2).
@@ -595,29 +387,71 @@ impl PyPoseGraph {
         self.check(factor.first.unwrap_or(0))?;
         gate::enter(py, || self.graph.distance(factor, self.marginals()?))
     }
+}
 
-    /// A pose that the filter knows from a submap's end on, in W, and its covariance (right tangent).
+/// A pose in W with what is handed on there, and how well both are known.
+///
+/// Parameters
+/// ----------
+/// pose : (4, 4) float64
+///     Metres.
+/// handed_on : (7,) float64
+///     By how much what is handed on there is wrong.
+/// covariance : (13, 13) float64
+///     Joint, of the pose (right tangent, m and rad) and what is handed on.
+///
+/// Raises
+/// ------
+/// InputError
+///     For wrong shapes, or a pose that is none.
+#[pyclass(name = "Placed", module = "collabslam._core", frozen)]
+pub(crate) struct PyPlaced(Placed);
+
+#[pymethods]
+impl PyPlaced {
+    #[new]
+    fn new(
+        pose: Argument<'_>,
+        handed_on: Argument<'_>,
+        covariance: Argument<'_>,
+    ) -> PyResult<Self> {
+        let node = Node {
+            pose: rigid("pose", &pose)?,
+            handed_on: finite("handed_on", vector::<HANDED_ON>("handed_on", &handed_on)?)?,
+        };
+        let what = "covariance";
+        let covariance = finite(what, matrix::<NODE, NODE>(what, &covariance)?)?;
+        Ok(Self(Placed { node, covariance }))
+    }
+
+    #[getter]
+    fn pose(&self, py: Python<'_>) -> Table {
+        to_pose(py, &self.0.node.pose)
+    }
+    #[getter]
+    fn handed_on(&self, py: Python<'_>) -> Column<f64> {
+        column(py, self.0.node.handed_on.iter().copied())
+    }
+    #[getter]
+    fn covariance(&self, py: Python<'_>) -> Table {
+        to_matrix(py, &self.0.covariance)
+    }
+
+    /// Where the way from here ends, corrected by what the errors handed on here are now known to be.
     ///
     /// Parameters
     /// ----------
-    /// submap : int
     /// edge : Edge
     ///
     /// Returns
     /// -------
-    /// pose : (4, 4) float64
-    /// covariance : (6, 6) float64
+    /// Placed
     ///
     /// Raises
     /// ------
-    /// InputError
-    ///     If there is no such submap.
     /// FilterError
-    ///     If a submap is tied to nothing.
-    fn onward(&self, py: Python<'_>, submap: usize, edge: &PyEdge) -> PyResult<(Table, Table)> {
-        self.check(submap)?;
-        let (graph, edge) = (&self.graph, &edge.0);
-        let (pose, p) = gate::enter(py, || self.marginals()?.onward(graph, submap, edge))?;
-        Ok((to_pose(py, &pose), to_matrix(py, &p)))
+    ///     If the covariance of the way is none.
+    fn onward(&self, edge: &PyEdge) -> PyResult<Self> {
+        self.0.onward(&edge.0).map(Self).map_err(to_python)
     }
 }

@@ -10,6 +10,7 @@ mod gate;
 mod geometry;
 mod graph;
 mod settings;
+mod submap;
 mod turn;
 
 use pyo3::prelude::*;
@@ -60,9 +61,11 @@ mod _core {
         se3_exp, se3_log, skew, tangent_to_fixed,
     };
     #[pymodule_export]
-    use crate::graph::{PyEdge, PyFactor, PyPoseGraph, PySight, PySubmap, PySubmapLandmarks};
+    use crate::graph::{PyFactor, PyPlaced, PyPoseGraph};
     #[pymodule_export]
     use crate::settings::{SettingInfo, accepted_value, settings_schema};
+    #[pymodule_export]
+    use crate::submap::{PyEdge, PySight, PySubmap, PySubmapLandmarks};
     #[pymodule_export]
     use crate::turn::Turn;
 }

@@ -1,7 +1,8 @@
 """The one writer of every result file.
 
 A result folder holds ``config.yaml`` (the settings as used), ``frames.csv`` (every frame), ``trajectory.tum``
-and ``trajectory.cov`` (valid poses only), ``groundtruth.tum``, ``map.ply``, ``submaps.tum``,
+and ``trajectory.cov`` (valid poses only), ``groundtruth.tum``, ``map.ply``, ``corrected.tum``,
+``whole_map.ply``, ``submaps.tum``, ``submaps.cov``,
 ``trajectory.png`` and ``summary.json``; ``checkpoint.bin`` until a run that keeps one is done;
 ``traceback.txt`` of one that a fault of this program ended.  Those of ``LINES`` grow line by
 line, each line in one piece once its frame is done.
@@ -41,11 +42,21 @@ from collabslam.types import Array
 
 FRAMES, TRAJECTORY, COVARIANCE = "frames.csv", "trajectory.tum", "trajectory.cov"
 GROUND_TRUTH, MAP, PICTURE, SUMMARY = "groundtruth.tum", "map.ply", "trajectory.png", "summary.json"
-SUBMAPS = "submaps.tum"
+SUBMAPS, SUBMAPS_COVARIANCE = "submaps.tum", "submaps.cov"
+CORRECTED, WHOLE_MAP = "corrected.tum", "whole_map.ply"
 CHECKPOINT, TRACEBACK = "checkpoint.bin", "traceback.txt"
 LINES = (FRAMES, COVARIANCE, TRAJECTORY)
 """Files that grow line by line; a pose's covariance comes before the pose."""
-AT_THE_END = (GROUND_TRUTH, MAP, SUBMAPS, PICTURE, SUMMARY)
+AT_THE_END = (
+    GROUND_TRUTH,
+    MAP,
+    CORRECTED,
+    WHOLE_MAP,
+    SUBMAPS,
+    SUBMAPS_COVARIANCE,
+    PICTURE,
+    SUMMARY,
+)
 RESULT_FILES = (CONFIG, FRAMES, TRAJECTORY, COVARIANCE, *AT_THE_END)
 _OWN = (*RESULT_FILES, CHECKPOINT, TRACEBACK)
 
@@ -99,6 +110,7 @@ DIAGNOSTICS = (
     "ms_map",
     "ms_total",
 )
+_CORRECTED_NOTE = "# Valid poses, as the loops of the whole run correct them."
 _SUBMAPS_NOTE = "# Poses at the ends of submaps, as loops correct them."
 _TRUTH_NOTE = "# True poses, moved so that the one at the start equals the estimate's."
 _TRUTH_NOTE_SCALED = "# True poses, moved so that the one at the start equals the estimate's, in its unit."
@@ -208,10 +220,17 @@ class ResultWriter:
         if landmarks is not None:
             write_ply(self.folder / MAP, landmarks, self._unit)
         if submaps is not None:
-            write_tum(
-                self.folder / SUBMAPS, submaps.times, submaps.poses, note=_SUBMAPS_NOTE, unit=self._unit
-            )
+            self._way(record, submaps)
         write_summary(self.folder / SUMMARY, summary)
+
+    def _way(self, record: RunRecord, submaps: SubmapPoses) -> None:
+        """What the loops of the whole run correct."""
+        times, unit = record.times[record.valid], self._unit
+        poses = submaps.corrected(times, record.poses[record.valid])
+        write_tum(self.folder / CORRECTED, times, poses, note=_CORRECTED_NOTE, unit=unit)
+        write_tum(self.folder / SUBMAPS, submaps.times, submaps.poses, note=_SUBMAPS_NOTE, unit=unit)
+        write_covariances(self.folder / SUBMAPS_COVARIANCE, submaps.times, submaps.covariances, unit)
+        write_ply(self.folder / WHOLE_MAP, submaps.landmarks, unit)
 
     def complete(self) -> None:
         """Nothing is left to do: the checkpoint is removed."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from collabslam.datasets.source import Source
 from collabslam.datasets.stamps import usable_frames
-from collabslam.errors import CollabslamError, DataError, InputError, SettingsError, Terminated
+from collabslam.errors import CollabslamError, DataError, FilterError, InputError, SettingsError, Terminated
 from collabslam.evaluation.record import Landmarks, RunRecord, Step, status_name
 from collabslam.evaluation.scoring import AlignedTruth, align_truth
 from collabslam.formats.files import try_place
@@ -351,7 +351,7 @@ class _Run:
         aligned = align_truth(self.record, truth, metric=self.plan.metric)
         before = getattr(self.recording, "left_out", 0)
         summary["frames_out_of_order"] = before + len(self.recording) - len(usable)
-        submaps = self.engine.submaps() if isinstance(self.engine, Slam) else None
+        submaps = _submaps(self.engine)
         summary["submaps"] = 0 if submaps is None else len(submaps.times)
         summary["loops"] = [] if submaps is None else [asdict(loop) for loop in submaps.loops]
         return RunResult(summary, self.record, aligned, landmarks, self.folder, submaps)
@@ -365,6 +365,13 @@ class _Run:
             self.engine.saved_map().save(save_map)
         if writer and not result.summary["interrupted"]:
             writer.complete()
+
+
+def _submaps(engine: SlamLike) -> SubmapPoses | None:
+    """Those of an engine that has any, and can say where they are."""
+    with contextlib.suppress(FilterError):
+        return engine.submaps() if isinstance(engine, Slam) else None
+    return None
 
 
 class _Saver:

@@ -36,6 +36,7 @@ from collabslam.slam.saved_map import SavedMap
 from collabslam.slam.starts import check_start
 from collabslam.slam.tracks import Found
 from collabslam.slam.view import View
+from collabslam.slam.whole_map import whole_way
 from collabslam.slam.worn_frame import Overlap
 from collabslam.types import Array, Board, Image, Status, Tag, Target, WornView
 
@@ -327,15 +328,20 @@ class Slam(EngineParts):
         if status is Status.OK and counts["doubt"] != NOTHING:
             status = Status.DOUBTFUL
         trusted = status is Status.OK and not counts["relocalised"]
-        loop = self._submaps.follow(view, seen.without(change.deleted)) if trusted else None
-        counts["loops"] = int(loop is not None)
+        counts["loops"] = self._submaps.follow(view, seen.without(change.deleted)) if trusted else 0
         times.done("map")
         return self._result(t, status, counts, frame_features(expected, found, report, overlap), times)
 
     @alone
     def submaps(self) -> SubmapPoses:
-        """The submaps of the way so far, as the loops correct them, and the loops (METHOD 24)."""
-        return SubmapPoses(self._submaps.times, self._submaps.poses, self._submaps.loops)
+        """The submaps of the way so far, as the loops correct them, the loops, and all landmarks (METHOD 24).
+
+        Raises
+        ------
+        FilterError
+            If rounding has spoilt a covariance.
+        """
+        return whole_way(self._submaps.chain())
 
     @alone
     def between_submaps(self, first: int, second: int) -> tuple[Array, Array]:
@@ -353,7 +359,7 @@ class Slam(EngineParts):
         InputError
             If there is no such submap.
         """
-        return self._submaps.relative(first, second)
+        return self._submaps.chain().graph.relative(first, second)
 
     @alone
     def landmarks(self) -> Landmarks:

@@ -36,6 +36,7 @@ from collabslam.slam.free_start import FreeStart
 from collabslam.slam.guard import Guard, alone
 from collabslam.slam.late_views import KeptFrame, LateViews
 from collabslam.slam.looking import Look, Looking, WornPose
+from collabslam.slam.loop_search import Wanted
 from collabslam.slam.map_management import MapManager
 from collabslam.slam.printed_targets import PrintedTargets
 from collabslam.slam.recovery import Recovery
@@ -44,7 +45,8 @@ from collabslam.slam.results import Loop
 from collabslam.slam.saved_map import SavedMap
 from collabslam.slam.state import check_camera, persistent_parts
 from collabslam.slam.status import StatusMonitor
-from collabslam.slam.submaps import Link, Submap, Submaps
+from collabslam.slam.submap_chain import Submap
+from collabslam.slam.submaps import Submaps
 from collabslam.slam.target_start import TargetStart
 from collabslam.slam.tracks import Tracks
 from collabslam.slam.worn_frame import WornMatcher
@@ -52,7 +54,7 @@ from collabslam.types import Board, Tag, Target, WornView
 
 KIND, VERSION = "engine state", 8
 """Of the file that `EngineParts.save` writes; the version counts the changes of what is in it."""
-CLASSES = (KeptFrame, Link, Loop, MapAside, Patch, Submap, Target, WornPose, WornView)
+CLASSES = (KeptFrame, Loop, MapAside, Patch, Submap, Target, Wanted, WornPose, WornView)
 """Dataclasses that are in it."""
 
 Engine = TypeVar("Engine", bound="EngineParts")

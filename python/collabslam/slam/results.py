@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from collabslam.formats.trajectory import ARBITRARY, METRES
 from collabslam.slam.feature_states import FrameFeatures
 from collabslam.types import Array, Ids, Status
@@ -90,18 +92,41 @@ class Loop:
 
 
 @dataclass(frozen=True)
-class SubmapPoses:
-    """Submaps: ``times`` (N,) of their ends, seconds, ``poses`` (N, 4, 4) there in W, and ``loops``."""
-
-    times: Array
-    poses: Array
-    loops: list[Loop]
-
-
-@dataclass(frozen=True)
 class Landmarks:
     """The map: ``ids`` (N,) int64, ``points`` (N, 3) metres in W, ``covariance`` (N, 3, 3) m^2."""
 
     ids: Ids
     points: Array
     covariance: Array
+
+
+@dataclass(frozen=True)
+class SubmapPoses:
+    """The submaps of a way, as the loops of the whole way correct them.
+
+    Attributes
+    ----------
+    times : (N,) float64
+        Of their ends, seconds.
+    poses, covariances : (N, 4, 4), (N, 6, 6) float64
+        T_WC there, and what is known of it; right tangent, m^2 and rad^2.
+    odometry : (N, 4, 4) float64
+        The same poses as the filter had them.
+    loops : list of Loop
+    landmarks : Landmarks
+        The map of the whole way; of a landmark in several submaps, as the last of them has it.
+    """
+
+    times: Array
+    poses: Array
+    covariances: Array
+    odometry: Array
+    loops: list[Loop]
+    landmarks: Landmarks
+
+    def corrected(self, times: Array, poses: Array) -> Array:
+        """Poses (M, 4, 4) of the filter's at some times (M,), moved as the submap that ended last was."""
+        if not len(self.times):
+            return poses
+        last = np.maximum(np.searchsorted(self.times, times, side="right") - 1, 0)
+        return np.asarray((self.poses @ np.linalg.inv(self.odometry))[last] @ poses)

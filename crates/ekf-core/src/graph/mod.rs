@@ -8,10 +8,12 @@
 mod factor;
 mod marginals;
 mod normal;
+mod placed;
 mod poses;
 
 pub use factor::{Edge, Factor};
 pub use marginals::{Marginals, NodeCovariance};
+pub use placed::Placed;
 pub use poses::{Node, PoseGraph, Solved};
 
 use nalgebra::SVector;

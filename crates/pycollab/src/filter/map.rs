@@ -5,7 +5,7 @@ use crate::arrays_in::{Argument, ids, matrix, rows, square};
 use crate::arrays_out::{
     Column, Stack, Table, column, stacked, symmetric, to_ids, to_matrix, vectors,
 };
-use crate::graph::{PyEdge, PySubmap};
+use crate::submap::{PyEdge, PySubmap};
 use ekf_core::KnownMap;
 use pyo3::prelude::*;
 

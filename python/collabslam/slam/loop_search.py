@@ -1,0 +1,181 @@
+"""A loop looked for: an earlier submap in the image in which the last one ended (METHOD 24).
+
+All of it is a function of what it is given, so that it can run beside the frames that follow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from collabslam._core import (
+    Camera,
+    Factor,
+    Placed,
+    SubmapLandmarks,
+    chi2_quantile,
+    pose_inverse,
+    rotation_log,
+)
+from collabslam.errors import FilterError
+from collabslam.frontend.map_views import MapViews
+from collabslam.frontend.place_recognition import (
+    MAX_DISTANCE,
+    MIN_PATCHES,
+    SUPPORT,
+    Fix,
+    describe_views,
+    locate,
+)
+from collabslam.settings.frontend import FrontendSettings
+from collabslam.slam.results import Loop
+from collabslam.slam.submap_chain import Chain, Submap
+from collabslam.types import Ids, Image
+
+CANDIDATES = 2
+"""Earlier submaps that the image is compared with, at most, each time that one ends."""
+LEVEL = 0.9999
+"""Of the chi-square test of a loop against what the graph knows."""
+_MIN_VOTES = 6  # landmarks whose descriptors must look alike for a submap to be a candidate
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a search needs besides the chain.
+
+    Attributes
+    ----------
+    image : (H, W) uint8
+        In which the last submap ended.
+    alive : (N,) int64
+        Landmarks that the filter held then: a loop with these would tell what it knows already.
+    """
+
+    image: Image
+    alive: Ids
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The chain with its last submap described and with the loop, if one was found.
+
+    Attributes
+    ----------
+    chain : Chain
+    placed : Placed or None
+        The last submap as the loops correct it; None without any loop.
+    """
+
+    chain: Chain
+    placed: Placed | None
+
+
+class LoopSearch:
+    """Looks for loops.
+
+    Parameters
+    ----------
+    camera : Camera
+        Cs.
+    sigma : float
+        Standard deviation of a pixel of Cs.
+    options : FrontendSettings
+    """
+
+    def __init__(self, camera: Camera, sigma: float, options: FrontendSettings) -> None:
+        self._camera, self._sigma, self._options = camera, sigma, options
+
+    def look(self, chain: Chain, wanted: Wanted) -> Answer:
+        """Looks for an earlier submap in the image, and solves the graph.
+
+        What makes a graph that cannot be solved is not believed.
+        """
+        chain = _described(chain)
+        try:
+            found = self._closed(chain, wanted)
+            solved = found or (chain.solved() if chain.loops else None)
+            if solved is not None:
+                return Answer(solved, solved.graph.placed(len(solved.submaps) - 1))
+        except FilterError:
+            pass
+        return Answer(chain, None)
+
+    def _closed(self, chain: Chain, wanted: Wanted) -> Chain | None:
+        """The chain with the first loop that is believed."""
+        for first in _candidates(chain, wanted.alive):
+            closed = self._tried(chain, wanted, first)
+            if closed is not None:
+                return closed
+        return None
+
+    def _tried(self, chain: Chain, wanted: Wanted, first: int) -> Chain | None:
+        """The chain closed with a submap, if the image shows it where the graph allows it to be."""
+        submap, second = chain.submaps[first], len(chain.submaps) - 1
+        fresh = _fresh(submap, wanted.alive)
+        fix = self._located(chain, wanted, first, fresh)
+        if fix is None:
+            return None
+        known = SubmapLandmarks(submap.points, submap.covariance, submap.with_handed_on, submap.handed_on)
+        landmarks = fresh[fix.landmarks]
+        found = known.sight(self._camera, self._sigma, landmarks, fix.uv, fix.pose, MIN_PATCHES)
+        if found is None:
+            return None
+        factor = Factor.of_sight(first, second, found)
+        before = chain.solved()
+        chi2 = before.graph.distance(factor)
+        if chi2 > chi2_quantile(LEVEL, 6.0):
+            return None
+        off = pose_inverse(pose_inverse(before.poses[first]) @ before.poses[second]) @ found.pose
+        loop = Loop(
+            first,
+            second,
+            submap.t,
+            chain.submaps[second].t,
+            int(found.accepted.sum()),
+            float(np.linalg.norm(off[:3, 3])),
+            float(np.degrees(np.linalg.norm(rotation_log(off[:3, :3])))),
+            chi2,
+        )
+        used: NDArray[np.bool_] = np.zeros(len(submap.ids), dtype=bool)
+        used[landmarks[found.accepted]] = True
+        return before.closed(loop, factor, used).solved()
+
+    def _located(self, chain: Chain, wanted: Wanted, first: int, fresh: Ids) -> Fix | None:
+        """Where in the submap the camera is, by the patches of its landmarks."""
+        submap = chain.submaps[first]
+        views = MapViews.of(submap.points[fresh], [[submap.patches[i]] for i in fresh])
+        expected = pose_inverse(chain.poses[first]) @ chain.poses[-1]
+        descriptors = submap.descriptors[fresh]
+        return locate(wanted.image, self._camera, views, descriptors, expected, (0.0,), self._options)
+
+
+def _described(chain: Chain) -> Chain:
+    """With descriptors of the last submap."""
+    last = chain.submaps[-1]
+    last = replace(last, descriptors=describe_views(last.patches, SUPPORT))
+    return replace(chain, submaps=[*chain.submaps[:-1], last])
+
+
+def _fresh(submap: Submap, alive: Ids) -> Ids:
+    """Landmarks that would tell something new: not in the filter any more, and in no loop yet."""
+    return np.flatnonzero(~submap.used & ~np.isin(submap.ids, alive))
+
+
+def _candidates(chain: Chain, alive: Ids) -> list[int]:
+    """Earlier submaps whose landmarks look like those of the last one, the most alike first."""
+    last, votes = chain.submaps[-1], []
+    for i, submap in enumerate(chain.submaps[:-1]):
+        fresh = _fresh(submap, alive)
+        if len(fresh) < MIN_PATCHES or not len(last.ids):
+            continue
+        alike = last.descriptors @ submap.descriptors[fresh].T
+        best = alike.argmax(axis=1)
+        rows = np.arange(len(best))
+        mutual = alike.argmax(axis=0)[best] == rows
+        near = alike[rows, best] > 1.0 - 0.5 * MAX_DISTANCE**2
+        count = int((mutual & near).sum())
+        if count >= _MIN_VOTES:
+            votes.append((-count, i))
+    return [i for _, i in sorted(votes)[:CANDIDATES]]

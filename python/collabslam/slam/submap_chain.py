@@ -1,0 +1,246 @@
+"""The submaps of a way with what was measured between them, and the graph that they make (METHOD 24)."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from collabslam._core import Edge, Factor, PoseGraph, adjoint, pose_inverse
+from collabslam.errors import FilterError
+from collabslam.formats.schema import array, covariance, fields, instance, items, number, pose, refuse, whole
+from collabslam.frontend.patch import Patch
+from collabslam.slam.results import Loop
+from collabslam.slam.state import PATCH, SECONDS
+from collabslam.types import Array, Ids
+
+RECALLED = 1000
+"""Latest submaps that can be recognised; of earlier ones the pose is kept, and what was measured of it."""
+
+
+@dataclass(frozen=True)
+class Submap:
+    """What is kept of a submap: its landmarks as they stood to the camera where it ended.
+
+    Attributes
+    ----------
+    t : float
+        When it ended, seconds.
+    pose, pose_covariance : (4, 4), (6, 6) float64
+        T_WC there as the filter had it, and its covariance.
+    ids : (N,) int64
+    points : (N, 3) float64
+        Metres, in the frame of the camera.
+    covariance, with_handed_on, handed_on : (3 N, 3 N), (3 N, 7), (7, 7) float64
+        See `_core.Submap`.
+    patches : list of N Patch
+        Of the image there.
+    descriptors : (N, 128) float32
+        Of the patches; (0, 128) until the search that follows the submap's end is done.
+    used : (N,) bool
+        Landmarks that a loop rests on: each tells what it knows once.
+    """
+
+    t: float
+    pose: Array
+    pose_covariance: Array
+    ids: Ids
+    points: Array
+    covariance: Array
+    with_handed_on: Array
+    handed_on: Array
+    patches: list[Patch]
+    descriptors: NDArray[np.float32]
+    used: NDArray[np.bool_]
+
+    @property
+    def described(self) -> bool:
+        """Whether it can be recognised."""
+        return len(self.descriptors) == len(self.ids)
+
+    def without_landmarks(self) -> Submap:
+        """Its pose alone."""
+        return replace(
+            self,
+            ids=self.ids[:0],
+            points=np.empty((0, 3)),
+            covariance=np.empty((0, 0)),
+            with_handed_on=np.empty((0, 7)),
+            patches=[],
+            descriptors=self.descriptors[:0],
+            used=self.used[:0],
+        )
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Submaps, factors between them, and where they are as the loops found so far correct them.
+
+    Attributes
+    ----------
+    submaps : list of N Submap
+    factors : list of Factor
+    loops : list of Loop
+    poses : (N, 4, 4) float64
+        T_WC where they ended.
+    handed_on : (N, 7) float64
+        By how much what each handed on is wrong.
+    """
+
+    submaps: list[Submap]
+    factors: list[Factor]
+    loops: list[Loop]
+    poses: Array
+    handed_on: Array
+
+    @classmethod
+    def empty(cls) -> Chain:
+        """Without a submap."""
+        return cls([], [], [], np.empty((0, 4, 4)), np.empty((0, 7)))
+
+    @cached_property
+    def graph(self) -> PoseGraph:
+        """The graph where it stands."""
+        last = len(self.submaps) - 1
+        end = Factor.of_handed_on(last, self.submaps[last].handed_on)
+        return PoseGraph(self.poses, self.handed_on, [*self.factors, end])
+
+    def solved(self) -> Chain:
+        """With the poses that all factors agree with best; raises FilterError where there are none."""
+        graph = self.graph.solved()
+        return replace(self, poses=graph.poses, handed_on=graph.handed_on)
+
+    def longer(self, submap: Submap, edge: Edge | None) -> Chain:
+        """With the next submap, and the way there from the last one if the filter knows it."""
+        if not self.submaps:
+            factors, at = [Factor.of_pose(-1, 0, submap.pose, submap.pose_covariance)], submap.pose
+        else:
+            factors = self._ties(submap, edge)
+            at = self.poses[-1] @ (self._way(submap.pose) if edge is None else edge.pose)
+            if not self.loops:
+                at = submap.pose
+        kept = [*self.submaps, submap]
+        if len(kept) > RECALLED:
+            kept[-RECALLED - 1] = kept[-RECALLED - 1].without_landmarks()
+        return replace(
+            self,
+            submaps=kept,
+            factors=[*self.factors, *factors],
+            poses=np.concatenate([self.poses, at[None]]),
+            handed_on=np.concatenate([self.handed_on, np.zeros((1, 7))]),
+        )
+
+    def closed(self, loop: Loop, factor: Factor, used: NDArray[np.bool_]) -> Chain:
+        """With one more loop, which rests on the landmarks ``used`` of its first submap."""
+        submaps = list(self.submaps)
+        submaps[loop.first] = replace(submaps[loop.first], used=submaps[loop.first].used | used)
+        return replace(self, submaps=submaps, factors=[*self.factors, factor], loops=[*self.loops, loop])
+
+    def apart(self, pose: Array, pose_covariance: Array) -> tuple[Array, Array]:
+        """A pose of the filter's seen from the last submap, with errors that have nothing in common.
+
+        That is the least that is known of it: its covariance is that of both poses.
+        """
+        relative = self._way(pose)
+        back = adjoint(pose_inverse(relative))
+        return relative, pose_covariance + back @ self.submaps[-1].pose_covariance @ back.T
+
+    def _way(self, pose: Array) -> Array:
+        return np.asarray(pose_inverse(self.submaps[-1].pose) @ pose)
+
+    def _ties(self, submap: Submap, edge: Edge | None) -> list[Factor]:
+        k = len(self.submaps)
+        if edge is not None:
+            with contextlib.suppress(FilterError):  # a covariance that rounding has spoilt
+                return [Factor.between(k - 1, k, edge)]
+        # Another map: what prediction knows of its place ties both, and nothing is handed on.
+        handed_on = Factor.of_handed_on(k - 1, self.submaps[-1].handed_on)
+        return [handed_on, Factor.of_pose(k - 1, k, *self.apart(submap.pose, submap.pose_covariance))]
+
+    def state(self) -> dict[str, Any]:
+        """As `formats.container` takes it."""
+        factors = [
+            {name: getattr(factor, name) for name in ("first", "second", "pose", "handed_on", "weight")}
+            for factor in self.factors
+        ]
+        return {
+            "submaps": self.submaps,
+            "factors": factors,
+            "loops": self.loops,
+            "poses": self.poses,
+            "handed_on": self.handed_on,
+        }
+
+    @classmethod
+    def of(cls, state: Mapping[str, Any]) -> Chain:
+        """The chain of a `state` that passed `check_chain`; raises InputError for a factor that is none."""
+        factors = [Factor(**numbers) for numbers in state["factors"]]
+        return cls(list(state["submaps"]), factors, list(state["loops"]), state["poses"], state["handed_on"])
+
+
+def _check_submap(value: Any, where: str) -> None:
+    """A `Submap` whose parts fit together."""
+    instance(Submap, ids=array("<i8", None), descriptors=array("<f4", None, 128))(value, where)
+    n = len(value.ids)
+    instance(
+        Submap,
+        t=number(-SECONDS, SECONDS),
+        pose=pose,
+        pose_covariance=covariance(6),
+        points=array("<f8", n, 3),
+        covariance=covariance(3 * n),
+        with_handed_on=array("<f8", 3 * n, 7),
+        handed_on=covariance(7),
+        patches=items(PATCH, n),
+        used=array("|b1", n),
+    )(value, where)
+    if len(value.descriptors) and not value.described:
+        refuse(where, "a submap with a descriptor of each landmark")
+
+
+_LOOP = instance(
+    Loop,
+    first=whole(0),
+    second=whole(0),
+    t_first=number(-SECONDS, SECONDS),
+    t_second=number(-SECONDS, SECONDS),
+    matches=whole(0),
+    residual_m=number(),
+    residual_deg=number(),
+    chi2=number(),
+)
+_FIELDS = fields(
+    submaps=items(_check_submap),
+    factors=items(
+        fields(
+            first=whole(-1),
+            second=whole(0),
+            pose=pose,
+            handed_on=array("<f8", 7),
+            weight=array("<f8", None, 20),
+        )
+    ),
+    loops=items(_LOOP),
+    poses=array("<f8", None, 4, 4),
+    handed_on=array("<f8", None, 7),
+)
+
+
+def check_chain(value: Any, where: str) -> None:
+    """A `Chain.state` whose parts belong together."""
+    _FIELDS(value, where)
+    n = len(value["submaps"])
+    for k, one in enumerate(value["poses"]):
+        pose(one, f"{where}.poses[{k}]")
+    ends = [(f["first"], f["second"]) for f in value["factors"]]
+    ends += [(loop.first, loop.second) for loop in value["loops"]]
+    between = all(max(pair) < n for pair in ends)
+    if len(value["poses"]) != n or len(value["handed_on"]) != n or not between:
+        refuse(where, "as many poses as submaps, and factors and loops between them")
+    if not all(submap.described for submap in value["submaps"][:-1]):
+        refuse(where, "a chain whose submaps but the last can be recognised")

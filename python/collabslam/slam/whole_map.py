@@ -1,0 +1,59 @@
+"""A whole way as its loops correct it: where its submaps are, and all their landmarks (METHOD 24)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from collabslam._core import Placed, skew
+from collabslam.slam.results import Landmarks, SubmapPoses
+from collabslam.slam.submap_chain import Chain, Submap
+from collabslam.types import Array
+
+_LEAST_VARIANCE = 1e-12  # of what is handed on; below it, it is taken to be known
+
+
+def whole_way(chain: Chain) -> SubmapPoses:
+    """The submaps of a chain, and the landmarks of those that can be recognised, in W.
+
+    Raises
+    ------
+    FilterError
+        If rounding has spoilt a covariance.
+    """
+    placed = [chain.graph.placed(k) for k in range(len(chain.submaps))]
+    return SubmapPoses(
+        times=np.array([submap.t for submap in chain.submaps]),
+        poses=np.array(chain.poses),
+        covariances=np.array([at.covariance[:6, :6] for at in placed]).reshape(-1, 6, 6),
+        odometry=np.array([submap.pose for submap in chain.submaps]).reshape(-1, 4, 4),
+        loops=list(chain.loops),
+        landmarks=_landmarks(chain.submaps, placed),
+    )
+
+
+def _landmarks(submaps: list[Submap], placed: list[Placed]) -> Landmarks:
+    found: dict[int, tuple[Array, Array]] = {}
+    for submap, at in zip(submaps, placed, strict=True):
+        if len(submap.ids):
+            found.update(zip(submap.ids.tolist(), zip(*_in_w(submap, at), strict=True), strict=True))
+    ids = np.array(sorted(found), dtype=np.int64)
+    points = np.array([found[i][0] for i in ids.tolist()]).reshape(-1, 3)
+    return Landmarks(ids, points, np.array([found[i][1] for i in ids.tolist()]).reshape(-1, 3, 3))
+
+
+def _in_w(submap: Submap, at: Placed) -> tuple[Array, Array]:
+    """Points (N, 3) and covariances (N, 3, 3) of a submap's landmarks in W.
+
+    What the graph knows of the errors that were handed on where the submap ended corrects the points, too.
+    """
+    n, rotation = len(submap.ids), at.pose[:3, :3]
+    handed_on = submap.handed_on + _LEAST_VARIANCE * np.eye(7)
+    gains = np.linalg.solve(handed_on, submap.with_handed_on.T).T
+    points = submap.points + (gains @ at.handed_on).reshape(n, 3)
+    gains, with_handed_on = gains.reshape(n, 3, 7), submap.with_handed_on.reshape(n, 3, 7)
+    blocks = submap.covariance.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n)]
+    own = blocks - gains @ with_handed_on.transpose(0, 2, 1)
+    turned = np.stack([-skew(point) for point in points])
+    by = rotation @ np.concatenate([np.broadcast_to(np.eye(3), (n, 3, 3)), turned, gains], axis=2)
+    covariance = by @ at.covariance @ by.transpose(0, 2, 1) + rotation @ own @ rotation.T
+    return points @ rotation.T + at.pose[:3, 3], 0.5 * (covariance + covariance.transpose(0, 2, 1))
