@@ -133,6 +133,22 @@ def test_rosbags_reads_the_odometry(run: Path, tmp_path: Path, kind: str) -> Non
     assert messages[0].twist.covariance[0] == -1.0
 
 
+def test_a_bag_says_where_loops_put_the_odometry(run: Path, tmp_path: Path) -> None:
+    times, poses, covariances = RunFolder(run).trajectory()
+    moved = g.se3_exp([1.0, 0.5, -0.2, 0.1, 0.0, 0.2])
+    rosbag.write_odometry(tmp_path / "bag", times, poses, covariances, moved @ poses)
+    with AnyReader([tmp_path / "bag"]) as reader:
+        messages = [
+            reader.deserialize(data, c.msgtype) for c, _, data in reader.messages() if c.topic == "/tf"
+        ]
+    assert len(messages) == COUNT
+    (found,) = messages[7].transforms
+    assert (found.header.frame_id, found.child_frame_id) == (rosbag.MAP, rosbag.WORLD)
+    at, turn = found.transform.translation, found.transform.rotation
+    seen = g.pose_from_quaternion([at.x, at.y, at.z], [turn.w, turn.x, turn.y, turn.z])
+    np.testing.assert_allclose(seen, moved, atol=1e-7)
+
+
 def test_fixed_axis_covariance_is_that_of_fixed_axis_errors() -> None:
     draw = np.random.default_rng(5)
     pose = TRUTH[20]

@@ -176,6 +176,7 @@ def test_the_pose_goes_on_as_odometry_and_the_map_pose_as_the_loops_say(walk: Wa
         assert step.covariance_map.tobytes() == step.covariance.tobytes()
     step = walk.steps[first]
     assert (step.pose_map != step.pose).any()
+    np.testing.assert_allclose(step.t_map_odom @ step.pose, step.pose_map, atol=1e-12)
     assert np.linalg.eigvalsh(step.covariance_map).min() > 0.0
     error = se3_log(pose_inverse(walk.steps[-1].pose_map) @ walk.truth(len(walk.steps) - 1))
     assert np.linalg.norm(error[:3]) < 0.15

@@ -71,6 +71,28 @@ def test_rerun_reads_the_recording(clip: Clip, tmp_path: Path) -> None:
         assert f"{entity}:" in listing
 
 
+def test_loops_are_shown_with_the_way_that_they_correct(clip: Clip, tmp_path: Path) -> None:
+    recording, path = Short(clip, 2), tmp_path / "view.rrd"
+    poses = np.stack([np.eye(4), np.eye(4)])
+    poses[1, :3, 3] = 1.0
+    points = SimpleNamespace(points=poses[:, :3, 3], covariance=np.stack([1e-4 * np.eye(3)] * 2))
+    way = SimpleNamespace(poses=poses, loops=[SimpleNamespace(first=0, second=1)], landmarks=points)
+    with RerunLog(recording, save=path) as log:
+
+        def watch(frame: Any, step: Any, engine: Any) -> None:
+            shown = SimpleNamespace(landmarks=engine.landmarks, filter=engine.filter, submaps=lambda: way)
+            log.frame(frame, step, shown)
+
+        def closed(frame: Any, step: Any, engine: Any) -> None:
+            step.diagnostics["loops"] = int(frame.index == 1)
+            watch(frame, step, engine)
+
+        runner.run(recording, watch=closed)
+    listing = subprocess.run([RERUN, "rrd", "stats", str(path)], check=True, capture_output=True, text=True)
+    for entity in ("/world/submaps", "/world/loops", "/world/whole_map"):
+        assert f"{entity}:" in listing.stdout
+
+
 def test_without_rerun_the_extra_is_named(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
     with pytest.raises(DataError, match=r"pip install 'collabslam\[viz\]'"):

@@ -12,7 +12,7 @@ FORMATS = {
     "euroc": "trajectory as EuRoC CSV",
     "kitti": "trajectory as KITTI poses, with their stamps in a second file",
     "csv": "landmarks with covariance as CSV",
-    "ros2": "trajectory with covariance as nav_msgs/Odometry in a ROS 2 bag (sqlite3)",
+    "ros2": "trajectory with covariance as nav_msgs/Odometry in a ROS 2 bag (sqlite3), loops on /tf",
     "ros2-mcap": "the same in an MCAP bag",
 }
 
@@ -50,6 +50,6 @@ def main(arguments: argparse.Namespace) -> int:
         print(f"the stamps are in {trajectory.write_kitti(out, times, poses)}")
     else:
         storage = "mcap" if kind == "ros2-mcap" else "sqlite3"
-        rosbag.write_odometry(out, times, poses, covariances, storage=storage)
+        rosbag.write_odometry(out, times, poses, covariances, run.corrected(), storage=storage)
     print(f"{len(times)} poses are in {out}")
     return OK

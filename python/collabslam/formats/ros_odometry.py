@@ -1,4 +1,4 @@
-"""A trajectory as a ROS 2 bag with ``nav_msgs/Odometry``; needs the extra ``ros``."""
+"""A trajectory as a ROS 2 bag with ``nav_msgs/Odometry`` and ``/tf``; needs the extra ``ros``."""
 
 from __future__ import annotations
 
@@ -13,16 +13,25 @@ from collabslam.formats.trajectory import position_quaternion
 from collabslam.geometry import tangent_to_fixed
 from collabslam.types import Array
 
-TOPIC = "/collabslam/odometry"
-WORLD, CAMERA = "collabslam_world", "collabslam_camera_optical"
+TOPIC, TRANSFORMS = "/collabslam/odometry", "/tf"
+MAP, WORLD, CAMERA = "collabslam_map", "collabslam_world", "collabslam_camera_optical"
 STORAGES = ("sqlite3", "mcap")
 _NANOSECONDS = 10**9
 
 
 def write_odometry(
-    path: Path, times: Array, poses: Array, covariances: Array, *, storage: str = "sqlite3"
+    path: Path,
+    times: Array,
+    poses: Array,
+    covariances: Array,
+    corrected: Array | None = None,
+    *,
+    storage: str = "sqlite3",
 ) -> None:
     """Write poses with covariance as a bag.
+
+    The poses go on without a jump, as REP 105 wants it of odometry.  Where loops put them is told on ``/tf``:
+    the transform from the world in which they are to the map.
 
     The covariance is ROS's: over (x, y, z, rotation about X, Y, Z), all along the fixed axes of W.  The
     twist is not estimated: it is zero, and the first number of its covariance is -1.
@@ -37,6 +46,8 @@ def write_odometry(
         ``T_WC``: W and C keep their optical axes (x right, y down, z forward at the start).
     covariances : (N, 6, 6) array
         Over (translation, rotation), tangent on the right.
+    corrected : (N, 4, 4) array, optional
+        The poses as loops correct them.
     storage : str
         One of `STORAGES`.
 
@@ -58,6 +69,26 @@ def write_odometry(
         for t, t_wc, covariance in zip(times, poses, covariances, strict=True):
             message = odometry_message(store.types, round(float(t) * _NANOSECONDS), t_wc, covariance)
             bag.write(connection, round(float(t) * _NANOSECONDS), store.serialize_cdr(message, kind))
+        if corrected is None:
+            return
+        kind = "tf2_msgs/msg/TFMessage"
+        connection = bag.add_connection(TRANSFORMS, kind, typestore=store)
+        for t, t_map_world in zip(times, corrected @ np.linalg.inv(poses), strict=True):
+            message = _map_message(store.types, round(float(t) * _NANOSECONDS), t_map_world)
+            bag.write(connection, round(float(t) * _NANOSECONDS), store.serialize_cdr(message, kind))
+
+
+def _map_message(types: Any, stamp: int, t_map_world: Array) -> Any:
+    """Where the world of the odometry is in the map, as ``tf2_msgs/TFMessage``."""
+    x, y, z, qx, qy, qz, qw = position_quaternion(t_map_world)
+    time = types["builtin_interfaces/msg/Time"](*divmod(stamp, _NANOSECONDS))
+    transform = types["geometry_msgs/msg/Transform"](
+        types["geometry_msgs/msg/Vector3"](x, y, z), types["geometry_msgs/msg/Quaternion"](qx, qy, qz, qw)
+    )
+    stamped = types["geometry_msgs/msg/TransformStamped"](
+        types["std_msgs/msg/Header"](time, MAP), WORLD, transform
+    )
+    return types["tf2_msgs/msg/TFMessage"]([stamped])
 
 
 def odometry_message(types: Any, stamp: int, t_wc: Array, covariance: Array) -> Any:

@@ -15,7 +15,7 @@ from collabslam.formats.files import read_text
 from collabslam.formats.landmarks import MapPoints, read_ply
 from collabslam.formats.trajectory import ARBITRARY, read_covariances
 from collabslam.runs.folder import is_result_folder
-from collabslam.runs.results import COVARIANCE, FRAMES, MAP, SUMMARY, TRAJECTORY
+from collabslam.runs.results import CORRECTED, COVARIANCE, FRAMES, MAP, SUMMARY, TRAJECTORY
 from collabslam.types import Array
 
 
@@ -49,6 +49,11 @@ class RunFolder:
                 "recording again."
             )
         return times, poses, covariances
+
+    def corrected(self) -> Array | None:
+        """The poses of `trajectory` as the loops of the whole run correct them; None if there are none."""
+        path = self.path / CORRECTED
+        return read_track(path)[1] if path.exists() else None
 
     def landmarks(self) -> MapPoints:
         """The map at the end."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from collabslam._core import pose_inverse
 from collabslam.formats.trajectory import ARBITRARY, METRES
 from collabslam.slam.feature_states import FrameFeatures
 from collabslam.types import Array, Ids, Status
@@ -56,6 +57,11 @@ class StepResult:
     scale_sd: float
     pose_map: Array
     covariance_map: Array
+
+    @property
+    def t_map_odom(self) -> Array:
+        """(4, 4): what moves ``pose`` to ``pose_map``, from the world of the odometry into the map."""
+        return np.asarray(self.pose_map @ pose_inverse(self.pose))
 
     @property
     def unit(self) -> str:

@@ -32,7 +32,8 @@ COLOURS = {
     "outside": (130, 130, 130),
     "not searched": (130, 130, 130),
 }
-CS, CF, TRUTH, LOOK = (29, 111, 165), (242, 177, 50), (200, 200, 200), (60, 200, 90)
+CS, CF, TRUTH = (29, 111, 165), (242, 177, 50), (200, 200, 200)
+LOOK, LOOP = (60, 200, 90), (42, 157, 111)
 STATUS = {"OK": 3.0, "DOUBTFUL": 2.0, "COASTING": 1.0, "LOST": 0.0}
 UNIX_STAMPS = 1e8
 PLANE = 0.4
@@ -66,6 +67,7 @@ class Viewed(Protocol):
 
     def landmarks(self) -> Any: ...
     def where_to_look(self) -> Any: ...
+    def submaps(self) -> Any: ...
 
 
 class RerunLog:
@@ -142,6 +144,8 @@ class RerunLog:
             self._look(step.pose, engine.where_to_look())
         if frame.index % _EVERY == 0:
             self._map(engine.landmarks())
+        if step.diagnostics.get("loops"):
+            self._way(engine.submaps())
 
     def _put(self, path: str, *what: Any, static: bool = False) -> None:
         self._log.log(path, *what, static=static)
@@ -244,6 +248,14 @@ class RerunLog:
 
     def _map(self, landmarks: Any) -> None:
         self._ellipsoids("world/map", landmarks.points, landmarks.covariance, [(140, 150, 160)])
+
+    def _way(self, way: Any) -> None:
+        """The submaps as loops correct them, a line for each loop, and the map of the whole way."""
+        rr, at = self._rr, way.poses[:, :3, 3]
+        self._put("world/submaps", rr.LineStrips3D([at], colors=[LOOP]))
+        ends = [at[[loop.first, loop.second]] for loop in way.loops]
+        self._put("world/loops", rr.LineStrips3D(ends, colors=[LOOP]))
+        self._ellipsoids("world/whole_map", way.landmarks.points, way.landmarks.covariance, [LOOP])
 
     def _ellipsoids(self, path: str, centres: Array, covariances: Array, colours: Any) -> None:
         rr = self._rr
