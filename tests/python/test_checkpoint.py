@@ -97,7 +97,12 @@ def differences(a: Any, b: Any, path: str, seen: set[int]) -> list[str]:
     return [] if a == b or (a != a and b != b) else [f"{path}: {a!r} and {b!r}"]
 
 
-SKIPPED = {"Beside": ("_now",), "Chain": ("graph",), "FlowImage": ("small",), "Guard": ("turn", "_kept")}
+SKIPPED = {
+    "Beside": ("_now",),
+    "Chain": ("graph", "solved"),
+    "FlowImage": ("small",),
+    "Guard": ("turn", "_kept"),
+}
 """Attributes that are worked out from the others, or that serve one call."""
 
 

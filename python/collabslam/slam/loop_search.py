@@ -95,7 +95,7 @@ class LoopSearch:
         chain = _described(chain)
         try:
             found = self._closed(chain, wanted)
-            solved = found or (chain.solved() if chain.loops else None)
+            solved = found or (chain.solved if chain.loops else None)
             if solved is not None:
                 return Answer(solved, solved.graph.placed(len(solved.submaps) - 1))
         except FilterError:
@@ -123,7 +123,7 @@ class LoopSearch:
         if found is None:
             return None
         factor = Factor.of_sight(first, second, found)
-        before = chain.solved()
+        before = chain.solved
         chi2 = before.graph.distance(factor)
         if chi2 > chi2_quantile(LEVEL, 6.0):
             return None
@@ -140,7 +140,7 @@ class LoopSearch:
         )
         used: NDArray[np.bool_] = np.zeros(len(submap.ids), dtype=bool)
         used[landmarks[found.accepted]] = True
-        return before.closed(loop, factor, used).solved()
+        return before.closed(loop, factor, used).solved
 
     def _located(self, chain: Chain, wanted: Wanted, first: int, fresh: Ids) -> Fix | None:
         """Where in the submap the camera is, by the patches of its landmarks."""

@@ -110,6 +110,7 @@ class Chain:
         end = Factor.of_handed_on(last, self.submaps[last].handed_on)
         return PoseGraph(self.poses, self.handed_on, [*self.factors, end])
 
+    @cached_property
     def solved(self) -> Chain:
         """With the poses that all factors agree with best; raises FilterError where there are none."""
         graph = self.graph.solved()
