@@ -1,4 +1,4 @@
-//! An earlier submap in sight: where the camera is in it, from the pixels of its landmarks and their covariance (METHOD 24).
+//! An earlier submap in sight: where the camera is in it, from the pixels of its landmarks and their covariance (METHOD 25).
 
 use crate::camera::Camera;
 use crate::chi2;

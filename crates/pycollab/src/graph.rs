@@ -1,4 +1,4 @@
-//! The graph of submaps' poses (METHOD 24).
+//! The graph of submaps' poses (METHOD 25).
 
 use crate::arrays_in::{Argument, finite, matrix, pose, rows, same_length, vector};
 use crate::arrays_out::{Column, Stack, Table, column, stacked, to_matrix, to_pose, vectors};

@@ -1,4 +1,4 @@
-//! Submaps, and an earlier one in sight (METHOD 24).
+//! Submaps, and an earlier one in sight (METHOD 25).
 
 use crate::arrays_in::{Argument, ids, matrix, pixels, rows, same_length, square};
 use crate::arrays_out::{Column, Table, column, symmetric, to_ids, to_matrix, to_pose, vectors};

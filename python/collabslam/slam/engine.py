@@ -334,7 +334,7 @@ class Slam(EngineParts):
 
     @alone
     def submaps(self) -> SubmapPoses:
-        """The submaps of the way so far, as the loops correct them, the loops, and all landmarks (METHOD 24).
+        """The submaps of the way so far, as the loops correct them, the loops, and all landmarks (METHOD 25).
 
         Raises
         ------

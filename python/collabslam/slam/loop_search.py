@@ -1,4 +1,4 @@
-"""A loop looked for: an earlier submap in the image in which the last one ended (METHOD 24).
+"""A loop looked for: an earlier submap in the image in which the last one ended (METHOD 25).
 
 All of it is a function of what it is given, so that it can run beside the frames that follow.
 """

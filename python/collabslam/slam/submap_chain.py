@@ -1,4 +1,4 @@
-"""The submaps of a way with what was measured between them, and the graph that they make (METHOD 24)."""
+"""The submaps of a way with what was measured between them, and the graph that they make (METHOD 25)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Submaps of a long way, loops between them, and the camera's pose as they correct it (METHOD 24).
+"""Submaps of a long way, loops between them, and the camera's pose as they correct it (METHOD 25).
 
 A submap ends where most of the landmarks that it was taken down with are out of view.  Where an earlier one
 is recognised in the image, its landmarks measure the camera's pose once more: a loop.  A graph of the

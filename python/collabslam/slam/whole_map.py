@@ -1,4 +1,4 @@
-"""A whole way as its loops correct it: where its submaps are, and all their landmarks (METHOD 24)."""
+"""A whole way as its loops correct it: where its submaps are, and all their landmarks (METHOD 25)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-//! Submaps: what the filter knows about a stretch of the way by itself, taken out of it (METHOD 24).
+//! Submaps: what the filter knows about a stretch of the way by itself, taken out of it (METHOD 25).
 //!
 //! The pose at which a submap begins stays in the state as a clone, and beside it what the submap before handed on: by how
 //! much the scale and the bias of T_CF were estimated wrongly there. At the end, the way from the one pose to the other is

@@ -1,4 +1,4 @@
-//! A small graph of poses beside the filter (METHOD 24): what was measured of each pose relative to another, and the poses
+//! A small graph of poses beside the filter (METHOD 25): what was measured of each pose relative to another, and the poses
 //! that agree best with all of it, with the covariance of any of them.
 //!
 //! A node is the pose of a submap and what the submap handed on ([`HandedOn`]): the errors that the filter's estimates before

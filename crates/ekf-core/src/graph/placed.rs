@@ -1,4 +1,4 @@
-//! A pose in the map that a graph makes, and how it goes on from there by what the filter knows (METHOD 24).
+//! A pose in the map that a graph makes, and how it goes on from there by what the filter knows (METHOD 25).
 
 use super::{Edge, HANDED_ON, HandedOn, NODE, Node, NodeCovariance};
 use crate::error::EkfError;
