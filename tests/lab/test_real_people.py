@@ -54,7 +54,6 @@ def test_a_person_in_a_room_is_seen_and_nobody_else(tmp_path: Path) -> None:
 
 
 def test_an_inertial_unit_that_turns_slowly(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("vqf")
     from scipy.io import savemat
 
     rate, count = 200.0, 8000
