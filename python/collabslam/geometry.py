@@ -37,6 +37,7 @@ __all__ = [
     "interpolate_pose",
     "is_rotation",
     "left_jacobian",
+    "nearest_rotation",
     "pose",
     "pose_from_quaternion",
     "pose_inverse",
@@ -73,6 +74,13 @@ def pose(rotation: ArrayLike, translation: ArrayLike) -> Array:
 def pose_from_quaternion(t: ArrayLike, q_wxyz: ArrayLike) -> Array:
     """4x4 pose of a translation (3,), metres, and a Hamilton quaternion (4,), scalar first."""
     return pose(rotation_from_quaternion(q_wxyz), t)
+
+
+def nearest_rotation(matrix: ArrayLike) -> Array:
+    """The rotation (3, 3) nearest to a matrix (3, 3), by least squares (Kabsch)."""
+    u, _, vt = np.linalg.svd(np.asarray(matrix, dtype=np.float64))
+    sign = 1.0 if np.linalg.det(u) * np.linalg.det(vt) > 0.0 else -1.0
+    return np.asarray((u * np.array([1.0, 1.0, sign])) @ vt, dtype=np.float64)
 
 
 def rounded_covariance(covariance: ArrayLike) -> Array:

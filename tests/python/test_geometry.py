@@ -74,6 +74,13 @@ def test_interpolation_is_straight_and_even() -> None:
     np.testing.assert_allclose(g.se3_log(middle), [0.5, 0, 0, 0, 0, 0.3], atol=1e-14)
 
 
+def test_the_nearest_rotation_is_no_reflection() -> None:
+    turn = g.rotation_exp([0.3, -0.8, 0.5])
+    np.testing.assert_allclose(g.nearest_rotation(turn @ np.diag([2.0, 0.7, 0.1])), turn, atol=1e-14)
+    mirrored = g.nearest_rotation(turn @ np.diag([2.0, 0.7, -0.1]))
+    np.testing.assert_allclose(mirrored, turn, atol=1e-14)
+
+
 def test_is_rotation_refuses_reflections_and_scales() -> None:
     assert g.is_rotation(np.eye(3))
     assert not g.is_rotation(np.diag([1.0, 1.0, -1.0]))

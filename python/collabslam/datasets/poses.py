@@ -10,7 +10,7 @@ import numpy as np
 
 from collabslam.errors import DataError
 from collabslam.formats.files import read_text
-from collabslam.geometry import interpolate_pose, pose, pose_from_quaternion
+from collabslam.geometry import interpolate_pose, nearest_rotation, pose, pose_from_quaternion
 from collabslam.types import Array
 
 NANOSECONDS = 10**9
@@ -114,12 +114,8 @@ def rigid(matrix: Array, where: str) -> Array:
     check_position(matrix[:3, 3], where)
     if float(np.max(np.abs(matrix[:3, :3]))) > 2.0:
         raise DataError(f"{where} is not a rigid pose (its 3x3 is no rotation); check its numbers' order.")
-    u, _, vt = np.linalg.svd(matrix[:3, :3])
-    rotation = u @ vt
-    if (
-        float(np.max(np.abs(rotation - matrix[:3, :3]))) > _ROTATION_TOLERANCE
-        or np.linalg.det(rotation) < 0.0
-    ):
+    rotation = nearest_rotation(matrix[:3, :3])
+    if float(np.max(np.abs(rotation - matrix[:3, :3]))) > _ROTATION_TOLERANCE:
         raise DataError(
             f"{where} is not a rigid pose (its 3x3 is no rotation); check the order of its numbers."
         )

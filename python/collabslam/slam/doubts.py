@@ -103,15 +103,11 @@ class Doubts(PersistentState):
         strayed = change.strayed
         self._births = _last(self._births, [strayed, len(change.delayed) + strayed], _LAST_BIRTHS)
         self._without_view = 0 if overlap.points else self._without_view + 1
-        if self._without_view > _LAST:  # Cf may have moved on since
-            self._forget_views()
+        if self._without_view > _LAST:  # Cf may have moved on since: what it said does not count for ever
+            self._worn_matches = self._worn_matches[:0]
         if overlap.points:
             wrong = pairs.rejected_gate + pairs.rejected_batch + pairs.rejected_conditional
             self._worn_matches = _last(self._worn_matches, [wrong, len(overlap.ids)], _LAST)
-
-    def _forget_views(self) -> None:
-        """What views of Cf said of the map does not count for ever once there are none."""
-        self._worn_matches = self._worn_matches[:0]
 
     @staticmethod
     def _too_many(counts: Array, expected: float) -> bool:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from collabslam._core import Camera, Filter
-from collabslam.geometry import pose, pose_inverse, se3_log
+from collabslam.geometry import nearest_rotation, pose, pose_inverse, se3_log
 from collabslam.slam.map_change import ImagePoints, Recovered
 from collabslam.targets.printed import AMBIGUOUS, planar_solutions
 from collabslam.types import Array, Board, Ids, Tag
@@ -115,6 +115,5 @@ class _Corners:
 def _rigid(points: Array, moved: Array) -> Array:
     """The motion (4, 4) that takes points (N, 3) best to others (Kabsch)."""
     a, b = points.mean(axis=0), moved.mean(axis=0)
-    u, _, vt = np.linalg.svd((moved - b).T @ (points - a))
-    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    turn = nearest_rotation((moved - b).T @ (points - a))
     return pose(turn, b - turn @ a)

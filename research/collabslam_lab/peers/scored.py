@@ -10,6 +10,7 @@ import numpy as np
 from collabslam.errors import InputError
 from collabslam.evaluation import metrics
 from collabslam.evaluation.headline import frame_times
+from collabslam.geometry import nearest_rotation
 from collabslam.types import Array
 from collabslam_lab.peers.prepared import Found, Positions, Turns
 from collabslam_lab.report import markdown_table
@@ -80,8 +81,7 @@ def apart(a: Turns, b: Turns) -> float | None:
     if len(frames) < LEAST:
         return None
     first, second = np.array([a[k] for k in frames]), np.array([b[k] for k in frames])
-    u, _, vt = np.linalg.svd(np.einsum("kij,klj->il", first, second))
-    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    turn = nearest_rotation(np.einsum("kij,klj->il", first, second))
     angles = metrics.rotation_angles(first.transpose(0, 2, 1) @ turn @ second)
     return float(np.degrees(np.sqrt(np.mean(angles**2))))
 
