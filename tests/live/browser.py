@@ -5,12 +5,14 @@ from __future__ import annotations
 import base64
 import itertools
 import json
+import os
 import shutil
+import signal
 import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -93,7 +95,7 @@ def browser(video: Path) -> Iterator[Browser]:
     from websockets.sync.client import connect
 
     assert CHROMIUM is not None
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         command = [
             CHROMIUM,
             "--headless=new",
@@ -109,7 +111,9 @@ def browser(video: Path) -> Iterator[Browser]:
             "--remote-debugging-port=0",
             "about:blank",
         ]
-        process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+        process = subprocess.Popen(
+            command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, start_new_session=True
+        )
         try:
             assert process.stderr is not None
             line = next(text for text in process.stderr if "DevTools listening on" in text)
@@ -118,5 +122,7 @@ def browser(video: Path) -> Iterator[Browser]:
         finally:
             process.terminate()
             process.wait()
+            with suppress(ProcessLookupError):  # its helper processes write to the profile for a moment more
+                os.killpg(process.pid, signal.SIGKILL)
             if process.stderr is not None:
                 process.stderr.close()
