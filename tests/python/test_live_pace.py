@@ -7,7 +7,19 @@ import numpy as np
 import pytest
 from conftest import Clip
 
-from collabslam.live.pace import AGAIN, COURAGE, LEVELS, PATIENCE, PROMPT, SCALES, TRIED, Encoder, Pace, Way
+from collabslam.live.pace import (
+    AGAIN,
+    COURAGE,
+    JUDGED,
+    LEVELS,
+    PATIENCE,
+    PROMPT,
+    SCALES,
+    TRIED,
+    Encoder,
+    Pace,
+    Way,
+)
 
 
 def report(pace: Pace, age: float, times: int) -> None:
@@ -96,6 +108,23 @@ def test_a_network_that_loses_every_datagram_is_given_up_and_tried_again() -> No
     assert not way.datagrams(sent)
     assert not way.datagrams(sent + AGAIN - 6)
     assert way.datagrams(sent + AGAIN)
+
+
+def test_a_burst_that_takes_most_of_ten_images_does_not_end_datagrams() -> None:
+    way = Way()
+    sent = received = 0
+    for k in range(80):  # of every 20 images 3 of the first ten and 9 of the others
+        received += k % 20 in (0, 4, 8) or k % 20 > 10
+        sent += 1
+        if sent % 5 == 0:
+            way.report(0.1 * sent, sent, received)
+    assert way.datagrams(sent)
+
+
+def test_a_network_that_loses_most_datagrams_is_given_up() -> None:
+    way = Way()
+    sent, _ = told(way, 2 + JUDGED // 5, 0.25)
+    assert not way.datagrams(sent)
 
 
 def test_what_was_sent_into_the_dark_says_nothing() -> None:
