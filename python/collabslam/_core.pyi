@@ -1387,6 +1387,8 @@ class Submap:
         Their joint covariance as they stand to the camera, m^2.
     with_handed_on : (3 N, 7) float64
         Their covariance with what is handed on.
+    slip : float
+        Standard deviation of a slip while all that is in view is exchanged once, radians.
     """
 
     @property
@@ -1405,6 +1407,8 @@ class Submap:
     def covariance(self) -> _Array: ...
     @property
     def with_handed_on(self) -> _Array: ...
+    @property
+    def slip(self) -> float: ...
 
 @final
 class Sight:
@@ -1709,6 +1713,7 @@ class SubmapLandmarks:
         self,
         camera: Camera,
         sigma: float,
+        slip: float,
         landmarks: ArrayLike,
         uv: ArrayLike,
         guess: ArrayLike,
@@ -1723,6 +1728,8 @@ class SubmapLandmarks:
         camera : Camera
         sigma : float
             Standard deviation of a pixel.
+        slip : float
+            Of what all matches share, radians, as :class:`Submap` has it.
         landmarks : (N,) int64
             Of each match, by its place among the points.
         uv : (N, 2) float64

@@ -4,13 +4,17 @@ use crate::scene::{camera, normals, rng};
 use ekf_core::EkfError;
 use ekf_core::graph::{Factor, HANDED_ON, NODE};
 use ekf_core::math::pose::Pose;
-use ekf_core::sight::{Landmarks, Sight, sight};
+use ekf_core::sight::{Landmarks, Noise, Sight, sight};
 use nalgebra::{DMatrix, Matrix6, SMatrix, Vector2, Vector3, Vector6};
 use rand::Rng;
 use rand_pcg::Pcg64;
 
 const SCALE_SD: f64 = 0.03;
 const SIGMA: f64 = 0.7;
+const NOISE: Noise = Noise {
+    sigma: SIGMA,
+    slip: 0.0,
+};
 
 /// Landmarks whose errors are their own along the ray, and one of the scale; what they are in truth; and a view of them.
 struct Case {
@@ -26,8 +30,16 @@ struct Case {
 
 impl Case {
     fn new(rng: &mut Pcg64, count: usize) -> Self {
+        Self::slipped(rng, count, 0.0)
+    }
+
+    /// The camera sees all of it where it is not: moved, turned, and another size of everything.
+    fn slipped(rng: &mut Pcg64, count: usize, slip: f64) -> Self {
         let pose = Pose::exp(&Vector6::new(0.4, -0.2, 0.5, 0.05, -0.1, 0.03));
         let scale = SCALE_SD * normals::<1>(rng)[0];
+        let off = normals::<7>(rng) * slip;
+        let [x, y, z] = [0, 1, 2].map(|k| 6.0 * off[k]);
+        let seen_from = pose.retract(&Vector6::new(x, y, z, off[3], off[4], off[5]));
         let mut case = Self {
             points: Vec::new(),
             covariance: DMatrix::zeros(3 * count, 3 * count),
@@ -49,7 +61,7 @@ impl Case {
             // One error by itself, one that all share with the scale.
             let own = 0.1 * normals::<1>(rng)[0];
             let truth = point + ray * own + point * scale;
-            let uv = camera().project(&case.pose.inverse().apply(&truth));
+            let uv = camera().project(&seen_from.inverse().apply(&(truth * (1.0 + off[6]))));
             let Some(uv) = uv.filter(|uv| camera().in_image(uv, 5.0)) else {
                 continue;
             };
@@ -85,13 +97,13 @@ impl Case {
         }
     }
 
-    fn sight(&self) -> Option<Sight> {
+    fn sight(&self, noise: Noise) -> Option<Sight> {
         let guess = self
             .pose
             .retract(&Vector6::new(0.1, -0.1, 0.1, 0.02, 0.02, -0.02));
         sight(
             &camera(),
-            SIGMA,
+            noise,
             &self.landmarks(),
             &self.matches,
             &guess,
@@ -99,6 +111,33 @@ impl Case {
         )
         .unwrap()
     }
+
+    /// Of the pose, with the scale as known as the filter says it is.
+    fn nees(&self, found: &Sight) -> f64 {
+        let mut information = found.information;
+        for i in 0..HANDED_ON {
+            information[(6 + i, 6 + i)] += 1.0 / (self.handed_on[(i, i)] + 1e-12);
+        }
+        let p = information.try_inverse().unwrap();
+        let p: Matrix6<f64> = p.fixed_view::<6, 6>(0, 0).into_owned();
+        let error = found.pose.inverse().compose(&self.pose).log();
+        let p = (p + p.transpose()) * 0.5;
+        error.dot(&p.cholesky().unwrap().solve(&error))
+    }
+}
+
+#[test]
+fn what_all_matches_share_does_not_average_out() {
+    let (draws, slip) = (60, 0.01);
+    let nees = |noise: Noise| {
+        let cases = (0..draws).map(|seed| Case::slipped(&mut rng(seed), 25, slip));
+        let all = cases.map(|case| case.nees(&case.sight(noise).unwrap()));
+        all.sum::<f64>() / draws as f64
+    };
+    let honest = nees(Noise { slip, ..NOISE });
+    assert!((4.2..7.8).contains(&honest), "{honest}");
+    let claimed = nees(NOISE);
+    assert!(claimed > 20.0, "{claimed}");
 }
 
 #[test]
@@ -106,18 +145,9 @@ fn it_is_honest_about_the_pose_and_leaves_the_scale_to_what_knows_it() {
     let (draws, mut nees, mut kept) = (60, 0.0, 0);
     for seed in 0..draws {
         let case = Case::new(&mut rng(seed), 25);
-        let found = case.sight().unwrap();
+        let found = case.sight(NOISE).unwrap();
         kept += found.accepted.iter().filter(|a| **a).count();
-        // With the scale as known as the filter says it is.
-        let mut information = found.information;
-        for i in 0..HANDED_ON {
-            information[(6 + i, 6 + i)] += 1.0 / (case.handed_on[(i, i)] + 1e-12);
-        }
-        let p = information.try_inverse().unwrap();
-        let p: Matrix6<f64> = p.fixed_view::<6, 6>(0, 0).into_owned();
-        let error = found.pose.inverse().compose(&case.pose).log();
-        let p = (p + p.transpose()) * 0.5;
-        nees += error.dot(&p.cholesky().unwrap().solve(&error)) / draws as f64;
+        nees += case.nees(&found) / draws as f64;
         // Nothing is said of the size of it all: larger by a share, and as much farther away.
         let mut along = SMatrix::<f64, NODE, 1>::zeros();
         let back = found.pose.rotation.transpose() * found.pose.translation;
@@ -138,7 +168,7 @@ fn wrong_matches_are_taken_out_and_too_many_of_them_are_no_sight() {
     for k in [3, 11, 20] {
         case.matches[k].1 += Vector2::new(25.0, -18.0);
     }
-    let found = case.sight().unwrap();
+    let found = case.sight(NOISE).unwrap();
     let out: Vec<usize> = (0..24).filter(|&k| !found.accepted[k]).collect();
     assert_eq!(out, [3, 11, 20]);
     assert!(
@@ -152,28 +182,30 @@ fn wrong_matches_are_taken_out_and_too_many_of_them_are_no_sight() {
             *uv += Vector2::new(7.0 * k as f64, 200.0 - 15.0 * k as f64);
         }
     }
-    assert!(case.sight().is_none());
+    assert!(case.sight(NOISE).is_none());
     case.matches.truncate(5);
-    assert!(case.sight().is_none());
+    assert!(case.sight(NOISE).is_none());
 }
 
 #[test]
 fn what_makes_no_sense_is_refused() {
     let case = Case::new(&mut rng(1), 10);
-    let ask = |landmarks: &Landmarks<'_>, matches: &[(usize, Vector2<f64>)], sigma| {
-        sight(&camera(), sigma, landmarks, matches, &case.pose, 8)
+    let ask = |landmarks: &Landmarks<'_>, matches: &[(usize, Vector2<f64>)], noise| {
+        sight(&camera(), noise, landmarks, matches, &case.pose, 8)
     };
     let small = DMatrix::zeros(3, 3);
     let wrong = Landmarks {
         covariance: &small,
         ..case.landmarks()
     };
-    let found = ask(&wrong, &case.matches, SIGMA);
+    let found = ask(&wrong, &case.matches, NOISE);
     assert!(matches!(found, Err(EkfError::BadShape { .. })));
-    let found = ask(&case.landmarks(), &[(10, Vector2::zeros())], SIGMA);
+    let found = ask(&case.landmarks(), &[(10, Vector2::zeros())], NOISE);
     assert!(matches!(found, Err(EkfError::InvalidInput { .. })));
-    let found = ask(&case.landmarks(), &[(0, Vector2::repeat(f64::NAN))], SIGMA);
+    let found = ask(&case.landmarks(), &[(0, Vector2::repeat(f64::NAN))], NOISE);
     assert!(matches!(found, Err(EkfError::NonFinite { .. })));
-    let found = ask(&case.landmarks(), &case.matches, 0.0);
-    assert!(matches!(found, Err(EkfError::NonFinite { .. })));
+    for (sigma, slip) in [(0.0, 0.0), (SIGMA, -0.1), (SIGMA, f64::NAN)] {
+        let found = ask(&case.landmarks(), &case.matches, Noise { sigma, slip });
+        assert!(matches!(found, Err(EkfError::NonFinite { .. })));
+    }
 }

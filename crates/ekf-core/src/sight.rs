@@ -11,6 +11,8 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6, SMatrix, SVector, Vecto
 const HANDED_ON: usize = 7;
 /// Numbers that a sight is about: the pose, and what the submap handed on.
 const ABOUT: usize = 6 + HANDED_ON;
+/// Directions of a slip: three translations, three turns and the size.
+const SLIP: usize = 7;
 /// Level of the tests of one match and of all together.
 const LEVEL: f64 = 0.9999;
 /// Most steps of a fit, and the step after which it stands (metres, radians).
@@ -30,6 +32,16 @@ pub struct Landmarks<'a> {
     pub handed_on: &'a SMatrix<f64, HANDED_ON, HANDED_ON>,
 }
 
+/// By how much a match of an old landmark is off.
+#[derive(Clone, Copy, Debug)]
+pub struct Noise {
+    /// Standard deviation of its pixel, by itself.
+    pub sigma: f64,
+    /// Of what all matches share, radians: the old landmarks and those that the camera sees now have slipped against one another
+    /// by this much as their view was exchanged (METHOD 20).
+    pub slip: f64,
+}
+
 /// Where the camera is in a submap.
 #[derive(Clone, Debug)]
 pub struct Sight {
@@ -45,7 +57,7 @@ pub struct Sight {
     pub dof: usize,
 }
 
-/// Fits the pose to matches of landmarks (by their place) with pixels of sd `sigma`, and tests them by chi-square: the worst is
+/// Fits the pose to matches of landmarks (by their place) with pixels, and tests them by chi-square: the worst is
 /// taken out until each agrees with the others and all together pass. `None` if fewer than `least`, or fewer than half of
 /// them, are left, or they leave the pose open.
 ///
@@ -53,22 +65,22 @@ pub struct Sight {
 /// `BadShape`, `NonFinite`, `InvalidInput` (no such landmark).
 pub fn sight(
     camera: &Camera,
-    sigma: f64,
+    noise: Noise,
     landmarks: &Landmarks<'_>,
     matches: &[(usize, Vector2<f64>)],
     guess: &Pose,
     least: usize,
 ) -> Result<Option<Sight>, EkfError> {
-    check(landmarks, matches, sigma)?;
+    check(landmarks, matches, noise)?;
     let mut kept: Vec<usize> = (0..matches.len()).collect();
     let mut pose = guess.clone();
     while kept.len() >= least.max(4) && 2 * kept.len() >= matches.len() {
         let some: Vec<_> = kept.iter().map(|&k| matches[k]).collect();
-        let Some((fitted, rows)) = fit(camera, sigma, landmarks, &some, &pose) else {
+        let Some((fitted, rows)) = fit(camera, noise, landmarks, &some, &pose) else {
             return Ok(None);
         };
         pose = fitted;
-        let Some(inverse) = rows.noise(landmarks.covariance, sigma).map(|l| l.inverse()) else {
+        let Some(inverse) = rows.noise(landmarks.covariance, noise).map(|l| l.inverse()) else {
             return Ok(None);
         };
         let weighted = &inverse * &rows.residual;
@@ -92,7 +104,7 @@ pub fn sight(
         }
         let mut accepted = vec![false; matches.len()];
         kept.iter().for_each(|&k| accepted[k] = true);
-        let information = rows.information(landmarks, sigma);
+        let information = rows.information(landmarks, noise);
         return Ok(information.map(|information| Sight {
             pose,
             information,
@@ -107,7 +119,7 @@ pub fn sight(
 fn check(
     landmarks: &Landmarks<'_>,
     matches: &[(usize, Vector2<f64>)],
-    sigma: f64,
+    noise: Noise,
 ) -> Result<(), EkfError> {
     let n = 3 * landmarks.points.len();
     let shapes = [
@@ -136,9 +148,11 @@ fn check(
     let mut numbers = numbers
         .chain(landmarks.handed_on.iter())
         .chain(matches.iter().flat_map(|(_, uv)| uv.iter()));
-    let good = numbers.all(|v| v.is_finite()) && sigma.is_finite() && sigma > 0.0;
+    let Noise { sigma, slip } = noise;
+    let stated = sigma.is_finite() && sigma > 0.0 && slip.is_finite() && slip >= 0.0;
+    let good = numbers.all(|v| v.is_finite()) && stated;
     if !good {
-        let what = "landmarks or pixels of a sight";
+        let what = "landmarks, pixels or noise of a sight";
         return Err(EkfError::NonFinite { what });
     }
     match matches.iter().find(|(k, _)| *k >= n / 3) {
@@ -157,6 +171,8 @@ struct Rows {
     by_pose: DMatrix<f64>,
     /// By the points, each match by its own.
     by_point: Vec<(usize, SMatrix<f64, 2, 3>)>,
+    /// By a slip of one radian: a motion of the camera along each axis and about it, and the size of all.
+    by_slip: DMatrix<f64>,
 }
 
 impl Rows {
@@ -172,10 +188,13 @@ impl Rows {
             residual: DVector::zeros(2 * matches.len()),
             by_pose: DMatrix::zeros(2 * matches.len(), 6),
             by_point: Vec::with_capacity(matches.len()),
+            by_slip: DMatrix::zeros(2 * matches.len(), SLIP),
         };
+        let mut log_range = 0.0;
         for (k, &(landmark, uv)) in matches.iter().enumerate() {
             let seen = into.apply(&landmarks.points[landmark]);
             let (expected, by_seen) = camera.project_jac(&seen)?;
+            log_range += seen.norm().ln() / matches.len() as f64;
             let mut moved = SMatrix::<f64, 3, 6>::zeros();
             moved.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(-1.0);
             moved
@@ -187,15 +206,25 @@ impl Rows {
             rows.by_pose
                 .fixed_view_mut::<2, 6>(2 * k, 0)
                 .copy_from(&(by_seen * moved));
-            rows.by_point.push((landmark, by_seen * into.rotation));
+            let by_point = by_seen * into.rotation;
+            rows.by_slip
+                .fixed_view_mut::<2, 1>(2 * k, SLIP - 1)
+                .copy_from(&(by_point * landmarks.points[landmark]));
+            rows.by_point.push((landmark, by_point));
         }
+        let along = rows.by_pose.columns(0, 3) * log_range.exp();
+        rows.by_slip.columns_mut(0, 3).copy_from(&along);
+        rows.by_slip
+            .columns_mut(3, 3)
+            .copy_from(&rows.by_pose.columns(3, 3));
         Some(rows)
     }
 
     /// The factor of the residual's covariance, with this one of all points.
-    fn noise(&self, points: &DMatrix<f64>, sigma: f64) -> Option<Cholesky<f64, Dyn>> {
+    fn noise(&self, points: &DMatrix<f64>, noise: Noise) -> Option<Cholesky<f64, Dyn>> {
         let m = self.residual.len();
-        let mut s = DMatrix::identity(m, m) * (sigma * sigma);
+        let mut s = &self.by_slip * self.by_slip.transpose() * noise.slip.powi(2);
+        s += DMatrix::identity(m, m) * noise.sigma.powi(2);
         for (i, (a, by_a)) in self.by_point.iter().enumerate() {
             for (j, (b, by_b)) in self.by_point.iter().enumerate() {
                 let p = points.fixed_view::<3, 3>(3 * a, 3 * b);
@@ -210,14 +239,14 @@ impl Rows {
     fn information(
         &self,
         landmarks: &Landmarks<'_>,
-        sigma: f64,
+        noise: Noise,
     ) -> Option<SMatrix<f64, ABOUT, ABOUT>> {
         let least = SMatrix::<f64, HANDED_ON, HANDED_ON>::identity() * 1e-12;
         let handed_on = (landmarks.handed_on + least).cholesky()?;
         let with = landmarks.with_handed_on;
         let solved = handed_on.solve(&with.transpose());
         let own = landmarks.covariance - with * &solved;
-        let noise = self.noise(&own, sigma)?;
+        let noise = self.noise(&own, noise)?;
         let m = self.residual.len();
         let mut by = DMatrix::<f64>::zeros(m, ABOUT);
         by.columns_mut(0, 6).copy_from(&self.by_pose);
@@ -237,7 +266,7 @@ impl Rows {
 /// The pose of least squares, and the matches linearised there; `None` where they leave it open.
 fn fit(
     camera: &Camera,
-    sigma: f64,
+    noise: Noise,
     landmarks: &Landmarks<'_>,
     matches: &[(usize, Vector2<f64>)],
     guess: &Pose,
@@ -245,7 +274,7 @@ fn fit(
     let mut pose = guess.clone();
     for _ in 0..MOST_STEPS {
         let rows = Rows::of(camera, landmarks, matches, &pose)?;
-        let noise = rows.noise(landmarks.covariance, sigma)?;
+        let noise = rows.noise(landmarks.covariance, noise)?;
         let information = rows.by_pose.transpose() * noise.solve(&rows.by_pose);
         let information: Matrix6<f64> = information.fixed_view::<6, 6>(0, 0).into_owned();
         let pull = rows.by_pose.transpose() * noise.solve(&rows.residual);

@@ -7,7 +7,7 @@ use crate::gate;
 use crate::graph::{numbers, rigid, table};
 use ekf_core::Submap;
 use ekf_core::graph::{Edge, HANDED_ON};
-use ekf_core::sight::{Landmarks, Sight, sight as core_sight};
+use ekf_core::sight::{Landmarks, Noise, Sight, sight as core_sight};
 use nalgebra::{DMatrix, SMatrix, Vector3};
 use pyo3::prelude::*;
 
@@ -60,6 +60,8 @@ impl PyEdge {
 ///     Their joint covariance as they stand to the camera, m^2.
 /// with_handed_on : (3 N, 7) float64
 ///     Their covariance with what is handed on.
+/// slip : float
+///     Standard deviation of a slip while all that is in view is exchanged once, radians.
 #[pyclass(name = "Submap", module = "collabslam._core", frozen, get_all)]
 pub(crate) struct PySubmap {
     edge: Option<Py<PyEdge>>,
@@ -70,6 +72,7 @@ pub(crate) struct PySubmap {
     points: Table,
     covariance: Table,
     with_handed_on: Table,
+    slip: f64,
 }
 
 impl PySubmap {
@@ -84,6 +87,7 @@ impl PySubmap {
             points: vectors(py, submap.points.into_iter()),
             covariance: symmetric(py, submap.covariance.data.into(), n),
             with_handed_on: numbers::<HANDED_ON>(py, &submap.with_handed_on),
+            slip: submap.slip,
         })
     }
 }
@@ -168,6 +172,8 @@ impl PySubmapLandmarks {
     /// camera : Camera
     /// sigma : float
     ///     Standard deviation of a pixel.
+    /// slip : float
+    ///     Of what all matches share, radians, as :class:`Submap` has it.
     /// landmarks : (N,) int64
     ///     Of each match, by its place among the points.
     /// uv : (N, 2) float64
@@ -195,6 +201,7 @@ impl PySubmapLandmarks {
         py: Python<'_>,
         camera: &PyCamera,
         sigma: f64,
+        slip: f64,
         landmarks: Argument<'_>,
         uv: Argument<'_>,
         guess: Argument<'_>,
@@ -212,7 +219,14 @@ impl PySubmapLandmarks {
                 with_handed_on: &self.with_handed_on,
                 handed_on: &self.handed_on,
             };
-            core_sight(camera, sigma, &submap, &matches, &guess, least)
+            core_sight(
+                camera,
+                Noise { sigma, slip },
+                &submap,
+                &matches,
+                &guess,
+                least,
+            )
         })?;
         Ok(found.map(PySight))
     }

@@ -51,10 +51,13 @@ class Wanted:
         In which the last submap ended.
     alive : (N,) int64
         Landmarks that the filter held then: a loop with these would tell what it knows already.
+    slip : float
+        Standard deviation of what the matches of a loop share, radians (METHOD 20).
     """
 
     image: Image
     alive: Ids
+    slip: float
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,8 @@ class LoopSearch:
             return None
         known = SubmapLandmarks(submap.points, submap.covariance, submap.with_handed_on, submap.handed_on)
         landmarks = fresh[fix.landmarks]
-        found = known.sight(self._camera, self._sigma, landmarks, fix.uv, fix.pose, MIN_PATCHES)
+        noise = self._sigma, wanted.slip
+        found = known.sight(self._camera, *noise, landmarks, fix.uv, fix.pose, MIN_PATCHES)
         if found is None:
             return None
         factor = Factor.of_sight(first, second, found)

@@ -24,6 +24,7 @@ from collabslam.formats.schema import (
     covariance,
     fields,
     instance,
+    number,
     optional,
     pose,
     refuse,
@@ -62,7 +63,9 @@ class Submaps(PersistentState):
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
         "_chain": check_chain,
-        "_wanted": optional(instance(Wanted, image=array("|u1", None, None), alive=array("<i8", None))),
+        "_wanted": optional(
+            instance(Wanted, image=array("|u1", None, None), alive=array("<i8", None), slip=number(0.0))
+        ),
         "_placed": optional(fields(pose=pose, handed_on=array("<f8", 7), covariance=covariance(13))),
         "_frames": whole(0),
     }
@@ -154,7 +157,8 @@ class Submaps(PersistentState):
             self._placed = self._onward(self._placed, made.edge, *as_filter_has_it)
         self._chain = self._chain.longer(submap, made.edge)
         alive = [b.id for b in self._core.blocks if b.kind == "Feature"]
-        self._frames, self._wanted = 0, Wanted(view.image.copy(), np.array(alive, dtype=np.int64))
+        self._frames = 0
+        self._wanted = Wanted(view.image.copy(), np.array(alive, dtype=np.int64), made.slip)
         self._beside.begin(self._wanted, self._work(self._wanted))
 
     def _onward(

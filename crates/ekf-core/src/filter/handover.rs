@@ -54,7 +54,7 @@ impl Filter {
     }
 
     /// Standard deviation of the slip while all that is in view is exchanged once, radians.
-    fn shared_error(&self) -> f64 {
+    pub(super) fn shared_error(&self) -> f64 {
         let variance = self.settings.pixel.sigma_cs.powi(2) * self.misfit.share() - PATCH_VARIANCE;
         let focal = (self.camera.fx * self.camera.fy).sqrt();
         self.settings.process.handover * variance.max(0.0).sqrt() / focal

@@ -37,6 +37,8 @@ pub struct Submap {
     pub covariance: DMatrix<f64>,
     /// Covariance of the points with what is handed on, `3n x 7`.
     pub with_handed_on: DMatrix<f64>,
+    /// Standard deviation of a slip while all that is in view is exchanged once (METHOD 20), radians.
+    pub slip: f64,
 }
 
 impl Filter {
@@ -67,6 +69,7 @@ impl Filter {
             points: Vec::new(),
             covariance: DMatrix::zeros(0, 0),
             with_handed_on: DMatrix::zeros(0, 0),
+            slip: self.shared_error(),
         };
         take_down(&self.state, seen, handed_on, &mut submap);
         if let Some(then) = then {
