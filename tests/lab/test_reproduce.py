@@ -37,6 +37,9 @@ def test_ranks_and_nullities() -> None:
     assert list(spatial["euclidean"].values()) == list(spatial["inverse-depth"].values()) == [7, 6, 6]
     assert spatial["quaternion_0_points"] == 8
     assert list(numbers["flat_wall_nullities"].values()) == [6, 5, 4]
+    # Of T_CF's lasting error and the clock: by how Cs and Cf move, without a known length and with one.
+    bias = [tuple(n.values()) for n in numbers["worn_bias_nullities"].values()]
+    assert bias == [(0, 0), (0, 0), (1, 0), (1, 1), (0, 0), (2, 1), (2, 1)]
 
 
 def test_the_simulation_gives_the_reference() -> None:

@@ -113,6 +113,12 @@ def add_worn(parser: argparse.ArgumentParser) -> None:
         help="one error of T_CF for each stretch in which Cf is there, instead of one for each frame",
     )
     worn.add_argument("--seed", metavar="N", type=int, default=0, help="of the noise of T_CF (default 0)")
+    worn.add_argument(
+        "--worn-calibration",
+        metavar="FILE",
+        type=Path,
+        help="corrects T_CF and the stamps of Cf, as `collabslam check-calib --write FILE` found it",
+    )
 
 
 def add_printed(parser: argparse.ArgumentParser) -> None:
@@ -220,7 +226,7 @@ def source_with_worn(arguments: argparse.Namespace) -> Source:
         seed=arguments.seed,
         bias_per_block=arguments.worn_bias_per_block,
     )
-    return dataclasses.replace(source_of(arguments), worn=worn)
+    return dataclasses.replace(source_of(arguments), worn=worn, worn_calibration=arguments.worn_calibration)
 
 
 def notes_of(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from collabslam.datasets.odometry import OdometryGiven
 from collabslam.datasets.opening import open_recording
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.rig import with_rig
+from collabslam.datasets.worn_calibration import CalibratedWorn, WornCalibration
 from collabslam.datasets.wrapped import FirstFrames
 from collabslam.formats.schema import fields, flag, items, number, optional, table, text, whole
 from collabslam.types import Recording
@@ -50,12 +51,15 @@ class Source:
         The worn camera; what the recording holds if it is None, or the second camera of its rig.
     frames : int or None
         Only so many frames from the first one on.
+    worn_calibration : Path or None
+        A file of `WornCalibration` that corrects the worn camera's views.
     """
 
     path: Path
     given: Given = field(default_factory=Given)
     worn: WornSpec | None = None
     frames: int | None = None
+    worn_calibration: Path | None = None
 
     def open(self) -> Recording:
         """The recording.
@@ -72,6 +76,8 @@ class Source:
             recording = with_rig(recording)
         if self.worn is not None:
             recording = self.worn.attach(recording)
+        if self.worn_calibration is not None:
+            recording = CalibratedWorn(recording, WornCalibration.load(self.worn_calibration))
         return recording if self.frames is None else FirstFrames(recording, self.frames)
 
     def moved(self, path: Path) -> Source:
@@ -86,6 +92,7 @@ class Source:
             "given": given | {"topics": dict(self.given.topics), "odometry": _odometry_state(self.given)},
             "worn": None if self.worn is None else self._worn_state(self.worn),
             "frames": self.frames,
+            "worn_calibration": None if self.worn_calibration is None else _absolute(self.worn_calibration),
         }
 
     def _worn_state(self, worn: WornSpec) -> dict[str, Any]:
@@ -99,13 +106,14 @@ class Source:
     @classmethod
     def from_state(cls, state: Mapping[str, Any]) -> Source:
         """The source of a `state` that passes `STATE`."""
-        given, worn = state["given"], state["worn"]
+        given, worn, corrected = state["given"], state["worn"], state["worn_calibration"]
         files = {k: None if given[k] is None else Path(given[k]) for k in ("camera", "times", "poses")}
         return cls(
             Path(state["path"]),
             Given(**files, topics=given["topics"], odometry=_odometry_of(given["odometry"])),
             None if worn is None else WornSpec(**worn),
             state["frames"],
+            None if corrected is None else Path(corrected),
         )
 
 
@@ -137,6 +145,7 @@ STATE = fields(
         )
     ),
     frames=optional(whole(1)),
+    worn_calibration=optional(text()),
 )
 """What `Source.state` may hold."""
 

@@ -1,0 +1,178 @@
+"""What was found of the worn camera's lasting error and of its clock: a file to open a recording with.
+
+A file is YAML, with the correction along C's axes (METHOD section 26)::
+
+    format: collabslam-worn-calibration
+    version: 1
+    shift_m: [0.01, 0.0, -0.02]    # is added to the position of Cf in C
+    turn_rad: [0.0, 0.017, 0.0]    # rotation vector, in front of the measured attitude
+    clock_s: 0.05                  # seconds after its stamp that a view was taken
+    clock_sd_s: 0.004
+    covariance: [...]              # lower triangle, row by row, of the 6x6 over (shift, turn), m^2 and rad^2
+
+A direction that was not told has neither correction nor variance there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from collabslam.datasets.calibration import read_yaml
+from collabslam.datasets.odometry import TRIANGLE
+from collabslam.datasets.wrapped import WrappedRecording
+from collabslam.errors import DataError
+from collabslam.formats.files import write_text
+from collabslam.geometry import rotation_exp
+from collabslam.types import Array, Frame, Recording, WornView
+
+FORMAT = "collabslam-worn-calibration"
+VERSION = 1
+_MOST_METRES, _MOST_SECONDS = 10.0, 10.0
+_NOTHING = 1e-12
+"""Share of the largest variance below which a direction counts as not told."""
+
+
+def corrected(t_cf: Array, correction: Array) -> Array:
+    """A measured ``T_CF`` (4, 4) moved by ``correction`` (6,) along C's axes, metres and radians."""
+    out = np.array(t_cf)
+    out[:3, :3] = rotation_exp(correction[3:]) @ t_cf[:3, :3]
+    out[:3, 3] += correction[:3]
+    return out
+
+
+@dataclass(frozen=True)
+class WornCalibration:
+    """A correction of every measured ``T_CF``, and of the stamps of views.
+
+    Attributes
+    ----------
+    correction : (6,) float64
+        Along C's axes: ``t + c[:3]`` metres, ``Exp(c[3:]) R`` radians.
+    covariance : (6, 6) float64
+        Of what is left of the lasting error in the directions that were told; 0 in all others.
+    clock : float
+        Seconds after its stamp that a view was taken.
+    clock_sd : float
+        Its standard deviation, seconds.
+    """
+
+    correction: Array
+    covariance: Array
+    clock: float = 0.0
+    clock_sd: float = 0.0
+
+    def view(self, worn: WornView) -> WornView:
+        """A view of Cf with its pose corrected; its stamp is `CalibratedWorn`'s."""
+        t_cf = corrected(worn.t_cf, self.correction)
+        turn = np.kron(np.eye(2), t_cf[:3, :3])
+        left = np.array(self.covariance)
+        if worn.bias is not None:
+            left = self._left(turn @ worn.bias @ turn.T)
+        bias = turn.T @ left @ turn
+        white = worn.covariance if worn.bias is None else worn.covariance - worn.bias
+        bias = 0.5 * (bias + bias.T)
+        return replace(worn, t_cf=t_cf, covariance=white + bias, bias=bias)
+
+    def _left(self, stated: Array) -> Array:
+        """What is left of a bias that was stated, (6, 6) along C's axes, after the views have told of it."""
+        values, directions = np.linalg.eigh(self.covariance)
+        told = directions[:, values > _NOTHING * max(float(values[-1]), 1e-300)]
+        if not told.size:
+            return stated
+        innovation = told.T @ (stated + self.covariance) @ told
+        gain = stated @ told @ np.linalg.inv(innovation)
+        left: Array = stated - gain @ (stated @ told).T
+        return left
+
+    def save(self, path: Path) -> None:
+        """Write the file; DataError if that cannot be done."""
+        content = {
+            "format": FORMAT,
+            "version": VERSION,
+            "shift_m": [float(v) for v in self.correction[:3]],
+            "turn_rad": [float(v) for v in self.correction[3:]],
+            "clock_s": float(self.clock),
+            "clock_sd_s": float(self.clock_sd),
+            "covariance": [float(v) for v in self.covariance[TRIANGLE]],
+        }
+        write_text(path, yaml.safe_dump(content, sort_keys=False))
+
+    @classmethod
+    def load(cls, path: Path) -> WornCalibration:
+        """Read a file.
+
+        Raises
+        ------
+        DataError
+            If it is no such file, or holds what cannot be.
+        """
+        content = read_yaml(path)
+        if content.get("format") != FORMAT or content.get("version") != VERSION:
+            raise DataError(
+                f"{path} does not say 'format: {FORMAT}' and 'version: {VERSION}'; give what "
+                "`collabslam check-calib --write` wrote."
+            )
+        shift, turn = (_numbers(content, key, 3, path) for key in ("shift_m", "turn_rad"))
+        clock, clock_sd = (float(_numbers(content, key, None, path)) for key in ("clock_s", "clock_sd_s"))
+        triangle = _numbers(content, "covariance", 21, path)
+        covariance = np.zeros((6, 6))
+        covariance[TRIANGLE] = triangle
+        covariance += np.tril(covariance, -1).T
+        largest = max(float(np.max(np.diag(covariance))), 0.0)
+        if float(np.linalg.eigvalsh(covariance)[0]) < -1e-9 * largest or clock_sd < 0.0:
+            raise DataError(f"{path} holds a covariance that is not positive semidefinite; correct it.")
+        small = np.abs(shift).max() <= _MOST_METRES and np.abs(turn).max() <= np.pi
+        if not (small and abs(clock) <= _MOST_SECONDS):
+            raise DataError(
+                f"{path} corrects T_CF by more than {_MOST_METRES:g} m, half a turn or {_MOST_SECONDS:g} s; "
+                "check its numbers."
+            )
+        return cls(np.concatenate([shift, turn]), covariance, clock, clock_sd)
+
+
+def _numbers(content: dict[str, Any], key: str, count: int | None, path: Path) -> Array:
+    """An array (count,), or a single number; DataError if it is none."""
+    wanted = "a number" if count is None else f"{count} numbers"
+    try:
+        value = np.asarray(content.get(key), np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{path} has no '{key}' of {wanted}; correct it.") from error
+    if value.shape != (() if count is None else (count,)) or not np.isfinite(value).all():
+        raise DataError(f"{path} has no '{key}' of {wanted}; correct it.")
+    return value
+
+
+class CalibratedWorn(WrappedRecording):
+    """A recording whose views of Cf have their poses corrected, and come when they were really taken.
+
+    Parameters
+    ----------
+    base : Recording
+    calibration : WornCalibration
+    """
+
+    def __init__(self, base: Recording, calibration: WornCalibration) -> None:
+        super().__init__(base)
+        self._calibration = calibration
+        # Of each frame the one whose view comes with it: the first frame that is not before the view.
+        self._source = dict(enumerate(range(len(base))))
+        if calibration.clock:
+            with_frame = np.searchsorted(self.times, np.asarray(self.times) + calibration.clock)
+            self._source = {int(j): i for i, j in enumerate(with_frame)}
+
+    def frame(self, i: int) -> Frame:
+        """Frame ``i`` with the view that was taken last before it, corrected."""
+        frame = self._base.frame(i)
+        source = self._source.get(i)
+        other = frame if source == i else None if source is None else self._base.frame(source)
+        if other is None or other.worn is None:
+            return replace(frame, worn=None)
+        worn = self._calibration.view(other.worn)
+        if self._calibration.clock:
+            worn = replace(worn, t=(other.t if worn.t is None else worn.t) + self._calibration.clock)
+        return replace(frame, worn=worn)
