@@ -18,7 +18,7 @@ from collabslam.geometry import pose_inverse
 from collabslam.runs.runner import run
 from collabslam.types import Array, Mask, Recording
 
-VIEWS = 60
+VIEWS = 150
 """Most views that are asked."""
 MARGIN = 0.15
 """Seconds that the path has to reach beyond a view on both sides."""
