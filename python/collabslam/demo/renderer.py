@@ -14,7 +14,7 @@ floor (z = 0) adds the scene's mirror image.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import cv2
@@ -62,6 +62,12 @@ class Shutter:
     motion: Array
     exposure: float
     readout: float = 0.0
+
+    @classmethod
+    def along(cls, path: Callable[[float], Array], t: float, exposure: float, readout: float) -> Shutter:
+        """Of a camera whose pose T_WC (4, 4) at each time is known, about the time `t`, seconds."""
+        half = 0.5 * (exposure + readout)
+        return cls(pose_inverse(path(t - half)) @ path(t + half), exposure, readout)
 
 
 class RipMap:

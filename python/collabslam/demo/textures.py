@@ -288,3 +288,20 @@ def place(image: Grey, patch: Grey, x: float, y: float) -> None:
     part = patch[: h - i, : w - j]
     if part.size:
         image[i : i + part.shape[0], j : j + part.shape[1]] = part
+
+
+def faded(image: Grey, contrast: float) -> Grey:
+    """With a share ``contrast`` of its differences of brightness, about the mean."""
+    if contrast == 1.0:
+        return image
+    return grey(image.mean() + contrast * (image - image.mean()))
+
+
+def repeating(image: Grey, block: tuple[float, float], share: float) -> Grey:
+    """A texture of blocks of ``block`` metres, its first one mixed into all by ``share``."""
+    if share == 0.0:
+        return image
+    h, w = image.shape
+    one = image[: texels(block[1]), : texels(block[0])]
+    same = np.tile(one, (h // one.shape[0] + 1, w // one.shape[1] + 1))[:h, :w]
+    return grey(image + share * (same - image.astype(np.float32)))

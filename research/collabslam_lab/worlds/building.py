@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from collabslam.demo import textures
-from collabslam.demo.textures import Grey, Rng
+from collabslam.demo.textures import Grey, Rng, faded, repeating
 from collabslam.demo.walls import wall
 from collabslam.demo.world import HEIGHT, Panel, Vector, box, panel, plant
 from collabslam.types import Array
@@ -105,13 +105,13 @@ def _stretches(rng: Rng, style: Style) -> Callable[[], Grey]:
     """Draws one stretch of wall after the other."""
     kinds = _KINDS[style.walls]
     if style.walls == "repeated":
-        same = _faded(wall(rng, CELL, HEIGHT, kinds[0]), style)
+        same = faded(wall(rng, CELL, HEIGHT, kinds[0]), style.contrast)
         return lambda: same
 
     def draw() -> Grey:
         return wall(rng, CELL, HEIGHT, int(rng.choice(kinds)), fitted=bool(rng.random() >= style.bare))
 
-    return lambda: _faded(draw(), style)
+    return lambda: faded(draw(), style.contrast)
 
 
 def _side(corner: Array, dx: int, dy: int) -> tuple[Vector, Vector]:
@@ -126,11 +126,11 @@ def _level(rng: Rng, corner: Array, style: Style) -> list[Panel]:
     """Floor and ceiling of a cell."""
     x, y = float(corner[0]), float(corner[1])
     tiles = textures.blocks(rng, CELL, CELL, block=_TILE, level=125.0, spread=17.0, bond=False)
-    tiles = _faded(_repeating(tiles, _TILE, style.alike), style)
+    tiles = faded(repeating(tiles, _TILE, style.alike), style.contrast)
     floor = panel((x + CELL, y + CELL, 0.0), (0, -CELL, 0), (-CELL, 0, 0), tiles)
     if style.reflective:
         floor = Panel(floor.origin, floor.u, floor.v, floor.image, GLOSS)
-    lamps = _faded(_repeating(textures.ceiling(rng, CELL, CELL), _PLATE, style.alike), style)
+    lamps = faded(repeating(textures.ceiling(rng, CELL, CELL), _PLATE, style.alike), style.contrast)
     return [floor, panel((x, y + CELL, HEIGHT), (0, -CELL, 0), (CELL, 0, 0), lamps)]
 
 
@@ -157,23 +157,6 @@ def _furniture(
     corners = [face.origin[:2] for face in faces[:4]]
     outline = [np.array([a, b]) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
     return faces, outline
-
-
-def _faded(image: Grey, style: Style) -> Grey:
-    """With the style's contrast about the mean."""
-    if style.contrast == 1.0:
-        return image
-    return textures.grey(image.mean() + style.contrast * (image - image.mean()))
-
-
-def _repeating(image: Grey, block: tuple[float, float], share: float) -> Grey:
-    """A texture of blocks of ``block`` metres, its first one mixed into all by ``share``."""
-    if share == 0.0:
-        return image
-    h, w = image.shape
-    one = image[: textures.texels(block[1]), : textures.texels(block[0])]
-    same = np.tile(one, (h // one.shape[0] + 1, w // one.shape[1] + 1))[:h, :w]
-    return textures.grey(image + share * (same - image.astype(np.float32)))
 
 
 def _lit(face: Panel, light: float) -> Panel:

@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from collabslam.demo.tremor import Tremor
 from collabslam.demo.walk import camera_pose, smooth_step, waves
 from collabslam.types import Array
 from collabslam_lab.worlds.bodies import upright
@@ -26,7 +27,6 @@ _WALK_DT = 0.02
 _ANTICIPATION = 0.4
 _CHANGE_SECONDS = 3.0
 _GLANCE_PERIOD = 4.2
-_SHAKE_HZ = (0.2, 1.5)
 
 Station = tuple[float, float, float]
 """(share of the way from which it holds, metres ahead of the robot, metres to its left)."""
@@ -85,7 +85,7 @@ class Drive:
         roll = waves(t, [(0.003, 0.43, b), (0.0018, 3.4, c)])
         if self.shake == (0.0, 0.0):
             return camera_pose([place[0], place[1], height], yaw, pitch, roll)
-        x, y, z, more_yaw, more_pitch, more_roll = self._shaken(t)
+        x, y, z, more_yaw, more_pitch, more_roll = self._tremor.at(t)
         where = [place[0] + x, place[1] + y, height + z]
         return camera_pose(where, yaw + more_yaw, pitch + more_pitch, roll + more_roll)
 
@@ -94,21 +94,9 @@ class Drive:
         place, heading = self.route.along(self.progress(t), self.lane)
         return upright(place, float(heading))
 
-    def _shaken(self, t: float) -> Array:
-        """(6,): metres along x, y and z, then radians of yaw, pitch and roll."""
-        rates, sines, cosines = self._tremor
-        angle = 2.0 * np.pi * rates * t
-        return np.asarray(sines @ np.sin(angle) + cosines @ np.cos(angle))
-
     @cached_property
-    def _tremor(self) -> tuple[Array, Array, Array]:
-        """Frequencies (K,), Hz, and amplitudes (6, K) of the sines and cosines that shake it."""
-        rng = np.random.Generator(np.random.PCG64((self.seed, 5)))
-        count = 8
-        rates = np.exp(rng.uniform(np.log(_SHAKE_HZ[0]), np.log(_SHAKE_HZ[1]), count))
-        degrees, metres = self.shake
-        sd = np.repeat([metres, np.deg2rad(degrees)], 3)[:, None] / np.sqrt(count)
-        return rates, sd * rng.standard_normal((6, count)), sd * rng.standard_normal((6, count))
+    def _tremor(self) -> Tremor:
+        return Tremor(np.random.Generator(np.random.PCG64((self.seed, 5))), *self.shake)
 
     @cached_property
     def _shake(self) -> list[float]:

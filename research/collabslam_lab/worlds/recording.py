@@ -13,14 +13,14 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.demo import textures
+from collabslam.demo.exposure import ExposureControl
 from collabslam.demo.recording import measured_pose
 from collabslam.demo.rendered import RenderedRecording
 from collabslam.demo.renderer import Mover, Renderer, Shutter
-from collabslam.demo.walk import waves
 from collabslam.demo.world import Panel, panel
 from collabslam.errors import InputError
-from collabslam.geometry import pose_inverse, rounded_covariance
-from collabslam.types import Array, Frame, Image, Indices, WornView
+from collabslam.geometry import rounded_covariance
+from collabslam.types import Array, Frame, Image, WornView
 from collabslam_lab.worlds.bodies import Person, robot
 from collabslam_lab.worlds.building import Building, build
 from collabslam_lab.worlds.catalogue import BOARD, Recipe
@@ -42,7 +42,6 @@ LEAD = 0.6
 """Stamp of the first frame, seconds: robot and person stand still before, while other sensors run already."""
 
 _BOARD_HEIGHT = 1.25
-_JUMP_SECONDS = (2.0, 5.0)
 
 
 class WorldRecording(RenderedRecording):
@@ -141,11 +140,9 @@ class WorldRecording(RenderedRecording):
         """What Cs (0) or Cf (1) delivers at time `t`, with noise."""
         path = (self.robot, self.person)[which]
         camera = (self.camera, self.worn_camera)[which]
-        exposure, readout = self.recipe.exposure, self.recipe.readout
-        half = 0.5 * (exposure + readout)
-        shutter = Shutter(pose_inverse(path(t - half)) @ path(t + half), exposure, readout)
+        shutter = Shutter.along(path, t, self.recipe.exposure, self.recipe.readout)
         clean = self.renderer.render(path(t), camera, self._movers(which, t), shutter)
-        return self._sensed(clean, which, self._brightness(which, t), generator)
+        return self._sensed(clean, which, self._light[which].at(t), generator)
 
     def _movers(self, which: int, t: float) -> list[Mover]:
         """Whom the camera may see: Cs the person, Cf the robot, both everybody who walks past."""
@@ -158,27 +155,14 @@ class WorldRecording(RenderedRecording):
         place, heading, walker = self.walk.walker.trunk(now), self.walk.heading(now), self.walk.walker
         return [*out, *self._person.movers(place, heading, walker.legs(now)[:, :2])]
 
-    def _brightness(self, which: int, t: float) -> float:
-        """Level of a picture: light, and the wandering of the camera's own exposure control."""
-        a, b = np.random.Generator(np.random.PCG64((self.recipe.seed, 20 + which))).uniform(0.0, 6.28, 2)
-        wandering = 1.0 + waves(t, [(0.07, 0.13, float(a)), (0.04, 0.41, float(b))])
-        return float(
-            self.recipe.light * wandering * 2.0 ** (self.recipe.exposure_step * self._step(which, t))
-        )
-
-    def _step(self, which: int, t: float) -> int:
-        """Steps by which the exposure is off at time `t`: -1, 0 or 1."""
-        jumps, steps = self._jumps[which]
-        return int(steps[np.searchsorted(jumps, t)])
-
     @cached_property
-    def _jumps(self) -> list[tuple[Array, Indices]]:
-        """When the exposure of Cs, and of Cf, jumps, seconds, and the steps around these (N + 1,)."""
-        count = int(self.drive.duration / _JUMP_SECONDS[0]) + 1
-        drawn = [np.random.Generator(np.random.PCG64((self.recipe.seed, 24 + k))) for k in range(2)]
-        times = [np.cumsum(rng.uniform(*_JUMP_SECONDS, count)) for rng in drawn]
-        steps = [np.cumsum(rng.integers(1, 3, count + 1)) % 3 - 1 for rng in drawn]
-        return list(zip(times, steps, strict=True))
+    def _light(self) -> list[ExposureControl]:
+        """Of Cs and of Cf."""
+        recipe, seconds = self.recipe, self.drive.duration
+        return [
+            ExposureControl(recipe.seed, k, seconds, light=recipe.light, step=recipe.exposure_step)
+            for k in (0, 1)
+        ]
 
 
 def _board(at: float) -> Panel:
