@@ -93,7 +93,7 @@ def test_the_packages_own_plan_is_sound() -> None:
         ("recordings: {a: {noise: [1, 2]}}", "a, noise is .*give metres and degrees"),
         ("recordings: {a: {settings: {filter.map.in_veiw: 3}}}", "did you mean 'filter.map.in_view'"),
         ("recordings: {a: {reference: {system: x}}}", "needs 'system' and 'ate_sim3_pct'"),
-        ("recordings: {a: {rendered: corridor, worn: rig}}", "leave out 'worn'"),
+        ("recordings: {a: {rendered: demo, worn: rig}}", "leave out 'worn'"),
         ("recordings: {a: {available: yes}}", "give a number"),
         ("recordings: {a: {start: here}}", "give one of worn"),
         ("seeds: 0-x\nrecordings: {a: {}}", "'0-x' are no seeds"),
@@ -308,11 +308,11 @@ def test_the_scale_is_fitted_only_on_demand() -> None:
 def test_descriptors_are_judged_by_the_truth(
     clip: Clip, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(pairs, "corridor_recording", lambda seed: clip.recording)
+    monkeypatch.setattr(pairs, "demo_recording", lambda seed: clip.recording)
     monkeypatch.setattr(pairs, "_FRAMES", 2)
     monkeypatch.setattr(pairs, "_OTHERS", 100)
     monkeypatch.setattr(pairs, "PER_BIN", 2)
-    entry = parse_plan("recordings: {demo: {rendered: corridor}}").recordings[0]
+    entry = parse_plan("recordings: {demo: {rendered: demo}}").recordings[0]
     rows = descriptors.measure(entry, tmp_path, kinds=("warped-sift", "orb"))
     assert {r["descriptor"] for r in rows} == {"warped-sift", "orb"}
     for found in rows:
@@ -340,7 +340,7 @@ def test_a_second_taken_away_is_noticed_and_what_is_found_again_is_right(
     monkeypatch.setattr(blackout, "PLACES", 1)
     monkeypatch.setattr(blackout, "BLIND_S", 0.5)
     monkeypatch.setattr(blackout, "AFTER_S", 0.3)
-    entry = parse_plan("recordings: {demo: {rendered: corridor}}").recordings[0]
+    entry = parse_plan("recordings: {demo: {rendered: demo}}").recordings[0]
     rows = blackout.measure(entry, tmp_path, tmp_path)
     assert [row["kind"] for row in rows] == list(blackout.KINDS)
     for row in rows:

@@ -14,6 +14,7 @@ from collabslam.datasets import open_recording, write_recording
 from collabslam.datasets.ros.bag import Bag
 from collabslam.datasets.ros.writer import TOPICS, write_bag
 from collabslam.datasets.wrapped import WrappedRecording
+from collabslam.demo.conditions import HARD
 from collabslam.demo.rendered import Sensor
 from collabslam.demo.renderer import Renderer, Shutter
 from collabslam.demo.walk import camera_pose
@@ -164,7 +165,7 @@ def test_the_exposure_jumps_by_its_step_and_stays_between() -> None:
     still, jumping = recipe("corridor-2"), replace(recipe("corridor-2"), exposure_step=0.5)
     one, other = WorldRecording(still), WorldRecording(jumping)
     times = np.arange(1.0, 10.0, 0.1)
-    stops = np.array([np.log2(other._brightness(0, t) / one._brightness(0, t)) for t in times])
+    stops = np.array([np.log2(other._light[0].at(t) / one._light[0].at(t)) for t in times])
     assert set(np.round(stops, 6)) <= {-0.5, 0.0, 0.5}
     assert 1 <= np.count_nonzero(np.diff(stops)) <= 5
 
@@ -181,6 +182,14 @@ def test_tiles_that_are_alike_and_walls_that_fade() -> None:
     assert np.abs(same[:, tile:] - same[:, :-tile]).max() <= 1.0
     assert np.abs(plain[:, tile:] - plain[:, :-tile]).mean() > 10.0
     assert faded.std() == pytest.approx(0.3 * plain.std(), rel=0.05)
+
+
+def test_the_demo_is_in_the_middle_of_what_life_is_drawn_from() -> None:
+    demo = {key: getattr(HARD, key) for key in RANGES if hasattr(HARD, key)}
+    demo["electrons"] = HARD.sensor.electrons
+    demo["shake_degrees"], demo["shake_metres"] = HARD.shake
+    assert RANGES.keys() - demo.keys() == {"passers"}  # nobody walks past
+    assert demo == pytest.approx({key: float(np.sqrt(np.prod(RANGES[key]))) for key in demo}, rel=0.04)
 
 
 def test_life_is_drawn_within_its_ranges_and_long() -> None:

@@ -373,7 +373,7 @@ def test_demo_runs_both_modes_on_one_rendering(
             return super().frame(i)
 
     scales = {"mono": 1.4, "collab": 1.1}
-    monkeypatch.setattr(demo_run, "corridor_recording", lambda seed: Counted())
+    monkeypatch.setattr(demo_run, "demo_recording", lambda seed: Counted())
     monkeypatch.setattr(
         runner, "make_engine", lambda recording, plan, map, printed: FakeSlam(Walk(), scale=scales[plan.mode])
     )
@@ -388,7 +388,7 @@ def test_demo_runs_both_modes_on_one_rendering(
 @pytest.mark.usefixtures("_no_picture")
 def test_demo_of_several_seeds_gives_medians(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("collabslam.viz.plot.plot_comparison", lambda *_, **__: None)
-    monkeypatch.setattr(demo_run, "corridor_recording", lambda seed: Walk())
+    monkeypatch.setattr(demo_run, "demo_recording", lambda seed: Walk())
     monkeypatch.setattr(runner, "make_engine", lambda *_: FakeSlam(Walk()))
     demo_run.run_demo(tmp_path, seeds=[0, 1], progress=False)
     assert (tmp_path / "seed-1" / "collab" / "summary.json").exists()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import cv2
 import numpy as np
@@ -10,7 +12,10 @@ import numpy.typing as npt
 import pytest
 
 from collabslam._core import Camera
-from collabslam.demo import DemoRecording, corridor_recording
+from collabslam.demo import DemoRecording, corridor_recording, demo_recording
+from collabslam.demo.conditions import HARD, PLAIN
+from collabslam.demo.recording import DEMO_METRES
+from collabslam.demo.rendered import Sensor
 from collabslam.demo.renderer import Renderer
 from collabslam.demo.walk import CorridorWalk, camera_pose
 from collabslam.demo.world import Panel, box, corridor, panel
@@ -191,7 +196,7 @@ def test_measured_pose_has_the_covariance_it_claims(
     recording: DemoRecording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     blank = np.zeros((480, 720), np.uint8)
-    monkeypatch.setattr(Renderer, "render", lambda self, pose, camera: blank)
+    monkeypatch.setattr(Renderer, "render", lambda *_, **__: blank)
     errors = []
     claimed = []
     for seed in range(1, 41):
@@ -222,6 +227,40 @@ def test_overlap_comes_and_goes(recording: DemoRecording) -> None:
     assert min(baselines) > 0.6
     assert max(baselines) < 1.2
     assert recording.frame(30).worn is None
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"exposure": 0.02},
+        {"exposure": 0.001, "readout": 0.03},
+        {"sensor": Sensor(electrons=800.0)},
+        {"exposure_step": 0.5},
+        {"shake": (0.5, 0.01)},
+        {"bare": 0.7},
+        {"contrast": 0.5},
+        {"alike": 0.9},
+        {"furniture": 0.1},
+    ],
+    ids=lambda changed: "+".join(changed),
+)
+def test_each_condition_changes_the_picture(changed: dict[str, Any]) -> None:
+    other = corridor_recording(length_m=3.0, conditions=replace(PLAIN, **changed)).image(19)
+    same = corridor_recording(length_m=3.0).image(19)
+    assert np.std(other.astype(float) - same) > 1.0  # the noise is drawn alike in both
+
+
+def test_a_dim_corridor_has_less_contrast_and_more_noise() -> None:
+    plain, hard = (corridor_recording(length_m=3.0, conditions=c) for c in (PLAIN, HARD))
+    assert np.std(hard.image(0)) < 0.8 * np.std(plain.image(0))
+    again = corridor_recording(seed=1, length_m=3.0, conditions=HARD)
+    assert np.std(hard.image(0).astype(float) - again.image(0)) > 1.2 * np.sqrt(2) * 2.52
+
+
+def test_the_demo_is_the_hard_corridor() -> None:
+    demo = demo_recording()
+    assert len(demo) == round(DEMO_METRES / 1.5 * 10.0)
+    assert np.array_equal(demo.image(3), corridor_recording(length_m=DEMO_METRES, conditions=HARD).image(3))
 
 
 def test_the_walk_is_smooth_and_of_the_asked_length(recording: DemoRecording) -> None:

@@ -137,7 +137,7 @@ def place(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def there(place: Path, clip: Clip, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Work in that folder; the demo is a short one."""
     monkeypatch.chdir(place)
-    monkeypatch.setattr(demo_run, "corridor_recording", lambda seed: Short(clip, FRAMES))
+    monkeypatch.setattr(demo_run, "demo_recording", lambda seed: Short(clip, FRAMES))
     monkeypatch.setattr(evaluate, "run_items", lambda items, **_: [])
     monkeypatch.setattr(evaluate.descriptors, "measure_all", lambda *_: ([], []))
     monkeypatch.setattr(evaluate.blackout, "measure_all", lambda *_: ([], []))

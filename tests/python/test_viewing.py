@@ -124,7 +124,7 @@ def test_the_viewer_is_the_environments_own(clip: Clip, monkeypatch: pytest.Monk
 
 
 def test_the_animation_moves(clip: Clip, tmp_path: Path) -> None:
-    recording = Short(clip, 7)
+    recording = Short(clip, 12)
     results = {mode: runner.run(recording, mode=mode) for mode in ("mono", "collab")}
     animate(recording, results, tmp_path / "walk.gif")
     with Pictures.open(tmp_path / "walk.gif") as picture:

@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from collabslam.demo.recording import DemoRecording, corridor_recording
+from collabslam.demo.recording import DemoRecording, corridor_recording, demo_recording
 
-__all__ = ["DemoRecording", "corridor_recording"]
+__all__ = ["DemoRecording", "corridor_recording", "demo_recording"]

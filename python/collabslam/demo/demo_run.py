@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from collabslam.datasets.wrapped import WrappedRecording
-from collabslam.demo.recording import corridor_recording
+from collabslam.demo.recording import demo_recording
 from collabslam.extras import drawing
 from collabslam.formats.files import try_place
 from collabslam.runs.folder import is_result_folder, numbered
@@ -60,7 +60,7 @@ def run_demo(
     overwrite: bool = False,
     progress: bool = True,
 ) -> dict[str, Summary]:
-    """Render the corridor for each seed, run every mode on it, print the table, write the results.
+    """Render the demo for each seed, run every mode on it, print the table, write the results.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def run_demo(
         try_place(animation)
     for seed, part in zip(seeds, parts, strict=True):
         folder = out / part
-        held = HeldRecording(corridor_recording(seed), progress=progress)
+        held = HeldRecording(demo_recording(seed), progress=progress)
         results = run_pair(held, folder, seed=seed, settings=settings, progress=progress)
         for mode, result in results.items():
             runs[mode].append(result.summary)

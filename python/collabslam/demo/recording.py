@@ -12,8 +12,11 @@ from functools import lru_cache
 import numpy as np
 
 from collabslam._core import Camera
+from collabslam.demo.conditions import HARD, PLAIN, Conditions
+from collabslam.demo.exposure import ExposureControl
 from collabslam.demo.rendered import RenderedRecording
-from collabslam.demo.renderer import Renderer
+from collabslam.demo.renderer import Renderer, Shutter
+from collabslam.demo.tremor import Tremor
 from collabslam.demo.walk import GLANCES, CorridorWalk
 from collabslam.demo.world import corridor
 from collabslam.errors import InputError
@@ -28,6 +31,11 @@ POSITION_SD = 0.03
 """Standard deviation of the measured position of F in C along each axis, metres."""
 ROTATION_SD = (0.5, 1.0, 0.5)
 """Standard deviation of the measured attitude about F's x (pitch), y (yaw) and z (roll) axes, degrees."""
+
+DEMO_METRES = 40.0
+"""Length of the demo's way."""
+
+_MOTION_SEED = 276
 
 
 class DemoRecording(RenderedRecording):
@@ -45,15 +53,28 @@ class DemoRecording(RenderedRecording):
         Short name.
     seed : int
         Of the noise.
+    conditions : Conditions
+        Of the cameras.
     """
 
-    def __init__(self, renderer: Renderer, walk: CorridorWalk, times: Array, name: str, seed: int) -> None:
+    def __init__(
+        self,
+        renderer: Renderer,
+        walk: CorridorWalk,
+        times: Array,
+        name: str,
+        seed: int,
+        conditions: Conditions = PLAIN,
+    ) -> None:
         cameras = (Camera("radtan", *ROBOT_CAMERA), Camera("radtan", *WORN_CAMERA))
         truth = np.stack([walk.robot(float(t)) for t in times])
-        super().__init__(name, f"demo:{name}", *cameras, times, truth)
+        super().__init__(name, f"demo:{name}", *cameras, times, truth, conditions.sensor)
         self.renderer = renderer
         self._walk = walk
         self._seed = seed
+        self._conditions = conditions
+        step, seconds = conditions.exposure_step, float(times[-1])
+        self._light = [ExposureControl(_MOTION_SEED, k, seconds, step=step) for k in (0, 1)] if step else None
 
     def robot(self, t: float) -> Array:
         """True T_WC (4, 4) at the stamp `t`, seconds."""
@@ -61,11 +82,11 @@ class DemoRecording(RenderedRecording):
 
     def worn_picture(self, t: float, generator: np.random.Generator) -> Image:
         """What Cf sees at the stamp `t`, with noise, wherever it looks."""
-        return self._expose(self._walk.person(t), 1, generator)
+        return self._expose(1, t, generator)
 
     def worn_picture_at(self, pose: Array, generator: np.random.Generator) -> Image:
-        """What Cf would see from a `pose` T_WF (4, 4), with noise."""
-        return self._expose(pose, 1, generator)
+        """What a Cf that stands still would see from a `pose` T_WF (4, 4), with noise."""
+        return self._sensed(self.renderer.render(pose, self.worn_camera), 1, 1.0, generator)
 
     def person(self, t: float) -> Array:
         """True T_WF (4, 4) at the stamp `t`, seconds."""
@@ -76,15 +97,14 @@ class DemoRecording(RenderedRecording):
         if not self._walk.looks_ahead(t):
             return None
         generator = np.random.Generator(np.random.PCG64((self._seed, 1, number)))
-        person = self._walk.person(t)
-        t_cf, covariance = measured_pose(pose_inverse(self._walk.robot(t)) @ person, generator)
-        return WornView(self._expose(person, 1, generator.spawn(2)[1]), t_cf, covariance, t=t)
+        t_cf, covariance = measured_pose(pose_inverse(self.robot(t)) @ self.person(t), generator)
+        return WornView(self._expose(1, t, generator.spawn(2)[1]), t_cf, covariance, t=t)
 
     def _noise(self, i: int) -> np.random.Generator:
         return np.random.Generator(np.random.PCG64((self._seed, i)))
 
     def _take_robot_image(self, i: int) -> Image:
-        return self._expose(self.truth[i], 0, self._noise(i).spawn(2)[0])
+        return self._expose(0, float(self.times[i]), self._noise(i).spawn(2)[0])
 
     def _take_frame(self, i: int) -> Frame:
         t = float(self.times[i])
@@ -92,13 +112,16 @@ class DemoRecording(RenderedRecording):
         if self._walk.looks_ahead(t):
             generator = self._noise(i)
             t_cf, covariance = measured_pose(self.true_t_cf(i), generator)
-            worn = WornView(self._expose(self._walk.person(t), 1, generator.spawn(2)[1]), t_cf, covariance)
+            worn = WornView(self._expose(1, t, generator.spawn(2)[1]), t_cf, covariance)
         return Frame(i, t, self.image(i), worn)
 
-    def _expose(self, pose: Array, which: int, generator: np.random.Generator) -> Image:
-        """What Cs (0) or Cf (1) delivers at `pose`: the rendered picture with vignetting and noise."""
-        clean = self.renderer.render(pose, (self.camera, self.worn_camera)[which])
-        return self._sensed(clean, which, 1.0, generator)
+    def _expose(self, which: int, t: float, generator: np.random.Generator) -> Image:
+        """What Cs (0) or Cf (1) delivers at the stamp `t`: the rendered picture with vignetting and noise."""
+        path, camera = (self.robot, self.person)[which], (self.camera, self.worn_camera)[which]
+        exposure, readout = self._conditions.exposure, self._conditions.readout
+        shutter = Shutter.along(path, t, exposure, readout) if exposure else None
+        light = 1.0 if self._light is None else self._light[which].at(t)
+        return self._sensed(self.renderer.render(path(t), camera, shutter=shutter), which, light, generator)
 
 
 def measured_pose(
@@ -136,6 +159,7 @@ def corridor_recording(
     speed: float = 1.5,
     rate: float = 10.0,
     glances: Sequence[tuple[float, float]] = GLANCES,
+    conditions: Conditions = PLAIN,
 ) -> DemoRecording:
     """A robot and a person go down a straight corridor together.
 
@@ -151,6 +175,8 @@ def corridor_recording(
         Frames per second.
     glances : sequence of (start, stop)
         When, within each 10.5 s, the person looks ahead, seconds; (0, infinity) is all the time.
+    conditions : Conditions
+        How hard the world is to see and to drive.
 
     Returns
     -------
@@ -173,12 +199,31 @@ def corridor_recording(
     if count < 2:
         raise InputError(f"A way of {length_m} m makes {count} frames; give a longer way or a higher rate.")
     times = np.arange(count) / rate
-    return DemoRecording(
-        _corridor_renderer(length_m), CorridorWalk(speed, glances=glances), times, "corridor", seed
-    )
+    tremor = None
+    if conditions.shake != (0.0, 0.0):
+        tremor = Tremor(np.random.Generator(np.random.PCG64((_MOTION_SEED, 5))), *conditions.shake)
+    walk = CorridorWalk(speed, glances=glances, tremor=tremor)
+    renderer = _corridor_renderer(length_m, conditions)
+    return DemoRecording(renderer, walk, times, "corridor", seed, conditions)
+
+
+def demo_recording(seed: int = 0) -> DemoRecording:
+    """What `collabslam demo` runs: `DEMO_METRES` of a corridor as hard as recordings are.
+
+    Parameters
+    ----------
+    seed : int
+        Of the noise of the pictures and of T_CF; not negative.
+
+    Raises
+    ------
+    InputError
+        If the seed is negative.
+    """
+    return corridor_recording(seed, length_m=DEMO_METRES, conditions=HARD)
 
 
 @lru_cache(maxsize=2)
-def _corridor_renderer(length_m: float) -> Renderer:
+def _corridor_renderer(length_m: float, conditions: Conditions) -> Renderer:
     """One renderer a scene: its reduced textures serve every recording."""
-    return Renderer(corridor(length_m))
+    return Renderer(corridor(length_m, conditions))

@@ -24,7 +24,8 @@ class Tremor:
     """
 
     def __init__(self, generator: np.random.Generator, degrees: float, metres: float) -> None:
-        self._rates = np.exp(generator.uniform(*np.log(SHAKE_HZ), _SINES))
+        low, high = np.log(SHAKE_HZ)
+        self._rates = np.exp(generator.uniform(low, high, _SINES))
         sd = np.repeat([metres, np.deg2rad(degrees)], 3)[:, None] / np.sqrt(_SINES)
         self._sines = sd * generator.standard_normal((6, _SINES))
         self._cosines = sd * generator.standard_normal((6, _SINES))

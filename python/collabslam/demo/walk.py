@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from collabslam.demo.tremor import Tremor
 from collabslam.types import Array
 
 _OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -68,12 +69,15 @@ class CorridorWalk:
         When, within a period, the person looks ahead, along with the robot.
     turn_time : float
         Seconds in which the head turns.
+    tremor : Tremor, optional
+        What else shakes the robot's camera.
     """
 
     speed: float = 1.5
     period: float = 10.5
     glances: Sequence[tuple[float, float]] = GLANCES
     turn_time: float = 0.45
+    tremor: Tremor | None = None
 
     def robot(self, t: float) -> Array:
         """T_WC (4, 4): Cs about 0.95 m above the floor, heading along the path, with the shake of driving."""
@@ -82,7 +86,12 @@ class CorridorWalk:
         yaw = heading + waves(t, [(0.012, 0.31, 1.0), (0.0012, 3.7, 0.3)])
         pitch = waves(t, [(0.004, 0.53, 0.0), (0.0025, 2.9, 1.1), (0.0012, 4.4, 0.6)])
         roll = waves(t, [(0.003, 0.43, 2.0), (0.0018, 3.4, 0.0)])
-        return camera_pose([position[0], position[1], height], yaw, pitch, roll)
+        place = np.array([position[0], position[1], height])
+        angles = np.array([yaw, pitch, roll])
+        if self.tremor is not None:
+            shaken = self.tremor.at(t)
+            place, angles = place + shaken[:3], angles + shaken[3:]
+        return camera_pose(place, *angles)
 
     def person(self, t: float) -> Array:
         """T_WF (4, 4): Cf 1.7 m above the floor, 0.6 to 0.8 m left of Cs, now ahead, now behind."""

@@ -12,7 +12,8 @@ from functools import lru_cache
 import numpy as np
 
 from collabslam.demo import textures
-from collabslam.demo.textures import Grey, Rng
+from collabslam.demo.conditions import PLAIN, Conditions
+from collabslam.demo.textures import Grey, Rng, faded, repeating
 from collabslam.demo.walls import wall
 from collabslam.types import Array
 
@@ -22,6 +23,7 @@ WIDTH, HEIGHT = 2.6, 2.6
 """Cross-section of the corridor, metres; y runs from -WIDTH / 2 to WIDTH / 2."""
 
 _MODULE = 2.0
+_TILE, _PLATE = (0.325, 0.333), (0.65, 0.5)
 _SCENE_SEED = 275
 
 
@@ -114,35 +116,50 @@ def plant(rng: Rng, centre: tuple[float, float]) -> list[Panel]:
     return panels
 
 
-def _shell(rng: Rng, start: float, stop: float) -> list[Panel]:
+def _shell(rng: Rng, start: float, stop: float, conditions: Conditions) -> list[Panel]:
     """Walls, floor and ceiling from x = `start` to `stop`, in modules of 2 m, and both end walls."""
     w, h, m = WIDTH / 2, HEIGHT, _MODULE
+    share, contrast = conditions.alike, conditions.contrast
     panels = []
+
+    def stretch(width: float, kind: int) -> Grey:
+        fitted = conditions.bare == 0.0 or bool(rng.random() >= conditions.bare)
+        return faded(wall(rng, width, h, kind, fitted=fitted), contrast)
+
     for k, x in enumerate(np.arange(start, stop - 1e-9, m)):
-        left, right = wall(rng, m, h, k), wall(rng, m, h, k + 1)
-        tiles = textures.blocks(rng, WIDTH, m, block=(0.325, 0.333), level=125.0, spread=17.0, bond=False)
+        left, right = stretch(m, k), stretch(m, k + 1)
+        tiles = textures.blocks(rng, WIDTH, m, block=_TILE, level=125.0, spread=17.0, bond=False)
+        lamps = textures.ceiling(rng, WIDTH, m)
+        tiles, lamps = (
+            faded(repeating(image, block, share), contrast)
+            for image, block in ((tiles, _TILE), (lamps, _PLATE))
+        )
         panels += [
             panel((x, w, h), (m, 0, 0), (0, 0, -h), left),
             panel((x + m, -w, h), (-m, 0, 0), (0, 0, -h), right),
             panel((x + m, w, 0), (0, -WIDTH, 0), (-m, 0, 0), tiles),
-            panel((x, w, h), (0, -WIDTH, 0), (m, 0, 0), textures.ceiling(rng, WIDTH, m)),
+            panel((x, w, h), (0, -WIDTH, 0), (m, 0, 0), lamps),
         ]
-    panels.append(panel((stop, w, h), (0, -WIDTH, 0), (0, 0, -h), wall(rng, WIDTH, h, 0)))
-    panels.append(panel((start, -w, h), (0, WIDTH, 0), (0, 0, -h), wall(rng, WIDTH, h, 1)))
+    panels.append(panel((stop, w, h), (0, -WIDTH, 0), (0, 0, -h), stretch(WIDTH, 0)))
+    panels.append(panel((start, -w, h), (0, WIDTH, 0), (0, 0, -h), stretch(WIDTH, 1)))
     return panels
 
 
 @lru_cache(maxsize=4)
-def corridor(length_m: float) -> tuple[Panel, ...]:
+def corridor(length_m: float, conditions: Conditions = PLAIN) -> tuple[Panel, ...]:
     """A straight corridor that leaves room to walk from x = 0 to `length_m`.
 
     It reaches from 4 m behind the start to 6 m or more past the end, is `WIDTH` wide and `HEIGHT` high,
-    and has brick pillars, piles of boxes and plants along both walls, clear of the middle metre.
+    and has brick pillars, piles of boxes and plants along both walls, clear of the middle metre, as far as
+    `conditions` leave them.
     """
     rng = np.random.Generator(np.random.PCG64(_SCENE_SEED))
     stop = -4.0 + _MODULE * np.ceil((length_m + 10.0) / _MODULE)
-    panels = _shell(rng, -4.0, stop)
+    panels = _shell(rng, -4.0, stop, conditions)
+    present = np.random.Generator(np.random.PCG64((_SCENE_SEED, 1)))
     for k, x in enumerate(np.arange(3.0, stop - 0.8, 1.9)):
+        if present.random() >= conditions.furniture:
+            continue
         side = 1.0 if k % 2 else -1.0
         if k % 3 == 0:
             y = side * (WIDTH / 2 - 0.11)

@@ -1,8 +1,11 @@
-"""An animated picture of several runs of one recording: what both cameras see, and the paths as they grow."""
+"""An animated picture of several runs of one recording: what both cameras see, and the errors as they grow.
+
+Without a truth the paths grow in their place.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,17 +15,18 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from collabslam.formats.files import write_bytes
-from collabslam.types import Image, Recording
-from collabslam.viz.plot import COLOURS, TRUTH, WORN
+from collabslam.types import Array, Image, Recording
+from collabslam.viz.plot import COLOURS, TRUTH, WORN, position_errors
 
 if TYPE_CHECKING:
     from collabslam.runs.runner import RunResult
 
-STRIDE = 4
+STRIDE = 8
 """Every so many frames is drawn."""
 SECONDS = 0.2
 """Time that each picture is shown."""
-_COLOUR_COUNT = 40
+_GREYS = 48
+"""Shades that the cameras' pictures keep."""
 _FOUND = "#3cc85a"
 
 
@@ -44,13 +48,9 @@ def animate(recording: Recording, results: Mapping[str, RunResult], path: Path) 
     scene = _Scene(recording, results)
     last = min(len(result.record) for result in results.values()) - 1
     frames = [Pictures.fromarray(scene.draw(k)) for k in [*range(0, last, STRIDE), last]]
-    # The palette must hold the colours of the lines, however little of the pictures they cover.
-    colours = [*(COLOURS.get(r.summary["mode"], TRUTH) for r in results.values()), TRUTH, WORN, _FOUND]
-    swatch = Pictures.new("RGB", (frames[0].width, 2 * frames[0].height), "white")
-    swatch.paste(frames[len(frames) // 2])
-    for n, colour in enumerate(colours):
-        swatch.paste(colour, (0, frames[0].height + 40 * n, frames[0].width, frames[0].height + 40 * (n + 1)))
-    palette = swatch.quantize(_COLOUR_COUNT)
+    palette = _palette(
+        [*(COLOURS.get(r.summary["mode"], TRUTH) for r in results.values()), TRUTH, WORN, _FOUND]
+    )
     quantized = [f.quantize(palette=palette, dither=Pictures.Dither.NONE) for f in frames]
     stream = BytesIO()
     times = [round(1e3 * SECONDS)] * (len(frames) - 1) + [2500]
@@ -61,7 +61,7 @@ def animate(recording: Recording, results: Mapping[str, RunResult], path: Path) 
 
 
 class _Scene:
-    """Three panels whose contents are moved from frame to frame."""
+    """Three panels whose contents change from frame to frame."""
 
     def __init__(self, recording: Recording, results: Mapping[str, RunResult]) -> None:
         self._recording = recording
@@ -77,22 +77,22 @@ class _Scene:
         self._cf = _picture(right, np.zeros_like(first.image), "worn camera")
         (self._dots,) = left.plot([], [], "o", markersize=4, markerfacecolor="none", color=_FOUND)
         below = self._figure.add_axes((0.09, 0.1, 0.88, 0.28))
-        unit = self._results[-1].summary["unit"]
-        below.set(xlabel=f"z, {unit}", ylabel=f"x, {unit}")
         below.grid(color="#e6e8eb", linewidth=0.7)
-        truth = self._results[-1].truth
-        if truth is not None:
-            below.plot(truth.poses[:, 2, 3], truth.poses[:, 0, 3], color=TRUTH, linewidth=1.0, label="truth")
-        self._paths = []
+        self._lines: list[tuple[Any, Array]] = []
         for n, (label, result) in enumerate(results.items()):  # the thinner ones lie on top
-            colour, width = COLOURS.get(result.summary["mode"], TRUTH), 1.5 + 2.0 * (len(results) - 1 - n)
+            colour, width = COLOURS.get(result.summary["mode"], TRUTH), 1.5 + 1.0 * (len(results) - 1 - n)
             (line,) = below.plot([], [], color=colour, linewidth=width, label=label)
-            self._paths.append(line)
-        everything = np.concatenate([r.record.poses[r.record.valid][:, :3, 3] for r in self._results])
-        low, high = everything.min(axis=0), everything.max(axis=0)
-        below.set_xlim(low[2] - 0.3, high[2] + 0.3)
-        below.set_ylim(low[0] - 0.3, high[0] + 0.3)
-        below.legend(loc="lower left", fontsize=7, ncols=3, frameon=False)
+            self._lines.append((line, _curve(result)))
+        seen = np.concatenate([curve[np.isfinite(curve).all(axis=1)] for _, curve in self._lines])
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        margin = 0.03 * (high - low) + 1e-6
+        below.set_xlim(low[0] - margin[0], high[0] + margin[0])
+        below.set_ylim(low[1] - margin[1], high[1] + 6.0 * margin[1])
+        unit = self._results[-1].summary["unit"]
+        known = all(result.truth is not None for result in self._results)
+        below.set_xlabel("time, s" if known else f"ahead of the start, {unit}")
+        below.set_ylabel(f"error, {unit}" if known else f"to the right, {unit}")
+        below.legend(loc="upper left", fontsize=7, ncols=3, frameon=False)
 
     def draw(self, k: int) -> Image:
         """The picture (H, W, 3) of frame ``k``."""
@@ -108,12 +108,33 @@ class _Scene:
         if features is not None:
             used = np.array([state == "accepted" for state in features.states], dtype=np.bool_)
             self._dots.set_data(features.found[used, 0], features.found[used, 1])
-        for line, result in zip(self._paths, self._results, strict=True):
-            shown = np.where(result.record.valid[:, None], result.record.poses[:, :3, 3], np.nan)[: k + 1]
-            line.set_data(shown[:, 2], shown[:, 0])
+        for line, curve in self._lines:
+            line.set_data(curve[: k + 1, 0], curve[: k + 1, 1])
         self._canvas.draw()  # type: ignore[no-untyped-call]
         rgba: Image = np.asarray(self._canvas.buffer_rgba(), dtype=np.uint8)  # type: ignore[no-untyped-call]
         return np.ascontiguousarray(rgba[..., :3], dtype=np.uint8)
+
+
+def _curve(result: RunResult) -> Array:
+    """(N, 2): seconds and position error, or, without a truth, the way (z, x) as seen from above."""
+    record = result.record
+    if result.truth is None:
+        return np.where(record.valid[:, None], record.poses[:, [2, 0], 3], np.nan)
+    errors = position_errors(record, result.truth)
+    return np.stack([record.times - record.times[0], errors], axis=1)
+
+
+def _palette(colours: Sequence[str]) -> Any:
+    """A palette of greys and of the lines' colours, some mixed with white for smooth edges."""
+    from matplotlib.colors import to_rgb
+    from PIL import Image as Pictures
+
+    greys = np.linspace(0.0, 1.0, _GREYS)[:, None].repeat(3, axis=1)
+    lines = np.array([to_rgb(colour) for colour in colours])
+    rows = np.concatenate([greys, *(1.0 - share * (1.0 - lines) for share in (1.0, 0.7, 0.4))])
+    out = Pictures.new("P", (1, 1))
+    out.putpalette(np.rint(255.0 * rows).astype(int).ravel().tolist())
+    return out
 
 
 def _picture(axes: Axes, image: Image, title: str) -> Any:

@@ -79,6 +79,12 @@ def position_covariances(record: RunRecord) -> Array:
     return np.asarray(rotation @ record.covariances[:, :3, :3] @ np.swapaxes(rotation, 1, 2))
 
 
+def position_errors(record: RunRecord, truth: AlignedTruth) -> Array:
+    """(N,) distance of each pose from the true one, in the unit of lengths; NaN where either is missing."""
+    error = np.linalg.norm(record.poses[:, :3, 3] - truth.poses[:, :3, 3], axis=1)
+    return np.where(truth.known & record.valid, error, np.nan)
+
+
 def _canvas(size: tuple[float, float], title: str) -> tuple[Figure, Axes, Axes]:
     """A figure of that size, inches, with the panel of the way and, below, that of the error."""
     figure = Figure(figsize=size, dpi=100)
@@ -200,8 +206,7 @@ def _errors(axes: Axes, record: RunRecord, truth: AlignedTruth | None, colour: s
         t, 0.0, SIGMAS * sigma, color=colour, alpha=0.14, linewidth=0, label=f"{label}, 3 sigma claimed"
     )
     if truth is not None:
-        error = np.linalg.norm(record.poses[:, :3, 3] - truth.poses[:, :3, 3], axis=1)
-        error[~(truth.known & valid)] = np.nan
+        error = position_errors(record, truth)
         axes.plot(t, error, color=colour, linewidth=2.0, label=f"{label}, error", zorder=3)
     lost = np.array([s != "OK" for s in record.statuses], bool) & record.started
     if lost.any():
@@ -233,9 +238,8 @@ def _dress_errors(axes: Axes, runs: list[RunResult]) -> None:
     largest = 0.0
     for run in runs:
         if run.truth is not None:
-            error = np.linalg.norm(run.record.poses[:, :3, 3] - run.truth.poses[:, :3, 3], axis=1)
-            use = run.truth.known & run.record.valid
-            largest = max(largest, float(error[use].max(initial=0.0)))
+            error = position_errors(run.record, run.truth)
+            largest = max(largest, float(error[np.isfinite(error)].max(initial=0.0)))
     axes.set_ylim(0.0, 1.6 * largest if largest > 0.0 else None)
     axes.margins(x=0.0)
     axes.set_xlabel("time (s)")

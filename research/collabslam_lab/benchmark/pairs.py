@@ -16,7 +16,7 @@ from collabslam.datasets.emulated.view_overlap import grid_points
 from collabslam.datasets.emulated.views import load_views
 from collabslam.datasets.images import read_grey
 from collabslam.datasets.recording import Rig
-from collabslam.demo.recording import DemoRecording, corridor_recording
+from collabslam.demo.recording import DemoRecording, demo_recording
 from collabslam.errors import DataError
 from collabslam.frontend.epipolar import inverse_ranges
 from collabslam.frontend.two_views import TwoViews, ViewedPoints
@@ -77,7 +77,7 @@ class Scene:
     def of(cls, entry: Entry, data: Path, seed: int) -> Scene:
         """The recording of an entry; raises DataError if it lacks true poses or the rig asked for."""
         folder = data / entry.folder
-        recording: Recording = corridor_recording(seed) if entry.rendered else open_recording(folder)
+        recording: Recording = demo_recording(seed) if entry.rendered else open_recording(folder)
         truth = recording.truth
         if truth is None:
             raise DataError(f"{entry.name} has no true poses; matches cannot be judged.")

@@ -16,7 +16,7 @@ from collabslam.formats.yaml_text import load_yaml
 from collabslam.settings.modes import MODES, STARTS
 from collabslam.settings.table import checked, flatten, schema, switches
 
-RENDERED = ("corridor",)
+RENDERED = ("demo",)
 """Scenes that need no folder."""
 PLAN = "evaluate.yaml"
 """A plan of this name in the folder of recordings goes before the package's own."""

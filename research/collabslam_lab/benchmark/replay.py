@@ -23,7 +23,7 @@ from collabslam.datasets.ordered import in_order
 from collabslam.datasets.readers import collab
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.demo.demo_run import HeldRecording
-from collabslam.demo.recording import corridor_recording
+from collabslam.demo.recording import demo_recording
 from collabslam.errors import CollabslamError
 from collabslam.runs.plan import Output
 from collabslam.runs.results import write_summary
@@ -94,7 +94,7 @@ class Miscalibrated(WrappedRecording):
 
 @lru_cache(maxsize=1)
 def _rendered(seed: int) -> Recording:
-    return HeldRecording(corridor_recording(seed), progress=False)
+    return HeldRecording(demo_recording(seed), progress=False)
 
 
 def run_item(item: Item) -> Row:

@@ -29,7 +29,7 @@ A plan is a YAML file:
       scored: true               # false: the truth is no judge and serves the worn camera only
       settings: {filter.map.in_view: 60}
       reference: {system: ORB-SLAM3, ate_sim3_pct: 0.94, poses: 476}
-    demo: {rendered: corridor}   # needs no folder
+    demo: {rendered: demo}   # needs no folder
   ablation:                      # --ablation
     seeds: 0-2
     modes: [collab]
