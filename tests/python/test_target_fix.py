@@ -53,7 +53,8 @@ def bare(walk: Posted, k: int, tags: list[Tag], t_wc: Array | None = None) -> Im
 def furnished(walk: Posted, clip: Clip, k: int) -> Image:
     """The k-th image after the dark in the same corridor."""
     t_wc = clip.recording.truth[0] @ moved(k)
-    image = clip.recording._expose(t_wc, 0, np.random.default_rng(k))
+    clean = clip.recording.renderer.render(t_wc, clip.recording.camera)
+    image = clip.recording._sensed(clean, 0, 1.0, np.random.default_rng(k))
     for tag, at in PLACES.items():
         image = paint(image, walk.camera, moved(k), tag, at)
     return image
