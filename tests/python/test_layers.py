@@ -68,6 +68,7 @@ LAB_ALLOWED: dict[str, set[str]] = {
     "likeness": {"figures", "processes", "engines", "benchmark", "worlds"},
     "wearers": {"figures", "processes", "engines"},
     "long_ways": {"processes", "worlds"},
+    "calibrated": {"figures", "processes", "engines", "intervals"},
     "reliability": {"report", "processes", "benchmark"},
     "hardware": {"figures", "report", "worlds"},
     "learned": {"report", "processes", "benchmark"},
@@ -75,6 +76,7 @@ LAB_ALLOWED: dict[str, set[str]] = {
     "cli": {
         "engines",
         "benchmark",
+        "calibrated",
         "hardware",
         "learned",
         "likeness",

@@ -15,7 +15,7 @@ WORLDS = "worlds"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
-    from collabslam_lab import learned, long_ways, paper_simulation, paper_worlds, wearers
+    from collabslam_lab import calibrated, learned, long_ways, paper_simulation, paper_worlds, wearers
     from collabslam_lab.paper_simulation.simulation_settings import SIMULATION
 
     simulated = [f"  {name:14} {text}" for name, text in paper_simulation.EXPERIMENTS.items()]
@@ -23,6 +23,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     by_learning = [f"  {name:14} {text}" for name, text in learned.EXPERIMENTS.items()]
     worn = [f"  {name:14} {text}" for name, text in wearers.EXPERIMENTS.items()]
     long = [f"  {name:14} {text}" for name, text in long_ways.EXPERIMENTS.items()]
+    corrected = [f"  {name:14} {text}" for name, text in calibrated.EXPERIMENTS.items()]
     settings = [
         f"  {key}={entry.default:g}{' ' + entry.unit if entry.unit else ''}: {entry.doc}"
         for key, entry in SIMULATION.items()
@@ -48,6 +49,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
             "names of experiments on long ways:",
             *long,
             "",
+            "what finding T_CF's lasting error is worth, on rendered ways and on --data's recordings:",
+            *corrected,
+            "",
             "settings of the simulation:",
             *settings,
         ]
@@ -59,6 +63,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         WORLDS,
         *wearers.EXPERIMENTS,
         *long_ways.EXPERIMENTS,
+        *calibrated.EXPERIMENTS,
         "all",
         "paper",
     ]
@@ -102,7 +107,7 @@ def main(arguments: argparse.Namespace) -> int:
     """Run simulations and experiments, write their files, print their pages."""
     from collabslam.errors import SettingsError
     from collabslam.settings.table import parse_assignments
-    from collabslam_lab import learned, long_ways, paper_simulation, paper_worlds, wearers
+    from collabslam_lab import calibrated, learned, long_ways, paper_simulation, paper_worlds, wearers
 
     jobs = (os.cpu_count() or 1) if arguments.jobs is None else arguments.jobs
     if WORLDS in arguments.names and arguments.data is None:
@@ -144,6 +149,17 @@ def main(arguments: argparse.Namespace) -> int:
         wearers.run_experiments(
             of_wearers,
             arguments.out,
+            seed=arguments.seed,
+            jobs=jobs,
+            engine=engine_of(arguments),
+            quick=arguments.quick,
+        )
+    if set(arguments.names) & set(calibrated.EXPERIMENTS):
+        with needs("plot"):
+            from collabslam_lab.calibrated.study import reproduce as study_calibration
+        study_calibration(
+            arguments.out,
+            arguments.data,
             seed=arguments.seed,
             jobs=jobs,
             engine=engine_of(arguments),

@@ -1,0 +1,84 @@
+"""One draw of the error on one way: what the filter makes of it as it is, and corrected."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from collabslam import attach_worn, open_recording
+from collabslam.checks.worn_bias.recorded import LastingError, lasting_error
+from collabslam.datasets.worn_calibration import CalibratedWorn
+from collabslam.runs.runner import run
+from collabslam.types import Array, Recording
+from collabslam_lab.calibrated.ways import Erring, Untrue, drawn_error, rendered
+from collabslam_lab.processes import use_one_thread
+
+LAGS = {"hololens_000": "lag:0.7", "scenes7_redkitchen": "lag:2.0", "euroc_v101": "views:stereo_keyframes"}
+"""Recordings that are taken where --data has them, and their Cf; it is there for 40 % of each 5 s."""
+EVEN = ("even", "one axis")
+FRAMES, QUICK_FRAMES = 100, 40
+"""Of a rendered way."""
+
+
+@dataclass
+class Drawn:
+    """What one draw gave; by kind of run (`calibrated`: no error, `as it is`, and how it was corrected).
+
+    Attributes
+    ----------
+    way : str
+    seed : int
+    ate, nees : dict of str to float
+        Metres; 6 is ideal.
+    off : dict of str to (7,) array
+        Error of what was found, metres, radians and seconds, by how it was found.
+    sd : dict of str to (7,) array
+        What it says of that error.
+    untold : dict of str to int
+        Directions that were left alone.
+    """
+
+    way: str
+    seed: int
+    ate: dict[str, float] = field(default_factory=dict)
+    nees: dict[str, float] = field(default_factory=dict)
+    off: dict[str, Array] = field(default_factory=dict)
+    sd: dict[str, Array] = field(default_factory=dict)
+    untold: dict[str, int] = field(default_factory=dict)
+
+    def score(self, kind: str, recording: Recording) -> None:
+        """Run the filter."""
+        summary = run(recording).summary
+        self.ate[kind], self.nees[kind] = (
+            float("nan") if summary[key] is None else float(summary[key])
+            for key in ("ate_rmse_m", "nees_mean")
+        )
+
+    def correct(self, kind: str, recording: Recording, found: LastingError | None) -> None:
+        """Judge what was found, and run the filter on the recording corrected by it."""
+        if found is None:
+            return
+        error, clock = drawn_error(self.seed)
+        calibration = found.fit.calibration
+        self.off[kind] = np.append(calibration.correction + error, calibration.clock - clock)
+        self.sd[kind], self.untold[kind] = found.fit.sd, len(found.fit.untold)
+        self.score(kind, CalibratedWorn(recording, calibration))
+
+
+def go(way: str, seed: int, data: Path | None, quick: bool) -> Drawn:
+    """All runs of one draw; also the work of a child process."""
+    use_one_thread()
+    out = Drawn(way, seed)
+    error, clock = drawn_error(seed)
+    if data is not None and way in LAGS:
+        base: Recording = attach_worn(open_recording(data / way), LAGS[way], available=0.4, seed=seed)
+    else:
+        base = rendered(way, QUICK_FRAMES if quick else FRAMES, seed)
+    out.score("calibrated", base)
+    wrong = Erring(base, error, clock)
+    out.score("as it is", wrong)
+    out.correct("views alone", wrong, lasting_error(Untrue(wrong)))
+    out.correct("true poses", wrong, lasting_error(wrong))
+    return out
