@@ -50,11 +50,15 @@ def test_exchanges_cameras_clouds_and_status() -> None:
     assert told == {"robot": {"message": "LOST", "map_size": "3"}}
 
 
-def test_the_transform_is_the_pose() -> None:
-    t_wc, _ = some_pose(0)
-    (link,) = messages.decoded(messages.TRANSFORMS, messages.transform(2.5, t_wc)).transforms
-    assert messages.stamp_of(link) == 2.5
-    assert (link.transform.translation.x, link.transform.translation.z) == (t_wc[0, 3], t_wc[2, 3])
+def test_the_transforms_lead_from_the_map_to_the_camera() -> None:
+    (t_mw, _), (t_wc, covariance) = some_pose(1), some_pose(0)
+    links = messages.decoded(messages.TRANSFORMS, messages.transforms(2.5, t_mw, t_wc)).transforms
+    assert links[0].child_frame_id == links[1].header.frame_id
+    for link, there in zip(links, (t_mw, t_wc), strict=True):
+        assert messages.stamp_of(link) == 2.5
+        assert (link.transform.translation.x, link.transform.translation.z) == (there[0, 3], there[2, 3])
+    in_map = messages.decoded(messages.POSE, messages.pose_in_map(2.5, t_mw @ t_wc, covariance))
+    assert in_map.header.frame_id == links[0].header.frame_id
 
 
 def test_other_messages_are_refused() -> None:

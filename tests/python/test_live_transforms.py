@@ -152,7 +152,9 @@ def test_a_node_finds_the_worn_camera_by_tf(clip: Clip) -> None:
     last = messages.status_from(node.sent["/diagnostics"][-1])["robot"]
     assert last["metric"] == "True"
     assert last["refused"] == "0"
-    assert messages.decoded(messages.TRANSFORMS, node.sent["/tf"][-1]).transforms[0].child_frame_id
+    links = messages.decoded(messages.TRANSFORMS, node.sent["/tf"][-1]).transforms
+    in_map = messages.decoded(messages.POSE, node.sent["/collabslam/pose_map"][-1])
+    assert [link.header.frame_id for link in links] == [in_map.header.frame_id, links[0].child_frame_id]
 
 
 @pytest.mark.usefixtures("without_ros")

@@ -33,7 +33,7 @@ class Downlink:
     def __init__(self, session: Any) -> None:
         self._out = {
             key: link.publisher(session, key, urgent=key in (names.POSE, names.STATUS))
-            for key in (names.POSE, names.ODOMETRY, names.STATUS, names.MAP, names.VIEW)
+            for key in (names.POSE, names.POSE_MAP, names.ODOMETRY, names.STATUS, names.MAP, names.VIEW)
         }
         self._due = {key: -float("inf") for key in self._out}
 
@@ -53,6 +53,9 @@ class Downlink:
         if step.valid and np.isfinite(step.covariance).all():
             self._out[names.POSE].put(messages.robot_pose(step.t, step.pose, step.covariance))
             self._out[names.ODOMETRY].put(messages.odometry(step.t, step.pose, step.covariance))
+        if step.valid and np.isfinite(step.covariance_map).all():
+            in_map = messages.pose_in_map(step.t, step.pose_map, step.covariance_map)
+            self._out[names.POSE_MAP].put(in_map)
         if self._is_due(names.STATUS, STATUS_EVERY):
             self._out[names.STATUS].put(status_of(pose, facts, devices))
         if self._is_due(names.MAP, MAP_EVERY) and step.started and self._wanted(names.MAP):

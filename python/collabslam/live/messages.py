@@ -13,7 +13,7 @@ from collabslam.datasets.ros import making
 from collabslam.datasets.ros.messages import camera_of, pose_and_covariance_of
 from collabslam.errors import CollabslamError, DataError
 from collabslam.extras import needs
-from collabslam.formats.ros_odometry import CAMERA, WORLD, odometry_message
+from collabslam.formats.ros_odometry import CAMERA, MAP, WORLD, odometry_message
 from collabslam.live.clock import Exchange
 from collabslam.live.steady import nanoseconds, seconds
 from collabslam.types import Array, Image
@@ -132,6 +132,11 @@ def robot_pose(t: float, t_wc: Array, covariance: Array) -> bytes:
     return pose(t, WORLD, t_wc, covariance)
 
 
+def pose_in_map(t: float, pose_map: Array, covariance: Array) -> bytes:
+    """The robot's pose as loops correct it, as PoseWithCovarianceStamped."""
+    return pose(t, MAP, pose_map, covariance)
+
+
 def exchange(session: str, found: Exchange) -> bytes:
     """Four stamps as Int64MultiArray: sent, received, answered, returned, nanoseconds."""
     return times(session, [found.sent, found.received, found.answered, found.returned])
@@ -213,13 +218,17 @@ def status_from(data: bytes) -> dict[str, dict[str, str]]:
     }
 
 
-def transform(t: float, t_wc: Array) -> bytes:
-    """The robot's pose as TFMessage: from the world's frame to the camera's."""
-    pose = maker().pose(t_wc)
+def transforms(t: float, t_map_world: Array, t_wc: Array) -> bytes:
+    """As TFMessage: from the map's frame to the world's, which loops alone move, and on to the camera's."""
+    links = [_link(t, MAP, WORLD, t_map_world), _link(t, WORLD, CAMERA, t_wc)]
+    return encoded(TRANSFORMS, make(TRANSFORMS, links))
+
+
+def _link(t: float, parent: str, child: str, t_parent_child: Array) -> Any:
+    pose = maker().pose(t_parent_child)
     place = make("geometry_msgs/msg/Vector3", pose.position.x, pose.position.y, pose.position.z)
     whole = make("geometry_msgs/msg/Transform", place, pose.orientation)
-    link = make("geometry_msgs/msg/TransformStamped", header(t, WORLD), CAMERA, whole)
-    return encoded(TRANSFORMS, make(TRANSFORMS, [link]))
+    return make("geometry_msgs/msg/TransformStamped", header(t, parent), child, whole)
 
 
 def cloud(t: float, points: Array) -> bytes:

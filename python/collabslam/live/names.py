@@ -13,8 +13,8 @@ from collabslam.errors import SettingsError
 
 ROBOT = "collabslam/robot"
 WORN = "collabslam/worn"
-POSE, ODOMETRY, STATUS, MAP, CLOCK, VIEW = (
-    f"{ROBOT}/{part}" for part in ("pose", "odometry", "status", "map", "clock", "view")
+POSE, POSE_MAP, ODOMETRY, STATUS, MAP, CLOCK, VIEW = (
+    f"{ROBOT}/{part}" for part in ("pose", "pose_map", "odometry", "status", "map", "clock", "view")
 )
 """What the robot writes; ``clock`` answers questions."""
 IMAGE, CAMERA_INFO, T_CF, EXCHANGE, BEAT = "image", "camera_info", "pose", "clock", "beat"

@@ -145,6 +145,7 @@ class RosNode:
             name: node.create_publisher(message_class(kind), f"{topics.out}/{name}", 10)
             for name, kind in (
                 ("pose", messages.POSE),
+                ("pose_map", messages.POSE),
                 ("odometry", messages.ODOMETRY),
                 ("map", messages.CLOUD),
             )
@@ -259,8 +260,10 @@ class RosNode:
         if step.valid:
             self._out["pose"].publish(messages.robot_pose(step.t, step.pose, step.covariance))
             self._out["odometry"].publish(messages.odometry(step.t, step.pose, step.covariance))
+            in_map = messages.pose_in_map(step.t, step.pose_map, step.covariance_map)
+            self._out["pose_map"].publish(in_map)
             if "tf" in self._out:
-                self._out["tf"].publish(messages.transform(step.t, step.pose))
+                self._out["tf"].publish(messages.transforms(step.t, step.t_map_odom, step.pose))
             self.poses += 1
         live = self._live
         if live is None:
