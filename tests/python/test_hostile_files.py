@@ -151,12 +151,13 @@ def test_every_field_of_a_checkpoint(clip: Clip, tmp_path: Path, monkeypatch: py
 
 def test_every_field_of_a_map(clip: Clip, engine: Slam, tmp_path: Path) -> None:
     engine.saved_map().save(tmp_path / "good.map")
-    content = container.read_container(tmp_path / "good.map", saved_map.KIND, saved_map.VERSION)
+    kind = saved_map.KIND, saved_map.VERSION
+    content = container.read_container(tmp_path / "good.map", *kind, saved_map.CLASSES)
     path, frame = tmp_path / "bad.map", clip.frames[5]
     used: list[str] = []
 
     def use(tree: Any) -> None:
-        container.write_container(path, saved_map.KIND, saved_map.VERSION, tree)
+        container.write_container(path, *kind, tree, saved_map.CLASSES)
         found = SavedMap.load(path)
         slam = Slam(clip.recording.camera, mode="mono", start="map", map=found)
         slam.step(frame.t, frame.image)

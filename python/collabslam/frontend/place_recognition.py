@@ -34,6 +34,8 @@ SUPPORT = 36.0
 """Side of the window that a view's descriptor covers, pixels."""
 MIN_PATCHES = 8
 """Fewest patches found for a pose to be accepted."""
+MIN_VOTES = 6
+"""Landmarks whose descriptors must look alike for a place to be looked at more closely."""
 _MIN_SHARE = 0.3  # and their least share of those that should be visible from it
 _MIN_SPREAD = (
     0.02  # least area of the outline of the patches found, of the image's; points close together fix no pose
@@ -142,6 +144,42 @@ def match_descriptors(
     good = np.flatnonzero(mutual & (distance < ratio * second) & (distance < max_distance))
     good = good[np.argsort(distance[good] / second[good], kind="stable")]
     return best[good].astype(np.int64), good.astype(np.int64)
+
+
+def votes(likeness: NDArray[np.float32]) -> int:
+    """How many of two sets of descriptors (unit vectors) are each other's nearest, and near.
+
+    Parameters
+    ----------
+    likeness : (N, M) float32
+        Products of the descriptors of both sets.
+    """
+    if not likeness.size:
+        return 0
+    best = likeness.argmax(axis=1)
+    rows = np.arange(len(best))
+    mutual = likeness.argmax(axis=0)[best] == rows
+    near = likeness[rows, best] > 1.0 - 0.5 * MAX_DISTANCE**2
+    return int((mutual & near).sum())
+
+
+def most_alike(image: Image, places: Sequence[Descriptors], settings: FrontendSettings) -> list[int]:
+    """Which places look like an image, by the number of votes, the most alike first; upright only.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+    places : sequence of (V, D) float32
+        Descriptors of the views of each (`describe_views`).
+    settings : FrontendSettings
+    """
+    corners = _corners(image, settings)
+    if not len(corners):
+        return []
+    described = describe_corners(image, corners, 0.0, SUPPORT)
+    count = [votes((described @ place.T).max(axis=0)) for place in places]
+    likely = [k for k, votes_of_it in enumerate(count) if votes_of_it >= MIN_VOTES]
+    return sorted(likely, key=lambda k: (-count[k], k))
 
 
 def pose_by_ransac(

@@ -22,12 +22,13 @@ from collabslam._core import (
 from collabslam.errors import FilterError
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.place_recognition import (
-    MAX_DISTANCE,
     MIN_PATCHES,
+    MIN_VOTES,
     SUPPORT,
     Fix,
     describe_views,
     locate,
+    votes,
 )
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.results import Loop
@@ -38,7 +39,6 @@ CANDIDATES = 2
 """Earlier submaps that the image is compared with, at most, each time that one ends."""
 LEVEL = 0.9999
 """Of the chi-square test of a loop against what the graph knows."""
-_MIN_VOTES = 6  # landmarks whose descriptors must look alike for a submap to be a candidate
 
 
 @dataclass(frozen=True)
@@ -169,17 +169,12 @@ def _fresh(submap: Submap, alive: Ids) -> Ids:
 
 def _candidates(chain: Chain, alive: Ids) -> list[int]:
     """Earlier submaps whose landmarks look like those of the last one, the most alike first."""
-    last, votes = chain.submaps[-1], []
+    last, counts = chain.submaps[-1], []
     for i, submap in enumerate(chain.submaps[:-1]):
         fresh = _fresh(submap, alive)
         if len(fresh) < MIN_PATCHES or not len(last.ids):
             continue
-        alike = last.descriptors @ submap.descriptors[fresh].T
-        best = alike.argmax(axis=1)
-        rows = np.arange(len(best))
-        mutual = alike.argmax(axis=0)[best] == rows
-        near = alike[rows, best] > 1.0 - 0.5 * MAX_DISTANCE**2
-        count = int((mutual & near).sum())
-        if count >= _MIN_VOTES:
-            votes.append((-count, i))
-    return [i for _, i in sorted(votes)[:CANDIDATES]]
+        count = votes(last.descriptors @ submap.descriptors[fresh].T)
+        if count >= MIN_VOTES:
+            counts.append((-count, i))
+    return [i for _, i in sorted(counts)[:CANDIDATES]]

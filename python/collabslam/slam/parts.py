@@ -34,6 +34,7 @@ from collabslam.slam.doubts import Doubts
 from collabslam.slam.fixed_content import FixedContent
 from collabslam.slam.free_start import FreeStart
 from collabslam.slam.guard import Guard, alone
+from collabslam.slam.known_submaps import KnownSubmaps
 from collabslam.slam.late_views import KeptFrame, LateViews
 from collabslam.slam.looking import Look, Looking, WornPose
 from collabslam.slam.loop_search import Wanted
@@ -52,7 +53,7 @@ from collabslam.slam.tracks import Tracks
 from collabslam.slam.worn_frame import WornMatcher
 from collabslam.types import Board, Tag, Target, WornView
 
-KIND, VERSION = "engine state", 10
+KIND, VERSION = "engine state", 11
 """Of the file that `EngineParts.save` writes; the version counts the changes of what is in it."""
 CLASSES = (KeptFrame, Loop, MapAside, Patch, Submap, Target, Wanted, WornPose, WornView)
 """Dataclasses that are in it."""
@@ -113,6 +114,7 @@ class EngineParts:
         self._printed = PrintedTargets(core, camera)
         sigma = float(settings["filter.pixel.sigma_cs"])
         self._submaps = Submaps(core, camera, sigma, self._options)
+        self._known = KnownSubmaps(camera, self._relocaliser, self._submaps, self._options)
         self._target_start: TargetStart | None = None
         if start == "target":
             self._target_start = TargetStart(core, camera, target, self._printed, self._options)
@@ -131,7 +133,7 @@ class EngineParts:
             core,
             camera,
             self._printed,
-            self._relocaliser,
+            (self._relocaliser, self._known),
             self._worn,
             self._map,
             self._monitor,
@@ -257,4 +259,5 @@ class EngineParts:
             known.covariance,
             known.place,
             self._relocaliser.views(known.ids),
+            self._submaps.chain().handed_over(known.ids),
         )

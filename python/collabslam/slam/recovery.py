@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collabslam._core import Camera, Filter, UpdateReport
+from collabslam.slam.known_submaps import KnownSubmaps
 from collabslam.slam.map_change import Recovered
 from collabslam.slam.map_management import MapManager
 from collabslam.slam.printed_targets import PrintedTargets
@@ -23,7 +24,8 @@ class Recovery:
     camera : Camera
         Cs.
     printed : PrintedTargets
-    relocaliser : Relocaliser
+    maps : Relocaliser, KnownSubmaps
+        Where a camera may be found: maps, and the submaps that it started with.
     worn : WornMatcher
     map_manager : MapManager
     monitor : StatusMonitor
@@ -36,7 +38,7 @@ class Recovery:
         core: Filter,
         camera: Camera,
         printed: PrintedTargets,
-        relocaliser: Relocaliser,
+        maps: tuple[Relocaliser, KnownSubmaps],
         worn: WornMatcher,
         map_manager: MapManager,
         monitor: StatusMonitor,
@@ -44,23 +46,31 @@ class Recovery:
         metric: bool,
     ) -> None:
         self._filter, self._camera, self._printed = core, camera, printed
-        self._relocaliser, self._worn = relocaliser, worn
+        (self._relocaliser, self._known), self._worn = maps, worn
         self._map, self._monitor, self._metric = map_manager, monitor, metric
 
     def attempt(self, view: View, report: UpdateReport) -> Recovered | None:
         """After the update of a frame: puts the camera where images say it is; None if it stays where it was.
 
         An accepted frame may show an earlier map.  One that failed may show a printed target that the map
-        holds; else it is compared with all maps, and if none of them is in sight, a camera that was lost
-        before may start anew.
+        holds; else it is compared with all maps.  A camera that was lost before is looked for in the submaps
+        that it started with, too, and if nothing of them is in sight, it may start anew.
         """
         if not view.started:
             return None
-        if report.accepted:
-            return self._relocaliser.look_back(view)
+        found = self._relocaliser.look_back(view) if report.accepted else self._missed(view)
+        if found is None and view.lost and not report.accepted:
+            found = self._known.attempt(view)
+            if found is not None:
+                return found
+            found = self._restart(view)
+        if found is not None and found.other_map is not None:
+            self._known.left()
+        return found
+
+    def _missed(self, view: View) -> Recovered | None:
         found = find_by_targets(self._filter, self._camera, self._printed.in_map())
-        found = self._relocaliser.attempt(view) if found is None else found
-        return self._restart(view) if found is None and view.lost else found
+        return self._relocaliser.attempt(view) if found is None else found
 
     def _restart(self, view: View) -> Recovered | None:
         """A new map from Cf where prediction puts a lost camera, and its births; None if too few.

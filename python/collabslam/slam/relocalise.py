@@ -224,12 +224,24 @@ class Relocaliser(PersistentState):
         fix = self._locate(view, old.points, [old.views[i] for i in old.use], rolls)
         if fix is None:
             return None
+        found = self.enter(old, fix)
+        if found is not None:
+            self._aside = [other for other in self._aside if other is not old]
+        return found
+
+    def enter(self, old: MapAside, fix: Fix) -> Recovered | None:
+        """Leaves the map in use for another one, in which an image shows the camera.
+
+        Returns
+        -------
+        Recovered or None
+            None, and the filter stays where it was, if it does not accept the fix.
+        """
         places = old.use[fix.landmarks]
         there = self._core.relocalise_in(old.landmarks, old.covariance, old.place, fix.pose, places, fix.uv)
         ids, report = there.ids, there.report
         if not report.accepted:
             return None
-        self._aside = [other for other in self._aside if other is not old]
         self._views = dict(zip(ids.tolist(), [views[1:] for views in old.views], strict=True))
         first = dict(zip(ids.tolist(), [views[0] for views in old.views], strict=True))
         return self._recovered(ids[places], fix, report, first)

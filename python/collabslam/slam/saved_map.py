@@ -1,8 +1,8 @@
-"""A map kept in a file: landmarks with their joint covariance, and views by which it is recognised."""
+"""A map kept in a file: landmarks with their joint covariance, views of them, and the submaps of the way."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,15 @@ from collabslam.formats.container import read_container, write_container
 from collabslam.formats.schema import array, covariance, fields, flag, refuse
 from collabslam.frontend.map_views import in_one_list, in_other_camera
 from collabslam.frontend.patch import Patch
+from collabslam.frontend.place_recognition import SUPPORT, describe_views
+from collabslam.slam.results import Loop
 from collabslam.slam.state import PATCH, check_camera
+from collabslam.slam.submap_chain import Chain, Submap, check_chain
 from collabslam.types import Array
 
-KIND, VERSION = "map", 2
+KIND, VERSION = "map", 3
+CLASSES = (Loop, Patch, Submap)
+"""Dataclasses that are in it."""
 CONTENT = fields(
     camera=check_camera,
     metric=flag,
@@ -29,6 +34,7 @@ CONTENT = fields(
     uv=array("<f8", None, 2),
     t_wc=array("<f8", None, 4, 4),
     inside=array("<f8", None, 4),
+    submaps=check_chain,
 )
 """What its file may hold."""
 
@@ -51,6 +57,9 @@ class SavedMap:
         Covariance of the map's place in W, (translation, rotation), m^2 and rad^2.
     views : list of N lists of Patch
         At least one of each landmark, the first one first.
+    submaps : Chain
+        Of the way so far (METHOD 25): in any of them a camera may find itself, too.  The landmarks above are
+        0, 1, .. there.
     """
 
     camera: Camera
@@ -59,6 +68,7 @@ class SavedMap:
     covariance: Array
     place: Array
     views: list[list[Patch]]
+    submaps: Chain = field(default_factory=Chain.empty)
 
     def save(self, path: str | Path) -> None:
         """Write it; raises DataError if the file cannot be written."""
@@ -74,8 +84,9 @@ class SavedMap:
             "uv": np.reshape([v.uv_ref for v in views], (-1, 2)),
             "t_wc": np.reshape([v.t_wc for v in views], (-1, 4, 4)),
             "inside": np.reshape([v.inside for v in views], (-1, 4)),
+            "submaps": self.submaps.state(),
         }
-        write_container(Path(path), KIND, VERSION, content)
+        write_container(Path(path), KIND, VERSION, content, CLASSES)
 
     @classmethod
     def load(cls, path: str | Path) -> SavedMap:
@@ -86,7 +97,7 @@ class SavedMap:
         DataError
             If the file cannot be read, is cut short, altered, of another kind or version.
         """
-        content = read_container(Path(path), KIND, VERSION)
+        content = read_container(Path(path), KIND, VERSION, CLASSES)
         try:
             return _map_of(content)
         except (CollabslamError, TypeError) as error:
@@ -106,6 +117,10 @@ class SavedMap:
         views = [[v for v in [next(taken) for _ in some] if v is not None] for some in self.views]
         kept = np.array([k for k, some in enumerate(views) if some], dtype=np.int64)
         rows = (6 * kept[:, None] + np.arange(6)).ravel()
+        lowest = min((int(submap.ids.min(initial=0)) for submap in self.submaps.submaps), default=0)
+        names = {k: lowest - 1 - k for k in range(len(self.landmarks))}
+        names |= {k: place for place, k in enumerate(kept.tolist())}
+        seen = [_seen_by(submap, self.camera, camera) for submap in self.submaps.submaps]
         return SavedMap(
             camera,
             self.metric,
@@ -113,7 +128,15 @@ class SavedMap:
             self.covariance[np.ix_(rows, rows)],
             self.place,
             [views[k] for k in kept],
+            replace(self.submaps, submaps=seen).renamed(names),
         )
+
+
+def _seen_by(submap: Submap, camera: Camera, other: Camera) -> Submap:
+    taken = in_other_camera(submap.patches, camera, other)
+    kept = np.array([k for k, patch in enumerate(taken) if patch is not None], dtype=np.int64)
+    patches = [patch for patch in taken if patch is not None]
+    return submap.of_landmarks(kept, patches, describe_views(patches, SUPPORT))
 
 
 def _map_of(content: Any) -> SavedMap:
@@ -134,6 +157,9 @@ def _map_of(content: Any) -> SavedMap:
         view = Patch(pixels[k], content["uv"][k], content["t_wc"][k], content["inside"][k])
         PATCH(view, f"map.view {k}")
         lists[i].append(view)
+    chain = Chain.of(content["submaps"])
+    if not all(submap.described for submap in chain.submaps):
+        refuse("map.submaps", "submaps that can be recognised")
     return SavedMap(
         Camera(*content["camera"]),
         content["metric"],
@@ -141,4 +167,5 @@ def _map_of(content: Any) -> SavedMap:
         content["covariance"],
         content["place"],
         lists,
+        chain,
     )

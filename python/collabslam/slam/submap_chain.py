@@ -17,7 +17,7 @@ from collabslam.formats.schema import array, covariance, fields, instance, items
 from collabslam.frontend.patch import Patch
 from collabslam.slam.results import Loop
 from collabslam.slam.state import PATCH, SECONDS
-from collabslam.types import Array, Ids
+from collabslam.types import Array, Ids, Indices
 
 RECALLED = 1000
 """Latest submaps that can be recognised; of earlier ones the pose is kept, and what was measured of it."""
@@ -62,6 +62,20 @@ class Submap:
     def described(self) -> bool:
         """Whether it can be recognised."""
         return len(self.descriptors) == len(self.ids)
+
+    def of_landmarks(self, which: Indices, patches: list[Patch], descriptors: NDArray[np.float32]) -> Submap:
+        """With some of its landmarks, and these views of them."""
+        rows = (3 * which[:, None] + np.arange(3)).ravel()
+        return replace(
+            self,
+            ids=self.ids[which],
+            points=self.points[which],
+            covariance=self.covariance[np.ix_(rows, rows)],
+            with_handed_on=self.with_handed_on[rows],
+            patches=patches,
+            descriptors=descriptors,
+            used=self.used[which],
+        )
 
     def without_landmarks(self) -> Submap:
         """Its pose alone."""
@@ -116,13 +130,18 @@ class Chain:
         graph = self.graph.solved()
         return replace(self, poses=graph.poses, handed_on=graph.handed_on)
 
-    def longer(self, submap: Submap, edge: Edge | None) -> Chain:
-        """With the next submap, and the way there from the last one if the filter knows it."""
+    def longer(self, submap: Submap, edge: Edge | None, base: int | None = None) -> Chain:
+        """With the next submap, and the way there from the last one if the filter knows it.
+
+        ``base`` is the submap in whose map the filter is, where it was found in one.
+        """
         if not self.submaps:
             factors, at = [Factor.of_pose(-1, 0, submap.pose, submap.pose_covariance)], submap.pose
         else:
-            factors = self._ties(submap, edge)
+            factors = self._ties(submap, edge, base)
             at = self.poses[-1] @ (self._way(submap.pose) if edge is None else edge.pose)
+            if base is not None:
+                at = self.poses[base] @ pose_inverse(self.submaps[base].pose) @ submap.pose
             if not self.loops:
                 at = submap.pose
         kept = [*self.submaps, submap]
@@ -142,6 +161,39 @@ class Chain:
         submaps[loop.first] = replace(submaps[loop.first], used=submaps[loop.first].used | used)
         return replace(self, submaps=submaps, factors=[*self.factors, factor], loops=[*self.loops, loop])
 
+    def within(self, base: int, pose: Array, pose_covariance: Array) -> tuple[Array, Array]:
+        """A pose of the filter's seen from the submap as whose map it has the place from.
+
+        That place's covariance is a part of the pose's, and no part of what is known of the way between both.
+        """
+        submap = self.submaps[base]
+        relative = np.asarray(pose_inverse(submap.pose) @ pose)
+        back = adjoint(pose_inverse(relative))
+        values, axes = np.linalg.eigh(pose_covariance - back @ submap.pose_covariance @ back.T)
+        return relative, (axes * np.maximum(values, 0.0)) @ axes.T
+
+    def renamed(self, names: Mapping[int, int]) -> Chain:
+        """With other ids of the landmarks, of those that ``names`` has."""
+        submaps = []
+        for submap in self.submaps:
+            ids = [names.get(i, i) for i in submap.ids.tolist()]
+            submaps.append(replace(submap, ids=np.array(ids, dtype=np.int64)))
+        return replace(self, submaps=submaps)
+
+    def handed_over(self, alive: Ids) -> Chain:
+        """For another filter: ``alive`` are the landmarks that it is given, which are 0, 1, .. there.
+
+        All others have ids below zero, which no filter gives.
+        """
+        known = np.unique(np.concatenate([np.empty(0, np.int64), *(s.ids for s in self.submaps)]))
+        names = {i: -1 - k for k, i in enumerate(known.tolist())}
+        return self.renamed(names | {i: k for k, i in enumerate(alive.tolist())})
+
+    def held(self, ids: Ids) -> Chain:
+        """With the landmarks of these ids used: the filter has them, and with them what they know."""
+        submaps = [replace(s, used=s.used | np.isin(s.ids, ids)) for s in self.submaps]
+        return replace(self, submaps=submaps)
+
     def apart(self, pose: Array, pose_covariance: Array) -> tuple[Array, Array]:
         """A pose of the filter's seen from the last submap, with errors that have nothing in common.
 
@@ -154,14 +206,17 @@ class Chain:
     def _way(self, pose: Array) -> Array:
         return np.asarray(pose_inverse(self.submaps[-1].pose) @ pose)
 
-    def _ties(self, submap: Submap, edge: Edge | None) -> list[Factor]:
+    def _ties(self, submap: Submap, edge: Edge | None, base: int | None) -> list[Factor]:
         k = len(self.submaps)
         if edge is not None:
             with contextlib.suppress(FilterError):  # a covariance that rounding has spoilt
                 return [Factor.between(k - 1, k, edge)]
         # Another map: what prediction knows of its place ties both, and nothing is handed on.
         handed_on = Factor.of_handed_on(k - 1, self.submaps[-1].handed_on)
-        return [handed_on, Factor.of_pose(k - 1, k, *self.apart(submap.pose, submap.pose_covariance))]
+        pose = submap.pose, submap.pose_covariance
+        if base is not None:
+            return [handed_on, Factor.of_pose(base, k, *self.within(base, *pose))]
+        return [handed_on, Factor.of_pose(k - 1, k, *self.apart(*pose))]
 
     def state(self) -> dict[str, Any]:
         """As `formats.container` takes it."""

@@ -68,6 +68,7 @@ class Submaps(PersistentState):
         ),
         "_placed": optional(fields(pose=pose, handed_on=array("<f8", 7), covariance=covariance(13))),
         "_frames": whole(0),
+        "_base": optional(whole(0)),
     }
 
     def __init__(self, core: Filter, camera: Camera, sigma: float, options: FrontendSettings) -> None:
@@ -78,6 +79,7 @@ class Submaps(PersistentState):
         self._wanted: Wanted | None = None
         self._placed: Placed | None = None
         self._frames = 0
+        self._base: int | None = None
 
     def state(self) -> dict[str, Any]:
         """As `PersistentState.state`."""
@@ -92,6 +94,8 @@ class Submaps(PersistentState):
         self._placed = None if state["_placed"] is None else Placed(**state["_placed"])
         if self._wanted is None and not all(submap.described for submap in self._chain.submaps):
             refuse("Submaps", "a chain whose submaps can be recognised")
+        if self._base is not None and self._base >= len(self._chain.submaps):
+            refuse("Submaps", "a submap to be in")
         if self._wanted is not None and not self._chain.submaps:
             refuse("Submaps", "a search for the last submap")
         size = self._camera.height, self._camera.width
@@ -101,6 +105,28 @@ class Submaps(PersistentState):
     def chain(self) -> Chain:
         """Submaps and loops with what is found of the last one, for which this waits."""
         return self._chain if self._wanted is None else self._answer(self._wanted).chain
+
+    def begin(self, chain: Chain) -> None:
+        """Goes on from the submaps of an earlier run, in its W."""
+        self._chain = chain
+        if chain.loops:
+            self._placed = chain.graph.placed(len(chain.submaps) - 1)
+
+    def found_in(self, base: int, ids: list[int]) -> None:
+        """The filter has the landmarks of a submap as its map, with these ids in their order."""
+        if self._wanted is not None:
+            self._adopt(self._answer(self._wanted))
+        names = dict(zip(self._chain.submaps[base].ids.tolist(), ids, strict=True))
+        self._chain = self._chain.renamed(names).held(np.array(ids, dtype=np.int64))
+        self._base = base
+        if self._placed is not None:
+            self._placed = self._chain.graph.placed(base)
+
+    def elsewhere(self) -> None:
+        """The filter is in a map that is no submap's."""
+        if self._base is not None and self._placed is not None:
+            self._placed = self._chain.graph.placed(len(self._chain.submaps) - 1)
+        self._base = None
 
     def follow(self, view: View, seen: ImagePoints) -> int:
         """After a frame with a trusted pose, in which the features ``seen`` were measured.
@@ -155,7 +181,8 @@ class Submaps(PersistentState):
         if self._placed is not None:
             as_filter_has_it = made.pose, made.pose_covariance, made.handed_on
             self._placed = self._onward(self._placed, made.edge, *as_filter_has_it)
-        self._chain = self._chain.longer(submap, made.edge)
+        self._chain = self._chain.longer(submap, made.edge, self._base)
+        self._base = None
         alive = [b.id for b in self._core.blocks if b.kind == "Feature"]
         self._frames = 0
         self._wanted = Wanted(view.image.copy(), np.array(alive, dtype=np.int64), made.slip)
@@ -178,7 +205,10 @@ class Submaps(PersistentState):
                 return placed.onward(edge)
             except FilterError:  # a covariance that rounding has spoilt
                 pass
-        relative, apart = self._chain.apart(pose, pose_covariance)
+        if self._base is None:
+            relative, apart = self._chain.apart(pose, pose_covariance)
+        else:
+            relative, apart = self._chain.within(self._base, pose, pose_covariance)
         back = adjoint(pose_inverse(relative))
         joint = np.zeros((13, 13))
         joint[:6, :6] = apart + back @ placed.covariance[:6, :6] @ back.T
