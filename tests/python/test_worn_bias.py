@@ -13,7 +13,7 @@ from collabslam import geometry as g
 from collabslam.checks import calibration as calibration_check
 from collabslam.checks.calibration import CalibrationReport
 from collabslam.checks.worn_bias import recorded
-from collabslam.checks.worn_bias.fit import AskedView, BiasFit, Later, fit_bias
+from collabslam.checks.worn_bias.fit import STRETCH, AskedView, BiasFit, Later, fit_bias
 from collabslam.checks.worn_bias.report import believed, rows, sentences
 from collabslam.checks.worn_bias.seen import SeenPose, Triplets, inverse_depths, seen_pose
 from collabslam.cli import main as cli
@@ -89,11 +89,26 @@ def test_where_both_move_freely_all_is_found() -> None:
     assert np.abs(errors).max() < 4.0
     # Far better than what was thought possible, 6 cm, 1.4 degrees and 100 ms.
     assert all(np.all(fit.sd < [0.02] * 3 + [0.006] * 3 + [0.01]) for fit in fits)
-    assert all(abs(fit.scale - 1.1) < 0.05 and 0.6 < fit.misfit < 1.5 and believed(fit) for fit in fits)
+    assert all(abs(fit.units[0] - 1.1) < 0.05 and 0.6 < fit.misfit < 1.5 and believed(fit) for fit in fits)
     assert rows(fits[0])[6] == [
         "clock of Cf",
         f"{1e3 * fits[0].calibration.clock:+.2f} +- {1e3 * fits[0].sd[6]:.2f} ms",
     ]
+
+
+def test_a_path_whose_unit_drifts_is_no_error_of_t_cf() -> None:
+    first, later = views_of(lively, walking)
+    longer = [view._replace(t=view.t + STRETCH) for view in views_of(lively, walking, unit=1.15, seed=1)[0]]
+
+    def both(t: float, offset: float) -> Array:
+        moved = later(t if t < STRETCH else t - STRETCH, offset)
+        moved[:3, 3] *= 1.0 if t < STRETCH else 1.15
+        return moved
+
+    fit = fit_bias(first + longer, both)
+    np.testing.assert_allclose(fit.units, [1.0, 1.15], atol=0.06)
+    assert np.abs(off(fit)).max() < 4.0
+    assert not fit.untold
 
 
 def test_even_motion_leaves_clock_and_length_alone_and_says_so() -> None:

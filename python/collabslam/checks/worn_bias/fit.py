@@ -1,8 +1,8 @@
 """One error of T_CF and one offset of its clock that explain all views, and what no view tells of them.
 
-The unknowns are a correction of six numbers, seconds, and the unit of Cs's path.  A direction of the first
-seven counts as told where the views leave at most a third of what was thought possible; along all others
-nothing is changed (METHOD section 26).
+The unknowns are a correction of six numbers, seconds, and the unit of Cs's path, which a filter lets drift:
+each stretch of the path has its own.  A direction of the first seven counts as told where the views leave at
+most a third of what was thought possible; along all others nothing is changed (METHOD section 26).
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ TOLD = 8.0
 deviation falls to a third."""
 _SCALE_SD = 0.3
 """What the logarithm of the path's unit may be off by."""
+STRETCH = 10.0
+"""Seconds for which a path keeps its unit."""
 _GATE = 16.8
 """Squared residual of a view's six numbers that one of 100 exceeds."""
 _CLOCK_SDS = 2.0
@@ -67,8 +69,8 @@ class BiasFit:
     sd : (7,) float64
         Standard deviations of the correction, metres and radians along C's axes, and of the clock, seconds;
         of what is not told what was thought possible.
-    scale : float
-        Unit of Cs's path over metres, as the corrected poses have it.
+    units : (S,) float64
+        Unit of Cs's path over metres in each stretch of it that has views, as the corrected poses have it.
     misfit : float
         Squared residuals of the views over what they should be; 1 is right.
     views : int
@@ -79,7 +81,7 @@ class BiasFit:
 
     calibration: WornCalibration
     sd: Array
-    scale: float
+    units: Array
     misfit: float
     views: int
     untold: list[Array]
@@ -104,8 +106,10 @@ def fit_bias(views: Sequence[AskedView], later: Later, *, metric: bool = False) 
         Whether the path is in metres already.
     """
     possible = _possible(views)
-    prior_sd = np.append(possible, 1e-6 if metric else _SCALE_SD)
-    x, information, misfit = _solved(views, later, prior_sd)
+    stretches = np.unique([int((view.t - views[0].t) // STRETCH) for view in views], return_inverse=True)[1]
+    asked = list(zip(views, (7 + stretches).tolist(), strict=True))
+    prior_sd = np.append(possible, np.full(stretches.max() + 1, 1e-6 if metric else _SCALE_SD))
+    x, information, misfit = _solved(asked, later, prior_sd)
     values, directions = _told(information, prior_sd)
     told = values > TOLD
     variance = np.where(told, 1.0 / (1.0 + values), 1.0)
@@ -113,20 +117,24 @@ def fit_bias(views: Sequence[AskedView], later: Later, *, metric: bool = False) 
     sd = np.sqrt(np.diag(covariance))
     clock_alone = bool(np.all(np.abs(directions[6, ~told]) < _MIXED))
     if clock_alone and abs(x[6]) < _CLOCK_SDS * sd[6]:
-        x = _solved(views, later, np.where(np.arange(8) == 6, 1e-9, prior_sd))[0]
+        x = _solved(asked, later, np.where(np.arange(len(x)) == 6, 1e-9, prior_sd))[0]
     inside = directions[:, told]
     kept = possible * (inside @ (inside.T @ (x[:7] / possible)))
     left = np.outer(possible, possible) * ((inside / (1.0 + values[told])) @ inside.T)
     clock = float(kept[6]) if abs(x[6]) > 1e-6 else 0.0
     calibration = WornCalibration(kept[:6], left[:6, :6], clock, float(sd[6]))
     untold = [np.array(d) for d in directions[:, ~told].T]
-    return BiasFit(calibration, sd, float(np.exp(x[7])), misfit, len(views), untold)
+    return BiasFit(calibration, sd, np.exp(x[7:]), misfit, len(views), untold)
 
 
-def _solved(views: Sequence[AskedView], later: Later, prior_sd: Array) -> tuple[Array, Array, float]:
-    """Unknowns (8,), what the views alone tell of them (8, 8), and the misfit."""
+Asked = list[tuple[AskedView, int]]
+"""Views, each with the number of the unknown that is the logarithm of its unit."""
+
+
+def _solved(views: Asked, later: Later, prior_sd: Array) -> tuple[Array, Array, float]:
+    """Unknowns (7 + S,), what the views alone tell of them (7 + S, 7 + S), and the misfit."""
     prior = np.diag(prior_sd**-2.0)
-    x = np.zeros(8)
+    x = np.zeros(len(prior_sd))
     for _ in range(_STEPS):
         information, gradient, _, _ = _normal(views, later, x)
         step = np.linalg.solve(information + prior, gradient - prior @ x)
@@ -139,9 +147,9 @@ def _solved(views: Sequence[AskedView], later: Later, prior_sd: Array) -> tuple[
 
 
 def _told(information: Array, prior_sd: Array) -> tuple[Array, Array]:
-    """What the views tell of the seven whatever the unit is: values (7,) over the prior's, and directions."""
-    unit = information[7, 7] + prior_sd[7] ** -2.0
-    seven = information[:7, :7] - np.outer(information[:7, 7], information[7, :7]) / unit
+    """What the views tell of the seven whatever the units: values (7,) over the prior's, and directions."""
+    units = np.diag(information)[7:] + prior_sd[7:] ** -2.0
+    seven = information[:7, :7] - (information[:7, 7:] / units) @ information[7:, :7]
     scaled = seven * np.outer(prior_sd[:7], prior_sd[:7])
     values, directions = np.linalg.eigh(0.5 * (scaled + scaled.T))
     return np.maximum(values, 0.0), directions
@@ -155,29 +163,32 @@ def _possible(views: Sequence[AskedView]) -> Array:
 
 
 def _residual(view: AskedView, later: Later, x: Array) -> Array:
-    """Tangent (6,) from where the unknowns ``x`` put Cf to where the images do."""
+    """Tangent (6,) from where the seven and a unit, ``x`` (8,), put Cf to where the images do."""
     expected = corrected(view.measured, x[:6])
     expected[:3, 3] *= np.exp(x[7])
     return se3_log(pose_inverse(later(view.t, float(x[6])) @ expected) @ view.seen.t_cf)
 
 
-def _normal(views: Sequence[AskedView], later: Later, x: Array) -> tuple[Array, Array, float, float]:
-    """Information (8, 8), gradient (8,), squared residuals of all views, and what they should be."""
-    information, gradient = np.zeros((8, 8)), np.zeros(8)
+def _normal(views: Asked, later: Later, x: Array) -> tuple[Array, Array, float, float]:
+    """Information, gradient, squared residuals of all views, and what they should be."""
+    information, gradient = np.zeros((len(x), len(x))), np.zeros(len(x))
     square = expected = 0.0
     steps = np.append(np.full(6, _E), [1e-3, _E])
-    for view in views:
-        r = _residual(view, later, x)
+    for view, unit in views:
+        own = np.append(np.arange(7), unit)
+        here = x[own]
+        r = _residual(view, later, here)
         by = np.empty((6, 8))
         for k, e in enumerate(steps):
             moved = np.zeros(8)
             moved[k] = e
-            by[:, k] = (_residual(view, later, x + moved) - _residual(view, later, x - moved)) / (2.0 * e)
+            by[:, k] = _residual(view, later, here + moved) - _residual(view, later, here - moved)
+        by /= 2.0 * steps
         weight = np.linalg.inv(view.seen.covariance + view.white)
-        own = float(r @ weight @ r)
-        w = min(1.0, np.sqrt(_GATE / max(own, 1e-12)))
-        information += w * by.T @ weight @ by
-        gradient -= w * by.T @ weight @ r
-        square += w * own
+        distance = float(r @ weight @ r)
+        w = min(1.0, np.sqrt(_GATE / max(distance, 1e-12)))
+        information[np.ix_(own, own)] += w * by.T @ weight @ by
+        gradient[own] -= w * by.T @ weight @ r
+        square += w * distance
         expected += w * float(np.trace(weight @ (view.seen.told + view.white)))
     return information, gradient, square, expected
