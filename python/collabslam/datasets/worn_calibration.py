@@ -67,16 +67,19 @@ class WornCalibration:
     clock_sd: float = 0.0
 
     def view(self, worn: WornView) -> WornView:
-        """A view of Cf with its pose corrected; its stamp is `CalibratedWorn`'s."""
+        """A view of Cf with its pose corrected; its stamp is `CalibratedWorn`'s.
+
+        What is left of the error is added to the covariance of a view that states no bias; one that is
+        stated shrinks to what is left of it.
+        """
         t_cf = corrected(worn.t_cf, self.correction)
         turn = np.kron(np.eye(2), t_cf[:3, :3])
-        left = np.array(self.covariance)
-        if worn.bias is not None:
-            left = self._left(turn @ worn.bias @ turn.T)
-        bias = turn.T @ left @ turn
-        white = worn.covariance if worn.bias is None else worn.covariance - worn.bias
+        if worn.bias is None:
+            covariance = worn.covariance + turn.T @ self.covariance @ turn
+            return replace(worn, t_cf=t_cf, covariance=0.5 * (covariance + covariance.T))
+        bias = turn.T @ self._left(turn @ worn.bias @ turn.T) @ turn
         bias = 0.5 * (bias + bias.T)
-        return replace(worn, t_cf=t_cf, covariance=white + bias, bias=bias)
+        return replace(worn, t_cf=t_cf, covariance=worn.covariance - worn.bias + bias, bias=bias)
 
     def _left(self, stated: Array) -> Array:
         """What is left of a bias that was stated, (6, 6) along C's axes, after the views have told of it."""
