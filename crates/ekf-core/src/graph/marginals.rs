@@ -18,8 +18,9 @@ pub struct Marginals {
 
 impl Marginals {
     pub(super) fn of(graph: &PoseGraph) -> Result<Self, EkfError> {
+        let normal = Normal::of(graph);
         Ok(Self {
-            factored: Normal::of(graph).factored(0.0)?,
+            factored: normal.factored(&normal.pattern()?, 0.0)?,
             nodes: graph.nodes().to_vec(),
         })
     }

@@ -5,13 +5,14 @@ use super::{NODE, PoseGraph};
 use crate::error::EkfError;
 use faer::MatMut;
 use faer::linalg::solvers::Solve;
-use faer::sparse::linalg::solvers::Llt;
-use faer::sparse::{SparseColMat, Triplet};
+use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
+use faer::sparse::{Argsort, Pair, SparseColMat, SymbolicSparseColMat};
 use nalgebra::{DMatrix, DVector, SMatrix};
 
 /// `J^T J` as blocks below the diagonal, `-J^T r`, and `r^T r`.
 pub(super) struct Normal {
-    entries: Vec<Triplet<usize, usize, f64>>,
+    places: Vec<Pair<usize, usize>>,
+    entries: Vec<f64>,
     pub(super) downhill: DVector<f64>,
     pub(super) cost: f64,
     n: usize,
@@ -21,6 +22,7 @@ impl Normal {
     pub(super) fn of(graph: &PoseGraph) -> Self {
         let n = NODE * graph.nodes().len();
         let mut normal = Self {
+            places: Vec::new(),
             entries: Vec::new(),
             downhill: DVector::zeros(n),
             cost: 0.0,
@@ -52,35 +54,53 @@ impl Normal {
         for c in 0..NODE {
             for r in if i == j { c } else { 0 }..NODE {
                 let (row, column) = (NODE * i + r, NODE * j + c);
-                self.entries.push(Triplet::new(row, column, block[(r, c)]));
+                self.places.push(Pair::new(row, column));
+                self.entries.push(block[(r, c)]);
             }
         }
     }
 
-    /// The factor of `J^T J`, with its diagonal larger by the share `damping`.
-    pub(super) fn factored(&self, damping: f64) -> Result<Factored, EkfError> {
-        let damped = self.entries.iter().map(|e| {
-            let grown = if e.row == e.col { 1.0 + damping } else { 1.0 };
-            Triplet::new(e.row, e.col, e.val * grown)
-        });
-        let entries: Vec<_> = damped.collect();
-        let invalid = || EkfError::NotPositiveDefinite {
-            stage: "graph of poses, of which some part is tied to nothing",
-            pivot: 0,
-        };
-        let matrix = SparseColMat::<usize, f64>::try_new_from_triplets(self.n, self.n, &entries)
-            .map_err(|_| invalid())?;
-        let llt = matrix
-            .sp_cholesky(faer::Side::Lower)
-            .map_err(|_| invalid())?;
-        Ok(Factored { llt, n: self.n })
+    /// Where the numbers of `J^T J` and of its factor are: the same wherever the nodes of a graph stand.
+    pub(super) fn pattern(&self) -> Result<Pattern, EkfError> {
+        let (matrix, order) =
+            SymbolicSparseColMat::try_new_from_indices(self.n, self.n, &self.places)
+                .map_err(|_| TIED_TO_NOTHING)?;
+        let factor = SymbolicLlt::try_new(matrix.as_ref(), faer::Side::Lower)
+            .map_err(|_| TIED_TO_NOTHING)?;
+        Ok(Pattern {
+            matrix,
+            order,
+            factor,
+        })
     }
 
-    /// The cost alone.
-    pub(super) fn cost(graph: &PoseGraph) -> f64 {
-        let residuals = graph.factors().iter().map(|f| f.linear(graph.nodes()));
-        residuals.map(|l| l.residual.norm_squared()).sum()
+    /// The factor of `J^T J`, with its diagonal larger by the share `damping`.
+    pub(super) fn factored(&self, pattern: &Pattern, damping: f64) -> Result<Factored, EkfError> {
+        let damped = self.places.iter().zip(&self.entries).map(|(at, entry)| {
+            let grown = if at.row == at.col { 1.0 + damping } else { 1.0 };
+            entry * grown
+        });
+        let entries: Vec<f64> = damped.collect();
+        let symbolic = pattern.matrix.clone();
+        let matrix = SparseColMat::new_from_argsort(symbolic, &pattern.order, &entries)
+            .map_err(|_| TIED_TO_NOTHING)?;
+        let symbolic = pattern.factor.clone();
+        let llt = Llt::try_new_with_symbolic(symbolic, matrix.as_ref(), faer::Side::Lower)
+            .map_err(|_| TIED_TO_NOTHING)?;
+        Ok(Factored { llt, n: self.n })
     }
+}
+
+const TIED_TO_NOTHING: EkfError = EkfError::NotPositiveDefinite {
+    stage: "graph of poses, of which some part is tied to nothing",
+    pivot: 0,
+};
+
+/// Which numbers of the normal equations and of their factor are not zero.
+pub(super) struct Pattern {
+    matrix: SymbolicSparseColMat<usize>,
+    order: Argsort<usize>,
+    factor: SymbolicLlt<usize>,
 }
 
 /// A sparse Cholesky factor.

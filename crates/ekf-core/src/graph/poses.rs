@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 
 /// Most steps of a solution: from where a chain of poses stands, some five do.
 const MOST_STEPS: usize = 50;
-/// Largest component of a step after which the poses stand: metres, radians.
+/// Squared length of the last step, in standard deviations of what it moves: no number is off by more than 1e-5 of its own.
 const STANDS: f64 = 1e-10;
 /// Share by which the diagonal grows at first where a step would lead uphill.
 const FIRST_DAMPING: f64 = 1e-6;
@@ -108,35 +108,35 @@ impl PoseGraph {
 
     fn descend(&mut self) -> Result<Solved, EkfError> {
         let mut normal = Normal::of(self);
+        let pattern = normal.pattern()?;
         let mut damping = 0.0;
         for steps in 0..MOST_STEPS {
             let mut step =
                 DMatrix::from_column_slice(normal.downhill.len(), 1, normal.downhill.as_slice());
-            normal.factored(damping)?.solve(&mut step);
+            normal.factored(&pattern, damping)?.solve(&mut step);
             let step = step.column(0).into_owned();
             if !step.iter().all(|v| v.is_finite()) {
                 let what = "the solution of a graph of poses";
                 return Err(EkfError::NonFinite { what });
             }
-            let cost = normal.cost;
-            if step.amax() < STANDS {
-                return Ok(Solved { cost, steps });
-            }
+            let stands = damping == 0.0 && step.dot(&normal.downhill) < STANDS;
             let nodes = self.moved(&step);
             let old = std::mem::replace(&mut self.nodes, nodes);
+            let there = Normal::of(self);
             // What rounding adds is no way uphill.
-            if Normal::cost(self) <= cost * (1.0 + 1e-12) + 1e-15 {
+            if there.cost <= normal.cost * (1.0 + 1e-12) + 1e-15 {
                 damping *= 0.1;
                 if damping < FIRST_DAMPING {
                     damping = 0.0;
                 }
-                normal = Normal::of(self);
+                normal = there;
             } else {
                 self.nodes = old;
                 damping = (damping * 10.0).max(FIRST_DAMPING);
-                if damping > MOST_DAMPING {
-                    return Ok(Solved { cost, steps });
-                }
+            }
+            if stands || damping > MOST_DAMPING {
+                let (cost, steps) = (normal.cost, steps + 1);
+                return Ok(Solved { cost, steps });
             }
         }
         let (cost, steps) = (normal.cost, MOST_STEPS);
