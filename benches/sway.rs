@@ -148,6 +148,7 @@ impl Sway {
             WornPair { id: None, uv, uv_f }
         });
         WornObservation {
+            who: 0,
             capture: None,
             bias: None,
             pairs: pairs.collect(),

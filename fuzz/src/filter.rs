@@ -252,6 +252,7 @@ impl Life {
             }
         }
         WornObservation {
+            who: 0,
             capture: None,
             bias: None,
             t_cf,
@@ -364,7 +365,7 @@ impl Life {
 
     fn overlap(&mut self, bytes: &mut Bytes<'_>) -> Result<(), EkfError> {
         let (t_cf, covariance) = worn_pose(bytes);
-        if let Some(overlap) = self.filter.overlap(&t_cf, &covariance)? {
+        if let Some(overlap) = self.filter.overlap(&t_cf, &covariance, 0)? {
             let numbers = overlap.roi_s.iter().chain(&overlap.roi_f);
             let numbers = numbers.chain([&overlap.d_max, &overlap.baseline]);
             assert!(numbers.into_iter().all(|x| x.is_finite()), "{overlap:?}");

@@ -43,6 +43,7 @@ __all__ = [
     "WarpLimits",
     "WarpedPatches",
     "Windows",
+    "WornCameraPose",
     "WornMeasurement",
     "__version__",
     "accepted_value",
@@ -209,8 +210,8 @@ class Filter:
     ----------
     camera : Camera
         Cs.
-    worn_camera : Camera, optional
-        Cf; needed to take its pixels.
+    worn_cameras : Camera or sequence of Camera, optional
+        Cf, one of each person's, numbered from 0; needed to take their pixels.
     settings : dict, optional
         Dotted key to value, over the defaults of :func:`settings_schema`.
     switches : dict, optional
@@ -227,7 +228,7 @@ class Filter:
     def __new__(
         cls,
         camera: Camera,
-        worn_camera: Camera | None = None,
+        worn_cameras: Camera | Sequence[Camera] | None = None,
         *,
         settings: Mapping[str, bool | int | float | str] | None = None,
         switches: Mapping[str, bool | int | float | str] | None = None,
@@ -355,7 +356,9 @@ class Filter:
         InputError
             For wrong shapes, NaN, unknown ids, an id given twice.
         """
-    def predict_overlap(self, t_cf: ArrayLike, covariance: ArrayLike) -> OverlapPrediction | None:
+    def predict_overlap(
+        self, t_cf: ArrayLike, covariance: ArrayLike, *, who: int = 0
+    ) -> OverlapPrediction | None:
         """Predicts whether Cs and Cf overlap (METHOD 9).
 
         Parameters
@@ -364,6 +367,8 @@ class Filter:
             Measured pose of Cf relative to Cs: maps points of F into C, metres.
         covariance : (6, 6) float64
             Of it over (translation m, rotation rad), tangent on the right.
+        who : int
+            The worn camera's number.
 
         Returns
         -------
@@ -398,9 +403,15 @@ class Filter:
         InputError
             If no pose of that time is kept.
         """
-    def view_timing(self, t: float) -> str:
+    def view_timing(self, t: float, *, who: int = 0) -> str:
         """What can be done with a view of Cf that was taken at ``t`` (seconds), now that the filter is at its
         frame's time.
+
+        Parameters
+        ----------
+        t : float
+        who : int
+            The worn camera's number.
 
         Returns
         -------
@@ -410,7 +421,7 @@ class Filter:
             ``repeated`` (measured before), ``stale`` (older than what is kept), ``future`` (after the frame).
         """
     def carry_worn(
-        self, t_cf: ArrayLike, covariance: ArrayLike, t: float, frame: float
+        self, t_cf: ArrayLike, covariance: ArrayLike, t: float, frame: float, *, who: int = 0
     ) -> tuple[_Array, _Array]:
         """T_CF of a view carried to a frame of another time: what matching the two images starts from.
 
@@ -423,6 +434,8 @@ class Filter:
         t, frame : float
             When the view was taken; the frame's time, which is the present one or one of `kept_times`.
             Seconds.
+        who : int
+            The worn camera's number.
 
         Returns
         -------
@@ -450,7 +463,13 @@ class Filter:
         and of the scale's logarithm, as `scale_sd` has it; None without a map.
         """
     def where_to_look(
-        self, t_cf: ArrayLike, covariance: ArrayLike, bias: ArrayLike | None = None, *, least: int = 0
+        self,
+        t_cf: ArrayLike,
+        covariance: ArrayLike,
+        bias: ArrayLike | None = None,
+        *,
+        least: int = 0,
+        who: int = 0,
     ) -> tuple[CandidateViews, CandidateViews]:
         """Views of Cf that a person could offer next, and how much each would tell (METHOD 24).
 
@@ -465,6 +484,8 @@ class Filter:
             The part of it that lasts from frame to frame; ``worn.bias_share`` of it if left out.
         least : int
             Fewest matches with which a view is used.
+        who : int
+            The worn camera's number.
 
         Returns
         -------
@@ -479,7 +500,9 @@ class Filter:
         InputError
             As `check_worn`.
         """
-    def check_worn(self, t_cf: ArrayLike, covariance: ArrayLike, bias: ArrayLike | None = None) -> None:
+    def check_worn(
+        self, t_cf: ArrayLike, covariance: ArrayLike, bias: ArrayLike | None = None, *, who: int = 0
+    ) -> None:
         """Checks that a view of Cf with this pose can be measured.
 
         Parameters
@@ -488,6 +511,8 @@ class Filter:
             As for :meth:`predict_overlap`.
         bias : (6, 6) float64, optional
             The part of the covariance that lasts from frame to frame.
+        who : int
+            The worn camera's number.
 
         Raises
         ------
@@ -593,6 +618,7 @@ class Filter:
         uv: ArrayLike,
         *,
         worn: WornMeasurement | None = None,
+        further: Sequence[WornMeasurement] = ...,
         depths: DepthMeasurement | None = None,
         min_inliers: int = 0,
     ) -> UpdateReport:
@@ -609,6 +635,9 @@ class Filter:
             Features found in Cs and their pixels.
         worn : WornMeasurement, optional
             The worn camera's measured pose and matched pixels.
+        further : sequence of WornMeasurement
+            The same of other worn cameras, each measured after all before it. A new point of several of
+            them, at the same pixel of the same frame of Cs, is one.
         depths : DepthMeasurement, optional
             Depths from any other sensor.
         min_inliers : int
@@ -623,6 +652,24 @@ class Filter:
         InputError
             For wrong shapes, NaN, unknown ids, an impossible pose or covariance; the filter stays as it
             was.
+        """
+    def worn_pose(self, worn: WornMeasurement) -> WornCameraPose:
+        """Where a worn camera was, as its stated T_CF and the camera's pose have it: of a view that was not
+        measured.
+
+        Parameters
+        ----------
+        worn : WornMeasurement
+            Its matches are not looked at.
+
+        Returns
+        -------
+        WornCameraPose
+
+        Raises
+        ------
+        InputError
+            Before the start, and what `carry_worn` and `check_worn` say.
         """
     def relocalise(
         self, pose: ArrayLike, ids: ArrayLike, uv: ArrayLike, *, least: int | None = None
@@ -1093,6 +1140,8 @@ class WornMeasurement:
     capture : (t, frame), optional
         When the view was taken, and the time of the frame of Cs whose image ``uv`` are of (the present one,
         or one of `Filter.kept_times`), seconds; at the frame's own time if left out (METHOD 21).
+    who : int
+        The worn camera's number: its place in the list that the filter was made with.
 
     Raises
     ------
@@ -1110,6 +1159,7 @@ class WornMeasurement:
         *,
         bias: ArrayLike | None = None,
         capture: tuple[float, float] | None = None,
+        who: int = 0,
     ) -> WornMeasurement: ...
     def __len__(self) -> int: ...
 
@@ -1203,7 +1253,12 @@ class UpdateReport:
     exact : bool
         Whether the batch test finished its exact search.
     worn_error : (6,) float64
-        Estimated error of T_CF after the update, (translation m, rotation rad), right tangent.
+        Estimated error of T_CF of the first view after the update, (translation m, rotation rad), right
+        tangent.
+    further : list of Outcomes
+        Of the pairs of each further view.
+    worn_poses : list of WornCameraPose
+        Where the worn cameras were whose views were measured, the first and the further ones.
     """
 
     @property
@@ -1226,6 +1281,31 @@ class UpdateReport:
     def exact(self) -> bool: ...
     @property
     def worn_error(self) -> _Array: ...
+    @property
+    def further(self) -> list[Outcomes]: ...
+    @property
+    def worn_poses(self) -> list[WornCameraPose]: ...
+
+@final
+class WornCameraPose:
+    """Where a worn camera was when its view was taken.
+
+    Attributes
+    ----------
+    who : int
+        Its number.
+    pose : (4, 4) float64
+        T_WF: maps points of F into W, metres.
+    covariance : (6, 6) float64
+        Of it over (translation m, rotation rad), right tangent.
+    """
+
+    @property
+    def who(self) -> int: ...
+    @property
+    def pose(self) -> _Array: ...
+    @property
+    def covariance(self) -> _Array: ...
 
 @final
 class MapRelocalisation:

@@ -234,7 +234,7 @@ fn extreme_numbers_do_not_get_in() {
         }
         let _ = filter.add_candidates(&[pixel]);
         let _ = filter.add_undelayed(&[pixel]);
-        let _ = filter.overlap(&worn.t_cf, &(worn.covariance * x.abs()));
+        let _ = filter.overlap(&worn.t_cf, &(worn.covariance * x.abs()), 0);
         assert!(finite(&filter), "{x:e}");
         filter.predict(0.5).expect("goes on");
         assert!(finite(&filter), "{x:e}");

@@ -151,6 +151,7 @@ impl Scene {
                 }
             }
             z.worn = Some(WornObservation {
+                who: 0,
                 capture: None,
                 bias: None,
                 t_cf: measured,

@@ -84,6 +84,7 @@ fn realised(filter: &mut Filter, view: &CandidateView, bias: Option<Matrix6<f64>
         })
     });
     let worn = WornObservation {
+        who: 0,
         t_cf: view.t_cf.clone(),
         covariance: precise(),
         bias,
@@ -112,7 +113,7 @@ fn what_is_foretold_is_what_the_update_does() {
         // The second view meets the bias that the first has left in the state.
         for view in 0..2 {
             let look = filter
-                .where_to_look(&beside(), &precise(), bias.as_ref(), 0)
+                .where_to_look(&beside(), &precise(), bias.as_ref(), 0, 0)
                 .expect("a good pose");
             let best = Look::best(&look.here).expect("something is gained");
             let (foretold, best) = (ahead(&look).gain, look.here[best].gain);
@@ -134,7 +135,7 @@ fn a_view_of_unknown_place_tells_little_of_the_scale() {
     let filter = filter();
     let gain = |factor: f64| {
         let covariance = worn_covariance() * factor;
-        let look = filter.where_to_look(&beside(), &covariance, None, 0);
+        let look = filter.where_to_look(&beside(), &covariance, None, 0, 0);
         ahead(&look.expect("a good pose")).gain
     };
     assert!(gain(1e-4) > gain(1.0) && gain(1.0) > gain(1e4));
@@ -144,15 +145,15 @@ fn a_view_of_unknown_place_tells_little_of_the_scale() {
 #[test]
 fn too_few_matches_and_no_start_gain_nothing() {
     let filter = filter();
-    let look = filter.where_to_look(&beside(), &worn_covariance(), None, 1000);
+    let look = filter.where_to_look(&beside(), &worn_covariance(), None, 1000, 0);
     let look = look.expect("a good pose");
     assert!(look.here.iter().all(|view| view.gain < 1e-9));
     let fresh = Filter::new(settings(&[]), camera(), Some(camera()));
-    let look = fresh.where_to_look(&beside(), &worn_covariance(), None, 0);
+    let look = fresh.where_to_look(&beside(), &worn_covariance(), None, 0, 0);
     assert_eq!(look.expect("a good pose"), Look::default());
     assert_eq!(fresh.pose_and_scale_covariance(), None);
     let without = Filter::new(settings(&[]), camera(), None);
-    let refused = without.where_to_look(&beside(), &worn_covariance(), None, 0);
+    let refused = without.where_to_look(&beside(), &worn_covariance(), None, 0, 0);
     assert!(matches!(refused, Err(EkfError::InvalidInput { .. })));
 }
 
@@ -161,7 +162,7 @@ fn asking_changes_nothing() {
     let filter = filter();
     let before = filter.snapshot();
     filter
-        .where_to_look(&beside(), &worn_covariance(), None, 8)
+        .where_to_look(&beside(), &worn_covariance(), None, 8, 0)
         .expect("a good pose");
     assert!(filter.snapshot() == before);
 }

@@ -9,7 +9,7 @@ use crate::guard;
 use crate::kernel::{self, Panels};
 use crate::observe::POSE_DIM;
 use crate::observe::block::MeasurementBlock;
-use crate::state::State;
+use crate::state::{Considered, State};
 use crate::validate::{Batch, Blocks};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor;
@@ -37,6 +37,7 @@ pub struct Workspace {
     g: Vec<f64>,
     noise: Vec<Matrix3<f64>>,
     y: Vec<f64>,
+    considered: Vec<Considered>,
     scratch: Option<MemBuffer>,
     scratch_dim: usize,
 }
@@ -312,7 +313,7 @@ impl Workspace {
             return;
         }
         state.camera_moved();
-        let considered = state.considered();
+        state.consider(&mut self.considered);
         let (n, moved) = (state.p.stored().n, &self.moved);
         for (x, &slot) in state.x.iter_mut().zip(state.p.stored().slots) {
             *x += moved[slot];
@@ -320,7 +321,7 @@ impl Workspace {
         let change = gauge.map(|gauge| gauge.change(state, Some(&moved[n..])));
         state.p.downdate(&self.pht, change);
         state.p.round_up(&self.squares);
-        state.keep_considered(&considered);
+        state.keep_considered(&self.considered);
     }
 
     /// Appends `C` to `y`.

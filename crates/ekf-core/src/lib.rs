@@ -46,6 +46,6 @@ pub use error::EkfError;
 pub use filter::{
     Bearing, CandidateOutcome, Capture, ConditionalPrediction, DepthObservation, Filter, KnownMap,
     Landmark, Measurements, Outcome, PredictedFeature, Submap, ToldByFound, UpdateReport,
-    ViewTiming, WornObservation, WornPair,
+    ViewTiming, WornObservation, WornPair, WornPose,
 };
 pub use settings::Settings;

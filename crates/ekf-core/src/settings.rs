@@ -205,6 +205,10 @@ settings! {
         /// Time constant of that bias.
         bias_time: f64 = 10.0, "s", Some(0.01), Some(1e6),
             User("Set it to how long an error of T_CF lasts, as its source states.");
+        /// Share of T_CF's error, of its variance along the axes of Cs, that all worn cameras have in common in a frame, as where
+        /// one tracker locates them all.
+        common_share: f64 = 0.0, "", Some(0.0), Some(1.0),
+            User("Raise it where one tracker locates several worn cameras: to the share of T_CF's error that is that of its place for Cs.");
         /// How late a view of Cf may come and still be used: for so long the poses of Cs are kept once views come that are
         /// not of a frame's own instant (METHOD 21).
         late: f64 = 1.0, "s", Some(0.05), Some(10.0),

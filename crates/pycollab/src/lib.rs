@@ -33,6 +33,7 @@ mod _core {
     use crate::filter::{
         Block, CandidateReport, CandidateViews, PyConditionalPrediction, PyFilter, PyKnownMap,
         PyLandmarks, PyMapRelocalisation, PyOutcomes, PyOverlap, PyPrediction, PyUpdateReport,
+        PyWornPose,
     };
     #[pymodule_export]
     use crate::frontend::consensus::{

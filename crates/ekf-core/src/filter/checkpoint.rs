@@ -34,7 +34,7 @@ impl Filter {
             // What never changes, buffers, and what is worked out again when it is asked for.
             settings: _,
             camera: _,
-            worn_camera: _,
+            worn_cameras: _,
             test: _,
             in_view: _,
             scratch: _,

@@ -1,7 +1,7 @@
 //! Checks of input, all made before anything changes.
 
 use super::ekf::Filter;
-use super::measurements::Measurements;
+use super::measurements::{Capture, Measurements};
 use super::sources::Scratch;
 use crate::camera::Camera;
 use crate::error::EkfError;
@@ -42,17 +42,18 @@ impl Filter {
     /// Whether a view of Cf can be measured; what is refused here is refused by [`Filter::update`].
     ///
     /// `covariance` is that of `t_cf`, 6x6, (translation, rotation), m^2 and rad^2, right tangent; `bias` the part of it
-    /// that lasts from frame to frame.
+    /// that lasts from frame to frame, `who` the worn camera's number.
     ///
     /// # Errors
-    /// [`EkfError`] if the filter has no camera model of Cf, or if a number cannot be what it stands for.
+    /// [`EkfError`] if the filter has no camera model of that Cf, or if a number cannot be what it stands for.
     pub fn check_worn(
         &self,
         t_cf: &Pose,
         covariance: &Matrix6<f64>,
         bias: Option<&Matrix6<f64>>,
+        who: usize,
     ) -> Result<(), EkfError> {
-        self.worn_model()?;
+        self.worn_model(who)?;
         check_pose(t_cf, covariance)?;
         bias.map_or(Ok(()), |bias| check_bias(bias, covariance))
     }
@@ -66,10 +67,14 @@ impl Filter {
         guard::depth(depth, sigma)
     }
 
-    pub(super) fn worn_model(&self) -> Result<&Camera, EkfError> {
-        self.worn_camera.as_ref().ok_or(EkfError::InvalidInput {
-            what: "worn camera",
-            why: "the filter was made without a camera model of Cf; give one".into(),
+    pub(super) fn worn_model(&self, who: usize) -> Result<&Camera, EkfError> {
+        self.worn_cameras.get(who).ok_or_else(|| {
+            let why = match self.worn_cameras.len() {
+                0 => "the filter was made without a camera model of Cf; give one".into(),
+                n => format!("there is no worn camera {who}; the filter has {n}, numbered from 0"),
+            };
+            let what = "worn camera";
+            EkfError::InvalidInput { what, why }
         })
     }
 
@@ -79,13 +84,17 @@ impl Filter {
         scratch: &mut Scratch,
     ) -> Result<(), EkfError> {
         let pairs = z.pairs();
+        let further = || z.further.iter().flat_map(|worn| &worn.pairs);
         let pixels = z.bearings.iter().map(|b| &b.uv);
-        let pixels = pixels.chain(pairs.iter().flat_map(|p| [&p.uv, &p.uv_f]));
+        let all_pairs = pairs.iter().chain(further());
+        let pixels = pixels.chain(all_pairs.flat_map(|p| [&p.uv, &p.uv_f]));
         check_pixels(pixels.chain(z.depths.iter().map(|d| &d.uv)))?;
         let bearings = || z.bearings.iter().map(|b| b.id);
         let depths = z.depths.iter().filter_map(|d| d.id);
         let others = || pairs.iter().filter_map(|p| p.id).chain(depths.clone());
-        for id in bearings().chain(others()).chain(z.searched.iter().copied()) {
+        let of_further = further().filter_map(|p| p.id);
+        let searched = z.searched.iter().copied();
+        for id in bearings().chain(others()).chain(of_further).chain(searched) {
             self.known(id)?;
         }
         check_once("bearings", bearings(), &mut scratch.ids)?;
@@ -93,8 +102,27 @@ impl Filter {
         for depth in &z.depths {
             guard::depth(depth.depth, depth.sigma)?;
         }
-        if let Some(worn) = &z.worn {
-            self.check_worn(&worn.t_cf, &worn.covariance, worn.bias.as_ref())?;
+        if z.worn.is_none() && !z.further.is_empty() {
+            return Err(EkfError::InvalidInput {
+                what: "further worn views",
+                why: "there is no first one; give it first".into(),
+            });
+        }
+        for worn in &z.further {
+            let ids = worn.pairs.iter().filter_map(|p| p.id);
+            check_once("worn pairs", ids, &mut scratch.ids)?;
+            if let (Some(capture), Some(frame)) = (worn.capture, self.time) {
+                self.carried(&worn.t_cf, Capture { frame, ..capture }, worn.who)?;
+            }
+        }
+        let views = || z.worn.iter().chain(&z.further);
+        check_once(
+            "worn views",
+            views().map(|w| w.who as u64),
+            &mut scratch.ids,
+        )?;
+        for worn in views() {
+            self.check_worn(&worn.t_cf, &worn.covariance, worn.bias.as_ref(), worn.who)?;
         }
         Ok(())
     }

@@ -143,7 +143,7 @@ impl Filter {
             *x = prior + moved[slot];
         }
         for block in self.state.layout.blocks() {
-            if matches!(block.kind, BlockKind::WornBias | BlockKind::Calibration) {
+            if matches!(block.kind, BlockKind::WornBias(_) | BlockKind::Calibration) {
                 self.state.x[block.range()].copy_from_slice(&prior[block.range()]);
             }
         }

@@ -28,7 +28,7 @@ use std::sync::OnceLock;
 pub struct Filter {
     pub(super) settings: Settings,
     pub(super) camera: Camera,
-    pub(super) worn_camera: Option<Camera>,
+    pub(super) worn_cameras: Vec<Camera>,
     pub(super) state: State,
     pub(super) time: Option<f64>,
     pub(super) started: bool,
@@ -64,8 +64,12 @@ const AT_FIRST: usize = 500;
 impl Filter {
     /// A filter that has not started: camera at the origin of W, no map.
     ///
-    /// `worn_camera` is the model of Cf, needed only to take its pixels.
-    pub fn new(settings: Settings, camera: Camera, worn_camera: Option<Camera>) -> Self {
+    /// `worn_cameras` are the models of Cf, one of each person's, numbered from 0; needed only to take their pixels.
+    pub fn new(
+        settings: Settings,
+        camera: Camera,
+        worn_cameras: impl IntoIterator<Item = Camera>,
+    ) -> Self {
         // More is taken when it is needed.
         let features = settings.map.max_features.min(AT_FIRST);
         let capacity = CAMERA_DIM + 6 * features + 64;
@@ -77,7 +81,7 @@ impl Filter {
             state,
             settings,
             camera,
-            worn_camera,
+            worn_cameras: worn_cameras.into_iter().collect(),
             time: None,
             started: false,
             records: BTreeMap::new(),

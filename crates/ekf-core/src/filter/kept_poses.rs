@@ -122,12 +122,13 @@ impl Filter {
         offset.ok_or_else(|| EkfError::InvalidInput { what, why: why() })
     }
 
-    /// What can be done with a view of Cf that was taken at `t`, seconds, now that the filter is at its frame's time.
-    pub fn view_timing(&self, t: f64) -> ViewTiming {
+    /// What can be done with a view of the worn camera `who` that was taken at `t`, seconds, now that the filter is at its frame's time.
+    pub fn view_timing(&self, t: f64, who: usize) -> ViewTiming {
         let now = self.time.unwrap_or(t);
         let tolerance = self.settings.worn.tolerance;
-        let measured = &self.kept_poses.measured;
-        if measured.contains(&t) {
+        let measured = self.kept_poses.measured.iter();
+        let mut measured = measured.filter(|(of, _)| *of == who).map(|(_, t)| *t);
+        if measured.clone().any(|last| last == t) {
             return ViewTiming::Repeated;
         }
         // A start may be from the frame before the view.
@@ -152,16 +153,16 @@ impl Filter {
         if t < oldest {
             return ViewTiming::Stale;
         }
-        if measured.iter().any(|&last| last > t) {
+        if measured.any(|last| last > t) {
             return ViewTiming::Reordered;
         }
         ViewTiming::Late
     }
 
     /// Refuses a view that cannot be measured any more, or not yet.
-    pub(super) fn check_timing(&self, t: f64) -> Result<(), EkfError> {
+    pub(super) fn check_timing(&self, t: f64, who: usize) -> Result<(), EkfError> {
         let now = self.time.unwrap_or(t);
-        match self.view_timing(t) {
+        match self.view_timing(t, who) {
             ViewTiming::Present | ViewTiming::Late | ViewTiming::Reordered => Ok(()),
             ViewTiming::Repeated => Err(EkfError::RepeatedView { t }),
             ViewTiming::Future => Err(EkfError::FutureView { t, now }),

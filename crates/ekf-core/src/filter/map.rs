@@ -126,10 +126,10 @@ impl Filter {
         self.state.remove(|b| match b.kind {
             BlockKind::Feature(_) => gone.contains(&b.id),
             BlockKind::Clone => !needed.contains(&b.id),
-            BlockKind::WornBias
+            BlockKind::WornBias(_)
             | BlockKind::Calibration
             | BlockKind::OdometryScale
-            | BlockKind::WornError
+            | BlockKind::WornError(_)
             | BlockKind::Submap
             | BlockKind::Auxiliary(_) => false,
         });

@@ -127,11 +127,11 @@ impl Filter {
         }
         let j = view.point_by_tangent();
         let mut noise = view.point_noise(sigma, sigma_f);
-        let error = self.worn_error_offset();
+        let error = self.worn_error_offset(worn.who);
         if error.is_none() {
             noise += j * self.worn_covariance(worn) * j.transpose();
         }
-        let mean = self.state.worn_error();
+        let mean = self.state.worn_error(worn.who);
         // The point was triangulated at the estimated error, so only its deviation from there counts.
         let measured = view.point() - j * mean;
         let rows = Rows::depth(
@@ -151,11 +151,12 @@ impl Filter {
         id: u64,
     ) -> Result<MeasurementBlock, Outcome> {
         let landmark = self.feature_block(id).map_err(|_| Outcome::NotVisible)?;
-        let camera = self.worn_camera.as_ref().ok_or(Outcome::NotVisible)?;
+        let camera = self.worn_cameras.get(worn.who);
+        let camera = camera.ok_or(Outcome::NotVisible)?;
         let view = WornView {
             camera,
             measured: worn.t_cf.clone(),
-            error: self.state.worn_error(),
+            error: self.state.worn_error(worn.who),
         };
         let rows = Rows::worn_pixel(
             &view,
@@ -164,7 +165,7 @@ impl Filter {
             &pair.uv_f,
             self.settings.pixel.sigma_cf,
         );
-        MeasurementBlock::new(rows, &landmark, self.worn_error_offset())
+        MeasurementBlock::new(rows, &landmark, self.worn_error_offset(worn.who))
     }
 
     fn other_depth(&self, depth: &DepthObservation) -> Result<MeasurementBlock, Outcome> {

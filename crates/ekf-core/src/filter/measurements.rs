@@ -1,5 +1,6 @@
 //! What one frame measures, and what an update reports about it.
 
+use super::worn_pose::WornPose;
 use crate::error::EkfError;
 use crate::math::pose::Pose;
 use nalgebra::{Matrix6, Vector2, Vector6};
@@ -37,6 +38,8 @@ pub struct Capture {
 /// What the worn camera contributes to a frame.
 #[derive(Clone, Debug)]
 pub struct WornObservation {
+    /// The worn camera's number: its place in the list that the filter was made with.
+    pub who: usize,
     /// Measured T_CF, at the time that it was taken: maps points of F into C.
     pub t_cf: Pose,
     /// 6x6 covariance of its error, (translation, rotation), right tangent.
@@ -69,8 +72,11 @@ pub struct Measurements {
     pub searched: Vec<u64>,
     /// Features found in Cs.
     pub bearings: Vec<Bearing>,
-    /// The worn camera's part.
+    /// The worn camera's part, measured together with what Cs found.
     pub worn: Option<WornObservation>,
+    /// Those of other worn cameras, each measured after all before it. A new point that several have, at the same pixel of
+    /// the same frame of Cs, is one.
+    pub further: Vec<WornObservation>,
     /// Other depths.
     pub depths: Vec<DepthObservation>,
     /// Fewest accepted bearings with which the frame is used: with fewer nothing of it is.
@@ -126,9 +132,11 @@ pub struct UpdateReport {
     pub bearings: Vec<Outcome>,
     /// One per worn pair.
     pub pairs: Vec<Outcome>,
+    /// One list per view in [`Measurements::further`], one outcome per pair.
+    pub further: Vec<Vec<Outcome>>,
     /// One per depth.
     pub depths: Vec<Outcome>,
-    /// Normalised innovation squared of the accepted batch.
+    /// Normalised innovation squared of what was accepted.
     pub nis: f64,
     /// Its degrees of freedom.
     pub dof: usize,
@@ -136,8 +144,11 @@ pub struct UpdateReport {
     pub order: usize,
     /// Whether the batch test finished its exact search, each time that the frame asked for it.
     pub exact: bool,
-    /// Estimated error of T_CF after the update, tangent (m, rad).
+    /// Estimated error of T_CF of the first view after the update, tangent (m, rad).
     pub worn_error: Vector6<f64>,
+    /// One per view, the first and the further ones: where the worn camera was. None before the start, and of a frame
+    /// of which nothing was used.
+    pub worn_poses: Vec<WornPose>,
     /// Why the frame was refused, if it was: the filter is as it was before.
     pub refused: Option<EkfError>,
     /// Whether the frame was used: at least [`Measurements::min_inliers`] bearings were accepted.
@@ -149,7 +160,10 @@ impl UpdateReport {
     pub fn refused(z: &Measurements, error: EkfError) -> Self {
         let mut report = Self::default();
         report.start(z);
-        for list in [&mut report.bearings, &mut report.pairs, &mut report.depths] {
+        for list in [&mut report.bearings, &mut report.pairs, &mut report.depths]
+            .into_iter()
+            .chain(&mut report.further)
+        {
             list.fill(Outcome::Refused);
         }
         report.refused = Some(error);
@@ -164,10 +178,16 @@ impl UpdateReport {
         refill(&mut bearings, Outcome::NotVisible, z.bearings.len());
         refill(&mut pairs, Outcome::Unused, z.pairs().len());
         refill(&mut depths, Outcome::NotVisible, z.depths.len());
+        let further = z.further.iter();
+        let further = further.map(|worn| vec![Outcome::Unused; worn.pairs.len()]);
+        let mut worn_poses = std::mem::take(&mut self.worn_poses);
+        worn_poses.clear();
         *self = Self {
             bearings,
             pairs,
             depths,
+            further: further.collect(),
+            worn_poses,
             exact: true,
             accepted: true,
             ..Self::default()

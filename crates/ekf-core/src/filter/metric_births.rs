@@ -8,7 +8,7 @@ use crate::guard;
 use crate::guard::{check_pose, is_covariance};
 use crate::math::pose::Pose;
 use crate::observe::point::CameraPose;
-use crate::state::{Block, BlockKind};
+use crate::state::{Block, BlockKind, Whose};
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 
 /// Standard deviation, as a share of rho, with which the tight form starts a matched feature before its pixel in Cf is
@@ -121,7 +121,7 @@ impl Filter {
             let warp = self.camera.warp_jacobian(&pair.uv);
             let mut new = NewFeature::from_two_views(&pose, &view, &warp, (sigma, sigma_f));
             let by_error = view.rho_by_tangent();
-            match self.worn_error_offset() {
+            match self.worn_error_offset(worn.who) {
                 Some(offset) => new.share_worn_error(offset, &by_error),
                 None => {
                     let own = by_error * self.worn_covariance(worn) * by_error.transpose();
@@ -252,9 +252,12 @@ impl Filter {
         check_pose(&Pose::identity(), covariance)?;
         self.changes();
         let mark = self.state.mark();
-        let error =
-            self.state
-                .append::<6>(BlockKind::WornError, &Vector6::zeros(), &[], covariance);
+        let error = self.state.append::<6>(
+            BlockKind::WornError(Whose::Common),
+            &Vector6::zeros(),
+            &[],
+            covariance,
+        );
         let pose = self.state.camera_pose();
         let born: Option<Vec<u64>> = (0..points.len())
             .map(|i| {

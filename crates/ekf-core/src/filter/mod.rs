@@ -14,6 +14,7 @@ mod checks;
 mod conditional_prediction;
 mod ekf;
 mod free_start;
+mod further_views;
 mod handed;
 mod handover;
 mod kept_poses;
@@ -45,6 +46,7 @@ mod wheels;
 mod where_to_look;
 mod working_set;
 mod worn_error;
+mod worn_pose;
 
 pub use candidate::CandidateOutcome;
 pub use conditional_prediction::{ConditionalPrediction, ToldByFound};
@@ -58,3 +60,4 @@ pub use measurements::{
 };
 pub use predicted_features::PredictedFeature;
 pub use submap::Submap;
+pub use worn_pose::WornPose;

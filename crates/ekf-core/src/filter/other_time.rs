@@ -7,9 +7,7 @@ use crate::error::EkfError;
 use crate::guard::check_pose;
 use crate::math::between::Between;
 use crate::math::pose::{Pose, tangent_map};
-use crate::observe::POSE_DIM;
 use crate::observe::point::CameraPose;
-use crate::state::LinearPart;
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector6};
 
 /// Standard deviation of each component of Cs's velocity before the start, when nothing is known of it: m/s.
@@ -35,19 +33,10 @@ impl Carried {
     fn add(&mut self, offset: usize, by_tangent: &Matrix6<f64>, pose: &CameraPose) {
         self.parts.push((offset, by_tangent * tangent_map(&pose.q)));
     }
-
-    /// The parts as the state takes them.
-    pub(super) fn linear_parts(&self) -> impl Iterator<Item = LinearPart<'_>> {
-        self.parts.iter().map(|(offset, by)| LinearPart {
-            offset: *offset,
-            width: POSE_DIM,
-            matrix: by.as_slice(),
-        })
-    }
 }
 
 impl Filter {
-    /// T_CF of a view taken at `capture.t`, carried to the frame at `capture.frame`: what a match between the images of both
+    /// T_CF of a view of the worn camera `who` taken at `capture.t`, carried to the frame at `capture.frame`: what a match between the images of both
     /// starts from, and its covariance, m^2 and rad^2, that of Cs's motion between included.
     ///
     /// # Errors
@@ -58,9 +47,10 @@ impl Filter {
         t_cf: &Pose,
         covariance: &Matrix6<f64>,
         capture: Capture,
+        who: usize,
     ) -> Result<(Pose, Matrix6<f64>), EkfError> {
         check_pose(t_cf, covariance)?;
-        let carried = self.carried(t_cf, capture)?;
+        let carried = self.carried(t_cf, capture, who)?;
         let mut sum = covariance + carried.noise;
         for (a, by_a) in &carried.parts {
             for (b, by_b) in &carried.parts {
@@ -72,14 +62,19 @@ impl Filter {
     }
 
     /// As [`Self::carry_worn`], by its causes.
-    pub(super) fn carried(&self, t_cf: &Pose, capture: Capture) -> Result<Carried, EkfError> {
+    pub(super) fn carried(
+        &self,
+        t_cf: &Pose,
+        capture: Capture,
+        who: usize,
+    ) -> Result<Carried, EkfError> {
         let Capture { t, frame } = capture;
         for (what, value) in [("time of the worn view", t), ("time of its frame", frame)] {
             if !value.is_finite() {
                 return Err(EkfError::NonFinite { what });
             }
         }
-        self.check_timing(t)?;
+        self.check_timing(t, who)?;
         let to = self.offset_of_frame(frame)?;
         let gap = (t - frame).abs();
         let into_f = t_cf.inverse().adjoint();
@@ -175,6 +170,7 @@ impl Filter {
                 frame: now,
                 ..capture
             },
+            worn.who,
         )?;
         let here = WornObservation {
             t_cf: carried.t_cf.clone(),
@@ -225,7 +221,7 @@ mod tests {
         for (t, frame) in [(0.13, 0.45), (0.42, 0.45), (0.2, 0.45), (0.27, 0.2)] {
             let capture = Capture { t, frame };
             let at = filter
-                .carried(&t_cf(), capture)
+                .carried(&t_cf(), capture, 0)
                 .expect("between kept poses");
             let mut offsets: Vec<usize> = at.parts.iter().map(|(offset, _)| *offset).collect();
             offsets.sort_unstable();
@@ -247,7 +243,7 @@ mod tests {
                         for i in 0..POSE_DIM {
                             moved.state.x[offset + i] += step[i];
                         }
-                        let there = moved.carried(&t_cf(), capture).expect("as before");
+                        let there = moved.carried(&t_cf(), capture, 0).expect("as before");
                         at.t_cf.inverse().compose(&there.t_cf).log()
                     });
                     let numeric = (to - from) / (2.0 * e);
@@ -265,7 +261,7 @@ mod tests {
         let capture = Capture { t: frame, frame };
         let covariance = SMatrix::identity() * 1e-4;
         let (t, p) = filter
-            .carry_worn(&t_cf(), &covariance, capture)
+            .carry_worn(&t_cf(), &covariance, capture, 0)
             .expect("kept");
         assert!(t_cf().inverse().compose(&t).log().norm() < 1e-12);
         assert!((p - covariance).abs().max() < 1e-12);
@@ -274,19 +270,19 @@ mod tests {
     #[test]
     fn what_cannot_be_measured_is_named() {
         let mut filter = moving();
-        let timing = |filter: &Filter, t: f64| filter.view_timing(t);
+        let timing = |filter: &Filter, t: f64| filter.view_timing(t, 0);
         assert_eq!(timing(&filter, 0.45), ViewTiming::Present);
         assert_eq!(timing(&filter, 0.4495), ViewTiming::Present);
         assert_eq!(timing(&filter, 0.43), ViewTiming::Late);
         assert_eq!(timing(&filter, -0.01), ViewTiming::Stale);
         assert_eq!(timing(&filter, 0.46), ViewTiming::Future);
-        filter.kept_poses.remember(0.35);
+        filter.kept_poses.remember(0, 0.35);
         assert_eq!(timing(&filter, 0.35), ViewTiming::Repeated);
         assert_eq!(timing(&filter, 0.3), ViewTiming::Reordered);
         let refused = |t: f64| {
             let capture = Capture { t, frame: 0.45 };
             filter
-                .carried(&t_cf(), capture)
+                .carried(&t_cf(), capture, 0)
                 .expect_err("no")
                 .to_string()
         };

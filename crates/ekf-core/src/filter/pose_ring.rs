@@ -16,8 +16,8 @@ const REMEMBERED: usize = 64;
 pub(super) struct KeptPoses {
     /// Time and block of each, the oldest first.
     pub(super) poses: Vec<(f64, u64)>,
-    /// When the views were taken that were measured last, in the order in which they were.
-    pub(super) measured: Vec<f64>,
+    /// Of which worn camera and when the views were taken that were measured last, in the order in which they were.
+    pub(super) measured: Vec<(usize, f64)>,
 }
 
 impl KeptPoses {
@@ -26,11 +26,11 @@ impl KeptPoses {
         self.poses.iter().map(|(_, id)| *id)
     }
 
-    pub(super) fn remember(&mut self, t: f64) {
+    pub(super) fn remember(&mut self, who: usize, t: f64) {
         if self.measured.len() == REMEMBERED {
             self.measured.remove(0);
         }
-        self.measured.push(t);
+        self.measured.push((who, t));
     }
 
     /// Whether what a snapshot says can be; `last` is the largest time stamp.
@@ -44,7 +44,11 @@ impl KeptPoses {
         let ids: BTreeSet<u64> = self.ids().collect();
         let is_clone = |id: &u64| layout.find(*id).is_some_and(|b| b.kind == BlockKind::Clone);
         let increasing = self.poses.windows(2).all(|w| w[0].0 < w[1].0);
-        let times = self.poses.iter().map(|(t, _)| t).chain(&self.measured);
+        let times = self
+            .poses
+            .iter()
+            .map(|(t, _)| t)
+            .chain(self.measured.iter().map(|(_, t)| t));
         let sane = times.clone().all(|t| t.is_finite() && t.abs() <= last)
             && self.poses.last().is_none_or(|(t, _)| *t <= now);
         if increasing

@@ -58,7 +58,7 @@ impl Filter {
         self.state.remove(|b| {
             !matches!(
                 b.kind,
-                BlockKind::WornBias | BlockKind::Calibration | BlockKind::OdometryScale
+                BlockKind::WornBias(_) | BlockKind::Calibration | BlockKind::OdometryScale
             )
         });
         self.state.reset_camera(&pose);
@@ -88,7 +88,7 @@ impl Filter {
         let mut trial = Self::new(
             self.settings.clone(),
             self.camera.clone(),
-            self.worn_camera.clone(),
+            self.worn_cameras.iter().cloned(),
         );
         trial.time = self.time;
         trial.misfit = self.misfit;

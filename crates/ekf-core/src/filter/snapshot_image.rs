@@ -56,7 +56,7 @@ impl Filter {
 struct FilterImage {
     settings: Vec<(String, Value)>,
     camera: CameraImage,
-    worn_camera: Option<CameraImage>,
+    worn_cameras: Vec<CameraImage>,
     state: StateImage,
     time: Option<f64>,
     started: bool,
@@ -116,7 +116,7 @@ impl Filter {
         let Self {
             settings,
             camera,
-            worn_camera,
+            worn_cameras,
             state,
             time,
             started,
@@ -143,7 +143,7 @@ impl Filter {
         FilterImage {
             settings: settings.values(),
             camera: CameraImage::of(camera),
-            worn_camera: worn_camera.as_ref().map(CameraImage::of),
+            worn_cameras: worn_cameras.iter().map(CameraImage::of).collect(),
             state: state.image(),
             time: *time,
             started: *started,
@@ -166,7 +166,7 @@ impl Filter {
         let FilterImage {
             settings,
             camera,
-            worn_camera,
+            worn_cameras,
             state,
             time,
             started,
@@ -186,7 +186,8 @@ impl Filter {
         let settings = Settings::from_values(&settings).map_err(|error| {
             EkfError::bad_snapshot(format!("its settings are not this program's ({error})"))
         })?;
-        let worn_camera = worn_camera.map(|c| c.camera()).transpose()?;
+        let worn_cameras = worn_cameras.iter().map(CameraImage::camera);
+        let worn_cameras = worn_cameras.collect::<Result<Vec<_>, _>>()?;
         let state = State::from_image(&state)?;
         let outside = outside
             .map(|outside| OutsideSet::from_image(outside, &state))
@@ -224,7 +225,7 @@ impl Filter {
         batch.remember_move(moved_by);
         let filter = Self {
             camera: camera.camera()?,
-            worn_camera,
+            worn_cameras,
             settings,
             state,
             time,

@@ -18,6 +18,9 @@ use nalgebra::{DMatrix, Matrix6, SMatrix, SVector, Vector3};
 /// Largest relative error of a landmark's range with which it is taken down.
 const MAX_RANGE_RATIO: f64 = 0.3;
 
+/// The worn camera whose bias is handed on; that of others counts by what it did to the scale.
+const FIRST: usize = 0;
+
 /// A submap that has ended.
 #[derive(Clone, Debug)]
 pub struct Submap {
@@ -108,12 +111,12 @@ impl Filter {
                 parts.push((stretch.start, stretch.len(), matrix));
             }
         }
-        if let Some(bias) = state.worn_bias() {
+        for (offset, by) in state.lasting_error(FIRST) {
             let mut matrix = vec![0.0; SUBMAP_DIM * 6];
-            for k in 0..6 {
-                matrix[SUBMAP_DIM * k + POSE_DIM + 1 + k] = 1.0;
+            for (column, by) in matrix.chunks_exact_mut(SUBMAP_DIM).zip(by.column_iter()) {
+                column[POSE_DIM + 1..].copy_from_slice(by.as_slice());
             }
-            parts.push((bias.offset, 6, matrix));
+            parts.push((offset, 6, matrix));
         }
         let parts: Vec<LinearPart<'_>> = parts
             .iter()

@@ -8,8 +8,9 @@ use super::sources::{Scratch, WornForm};
 use super::validation::Test;
 use crate::batch::Workspace;
 use crate::error::EkfError;
+use crate::math::pose::Pose;
 use crate::settings::{Mode, WornErrors};
-use crate::state::BlockKind;
+use nalgebra::Vector6;
 
 impl Filter {
     /// Validates a frame's measurements, updates once, and starts the features that its matches allow.
@@ -57,7 +58,8 @@ impl Filter {
         self.update_at_present(&z, Some(&carried), report, scratch)
     }
 
-    /// The update with measurements that have been checked; `carried` is how T_CF came here from another time.
+    /// The update with measurements that have been checked; `carried` is how T_CF of the first view came here from another
+    /// time.
     fn update_at_present(
         &mut self,
         z: &Measurements,
@@ -67,11 +69,45 @@ impl Filter {
     ) -> Result<(), EkfError> {
         self.changes();
         self.fetch(z, &mut scratch.ids);
+        let mut used = Vec::new();
+        if !self.measure_view(z, carried, &mut used, report, scratch)? {
+            report.reject_all(z);
+            return Ok(());
+        }
+        self.settle_odometry();
+        self.measure_further(z, &mut used, report, scratch);
+        report.worn_error = z
+            .worn
+            .as_ref()
+            .map_or(Vector6::zeros(), |worn| self.state.worn_error(worn.who));
+        if self.started {
+            let poses = used
+                .iter()
+                .map(|(who, t_cf)| self.measured_worn_pose(*who, t_cf));
+            report.worn_poses.extend(poses);
+        }
+        self.state.end_worn_errors();
+        self.choose_working_set(&z.searched);
+        Ok(())
+    }
+
+    /// One batch: what Cs found and the view of `z.worn`, whose worn camera then joins those `used`. False, with the state
+    /// unchanged, if too little of it passes the tests. The error of T_CF stays in the state until the frame ends.
+    pub(super) fn measure_view(
+        &mut self,
+        z: &Measurements,
+        carried: Option<&Carried>,
+        used: &mut Vec<(usize, Pose)>,
+        report: &mut UpdateReport,
+        scratch: &mut Scratch,
+    ) -> Result<bool, EkfError> {
         let mark = self.state.mark();
-        let form = self.worn_form(z);
+        let form = self.worn_form(z, !used.is_empty());
         let worn = z.worn.as_ref().filter(|_| form != WornForm::Unused);
         if let Some(worn) = worn
-            && (self.settings.worn.errors == WornErrors::Shared || carried.is_some())
+            && (self.settings.worn.errors == WornErrors::Shared
+                || carried.is_some()
+                || !used.is_empty())
         {
             self.open_worn_error(worn, carried);
         }
@@ -84,8 +120,7 @@ impl Filter {
         if !matches!(measured, Ok(true)) {
             // Only blocks at the end were added.
             self.take_back(&mark);
-            report.reject_all(z);
-            return measured.map(|_| ());
+            return measured;
         }
         match form {
             WornForm::Tight => self.judge_tight_births(&newborn, report),
@@ -93,26 +128,26 @@ impl Filter {
             WornForm::Unused => {}
         }
         self.depth_births(z, report);
-        report.worn_error = self.state.worn_error();
-        self.state.remove(|b| b.kind == BlockKind::WornError);
-        if let Some(capture) = z.worn.as_ref().and_then(|worn| worn.capture) {
-            self.kept_poses.remember(capture.t);
+        if let Some(worn) = worn {
+            used.push((worn.who, worn.t_cf.clone()));
         }
-        self.settle_odometry();
+        if let Some((worn, capture)) = z.worn.as_ref().and_then(|w| Some((w, w.capture?))) {
+            self.kept_poses.remember(worn.who, capture.t);
+        }
         self.finish(z, report);
-        self.choose_working_set(&z.searched);
-        Ok(())
+        Ok(true)
     }
 
-    fn worn_form(&self, z: &Measurements) -> WornForm {
+    /// How the view's pairs are measured; `again` if a view of another worn camera was measured in this frame before.
+    fn worn_form(&self, z: &Measurements, again: bool) -> WornForm {
         let Some(worn) = &z.worn else {
             return WornForm::Unused;
         };
         let shared = self.settings.worn.errors == WornErrors::Shared;
         let earlier = worn.capture.is_some_and(|c| self.time != Some(c.frame));
         match self.settings.estimator.mode {
-            // The pixels in Cs of an earlier frame were measured then.
-            mode if earlier && mode.uses_worn() => WornForm::Tight,
+            // The pixels in Cs of an earlier frame were measured then, and those of this frame with the first view.
+            mode if (earlier || again) && mode.uses_worn() => WornForm::Tight,
             // All modes start alike, from the best that the first overlap gives.
             _ if !self.started && shared => WornForm::Tight,
             _ if !self.started => WornForm::BirthsOnly,

@@ -25,6 +25,8 @@ impl Filter {
     /// Cs, whichever way Cf turns. Views of fewer than `least` matches are taken to be of no use. Nothing is there before
     /// the start, and where Cs sees nothing of known depth.
     ///
+    /// `who` is the worn camera's number.
+    ///
     /// # Errors
     /// As [`Self::check_worn`].
     pub fn where_to_look(
@@ -33,9 +35,10 @@ impl Filter {
         covariance: &Matrix6<f64>,
         bias: Option<&Matrix6<f64>>,
         least: usize,
+        who: usize,
     ) -> Result<Look, EkfError> {
-        self.check_worn(t_cf, covariance, bias)?;
-        let worn = self.worn_model()?;
+        self.check_worn(t_cf, covariance, bias, who)?;
+        let worn = self.worn_model(who)?;
         let lasting = bias.map_or(covariance * self.settings.worn.bias_share, |bias| *bias);
         let in_view = |point: &Vector3<f64>| {
             let uv = self.camera.project(point);
@@ -43,7 +46,7 @@ impl Filter {
         };
         let known = self
             .started
-            .then(|| Known::new(&self.state, in_view, (t_cf, covariance, &lasting)));
+            .then(|| Known::new(&self.state, in_view, (t_cf, covariance, &lasting), who));
         let Some(known) = known.flatten() else {
             return Ok(Look::default());
         };

@@ -58,9 +58,11 @@ impl Filter {
         };
         ids.clear();
         ids.extend(z.bearings.iter().map(|b| b.id));
-        ids.extend(z.pairs().iter().filter_map(|p| p.id));
+        let further = z.further.iter().flat_map(|worn| &worn.pairs);
+        ids.extend(z.pairs().iter().chain(further).filter_map(|p| p.id));
         ids.extend(z.depths.iter().filter_map(|d| d.id));
         ids.sort_unstable();
+        ids.dedup();
         outside.enter(&mut self.state, |id| ids.binary_search(&id).is_ok());
     }
 }

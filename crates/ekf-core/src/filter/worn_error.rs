@@ -7,62 +7,134 @@ use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
 use crate::guard::check_pose;
 use crate::math::pose::Pose;
+use crate::observe::POSE_DIM;
 use crate::overlap::{Overlap, predict_overlap};
 use crate::settings::WornErrors;
-use crate::state::{BlockKind, LinearPart};
-use nalgebra::{Matrix6, Vector2, Vector6};
+use crate::state::{BlockKind, Lasting, LinearPart, Whose, root};
+use nalgebra::{Matrix6, SMatrix, Vector2, Vector6};
+
+/// What the error of a view's T_CF comes from, all in the tangent of F.
+pub(super) struct WornErrorParts {
+    /// Derivatives by what lasts of it, six numbers of the state at these offsets.
+    lasting: Vec<(usize, Matrix6<f64>)>,
+    /// Derivatives by poses of the state.
+    motion: Vec<(usize, SMatrix<f64, 6, 7>)>,
+    /// Derivative by what all views of the frame have in common, in standard deviations.
+    pub(super) common: Matrix6<f64>,
+    /// Covariance of the rest.
+    pub(super) white: Matrix6<f64>,
+}
+
+impl WornErrorParts {
+    /// What is in the state, but for the common part.
+    pub(super) fn linear_parts(&self) -> impl Iterator<Item = LinearPart<'_>> {
+        let lasting = self.lasting.iter().map(|(offset, by)| LinearPart {
+            offset: *offset,
+            width: 6,
+            matrix: by.as_slice(),
+        });
+        lasting.chain(self.motion.iter().map(|(offset, by)| LinearPart {
+            offset: *offset,
+            width: POSE_DIM,
+            matrix: by.as_slice(),
+        }))
+    }
+}
+
+/// Turns what is along C's axes into F's.
+fn into_f(worn: &WornObservation, carried: Option<&Carried>) -> Matrix6<f64> {
+    let rotation = carried.map_or(worn.t_cf.rotation, |carried| carried.taken);
+    let mut j = Matrix6::zeros();
+    for at in [0, 3] {
+        j.fixed_view_mut::<3, 3>(at, at)
+            .copy_from(&rotation.transpose());
+    }
+    j
+}
 
 impl Filter {
-    /// Appends the frame's error of T_CF, `xi = J b + white`, and what the motion of Cs adds where that was `carried` here from
-    /// another time. The bias `b` is along C's axes: its causes lie along the way that both cameras travel, so it must not
-    /// turn with F's axes when the wearer's head does.
+    /// Appends the frame's error of T_CF, `xi = J (b + B c) + white`, and what the motion of Cs adds where that was `carried`
+    /// here from another time. The bias `b` is along C's axes: its causes lie along the way that both cameras travel, so it
+    /// must not turn with F's axes when the wearer's head does. `c` is what all worn cameras have in common of theirs.
     pub(super) fn open_worn_error(&mut self, worn: &WornObservation, carried: Option<&Carried>) {
-        let share = self.settings.worn.bias_share;
-        let bias_covariance = worn.bias.unwrap_or(worn.covariance * share);
-        let rotation = carried.map_or(worn.t_cf.rotation, |carried| carried.taken);
-        let mut j = Matrix6::zeros();
-        for at in [0, 3] {
-            j.fixed_view_mut::<3, 3>(at, at)
-                .copy_from(&rotation.transpose());
-        }
-        if bias_covariance.diagonal().max() > 0.0 && self.state.worn_bias().is_none() {
+        let share = self.settings.worn.common_share;
+        let bias_covariance = self.bias_covariance(worn);
+        let j = into_f(worn, carried);
+        let is_known = self.state.lasting_error(worn.who).next().is_some();
+        if bias_covariance.diagonal().max() > 0.0 && !is_known {
             let stationary = j.transpose() * bias_covariance * j;
-            self.state.bias_stationary = (stationary + stationary.transpose()) * 0.5;
-            let stationary = self.state.bias_stationary;
-            self.state
-                .append::<6>(BlockKind::WornBias, &Vector6::zeros(), &[], &stationary);
+            let stationary = (stationary + stationary.transpose()) * 0.5;
+            if share > 0.0 {
+                self.state.begin_lasting(Lasting::common());
+            }
+            let own = Lasting::of(worn.who, &stationary, share);
+            self.state.begin_lasting(own);
         }
-        let bias = self.state.worn_bias();
-        let mut parts: Vec<LinearPart<'_>> = bias
-            .iter()
-            .map(|b| LinearPart {
-                offset: b.offset,
+        let error = self.error_of(worn, carried);
+        let mut parts: Vec<LinearPart<'_>> = error.linear_parts().collect();
+        if share > 0.0 {
+            let kind = BlockKind::WornError(Whose::Common);
+            let there = self.state.worn_error_block(Whose::Common).copied();
+            let block = there.unwrap_or_else(|| {
+                let one = Matrix6::identity();
+                self.state.append::<6>(kind, &Vector6::zeros(), &[], &one)
+            });
+            parts.push(LinearPart {
+                offset: block.offset,
                 width: 6,
-                matrix: j.as_slice(),
-            })
-            .collect();
-        let mut white = match bias {
-            Some(_) => worn.covariance - bias_covariance,
-            None => worn.covariance,
-        };
-        if let Some(carried) = carried {
-            parts.extend(carried.linear_parts());
-            white += carried.noise;
+                matrix: error.common.as_slice(),
+            });
         }
+        let kind = BlockKind::WornError(Whose::Of(worn.who));
         self.state
-            .append::<6>(BlockKind::WornError, &Vector6::zeros(), &parts, &white);
+            .append::<6>(kind, &Vector6::zeros(), &parts, &error.white);
     }
 
-    pub(super) fn worn_error_offset(&self) -> Option<usize> {
-        self.state
-            .layout
-            .of_kind(BlockKind::WornError)
-            .next()
-            .map(|b| b.offset)
+    fn bias_covariance(&self, worn: &WornObservation) -> Matrix6<f64> {
+        worn.bias
+            .unwrap_or(worn.covariance * self.settings.worn.bias_share)
+    }
+
+    /// What the error of a view's T_CF comes from.
+    pub(super) fn error_of(
+        &self,
+        worn: &WornObservation,
+        carried: Option<&Carried>,
+    ) -> WornErrorParts {
+        let share = self.settings.worn.common_share;
+        let j = into_f(worn, carried);
+        let lasting = self.state.lasting_error(worn.who);
+        let lasting: Vec<_> = lasting.map(|(offset, by)| (offset, j * by)).collect();
+        let mut white = if lasting.is_empty() {
+            worn.covariance
+        } else {
+            worn.covariance - self.bias_covariance(worn)
+        };
+        let mut common = Matrix6::zeros();
+        if share > 0.0 {
+            common = root(&white) * j * share.sqrt();
+            white *= 1.0 - share;
+        }
+        let mut motion = Vec::new();
+        if let Some(carried) = carried {
+            motion.clone_from(&carried.parts);
+            white += carried.noise;
+        }
+        WornErrorParts {
+            lasting,
+            motion,
+            common,
+            white,
+        }
+    }
+
+    pub(super) fn worn_error_offset(&self, who: usize) -> Option<usize> {
+        let block = self.state.worn_error_block(Whose::Of(who));
+        block.map(|b| b.offset)
     }
 
     pub(super) fn worn_covariance(&self, worn: &WornObservation) -> Matrix6<f64> {
-        match (self.worn_error_offset(), self.settings.worn.errors) {
+        match (self.worn_error_offset(worn.who), self.settings.worn.errors) {
             (Some(offset), _) => self.state.p.block::<6, 6>(offset, offset),
             (None, WornErrors::Pixels) => Matrix6::zeros(),
             (None, _) => worn.covariance,
@@ -75,8 +147,8 @@ impl Filter {
         uv: &Vector2<f64>,
         uv_f: &Vector2<f64>,
     ) -> Option<TwoView> {
-        let worn_camera = self.worn_camera.as_ref()?;
-        let t_cf = worn.t_cf.retract(&self.state.worn_error());
+        let worn_camera = self.worn_cameras.get(worn.who)?;
+        let t_cf = worn.t_cf.retract(&self.state.worn_error(worn.who));
         TwoView::new(&self.camera, uv, worn_camera, uv_f, &t_cf)
     }
 
@@ -87,7 +159,7 @@ impl Filter {
         pixels + (j * self.worn_covariance(worn) * j.transpose())[(0, 0)].max(0.0)
     }
 
-    /// Whether Cs and Cf look at the same place, and where in both images (METHOD 9).
+    /// Whether Cs and the worn camera `who` look at the same place, and where in both images (METHOD 9).
     ///
     /// # Errors
     /// `InvalidInput` without a camera model of Cf or for an impossible pose or covariance, `NonFinite`.
@@ -95,8 +167,9 @@ impl Filter {
         &self,
         t_cf: &Pose,
         covariance: &Matrix6<f64>,
+        who: usize,
     ) -> Result<Option<Overlap>, EkfError> {
-        let worn = self.worn_model()?;
+        let worn = self.worn_model(who)?;
         check_pose(t_cf, covariance)?;
         let sigma_px = self.settings.pixel.sigma_cf;
         let settings = &self.settings.overlap;

@@ -32,10 +32,10 @@ pub fn directions(x: &[f64], layout: &Layout, out: &mut Vec<f64>) {
                 attitude(x, block.offset + 3, out);
             }
             // T_CF is metric and seen from C; auxiliary rows come with a working set only.
-            BlockKind::WornBias
+            BlockKind::WornBias(_)
             | BlockKind::Calibration
             | BlockKind::OdometryScale
-            | BlockKind::WornError
+            | BlockKind::WornError(_)
             | BlockKind::Auxiliary(_) => {}
         }
     }

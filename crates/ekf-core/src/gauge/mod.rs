@@ -236,10 +236,10 @@ fn carried_blocks<'a>(layout: &'a Layout, followed: &'a [u64]) -> impl Iterator<
     layout.blocks().iter().filter(|b| match b.kind {
         BlockKind::Feature(_) => followed.binary_search(&b.id).is_ok(),
         BlockKind::Clone | BlockKind::Submap => true,
-        BlockKind::WornBias
+        BlockKind::WornBias(_)
         | BlockKind::Calibration
         | BlockKind::OdometryScale
-        | BlockKind::WornError
+        | BlockKind::WornError(_)
         | BlockKind::Auxiliary(_) => false,
     })
 }

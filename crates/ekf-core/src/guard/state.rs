@@ -135,7 +135,10 @@ fn rows_are_sane(
     let mut turned = norm(3) < LEAST_QUATERNION;
     for block in state.layout.blocks() {
         // Rows of the local update have the diagonal of -Psi; the error of a frame's T_CF is gone after it.
-        if matches!(block.kind, BlockKind::Auxiliary(_) | BlockKind::WornError) {
+        if matches!(
+            block.kind,
+            BlockKind::Auxiliary(_) | BlockKind::WornError(_)
+        ) {
             continue;
         }
         turned |= matches!(block.kind, BlockKind::Clone | BlockKind::Submap)

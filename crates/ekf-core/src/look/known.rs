@@ -59,11 +59,12 @@ struct Seen {
 
 impl Known {
     /// From the state, for features that are in view and a view like the one with `t_cf`; `bias` is the part of its
-    /// `covariance` that lasts. `None` where nothing has a depth.
+    /// `covariance` that lasts; the worn camera is `who`. `None` where nothing has a depth.
     pub(crate) fn new(
         state: &State,
         in_view: impl Fn(&Vector3<f64>) -> bool,
         (t_cf, covariance, bias): (&Pose, &Matrix6<f64>, &Matrix6<f64>),
+        who: usize,
     ) -> Option<Self> {
         let scale = ScaleEstimate::of(state)?;
         let seen = seen(state, in_view);
@@ -92,22 +93,25 @@ impl Known {
             stack(&(tangent * with_pose), &by_scale)
         });
         // The white part in C's axes; the bias is along them in the state, if it is there, else it is as new.
-        let lasting = state.worn_bias();
-        let white = match lasting {
-            Some(_) => covariance - bias,
-            None => *covariance,
+        let lasting: Vec<(usize, Matrix6<f64>)> = state.lasting_error(who).collect();
+        let white = if lasting.is_empty() {
+            *covariance
+        } else {
+            covariance - bias
         };
         let mut error = t_cf.covariance_along_fixed_axes(&white);
         let mut with_error = vec![SMatrix::<f64, 3, 6>::zeros(); seen.len()];
         let mut wanted_with_error = WantedWith::<6>::zeros();
-        if let Some(bias) = lasting {
-            error += bias.covariance;
+        error += state.lasting_covariance(who);
+        for (at, by) in lasting {
             for (with, s) in with_error.iter_mut().zip(&seen) {
-                *with = s.point.by_pose * p.block::<7, 6>(0, bias.offset)
-                    + s.point.by_feature * state.covariance_with(bias.offset, &s.block).transpose();
+                let with_block = s.point.by_pose * p.block::<7, 6>(0, at)
+                    + s.point.by_feature * state.covariance_with(at, &s.block).transpose();
+                *with += with_block * by.transpose();
             }
-            let by_scale = SMatrix::<f64, 1, 6>::from_fn(|_, c| scale_with(bias.offset + c));
-            wanted_with_error = stack(&(tangent * p.block::<7, 6>(0, bias.offset)), &by_scale);
+            let by_scale = SMatrix::<f64, 1, 6>::from_fn(|_, c| scale_with(at + c));
+            let with_block = stack(&(tangent * p.block::<7, 6>(0, at)), &by_scale);
+            wanted_with_error += with_block * by.transpose();
         }
         Some(Self {
             wanted_with_points: wanted_with_points.collect(),

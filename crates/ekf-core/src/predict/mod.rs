@@ -10,7 +10,7 @@ pub(crate) use motion::{Motion, Reading, TwistMatrix};
 
 use crate::math::quat;
 use crate::settings::{MotionModel, OdometrySettings, ProcessSettings, WornSettings};
-use crate::state::{BlockKind, CAMERA_DIM, State};
+use crate::state::{BlockKind, CAMERA_DIM, Lasting, State};
 use nalgebra::{Matrix3, Matrix3x4, SMatrix, Vector3};
 
 /// 13x13 matrix of the camera's block.
@@ -129,14 +129,19 @@ pub(crate) fn predict_along(state: &mut State, motion: &Motion, scale: Option<us
     state.normalise_quaternions();
 }
 
-/// `dt` seconds in which errors that last are partly replaced by fresh ones (Gauss-Markov): the worn camera's bias, and the
+/// `dt` seconds in which errors that last are partly replaced by fresh ones (Gauss-Markov): the worn cameras' biases, and the
 /// odometry's scales.
 pub(crate) fn forget(state: &mut State, dt: f64, worn: &WornSettings, odometry: &OdometrySettings) {
     let offset = |kind| state.layout.of_kind(kind).next().map(|b| b.offset);
     let scale = offset(BlockKind::OdometryScale).zip(odometry.covariance());
-    if let Some(offset) = offset(BlockKind::WornBias) {
-        let stationary = state.bias_stationary;
-        decay(state, offset, (-dt / worn.bias_time).exp(), &stationary);
+    for k in 0..state.lasting.len() {
+        let Lasting {
+            whose, stationary, ..
+        } = state.lasting[k];
+        let block = state.layout.of_kind(BlockKind::WornBias(whose)).next();
+        if let Some(offset) = block.map(|b| b.offset) {
+            decay(state, offset, (-dt / worn.bias_time).exp(), &stationary);
+        }
     }
     if let Some((offset, stationary)) = scale {
         let share = (-dt / odometry.scale_time).exp();

@@ -1,4 +1,4 @@
-//! What the filter considers without estimating it: the worn camera's bias and the error of the calibration.
+//! What the filter considers without estimating it: the worn cameras' biases and the error of the calibration.
 
 use super::{BlockKind, State};
 use nalgebra::{SMatrix, Vector6};
@@ -9,48 +9,42 @@ use nalgebra::{SMatrix, Vector6};
 #[derive(Clone, Debug)]
 pub(crate) struct Considered {
     /// Offset of its block.
-    pub(crate) offset: usize,
-    /// Its covariance; that of the bias is along C's axes.
-    pub(crate) covariance: SMatrix<f64, 6, 6>,
+    offset: usize,
+    /// Its covariance; that of a bias is along C's axes.
+    covariance: SMatrix<f64, 6, 6>,
 }
 
 impl State {
-    /// The worn camera's bias, if there is one.
-    pub(crate) fn worn_bias(&self) -> Option<Considered> {
-        self.considered_of(BlockKind::WornBias)
-    }
-
     /// Offset of the error of Cs's calibration, if it is considered.
     pub(crate) fn calibration(&self) -> Option<usize> {
         let block = self.layout.of_kind(BlockKind::Calibration).next();
         block.map(|b| b.offset)
     }
 
-    /// What is considered, before an update.
-    pub(crate) fn considered(&self) -> [Option<Considered>; 2] {
-        [BlockKind::Calibration, BlockKind::WornBias].map(|kind| self.considered_of(kind))
-    }
-
-    fn considered_of(&self, kind: BlockKind) -> Option<Considered> {
-        let block = self.layout.of_kind(kind).next()?;
-        Some(Considered {
+    /// Lists what is considered, before an update.
+    pub(crate) fn consider(&self, out: &mut Vec<Considered>) {
+        out.clear();
+        let blocks = self.layout.blocks().iter();
+        let blocks =
+            blocks.filter(|b| matches!(b.kind, BlockKind::WornBias(_) | BlockKind::Calibration));
+        out.extend(blocks.map(|block| Considered {
             offset: block.offset,
             covariance: self.p.block::<6, 6>(block.offset, block.offset),
-        })
+        }));
     }
 
     /// Restores what is considered to its value before an update. Everything else was corrected with it in mind and stays
     /// correlated with it.
-    pub(crate) fn keep_considered(&mut self, considered: &[Option<Considered>; 2]) {
-        for block in considered.iter().flatten() {
+    pub(crate) fn keep_considered(&mut self, considered: &[Considered]) {
+        for (k, block) in considered.iter().enumerate() {
             self.set_part(block.offset, &Vector6::zeros());
             self.p
                 .set_block(block.offset, block.offset, &block.covariance);
-        }
-        if let [Some(a), Some(b)] = considered {
-            // The two are independent, whatever an update finds.
-            self.p
-                .set_block(a.offset, b.offset, &SMatrix::<f64, 6, 6>::zeros());
+            // They are independent of each other, whatever an update finds.
+            for other in &considered[..k] {
+                self.p
+                    .set_block(other.offset, block.offset, &SMatrix::<f64, 6, 6>::zeros());
+            }
         }
     }
 }

@@ -1,9 +1,8 @@
 //! A state in a snapshot. P keeps its slots: which rows are stored once decides the order of sums, hence the bits.
 
-use super::{Block, BlockKind, CAMERA_DIM, Covariance, Layout, State};
+use super::{Block, BlockKind, CAMERA_DIM, Covariance, Lasting, LastingImage, Layout, State};
 use crate::error::EkfError;
 use crate::observe::Form;
-use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
 
 #[derive(Serialize, Deserialize)]
@@ -12,7 +11,7 @@ pub(crate) struct StateImage {
     reference: Vec<f64>,
     blocks: Vec<(u64, BlockKind)>,
     next_id: u64,
-    bias_stationary: Vec<f64>,
+    lasting: Vec<LastingImage>,
     newborn: Option<u64>,
     /// Where each row of P is stored.
     slots: Vec<usize>,
@@ -27,7 +26,7 @@ impl State {
             p,
             reference,
             layout,
-            bias_stationary,
+            lasting,
             newborn,
         } = self;
         let stored = p.stored();
@@ -40,7 +39,7 @@ impl State {
             reference: reference.clone(),
             blocks: layout.blocks().iter().map(|b| (b.id, b.kind)).collect(),
             next_id: layout.next_id(),
-            bias_stationary: bias_stationary.as_slice().to_vec(),
+            lasting: lasting.iter().map(Lasting::image).collect(),
             newborn: *newborn,
             slots: stored.slots.to_vec(),
             triangle,
@@ -53,7 +52,7 @@ impl State {
             reference,
             blocks,
             next_id,
-            bias_stationary,
+            lasting,
             newborn,
             slots,
             triangle,
@@ -65,12 +64,14 @@ impl State {
             ));
         }
         let means = mean.iter().chain(reference);
-        let numbers = means.chain(triangle).chain(bias_stationary);
-        if bias_stationary.len() != 36 || !numbers.clone().all(|v| v.is_finite()) {
+        let mut numbers = means.chain(triangle);
+        let lasting: Option<Vec<_>> = lasting.iter().map(Lasting::from_image).collect();
+        let lasting = lasting.filter(|_| numbers.all(|v| v.is_finite()));
+        let Some(lasting) = lasting else {
             return Err(EkfError::bad_snapshot(
                 "a number of its state is not finite, or missing",
             ));
-        }
+        };
         let mut p = Covariance::of_stored(rows, rows + 64, None);
         let mut entries = triangle.iter();
         for j in 0..rows {
@@ -83,14 +84,15 @@ impl State {
             reference: reference[..CAMERA_DIM].to_vec(),
             p,
             layout: Layout::default(),
-            bias_stationary: SMatrix::from_column_slice(bias_stationary),
+            lasting,
             newborn: *newborn,
         };
         let mut ids = std::collections::BTreeSet::new();
         for &(id, kind) in blocks {
             let is_auxiliary = matches!(kind, BlockKind::Auxiliary(_));
-            let again = |b: &Block| kind == BlockKind::Submap && b.kind == kind;
-            if kind == BlockKind::WornError
+            let only_once = matches!(kind, BlockKind::Submap | BlockKind::WornBias(_));
+            let again = |b: &Block| only_once && b.kind == kind;
+            if matches!(kind, BlockKind::WornError(_))
                 || state.layout.blocks().iter().any(again)
                 || (!is_auxiliary && (id >= *next_id || !ids.insert(id)))
             {
@@ -116,8 +118,23 @@ impl State {
             ));
         }
         state.layout.set_next_id(*next_id);
+        state.check_lasting()?;
         state.check_newborn()?;
         Ok(state)
+    }
+
+    /// Each lasting error of a worn camera has its block, and no block is without.
+    fn check_lasting(&self) -> Result<(), EkfError> {
+        let blocks = self.layout.blocks().iter().filter_map(|b| match b.kind {
+            BlockKind::WornBias(whose) => Some(whose),
+            _ => None,
+        });
+        if blocks.eq(self.lasting.iter().map(|l| l.whose)) {
+            return Ok(());
+        }
+        Err(EkfError::bad_snapshot(
+            "its blocks and what it says of the worn cameras' errors disagree",
+        ))
     }
 
     /// What is born next shares the anchor of `newborn`, which must be the camera's position.
@@ -161,10 +178,10 @@ fn in_order(kind: BlockKind, slots: &[usize]) -> bool {
         BlockKind::Auxiliary(_) => true,
         BlockKind::Feature(Form::Point)
         | BlockKind::Clone
-        | BlockKind::WornBias
+        | BlockKind::WornBias(_)
         | BlockKind::Calibration
         | BlockKind::OdometryScale
-        | BlockKind::WornError
+        | BlockKind::WornError(_)
         | BlockKind::Submap => side_by_side(slots),
     }
 }

@@ -9,6 +9,15 @@ pub const CAMERA_DIM: usize = 13;
 /// Numbers of the beginning of a submap.
 pub const SUBMAP_DIM: usize = POSE_DIM + 7;
 
+/// Whose error of T_CF a block of the state is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Whose {
+    /// The part that all worn cameras have in common (`worn.common_share`), in standard deviations.
+    Common,
+    /// Of the worn camera with this number.
+    Of(usize),
+}
+
 /// What a block of the state is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum BlockKind {
@@ -16,14 +25,14 @@ pub enum BlockKind {
     Feature(Form),
     /// A camera pose kept for the exact delayed birth, `[r(3) q(4)]`.
     Clone,
-    /// The slowly varying error of the worn camera's pose, tangent of T_CF, 6 numbers.
-    WornBias,
+    /// The slowly varying error of a worn camera's pose, along the axes of C, 6 numbers.
+    WornBias(Whose),
     /// The error of Cs's calibration, 6 numbers of a warp of its image.
     Calibration,
     /// The errors of the odometry's scales, of translation and of turns, relative, 2 numbers.
     OdometryScale,
     /// The error of one frame's T_CF, tangent, 6 numbers; lives for that frame only.
-    WornError,
+    WornError(Whose),
     /// Where the present submap began: the camera's pose there `[r(3) q(4)]`, and by how much the scale's logarithm and the bias
     /// of T_CF were estimated wrongly, 7 numbers.
     Submap,
@@ -40,7 +49,7 @@ impl BlockKind {
             Self::Auxiliary(rows) => rows,
             Self::Feature(form) => form.dim(),
             Self::OdometryScale => 2,
-            Self::WornBias | Self::Calibration | Self::WornError => 6,
+            Self::WornBias(_) | Self::Calibration | Self::WornError(_) => 6,
         }
     }
 
@@ -54,10 +63,10 @@ impl BlockKind {
         match self {
             Self::Feature(_) => "Feature",
             Self::Clone => "Clone",
-            Self::WornBias => "WornBias",
+            Self::WornBias(_) => "WornBias",
             Self::Calibration => "Calibration",
             Self::OdometryScale => "OdometryScale",
-            Self::WornError => "WornError",
+            Self::WornError(_) => "WornError",
             Self::Submap => "Submap",
             Self::Auxiliary(_) => "Auxiliary",
         }

@@ -1,19 +1,22 @@
 //! The state vector, its layout and its covariance.
 //!
 //! ```text
-//! x = [ r(3) q(4) v(3) w(3) | bias(6)? | odometry scale(2)? | feature(6 or 3) ... | clone(7) ... | submap(14)? | worn error(6)? ]
+//! x = [ r(3) q(4) v(3) w(3) | bias(6) ... | odometry scale(2)? | feature(6 or 3) ... | clone(7) ... | submap(14)? | worn error(6) ... ]
 //!       camera, always 13     blocks in order of birth, each with an id
 //! ```
 
 mod considered;
 pub mod cov;
 mod image;
+mod lasting;
 pub mod layout;
 
+pub(crate) use considered::Considered;
 pub(crate) use cov::Rest;
 pub use cov::{Covariance, LinearPart};
 pub(crate) use image::StateImage;
-pub use layout::{Block, BlockKind, CAMERA_DIM, Layout, SUBMAP_DIM};
+pub(crate) use lasting::{Lasting, LastingImage, root};
+pub use layout::{Block, BlockKind, CAMERA_DIM, Layout, SUBMAP_DIM, Whose};
 
 use crate::math::quat;
 use crate::observe::point::CameraPose;
@@ -32,8 +35,8 @@ pub struct State {
     pub(crate) reference: Vec<f64>,
     /// The blocks and where each of them is.
     pub(crate) layout: Layout,
-    /// Stationary covariance of the worn camera's bias, if there is one.
-    pub(crate) bias_stationary: SMatrix<f64, 6, 6>,
+    /// What lasts of the errors of the worn cameras' poses, in the order in which it came into the state.
+    pub(crate) lasting: Vec<Lasting>,
     /// A feature whose anchor is the camera's position now.
     newborn: Option<u64>,
 }
@@ -43,7 +46,7 @@ pub struct State {
 pub(crate) struct Mark {
     dim: usize,
     next_id: u64,
-    bias_stationary: SMatrix<f64, 6, 6>,
+    lasting: usize,
     newborn: Option<u64>,
 }
 
@@ -57,7 +60,7 @@ impl State {
             x,
             p: Covariance::zeros(CAMERA_DIM, capacity),
             layout: Layout::default(),
-            bias_stationary: SMatrix::zeros(),
+            lasting: Vec::new(),
             newborn: None,
         }
     }
@@ -69,14 +72,14 @@ impl State {
             p,
             reference,
             layout,
-            bias_stationary,
+            lasting,
             newborn,
         } = other;
         self.x.clone_from(x);
         self.p.copy_from(p);
         self.reference.clone_from(reference);
         self.layout.clone_from(layout);
-        self.bias_stationary = *bias_stationary;
+        self.lasting.clone_from(lasting);
         self.newborn = *newborn;
     }
 
@@ -233,7 +236,7 @@ impl State {
             p,
             reference: self.reference[..CAMERA_DIM].to_vec(),
             layout: self.layout.emptied(),
-            bias_stationary: self.bias_stationary,
+            lasting: self.lasting.clone(),
             newborn: self.newborn,
         }
     }
@@ -259,7 +262,7 @@ impl State {
         Mark {
             dim: self.layout.dim(),
             next_id: self.layout.next_id(),
-            bias_stationary: self.bias_stationary,
+            lasting: self.lasting.len(),
             newborn: self.newborn,
         }
     }
@@ -268,7 +271,7 @@ impl State {
     pub(crate) fn take_back(&mut self, mark: &Mark) {
         self.remove(|b| b.offset >= mark.dim);
         self.layout.set_next_id(mark.next_id);
-        self.bias_stationary = mark.bias_stationary;
+        self.lasting.truncate(mark.lasting);
         self.newborn = mark.newborn;
     }
 
@@ -369,13 +372,5 @@ impl State {
         let q: Vector4<f64> = self.part::<4>(offset);
         self.p.project(offset, &quat::normalise_jacobian(&q));
         self.set_part(offset, &(q / q.norm()));
-    }
-
-    /// The frame's error of T_CF as estimated in the state; zero if it is not part of it.
-    pub(crate) fn worn_error(&self) -> Vector6<f64> {
-        self.layout
-            .of_kind(BlockKind::WornError)
-            .next()
-            .map_or(Vector6::zeros(), |b| self.part::<6>(b.offset))
     }
 }

@@ -43,14 +43,21 @@ impl PyFilter {
     /// What can be done with a view of Cf that was taken at ``t`` (seconds), now that the filter is at its
     /// frame's time.
     ///
+    /// Parameters
+    /// ----------
+    /// t : float
+    /// who : int
+    ///     The worn camera's number.
+    ///
     /// Returns
     /// -------
     /// str
     ///     ``present`` (of the frame's instant, within ``worn.tolerance``), ``late`` (between poses that are
     ///     kept), ``reordered`` (late, and older than one that was measured); or why it is refused:
     ///     ``repeated`` (measured before), ``stale`` (older than what is kept), ``future`` (after the frame).
-    fn view_timing(&self, py: Python<'_>, t: f64) -> PyResult<&'static str> {
-        let timing = self.read(py, |f| Ok(f.view_timing(t)))?;
+    #[pyo3(signature = (t, *, who = 0))]
+    fn view_timing(&self, py: Python<'_>, t: f64, who: usize) -> PyResult<&'static str> {
+        let timing = self.read(py, |f| Ok(f.view_timing(t, who)))?;
         Ok(match timing {
             ViewTiming::Present => "present",
             ViewTiming::Late => "late",
@@ -72,6 +79,8 @@ impl PyFilter {
     /// t, frame : float
     ///     When the view was taken; the frame's time, which is the present one or one of `kept_times`.
     ///     Seconds.
+    /// who : int
+    ///     The worn camera's number.
     ///
     /// Returns
     /// -------
@@ -84,6 +93,7 @@ impl PyFilter {
     /// ------
     /// InputError
     ///     For a view that `view_timing` refuses, a frame whose pose is not kept, or an impossible pose.
+    #[pyo3(signature = (t_cf, covariance, t, frame, *, who = 0))]
     fn carry_worn(
         &self,
         py: Python<'_>,
@@ -91,11 +101,12 @@ impl PyFilter {
         covariance: Argument<'_>,
         t: f64,
         frame: f64,
+        who: usize,
     ) -> PyResult<(Table, Table)> {
         let t_cf = pose("t_cf", &t_cf)?;
         let covariance = covariance6("covariance of T_CF", &covariance)?;
         let capture = Capture { t, frame };
-        let carried = self.read(py, |f| f.carry_worn(&t_cf, &covariance, capture))?;
+        let carried = self.read(py, |f| f.carry_worn(&t_cf, &covariance, capture, who))?;
         let entries = carried.1.as_slice().to_vec();
         Ok((to_pose(py, &carried.0), symmetric(py, entries, 6)))
     }

@@ -24,6 +24,8 @@ use pyo3::prelude::*;
 /// capture : (t, frame), optional
 ///     When the view was taken, and the time of the frame of Cs whose image ``uv`` are of (the present one,
 ///     or one of `Filter.kept_times`), seconds; at the frame's own time if left out (METHOD 21).
+/// who : int
+///     The worn camera's number: its place in the list that the filter was made with.
 ///
 /// Raises
 /// ------
@@ -35,7 +37,8 @@ pub(crate) struct PyWornMeasurement(pub(super) WornObservation);
 #[pymethods]
 impl PyWornMeasurement {
     #[new]
-    #[pyo3(signature = (t_cf, covariance, ids, uv, uv_f, *, bias = None, capture = None))]
+    #[pyo3(signature = (t_cf, covariance, ids, uv, uv_f, *, bias = None, capture = None, who = 0))]
+    #[expect(clippy::too_many_arguments, reason = "eight names in Python")]
     fn new(
         t_cf: Argument<'_>,
         covariance: Argument<'_>,
@@ -44,6 +47,7 @@ impl PyWornMeasurement {
         uv_f: Argument<'_>,
         bias: Option<Argument<'_>>,
         capture: Option<(f64, f64)>,
+        who: usize,
     ) -> PyResult<Self> {
         let ids = optional_ids("worn ids", &ids)?;
         let (uv, uv_f) = (pixels("worn uv", &uv)?, pixels("worn uv_f", &uv_f)?);
@@ -51,6 +55,7 @@ impl PyWornMeasurement {
         same_length("worn uv_f", ids.len(), uv_f.len())?;
         let pairs = ids.into_iter().zip(uv).zip(uv_f);
         Ok(Self(WornObservation {
+            who,
             t_cf: pose("t_cf", &t_cf)?,
             covariance: covariance6("covariance", &covariance)?,
             bias: bias.map(|b| covariance6("bias of T_CF", &b)).transpose()?,

@@ -13,7 +13,7 @@ mod where_to_look;
 pub(crate) use births::CandidateReport;
 pub(crate) use map::{PyKnownMap, PyLandmarks};
 pub(crate) use prediction::{PyConditionalPrediction, PyOverlap, PyPrediction};
-pub(crate) use report::{PyMapRelocalisation, PyOutcomes, PyUpdateReport};
+pub(crate) use report::{PyMapRelocalisation, PyOutcomes, PyUpdateReport, PyWornPose};
 pub(crate) use where_to_look::CandidateViews;
 
 use crate::arrays_out::{Column, Table, column, symmetric, to_ids, to_matrix, to_pose};
@@ -34,8 +34,8 @@ use std::sync::{RwLock, TryLockError};
 /// ----------
 /// camera : Camera
 ///     Cs.
-/// worn_camera : Camera, optional
-///     Cf; needed to take its pixels.
+/// worn_cameras : Camera or sequence of Camera, optional
+///     Cf, one of each person's, numbered from 0; needed to take their pixels.
 /// settings : dict, optional
 ///     Dotted key to value, over the defaults of :func:`settings_schema`.
 /// switches : dict, optional
@@ -49,6 +49,13 @@ use std::sync::{RwLock, TryLockError};
 ///     From every method and attribute, while another thread changes the filter; it stays as it was.
 #[pyclass(name = "Filter", module = "collabslam._core", frozen)]
 pub(crate) struct PyFilter(RwLock<Filter>);
+
+/// One worn camera, or several.
+#[derive(FromPyObject)]
+enum WornCameras<'py> {
+    One(PyRef<'py, PyCamera>),
+    Several(Vec<PyRef<'py, PyCamera>>),
+}
 
 /// One block of the state after the camera's.
 ///
@@ -119,15 +126,20 @@ impl PyFilter {
 #[pymethods]
 impl PyFilter {
     #[new]
-    #[pyo3(signature = (camera, worn_camera = None, *, settings = None, switches = None))]
+    #[pyo3(signature = (camera, worn_cameras = None, *, settings = None, switches = None))]
     fn new(
         camera: &PyCamera,
-        worn_camera: Option<PyRef<'_, PyCamera>>,
+        worn_cameras: Option<WornCameras<'_>>,
         settings: Option<&Bound<'_, PyDict>>,
         switches: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
         let settings = settings::from_dicts(settings, switches)?;
-        let worn = worn_camera.map(|c| c.0.clone());
+        let worn = match &worn_cameras {
+            Some(WornCameras::One(camera)) => std::slice::from_ref(camera),
+            Some(WornCameras::Several(cameras)) => cameras,
+            None => &[],
+        };
+        let worn = worn.iter().map(|camera| camera.0.clone());
         let filter = Filter::new(settings, camera.0.clone(), worn);
         Ok(Self(RwLock::new(filter)))
     }

@@ -191,6 +191,8 @@ impl PyFilter {
     ///     Measured pose of Cf relative to Cs: maps points of F into C, metres.
     /// covariance : (6, 6) float64
     ///     Of it over (translation m, rotation rad), tangent on the right.
+    /// who : int
+    ///     The worn camera's number.
     ///
     /// Returns
     /// -------
@@ -201,15 +203,17 @@ impl PyFilter {
     /// ------
     /// InputError
     ///     For wrong shapes, NaN, a pose or a covariance that is none, or a filter without a worn camera.
+    #[pyo3(signature = (t_cf, covariance, *, who = 0))]
     fn predict_overlap(
         &self,
         py: Python<'_>,
         t_cf: Argument<'_>,
         covariance: Argument<'_>,
+        who: usize,
     ) -> PyResult<Option<PyOverlap>> {
         let t_cf = pose("t_cf", &t_cf)?;
         let covariance = covariance6("covariance", &covariance)?;
-        let overlap = self.read(py, |f| f.overlap(&t_cf, &covariance))?;
+        let overlap = self.read(py, |f| f.overlap(&t_cf, &covariance, who))?;
         Ok(overlap.map(|o| PyOverlap {
             roi_s: o.roi_s.into(),
             roi_f: o.roi_f.into(),
@@ -226,23 +230,26 @@ impl PyFilter {
     ///     As for :meth:`predict_overlap`.
     /// bias : (6, 6) float64, optional
     ///     The part of the covariance that lasts from frame to frame.
+    /// who : int
+    ///     The worn camera's number.
     ///
     /// Raises
     /// ------
     /// InputError
     ///     Saying why it cannot.
-    #[pyo3(signature = (t_cf, covariance, bias = None))]
+    #[pyo3(signature = (t_cf, covariance, bias = None, *, who = 0))]
     fn check_worn(
         &self,
         py: Python<'_>,
         t_cf: Argument<'_>,
         covariance: Argument<'_>,
         bias: Option<Argument<'_>>,
+        who: usize,
     ) -> PyResult<()> {
         let t_cf = pose("t_cf", &t_cf)?;
         let covariance = covariance6("covariance of T_CF", &covariance)?;
         let bias = bias.map(|b| covariance6("bias of T_CF", &b)).transpose()?;
-        self.read(py, |f| f.check_worn(&t_cf, &covariance, bias.as_ref()))
+        self.read(py, |f| f.check_worn(&t_cf, &covariance, bias.as_ref(), who))
     }
 
     /// Checks that depths can be measured.

@@ -1,7 +1,7 @@
 //! What an update reports.
 
-use crate::arrays_out::{Column, column, to_ids};
-use ekf_core::{Outcome, UpdateReport};
+use crate::arrays_out::{Column, Table, column, to_ids, to_matrix, to_pose};
+use ekf_core::{Outcome, UpdateReport, WornPose};
 use pyo3::prelude::*;
 
 /// What became of one kind of measurement in a frame.
@@ -124,7 +124,12 @@ fn name(outcome: &Outcome) -> &'static str {
 /// exact : bool
 ///     Whether the batch test finished its exact search.
 /// worn_error : (6,) float64
-///     Estimated error of T_CF after the update, (translation m, rotation rad), right tangent.
+///     Estimated error of T_CF of the first view after the update, (translation m, rotation rad), right
+///     tangent.
+/// further : list of Outcomes
+///     Of the pairs of each further view.
+/// worn_poses : list of WornCameraPose
+///     Where the worn cameras were whose views were measured, the first and the further ones.
 #[pyclass(name = "UpdateReport", module = "collabslam._core", frozen, get_all)]
 pub(crate) struct PyUpdateReport {
     bearings: Py<PyOutcomes>,
@@ -137,10 +142,16 @@ pub(crate) struct PyUpdateReport {
     order: usize,
     exact: bool,
     worn_error: Column<f64>,
+    further: Vec<Py<PyOutcomes>>,
+    worn_poses: Vec<Py<PyWornPose>>,
 }
 
 impl PyUpdateReport {
     pub(super) fn new(py: Python<'_>, report: UpdateReport) -> PyResult<Self> {
+        let further = report.further.into_iter();
+        let further = further.map(|outcomes| Py::new(py, PyOutcomes(outcomes)));
+        let worn_poses = report.worn_poses.iter();
+        let worn_poses = worn_poses.map(|pose| Py::new(py, PyWornPose::new(py, pose)));
         Ok(Self {
             bearings: Py::new(py, PyOutcomes(report.bearings))?,
             pairs: Py::new(py, PyOutcomes(report.pairs))?,
@@ -152,7 +163,36 @@ impl PyUpdateReport {
             order: report.order,
             exact: report.exact,
             worn_error: column(py, report.worn_error.iter().copied()),
+            further: further.collect::<PyResult<_>>()?,
+            worn_poses: worn_poses.collect::<PyResult<_>>()?,
         })
+    }
+}
+
+/// Where a worn camera was when its view was taken.
+///
+/// Attributes
+/// ----------
+/// who : int
+///     Its number.
+/// pose : (4, 4) float64
+///     T_WF: maps points of F into W, metres.
+/// covariance : (6, 6) float64
+///     Of it over (translation m, rotation rad), right tangent.
+#[pyclass(name = "WornCameraPose", module = "collabslam._core", frozen, get_all)]
+pub(crate) struct PyWornPose {
+    who: usize,
+    pose: Table,
+    covariance: Table,
+}
+
+impl PyWornPose {
+    pub(super) fn new(py: Python<'_>, found: &WornPose) -> Self {
+        Self {
+            who: found.who,
+            pose: to_pose(py, &found.pose),
+            covariance: to_matrix(py, &found.covariance),
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 use super::PyFilter;
 use super::measurements::{PyDepthMeasurement, PyWornMeasurement, bearings};
 use super::report::PyMapRelocalisation;
-use super::report::PyUpdateReport;
+use super::report::{PyUpdateReport, PyWornPose};
 use crate::arrays_in::{Argument, ids, matrix, pixels, pose, rows, same_length, square};
 use crate::arrays_out::to_ids;
 use ekf_core::Measurements;
@@ -25,6 +25,9 @@ impl PyFilter {
     ///     Features found in Cs and their pixels.
     /// worn : WornMeasurement, optional
     ///     The worn camera's measured pose and matched pixels.
+    /// further : sequence of WornMeasurement
+    ///     The same of other worn cameras, each measured after all before it. A new point of several of
+    ///     them, at the same pixel of the same frame of Cs, is one.
     /// depths : DepthMeasurement, optional
     ///     Depths from any other sensor.
     /// min_inliers : int
@@ -39,8 +42,8 @@ impl PyFilter {
     /// InputError
     ///     For wrong shapes, NaN, unknown ids, an impossible pose or covariance; the filter stays as it
     ///     was.
-    #[expect(clippy::too_many_arguments, reason = "six names in Python")]
-    #[pyo3(signature = (searched, ids, uv, *, worn = None, depths = None, min_inliers = 0))]
+    #[expect(clippy::too_many_arguments, reason = "seven names in Python")]
+    #[pyo3(signature = (searched, ids, uv, *, worn = None, further = Vec::new(), depths = None, min_inliers = 0))]
     fn update(
         &self,
         py: Python<'_>,
@@ -48,6 +51,7 @@ impl PyFilter {
         ids: Argument<'_>,
         uv: Argument<'_>,
         worn: Option<&PyWornMeasurement>,
+        further: Vec<PyRef<'_, PyWornMeasurement>>,
         depths: Option<&PyDepthMeasurement>,
         min_inliers: usize,
     ) -> PyResult<PyUpdateReport> {
@@ -55,6 +59,7 @@ impl PyFilter {
             searched: self::ids("searched", &searched)?,
             bearings: bearings(&ids, &uv)?,
             worn: worn.map(|worn| worn.0.clone()),
+            further: further.iter().map(|worn| worn.0.clone()).collect(),
             depths: depths.map_or_else(Vec::new, |depths| depths.0.clone()),
             min_inliers,
         };
@@ -65,6 +70,27 @@ impl PyFilter {
             done => done,
         })?;
         PyUpdateReport::new(py, report)
+    }
+
+    /// Where a worn camera was, as its stated T_CF and the camera's pose have it: of a view that was not
+    /// measured.
+    ///
+    /// Parameters
+    /// ----------
+    /// worn : WornMeasurement
+    ///     Its matches are not looked at.
+    ///
+    /// Returns
+    /// -------
+    /// WornCameraPose
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     Before the start, and what `carry_worn` and `check_worn` say.
+    fn worn_pose(&self, py: Python<'_>, worn: &PyWornMeasurement) -> PyResult<PyWornPose> {
+        let found = self.read(py, |f| f.worn_pose(&worn.0))?;
+        Ok(PyWornPose::new(py, &found))
     }
 
     /// Puts a lost camera where matches with the map say, and forgets what was believed about it.

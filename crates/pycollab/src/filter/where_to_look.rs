@@ -61,6 +61,8 @@ impl PyFilter {
     ///     The part of it that lasts from frame to frame; ``worn.bias_share`` of it if left out.
     /// least : int
     ///     Fewest matches with which a view is used.
+    /// who : int
+    ///     The worn camera's number.
     ///
     /// Returns
     /// -------
@@ -74,7 +76,7 @@ impl PyFilter {
     /// ------
     /// InputError
     ///     As `check_worn`.
-    #[pyo3(signature = (t_cf, covariance, bias = None, *, least = 0))]
+    #[pyo3(signature = (t_cf, covariance, bias = None, *, least = 0, who = 0))]
     fn where_to_look(
         &self,
         py: Python<'_>,
@@ -82,12 +84,13 @@ impl PyFilter {
         covariance: Argument<'_>,
         bias: Option<Argument<'_>>,
         least: usize,
+        who: usize,
     ) -> PyResult<(CandidateViews, CandidateViews)> {
         let t_cf = pose("t_cf", &t_cf)?;
         let covariance = covariance6("covariance of T_CF", &covariance)?;
         let bias = bias.map(|b| covariance6("bias of T_CF", &b)).transpose()?;
         let look = self.read(py, |f| {
-            f.where_to_look(&t_cf, &covariance, bias.as_ref(), least)
+            f.where_to_look(&t_cf, &covariance, bias.as_ref(), least, who)
         })?;
         Ok((
             CandidateViews::new(py, &look.here),

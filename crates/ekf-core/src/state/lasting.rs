@@ -1,0 +1,120 @@
+//! What lasts of the errors of the worn cameras' poses (METHOD 6), and the errors of one frame.
+
+use super::{Block, BlockKind, State, Whose};
+use nalgebra::{Matrix6, SMatrix, Vector6};
+
+/// A lasting error in a snapshot: whose it is, and both matrices, column by column.
+pub(crate) type LastingImage = (Whose, Vec<f64>, Vec<f64>);
+
+/// How the lasting error of one worn camera, or what all have in common of theirs, comes about. Both are along C's axes:
+/// that of a worn camera is `b + by_common c`, b its own block and c the common one.
+#[derive(Clone, Debug)]
+pub(crate) struct Lasting {
+    pub(crate) whose: Whose,
+    /// Covariance of the block that has been replaced altogether by fresh noise.
+    pub(crate) stationary: Matrix6<f64>,
+    pub(crate) by_common: Matrix6<f64>,
+}
+
+impl Lasting {
+    /// What all worn cameras have in common, in standard deviations.
+    pub(crate) fn common() -> Self {
+        Self {
+            whose: Whose::Common,
+            stationary: Matrix6::identity(),
+            by_common: Matrix6::zeros(),
+        }
+    }
+
+    /// Of a worn camera, whose lasting error along C's axes has this covariance; `share` of it is common to all.
+    pub(crate) fn of(who: usize, covariance: &Matrix6<f64>, share: f64) -> Self {
+        let common = if share > 0.0 {
+            root(covariance) * share.sqrt()
+        } else {
+            Matrix6::zeros()
+        };
+        Self {
+            whose: Whose::Of(who),
+            stationary: covariance * (1.0 - share),
+            by_common: common,
+        }
+    }
+
+    /// Its numbers, for a snapshot.
+    pub(crate) fn image(&self) -> LastingImage {
+        let [stationary, by_common] =
+            [&self.stationary, &self.by_common].map(|m| m.as_slice().to_vec());
+        (self.whose, stationary, by_common)
+    }
+
+    /// As `image` has it; `None` if that is none.
+    pub(crate) fn from_image((whose, stationary, by_common): &LastingImage) -> Option<Self> {
+        let matrix = |numbers: &[f64]| {
+            let sane = numbers.len() == 36 && numbers.iter().all(|v| v.is_finite());
+            sane.then(|| Matrix6::from_column_slice(numbers))
+        };
+        Some(Self {
+            whose: *whose,
+            stationary: matrix(stationary)?,
+            by_common: matrix(by_common)?,
+        })
+    }
+}
+
+/// The symmetric root of a covariance.
+pub(crate) fn root(covariance: &Matrix6<f64>) -> Matrix6<f64> {
+    let eigen = covariance.symmetric_eigen();
+    let sds = eigen.eigenvalues.map(|v| v.max(0.0).sqrt());
+    eigen.eigenvectors * Matrix6::from_diagonal(&sds) * eigen.eigenvectors.transpose()
+}
+
+impl State {
+    /// Puts a lasting error into the state, if it is not there yet.
+    pub(crate) fn begin_lasting(&mut self, lasting: Lasting) {
+        let kind = BlockKind::WornBias(lasting.whose);
+        if self.layout.of_kind(kind).next().is_none() {
+            self.append::<6>(kind, &Vector6::zeros(), &[], &lasting.stationary);
+            self.lasting.push(lasting);
+        }
+    }
+
+    /// What the lasting error of a worn camera, along C's axes, is made of: blocks of the state and its derivatives by them.
+    /// Nothing where it is not in the state.
+    pub(crate) fn lasting_error(&self, who: usize) -> impl Iterator<Item = (usize, Matrix6<f64>)> {
+        let own = self.lasting.iter().find(|l| l.whose == Whose::Of(who));
+        let parts = own.into_iter().flat_map(move |own| {
+            let of_own = (Whose::Of(who), Matrix6::identity());
+            [of_own, (Whose::Common, own.by_common)]
+        });
+        parts.filter_map(|(whose, by)| {
+            let block = self.layout.of_kind(BlockKind::WornBias(whose)).next()?;
+            Some((block.offset, by))
+        })
+    }
+
+    /// Covariance of a worn camera's lasting error along C's axes, as it is known now.
+    pub(crate) fn lasting_covariance(&self, who: usize) -> Matrix6<f64> {
+        let mut sum = Matrix6::zeros();
+        for (at, by) in self.lasting_error(who) {
+            let p: SMatrix<f64, 6, 6> = self.p.block(at, at);
+            sum += by * p * by.transpose();
+        }
+        sum
+    }
+
+    /// The block of a frame's error of T_CF.
+    pub(crate) fn worn_error_block(&self, whose: Whose) -> Option<&Block> {
+        self.layout.of_kind(BlockKind::WornError(whose)).next()
+    }
+
+    /// A worn camera's error in this frame as estimated in the state; zero if it is not part of it.
+    pub(crate) fn worn_error(&self, who: usize) -> Vector6<f64> {
+        self.worn_error_block(Whose::Of(who))
+            .map_or(Vector6::zeros(), |b| self.part::<6>(b.offset))
+    }
+
+    /// Removes the errors of the frame's T_CF.
+    pub(crate) fn end_worn_errors(&mut self) {
+        self.remove(|b| matches!(b.kind, BlockKind::WornError(_)));
+    }
+}
