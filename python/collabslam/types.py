@@ -34,7 +34,7 @@ class Status(str, enum.Enum):
 
 @dataclass(frozen=True)
 class WornView:
-    """One view of the worn camera Cf.
+    """One view of a worn camera Cf.
 
     Attributes
     ----------
@@ -49,6 +49,8 @@ class WornView:
     t : float or None
         When it was taken, seconds, by the clock of Cs's time stamps: between two frames, or up to
         ``worn.late`` before the one that it comes with (METHOD section 21); None if at the frame's instant.
+    who : str
+        Which worn camera it is of, where there are several.
     """
 
     image: Image
@@ -56,6 +58,7 @@ class WornView:
     covariance: Array
     bias: Array | None = None
     t: float | None = None
+    who: str = ""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from collabslam.geometry import se3_exp
 from collabslam.settings.table import Settings
 from collabslam.slam.doubts import CAUSES, NOTHING, Doubts, is_jump
 from collabslam.slam.map_change import MapChange
+from collabslam.slam.overlaps import Overlaps
 from collabslam.slam.worn_frame import Overlap
 from collabslam.types import WornView
 
@@ -32,14 +33,21 @@ def outcomes(refused: int) -> Any:
 def report(*, refused: int = 0, worn: int = 0, nis: float = 30.0, accepted: bool = True) -> Any:
     """Of an update with thirty bearings."""
     return SimpleNamespace(
-        accepted=accepted, bearings=outcomes(refused), pairs=outcomes(worn), nis=nis, dof=2 * FOUND
+        accepted=accepted,
+        bearings=outcomes(refused),
+        pairs=outcomes(worn),
+        further=[],
+        nis=nis,
+        dof=2 * FOUND,
     )
 
 
-def seen(against: float) -> Overlap:
-    """Twenty matches with Cf, and how much they contradict T_CF."""
-    overlap = Overlap(ids=np.arange(20), points=60, against=against, refused=against > 1.0)
-    return overlap if overlap.refused else replace(overlap, worn=VIEW)
+def seen(*against: float) -> Overlaps:
+    """Twenty matches with each Cf, and how much they contradict T_CF."""
+    each = [
+        Overlap(k, ids=np.arange(20), points=60, against=a, refused=a > 1.0) for k, a in enumerate(against)
+    ]
+    return Overlaps(tuple(o if o.refused else replace(o, worn=VIEW) for o in each))
 
 
 def born(strayed: int = 0) -> MapChange:
@@ -47,7 +55,7 @@ def born(strayed: int = 0) -> MapChange:
     return MapChange(delayed={k: k for k in range(5)}, strayed=strayed)
 
 
-def verdict(frame: Callable[[int], tuple[Any, Overlap, MapChange]]) -> str:
+def verdict(frame: Callable[[int], tuple[Any, Overlaps, MapChange]]) -> str:
     """What is said after many frames, each a report, what Cf saw and what was born."""
     judge, said = doubts(), NOTHING
     for k in range(FRAMES):
@@ -65,39 +73,39 @@ def test_a_good_run_is_never_doubted() -> None:
             nis=float(rng.chisquare(2 * FOUND)),
         )
         against = 1.5 if k % 5 == 0 else float(rng.uniform(0.0, 0.9))  # a view in five says otherwise
-        overlap = seen(against) if k % 3 else Overlap()
+        overlap = seen(against) if k % 3 else Overlaps()
         assert judge.judge(frame, FOUND, overlap, born(int(rng.random() < 0.005))) == NOTHING, k
 
 
 @pytest.mark.parametrize(
     ("cause", "frame"),
     [
-        ("matches", (report(refused=5), Overlap(), born())),
-        ("noise", (report(nis=90.0), Overlap(), born())),
-        ("moving", (report(), Overlap(), born(strayed=1))),
+        ("matches", (report(refused=5), Overlaps(), born())),
+        ("noise", (report(nis=90.0), Overlaps(), born())),
+        ("moving", (report(), Overlaps(), born(strayed=1))),
         ("cf_matches", (report(worn=4), seen(0.1), born())),
         ("t_cf", (report(), seen(1.1), born())),
     ],
 )
-def test_what_adds_up_over_frames_is_named(cause: str, frame: tuple[Any, Overlap, MapChange]) -> None:
+def test_what_adds_up_over_frames_is_named(cause: str, frame: tuple[Any, Overlaps, MapChange]) -> None:
     assert cause in CAUSES
     assert verdict(lambda k: frame) == cause
 
 
 def test_what_cf_showed_is_forgotten_where_it_shows_nothing_any_more() -> None:
     judge = doubts()
-    said = [judge.judge(report(), FOUND, seen(2.0) if k < 10 else Overlap(), born()) for k in range(50)]
+    said = [judge.judge(report(), FOUND, seen(2.0) if k < 10 else Overlaps(), born()) for k in range(50)]
     assert said[9] == said[39] == "t_cf"
     assert said[40:] == [NOTHING] * 10
     judge = doubts()
     for k in range(80):  # it comes back: what was said of T_CF still counts
-        judge.judge(report(), FOUND, seen(0.2 if k < 30 else 2.0) if k < 30 or k > 75 else Overlap(), born())
+        judge.judge(report(), FOUND, seen(0.2 if k < 30 else 2.0) if k < 30 or k > 75 else Overlaps(), born())
     assert judge.judge(report(), FOUND, seen(2.0), born()) == NOTHING
 
 
 def test_a_jump_is_doubted_for_thirty_frames() -> None:
     judge = doubts()
-    said = [judge.judge(report(), FOUND, Overlap(), born(), jumped=k == 5) for k in range(40)]
+    said = [judge.judge(report(), FOUND, Overlaps(), born(), jumped=k == 5) for k in range(40)]
     assert [k for k, cause in enumerate(said) if cause == "jump"] == list(range(5, 35))
     still, sure = np.eye(4), 1e-4 * np.eye(6)
     assert not is_jump((still, sure), (se3_exp([0.04, 0, 0, 0, 0, 0.02]), sure))
@@ -117,7 +125,7 @@ def test_what_was_doubted_stands_while_the_camera_is_lost() -> None:
 
 def test_four_frames_are_too_few() -> None:
     judge, loud = doubts(), report(refused=FOUND // 2, nis=900.0)
-    said = [judge.judge(loud, FOUND, Overlap(), born()) for _ in range(5)]
+    said = [judge.judge(loud, FOUND, Overlaps(), born()) for _ in range(5)]
     assert said[:4] == [NOTHING] * 4
     assert said[4] == "matches"
 
@@ -130,7 +138,7 @@ def test_three_views_are_asked_at_least_and_most_of_them_must_say_so() -> None:
 
 
 def test_frames_that_were_not_used_say_nothing() -> None:
-    assert verdict(lambda k: (report(refused=FOUND, accepted=False), Overlap(), born(3))) == NOTHING
+    assert verdict(lambda k: (report(refused=FOUND, accepted=False), Overlaps(), born(3))) == NOTHING
 
 
 def test_it_goes_on_where_it_was() -> None:
@@ -139,4 +147,4 @@ def test_it_goes_on_where_it_was() -> None:
         first.judge(report(refused=5), FOUND, seen(0.2), born())
     second.restore(first.state())
     for judge in (first, second):
-        assert judge.judge(report(), FOUND, Overlap(), born()) == "matches"
+        assert judge.judge(report(), FOUND, Overlaps(), born()) == "matches"

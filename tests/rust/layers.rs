@@ -83,6 +83,8 @@ const FILTER: Table = &[
     ),
     ("births", &["candidate", "ekf"]),
     ("free_start", &["ekf"]),
+    ("further_views", &["measurements", "sources", "ekf"]),
+    ("worn_pose", &["measurements", "ekf"]),
     ("checkpoint", &["undo", "ekf"]),
     ("checks", &["measurements", "sources", "ekf"]),
     (

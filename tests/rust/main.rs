@@ -20,6 +20,7 @@ mod long_run;
 mod map;
 mod odometry;
 mod overlap;
+mod persons;
 mod poses;
 mod properties;
 mod reference;

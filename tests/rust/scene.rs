@@ -162,8 +162,10 @@ impl Scene {
         (z, pair_points)
     }
 
+    /// A filter with three worn cameras.
     pub(crate) fn filter(&self, settings: Settings) -> Filter {
-        Filter::new(settings, self.camera.clone(), Some(self.camera.clone()))
+        let worn = std::iter::repeat_n(self.camera.clone(), 3);
+        Filter::new(settings, self.camera.clone(), worn)
     }
 }
 

@@ -4,7 +4,7 @@ use crate::scene::{DT, Scene, Warm, name, settings, warm};
 use ekf_core::birth::two_view::TwoView;
 use ekf_core::observe::{PointInCamera, Rows, WornView};
 use ekf_core::settings::Value;
-use ekf_core::state::BlockKind;
+use ekf_core::state::{BlockKind, Whose};
 use ekf_core::{
     DepthObservation, EkfError, Filter, Measurements, Outcome, UpdateReport, WornObservation,
 };
@@ -58,7 +58,7 @@ impl Dense {
         };
         // The frame's error is the bias, if there is one, plus white noise.
         let mut grow = DMatrix::<f64>::identity(n + 6, n);
-        let bias = find(BlockKind::WornBias);
+        let bias = find(BlockKind::WornBias(Whose::Of(0)));
         if let Some(bias) = bias {
             for i in 0..6 {
                 for k in 0..3 {
@@ -423,7 +423,11 @@ fn a_view_says_which_part_of_its_covariance_lasts() {
         let expected = expected * worn.t_cf.rotation.transpose();
         let result = warm.filter.update(&z);
         let state = warm.filter.state();
-        let block = state.layout().of_kind(BlockKind::WornBias).next().copied();
+        let block = state
+            .layout()
+            .of_kind(BlockKind::WornBias(Whose::Of(0)))
+            .next()
+            .copied();
         (
             result,
             block.map(|b| state.covariance().block::<3, 3>(b.offset, b.offset) - expected),
@@ -691,5 +695,5 @@ fn the_worn_error_stays_for_one_frame_only() {
     assert!(report.worn_error.norm() > 0.0);
     assert_eq!(warm.filter.state().mean().len(), dim);
     let kinds = warm.filter.state().layout();
-    assert_eq!(kinds.of_kind(BlockKind::WornError).count(), 0);
+    assert_eq!(kinds.of_kind(BlockKind::WornError(Whose::Of(0))).count(), 0);
 }

@@ -4,13 +4,17 @@ use crate::scene::name;
 use crate::update::{measure, with_clone};
 use ekf_core::Filter;
 use ekf_core::settings::Value;
-use ekf_core::state::BlockKind;
+use ekf_core::state::{BlockKind, Whose};
 use nalgebra::{DMatrix, SMatrix};
 
 /// Covariance of the bias, and its cross-covariance with the map.
 fn of_bias(filter: &Filter) -> (SMatrix<f64, 6, 6>, DMatrix<f64>) {
     let state = filter.state();
-    let block = state.layout().of_kind(BlockKind::WornBias).next().copied();
+    let block = state
+        .layout()
+        .of_kind(BlockKind::WornBias(Whose::Of(0)))
+        .next()
+        .copied();
     let at = block.expect("a bias").offset;
     let p = state.covariance();
     let map: Vec<usize> = state.layout().features().flat_map(|b| b.range()).collect();

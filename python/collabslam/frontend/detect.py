@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import cv2
@@ -14,6 +14,14 @@ from collabslam.types import Array, Image, Mask
 
 Hidden = Callable[[Array], Mask]
 """Which pixels (N, 2) show what is no landmark."""
+
+
+def hidden_by_any(hiding: Sequence[Hidden]) -> Hidden | None:
+    """What at least one of them hides; None of none."""
+    if len(hiding) < 2:
+        return hiding[0] if hiding else None
+    return lambda uv: np.logical_or.reduce([hides(uv) for hides in hiding])
+
 
 _HALF_RES_WIDTH = 400  # pixels of width from which corners are looked for at half resolution
 _SUBPIXEL_REACH = 2.0  # pixels a corner may move when it is refined

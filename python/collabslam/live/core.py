@@ -104,7 +104,8 @@ class LiveCore:
         """Frames of Cs that could not be used, by the error's text."""
         self.refused_odometry: Counter[str] = Counter()
         """Samples of odometry that could not be used, by the error's text."""
-        self._worn_camera, self._printed = slam.worn_camera, printed
+        self._worn_camera = next(iter(slam.worn_cameras.values()), None)
+        self._printed = printed
         self._last = self.slam.filter.time
         self._collab = -float("inf")
 

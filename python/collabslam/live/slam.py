@@ -65,7 +65,7 @@ class LiveSlam:
         self._core = LiveCore(
             slam,
             same_clock=same_clock,
-            printed=printed_poses(slam.camera, slam.worn_camera, targets),
+            printed=printed_poses(slam.camera, next(iter(slam.worn_cameras.values()), None), targets),
         )
         self._on_pose, self._on_event = on_pose, on_event
         self._change = threading.Condition()

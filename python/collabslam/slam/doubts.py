@@ -6,16 +6,17 @@ Such a fault does not show in any one frame: the map takes most of it up.  What 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from collabslam._core import UpdateReport, chi2_quantile
-from collabslam.formats.schema import Check, array, whole
+from collabslam._core import Outcomes, UpdateReport, chi2_quantile
+from collabslam.formats.schema import Check, array, fields, table, whole
 from collabslam.frontend.worn_verdict import contradicted
 from collabslam.geometry import pose_inverse, se3_log
 from collabslam.settings.setting import Value
 from collabslam.slam.map_change import MapChange
+from collabslam.slam.overlaps import Overlaps
 from collabslam.slam.state import PersistentState
 from collabslam.slam.worn_frame import Overlap
 from collabslam.types import Array
@@ -34,6 +35,7 @@ _LEAST = 5
 """Frames, or views, that say something together."""
 _LEVEL = 0.9999
 """Level of each test."""
+_NO_VIEWS: dict[str, Any] = {"against": np.empty(0), "matches": np.empty((0, 2)), "without": 0}
 _STRAYS = 0.01
 """Share of new points that may stray from their lines in a scene that stands still, by a wrong match."""
 
@@ -50,11 +52,12 @@ class Doubts(PersistentState):
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
         "_matches": array("<f8", None, 2),
         "_noise": array("<f8", None, 2),
-        "_worn_matches": array("<f8", None, 2),
         "_births": array("<f8", None, 2),
-        "_against": array("<f8", None),
         "_jumps": array("<f8", None),
-        "_without_view": whole(0),
+        "_worn": table(
+            int,
+            fields(against=array("<f8", None), matches=array("<f8", None, 2), without=whole(0)),
+        ),
     }
 
     def __init__(self, settings: Mapping[str, Value]) -> None:
@@ -62,14 +65,14 @@ class Doubts(PersistentState):
         self._expected = 1.0 - float(settings["validate.level"])
         self._matches = np.empty((0, 2))
         self._noise = np.empty((0, 2))
-        self._worn_matches = np.empty((0, 2))
         self._births = np.empty((0, 2))
-        self._against = np.empty(0)
         self._jumps = np.empty(0)
-        self._without_view = 0
+        # By the number of the worn camera: how much its views contradict T_CF, its matches refused and found,
+        # and frames since its last view.
+        self._worn: dict[int, dict[str, Any]] = {}
 
     def judge(
-        self, report: UpdateReport, found: int, overlap: Overlap, change: MapChange, *, jumped: bool = False
+        self, report: UpdateReport, found: int, overlap: Overlaps, change: MapChange, *, jumped: bool = False
     ) -> str:
         """Takes a frame in; what it saw of the map counts if it was used.
 
@@ -77,17 +80,23 @@ class Doubts(PersistentState):
         `CAUSES`, or `NOTHING`.
         """
         self._jumps = _last(self._jumps, float(jumped), _LAST)
-        if not np.isnan(overlap.against):
-            self._against = _last(self._against, overlap.against, _LAST)
+        for seen in overlap.each:
+            if not np.isnan(seen.against):
+                known = self._worn.get(seen.number, _NO_VIEWS)
+                against = _last(known["against"], seen.against, _LAST)
+                self._worn = self._worn | {seen.number: known | {"against": against}}
         if report.accepted:
-            self._take(report, found, overlap, change)
+            self._take(report, found, change)
+            self._take_worn(overlap.with_outcomes(report))
         return self.standing()
 
     def standing(self) -> str:
         """What is doubted by the frames so far: a camera that is lost does not make its map any better."""
         doubted = {
-            WORN: self._without_view <= _LAST and contradicted(self._against),
-            WORN_MATCHES: self._too_many(self._worn_matches, self._expected),
+            WORN: any(
+                one["without"] <= _LAST and contradicted(one["against"]) for one in self._worn.values()
+            ),
+            WORN_MATCHES: any(self._too_many(one["matches"], self._expected) for one in self._worn.values()),
             JUMP: bool(self._jumps.any()),
             MATCHES: self._too_many(self._matches, self._expected),
             MOVING: self._too_many(self._births, _STRAYS),
@@ -95,19 +104,30 @@ class Doubts(PersistentState):
         }
         return next((cause for cause in CAUSES if doubted[cause]), NOTHING)
 
-    def _take(self, report: UpdateReport, found: int, overlap: Overlap, change: MapChange) -> None:
-        bearings, pairs = report.bearings, report.pairs
+    def _take(self, report: UpdateReport, found: int, change: MapChange) -> None:
+        bearings = report.bearings
         refused = bearings.rejected_gate + bearings.rejected_batch + bearings.rejected_conditional
         self._matches = _last(self._matches, [refused, found], _LAST)
         self._noise = _last(self._noise, [report.nis, report.dof], _LAST)
         strayed = change.strayed
         self._births = _last(self._births, [strayed, len(change.delayed) + strayed], _LAST_BIRTHS)
-        self._without_view = 0 if overlap.points else self._without_view + 1
-        if self._without_view > _LAST:  # Cf may have moved on since: what it said does not count for ever
-            self._worn_matches = self._worn_matches[:0]
-        if overlap.points:
-            wrong = pairs.rejected_gate + pairs.rejected_batch + pairs.rejected_conditional
-            self._worn_matches = _last(self._worn_matches, [wrong, len(overlap.ids)], _LAST)
+
+    def _take_worn(self, overlaps: list[tuple[Overlap, Outcomes | None]]) -> None:
+        looked = {seen.number: (seen, outcomes) for seen, outcomes in overlaps if seen.points}
+        worn = {}
+        for number in sorted({*self._worn, *looked}):
+            known = self._worn.get(number, _NO_VIEWS)
+            without = 0 if number in looked else known["without"] + 1
+            # Cf may have moved on since: what it said does not count for ever
+            matches = known["matches"][:0] if without > _LAST else known["matches"]
+            if number in looked:
+                seen, pairs = looked[number]
+                wrong = 0
+                if pairs is not None:
+                    wrong = pairs.rejected_gate + pairs.rejected_batch + pairs.rejected_conditional
+                matches = _last(matches, [wrong, len(seen.ids)], _LAST)
+            worn[number] = known | {"matches": matches, "without": without}
+        self._worn = worn
 
     @staticmethod
     def _too_many(counts: Array, expected: float) -> bool:

@@ -7,13 +7,14 @@ lives in ``frontend`` (images), in the other files of this folder and in the Rus
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from numpy.typing import ArrayLike
 
 from collabslam._core import Camera, Filter, Prediction, UpdateReport
 from collabslam.errors import InputError
-from collabslam.frontend.detect import Corners, Hidden
+from collabslam.frontend.detect import Corners, Hidden, hidden_by_any
 from collabslam.frontend.patch import SIZE
 from collabslam.images import check_grey
 from collabslam.settings.table import Settings
@@ -27,15 +28,17 @@ from collabslam.slam.feature_states import (
     unsearched_features,
 )
 from collabslam.slam.guard import all_or_nothing, alone
+from collabslam.slam.late_views import Views
 from collabslam.slam.looking import counts as look_counts
 from collabslam.slam.map_change import ImagePoints, MapChange
+from collabslam.slam.overlaps import Overlaps
 from collabslam.slam.parts import EngineParts
 from collabslam.slam.relocalise import searchable
 from collabslam.slam.results import Landmarks, StepResult, SubmapPoses
 from collabslam.slam.saved_map import SavedMap
 from collabslam.slam.starts import check_start
 from collabslam.slam.tracks import Found
-from collabslam.slam.view import View
+from collabslam.slam.view import PlacedCamera, PlacedViews, View
 from collabslam.slam.whole_map import whole_way
 from collabslam.slam.worn_frame import Overlap
 from collabslam.types import Array, Board, Image, Status, Tag, Target, WornView
@@ -48,8 +51,8 @@ class Slam(EngineParts):
     ----------
     camera : Camera
         Cs, the robot's camera.
-    worn_camera : Camera, optional
-        Cf, the worn camera.
+    worn_camera : Camera or dict of Camera, optional
+        Cf, the worn camera; of several persons each one's by a name, which `WornView.who` tells.
     settings : Settings, optional
         The defaults if left out.
     mode : str, optional
@@ -76,7 +79,7 @@ class Slam(EngineParts):
     def __init__(
         self,
         camera: Camera,
-        worn_camera: Camera | None = None,
+        worn_camera: Camera | Mapping[str, Camera] | None = None,
         *,
         settings: Settings | None = None,
         mode: str | None = None,
@@ -93,9 +96,10 @@ class Slam(EngineParts):
             map = map.seen_by(camera)
             room = min(int(settings["filter.map.max_features"]) + len(map.landmarks), 10000)
             settings = settings.replace({"filter.map.max_features": room})
+        worn_cameras = _by_name(worn_camera)
         core = Filter(
             camera,
-            worn_camera,
+            list(worn_cameras.values()),
             settings=settings.section("filter"),
             switches=settings.section_switches("filter"),
         )
@@ -103,7 +107,7 @@ class Slam(EngineParts):
             core.set_odometry_frame(t_bc)
         metric = start != "scale-free" if map is None else map.metric
         patches = target if isinstance(target, Target) else None
-        self._assemble(core, camera, worn_camera, settings, start, patches, metric)
+        self._assemble(core, camera, worn_cameras, settings, start, patches, metric)
         if isinstance(target, Tag | Board):
             self.announce(target)
         if map is not None:
@@ -222,9 +226,9 @@ class Slam(EngineParts):
         return self._camera
 
     @property
-    def worn_camera(self) -> Camera | None:
-        """Cf."""
-        return self._worn_camera
+    def worn_cameras(self) -> dict[str, Camera]:
+        """Each Cf by its name; that of a single one is empty."""
+        return dict(self._worn_cameras)
 
     @property
     def worn_dropped(self) -> dict[str, int]:
@@ -233,7 +237,7 @@ class Slam(EngineParts):
         return dict(self._late.dropped)
 
     @all_or_nothing
-    def step(self, t: float, image: Image, worn: WornView | None = None) -> StepResult:
+    def step(self, t: float, image: Image, worn: WornView | Sequence[WornView] | None = None) -> StepResult:
         """Takes one frame (METHOD section 7).
 
         An image without contrast, or one that repeats the last to the bit, measures nothing: the frame is
@@ -245,8 +249,9 @@ class Slam(EngineParts):
             Time stamp, seconds; must follow the last one.
         image : (H, W) uint8
             Grey image of Cs; `collabslam.to_grey` makes one of any other.
-        worn : WornView, optional
-            The worn camera's view at the same instant or, with its time, of before; see also `add_worn`.
+        worn : WornView or sequence of WornView, optional
+            The worn camera's view at the same instant or, with its time, of before; one of each worn camera
+            where there are several.  See also `add_worn`.
 
         Raises
         ------
@@ -269,10 +274,11 @@ class Slam(EngineParts):
             result.diagnostics["start_ago_s"] = t - began  # W is where Cs was then
         return result
 
-    def _frame(self, t: float, image: Image, worn: WornView | None, blank: str) -> StepResult:
-        """One frame, its image judged by `BlankImageDetector` and its view of Cf due."""
+    def _frame(self, t: float, image: Image, worn: Views, blank: str) -> StepResult:
+        """One frame, its image judged by `BlankImageDetector` and its views of Cf due."""
         times = StageTimes()
-        self._looking.saw(worn)
+        for one in worn:
+            self._looking.saw(self._worn.number(one.who), one)
         self.filter.predict(t)
         followed = self.filter.followed_odometry
         if blank:
@@ -283,7 +289,7 @@ class Slam(EngineParts):
         expected, found, slipped = self._search(view, expected, followed=followed)
         times.done("search")
         missing = 0 if view.lost else self._map.missing(found)
-        overlap = Overlap() if view.lost else self._worn.match(*self._late.beside(view, found), missing)
+        overlap = Overlaps() if view.lost else self._overlaps(view, found, missing)
         times.done("cf")
         depths = self._depth.take(view, found, overlap.ids, missing)
         report = self._update(found, overlap, depths)
@@ -331,7 +337,9 @@ class Slam(EngineParts):
         trusted = status is Status.OK and not counts["relocalised"]
         counts["loops"] = self._submaps.follow(view, seen.without(change.deleted)) if trusted else 0
         times.done("map")
-        return self._result(t, status, counts, frame_features(expected, found, report, overlap), times)
+        features = frame_features(expected, found, report, overlap)
+        where = overlap.poses(self.filter, report, view) if recovered is None else {}
+        return self._result(t, status, counts, features, times, where)
 
     @alone
     def submaps(self) -> SubmapPoses:
@@ -368,22 +376,29 @@ class Slam(EngineParts):
         found = self.filter.landmarks()
         return Landmarks(found.ids, found.points, found.covariance)
 
-    def _view(self, t: float, image: Image, worn: WornView | None) -> View:
+    def _view(self, t: float, image: Image, views: Views) -> View:
         """The frame as the parts see it: what is hidden, where corners are, how the camera stood before."""
         started, lost = self.filter.started, self._monitor.lost
-        worn, captured = self._late.place(t, worn, lost=lost)
+        worn = self._late.place(t, views, lost=lost)
         hidden = self._hidden(worn)
         corners = Corners(image, self._options.detect, SIZE, hidden=hidden)
-        return View(t, image, worn, hidden, corners, started, lost, captured)
+        return View(t, image, worn, hidden, corners, started, lost)
 
-    def _hidden(self, worn: WornView | None) -> Hidden | None:
-        """Which pixels of Cs show no landmark: whoever wears Cf, or what is fixed to the camera."""
-        wearer, fixed = self._worn.hidden(worn), self._fixed
-        if not fixed.is_there:
-            return wearer
-        if wearer is None:
-            return fixed.hides
-        return lambda uv: wearer(uv) | fixed.hides(uv)
+    def _hidden(self, worn: PlacedViews) -> Hidden | None:
+        """Which pixels of Cs show no landmark: whoever wears a Cf, or what is fixed to the camera."""
+        wearers = (self._worn.hidden(placed.worn) for _, placed in worn)
+        hiding = [hides for hides in wearers if hides is not None]
+        if self._fixed.is_there:
+            hiding.append(self._fixed.hides)
+        return hidden_by_any(hiding)
+
+    def _overlaps(self, view: View, found: Found, missing: int) -> Overlaps:
+        """What each worn camera sees of this frame, or of the one nearest to its view (METHOD 7.4)."""
+        each: list[Overlap] = []
+        for _, placed in view.worn:
+            there = self._late.beside(view, placed, found)
+            each.append(self._worn.match(*there, missing, each))
+        return Overlaps(tuple(each))
 
     def _expected(self, view: View) -> Prediction:
         """Features to search, with their predicted pixels (METHOD 7.2)."""
@@ -416,13 +431,14 @@ class Slam(EngineParts):
         self.filter.trust_odometry()
         return expected, found, False
 
-    def _update(self, found: Found, overlap: Overlap, depths: Depths) -> UpdateReport:
+    def _update(self, found: Found, overlap: Overlaps, depths: Depths) -> UpdateReport:
         """The batch test and the update (METHOD 7.5 to 7.7)."""
         return self.filter.update(
             found.searched,
             found.ids,
             found.uv,
             worn=overlap.observation,
+            further=overlap.further,
             depths=depths.observation,
             min_inliers=self._monitor.min_inliers(len(found.searched)),
         )
@@ -462,7 +478,13 @@ class Slam(EngineParts):
         return self._result(t, status, counts, unsearched_features(self.filter.predict_pixels()), times)
 
     def _result(
-        self, t: float, status: Status, counts: dict[str, Any], features: FrameFeatures, times: StageTimes
+        self,
+        t: float,
+        status: Status,
+        counts: dict[str, Any],
+        features: FrameFeatures,
+        times: StageTimes,
+        worn: Mapping[str, PlacedCamera] | None = None,
     ) -> StepResult:
         scale_sd = self.filter.scale_sd
         if self._options.worn.where_to_look:
@@ -483,7 +505,15 @@ class Slam(EngineParts):
             scale_sd=scale_sd if self._metric and scale_sd is not None else math.inf,
             pose_map=pose_map,
             covariance_map=covariance_map,
+            worn=worn or {},
         )
+
+
+def _by_name(worn_camera: Camera | Mapping[str, Camera] | None) -> dict[str, Camera]:
+    """The worn cameras by their names."""
+    if worn_camera is None:
+        return {}
+    return {"": worn_camera} if isinstance(worn_camera, Camera) else dict(worn_camera)
 
 
 def _matched(found: Found, report: UpdateReport) -> ImagePoints:

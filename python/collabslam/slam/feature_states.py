@@ -8,8 +8,8 @@ import numpy as np
 
 from collabslam._core import Prediction, UpdateReport
 from collabslam.frontend.search import AMBIGUOUS, FOUND, LOW_SCORE
+from collabslam.slam.overlaps import Overlaps
 from collabslam.slam.tracks import Found
-from collabslam.slam.worn_frame import Overlap
 from collabslam.types import Array, Ids
 
 STATES = ("accepted", "rejected", "unlike", "ambiguous", "outside", "not searched")
@@ -32,7 +32,8 @@ class FrameFeatures:
     states : (N,) of str
         One of `STATES` each.
     pairs : (M, 4) float64
-        What both cameras see: pixels in Cs, when Cf took its view, and in Cf.
+        What both cameras see: pixels in Cs, when Cf took its view, and in Cf; of several worn cameras one
+        after the other.
     """
 
     ids: Ids
@@ -44,7 +45,7 @@ class FrameFeatures:
 
 
 def frame_features(
-    expected: Prediction, found: Found, report: UpdateReport, overlap: Overlap
+    expected: Prediction, found: Found, report: UpdateReport, overlap: Overlaps
 ) -> FrameFeatures:
     """Puts prediction, search, update and overlap of a frame together."""
     ids = expected.ids
@@ -61,7 +62,7 @@ def frame_features(
         expected.s,
         place,
         [states.get(i, "not searched") for i in ids.tolist()],
-        np.hstack([overlap.uv, overlap.uv_f]),
+        overlap.pixels,
     )
 
 

@@ -27,6 +27,7 @@ from collabslam.formats.schema import (
     pose,
     refuse,
     table,
+    text,
     whole,
 )
 from collabslam.frontend.detect import Corners
@@ -37,7 +38,7 @@ from collabslam.settings.table import Settings
 from collabslam.slam.map_change import ImagePoints, MapChange
 from collabslam.slam.state import SECONDS, PersistentState
 from collabslam.slam.tracks import Found, Tracks
-from collabslam.slam.view import View
+from collabslam.slam.view import PlacedViews, PlacedWorn, View
 from collabslam.slam.worn_frame import WornMatcher
 from collabslam.types import Array, Ids, Image, WornView
 
@@ -53,8 +54,10 @@ START_GAP = 0.1
 REASONS = ("stale", "future", "repeated", "superseded", "crowded")
 """Why a view was not used: older than what is kept, more than that ahead of its frame, used before, a newer
 one came for the same frame, too many waited."""
-Step = tuple[float, Image, WornView | None]
-"""Time, image of Cs and view of Cf of one frame."""
+Views = tuple[WornView, ...]
+"""At most one of each worn camera."""
+Step = tuple[float, Image, Views]
+"""Time, image of Cs and views of the worn cameras of one frame."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,7 @@ _VIEW = instance(
     covariance=covariance(6),
     bias=optional(covariance(6)),
     t=_TIME,
+    who=text(),
 )
 
 
@@ -189,60 +193,64 @@ class LateViews(PersistentState):
             )
         self._inbox.append(self._worn.require(view))
 
-    def frames(self, t: float, image: Image, worn: WornView | None) -> Iterator[Step]:
-        """The frame with the view that it is to use; before it, if the filter can start from a view that came
+    def frames(self, t: float, image: Image, worn: Views) -> Iterator[Step]:
+        """The frame with the views that it is to use; before it, if the filter can start from one that came
         late, the frames since."""
         worn = self._choose(t, worn)
         start = self._start_of(t, worn)
         if start:
             self._filter.forget_time()
-            yield start[0].t, start[0].image, worn
+            yield start[0].t, start[0].image, worn[:1]
             if self._filter.started:
-                yield from ((frame.t, frame.image, None) for frame in start[1:])
-            worn = None
+                yield from ((frame.t, frame.image, ()) for frame in start[1:])
+            worn = worn[1:]
         yield t, image, worn
 
-    def place(
-        self, t: float, worn: WornView | None, *, lost: bool
-    ) -> tuple[WornView | None, WornView | None]:
-        """The view with its T_CF as it is for the frame at ``t``, and as it was taken, if at another time.
+    def place(self, t: float, views: Views, *, lost: bool) -> PlacedViews:
+        """The views that can be used, with T_CF as it is for the frame at ``t`` and the numbers of their
+        cameras."""
+        placed = ((self._worn.number(view.who), self._placed(t, view, lost=lost)) for view in views)
+        return tuple((number, view) for number, view in placed if view is not None)
 
-        Neither where it cannot be used.
-        """
-        if worn is None or worn.t is None:
-            return worn, None
+    def _placed(self, t: float, worn: WornView, *, lost: bool) -> PlacedWorn | None:
+        if worn.t is None:
+            return PlacedWorn(worn)
         if worn.t == t:
-            return (self._carried(worn, t) if self._clock_sd > 0.0 else worn), None
-        timing = self._filter.view_timing(worn.t)
+            return PlacedWorn(self._carried(worn, t) if self._clock_sd > 0.0 else worn)
+        timing = self._timing(worn)
         if lost and t - worn.t > START_GAP * self._late:
             timing = "stale"  # nobody knows where Cs was
         if timing in REASONS:
             self._drop(timing)
-            return None, None
-        return self._carried(worn, t), worn
+            return None
+        return PlacedWorn(self._carried(worn, t), worn)
 
-    def beside(self, view: View, found: Found) -> tuple[View, Found]:
-        """The frame that the view of Cf is matched with, and what was found there: the nearest in time."""
-        captured = view.captured
+    def beside(self, view: View, placed: PlacedWorn, found: Found) -> tuple[View, PlacedWorn, Found]:
+        """The frame nearest in time to a view of Cf, the view there, and what was found."""
+        captured = placed.captured
         if captured is None or captured.t is None or view.lost or not view.started:
-            return view, found
+            return view, placed, found
         nearest = min(self._frames, key=lambda frame: abs(frame.t - _time(captured)), default=None)
         if nearest is None or abs(view.t - captured.t) <= abs(nearest.t - captured.t):
-            return view, found
+            return view, placed, found
         worn = self._carried(captured, nearest.t)
         corners = Corners(nearest.image, self._options.detect, SIZE, hidden=self._worn.hidden(worn))
-        earlier = replace(view, t=nearest.t, image=nearest.image, worn=worn, corners=corners)
+        earlier = replace(view, t=nearest.t, image=nearest.image, corners=corners)
         ids, alive = nearest.ids, np.isin(nearest.candidates, self._filter.candidates)
         known = np.array([self._tracks.has(i) for i in ids.tolist()], np.bool_)
         some, code = np.full(int(known.sum()), 1.0), np.full(int(known.sum()), FOUND)
-        return earlier, Found(
-            searched=ids[known],
-            result=SearchResult(nearest.uv[known], some, some, code),
-            rho=nearest.rho[known],
-            rho_sd=nearest.rho_sd[known],
-            candidates=nearest.candidates[alive],
-            candidate_uv=nearest.candidate_uv[alive],
-            lost=np.empty(0, np.int64),
+        return (
+            earlier,
+            PlacedWorn(worn, captured),
+            Found(
+                searched=ids[known],
+                result=SearchResult(nearest.uv[known], some, some, code),
+                rho=nearest.rho[known],
+                rho_sd=nearest.rho_sd[known],
+                candidates=nearest.candidates[alive],
+                candidate_uv=nearest.candidate_uv[alive],
+                lost=np.empty(0, np.int64),
+            ),
         )
 
     def keep(self, view: View, found: Found, seen: ImagePoints, change: MapChange) -> None:
@@ -278,14 +286,18 @@ class LateViews(PersistentState):
 
     def _carried(self, worn: WornView, frame: float) -> WornView:
         t = frame if worn.t is None else worn.t
-        t_cf, spread = self._filter.carry_worn(worn.t_cf, worn.covariance, t, frame)
+        t_cf, spread = self._filter.carry_worn(
+            worn.t_cf, worn.covariance, t, frame, who=self._worn.number(worn.who)
+        )
         return replace(worn, t_cf=t_cf, covariance=spread)
 
-    def _choose(self, t: float, worn: WornView | None) -> WornView | None:
-        """The view for the frame at ``t``: the newest that was taken by then; later ones go on waiting."""
-        if worn is not None and worn.t is None:
-            worn = replace(worn, t=t)
-        given = () if worn is None else (worn,)
+    def _timing(self, view: WornView) -> str:
+        return self._filter.view_timing(_time(view), who=self._worn.number(view.who))
+
+    def _choose(self, t: float, worn: Views) -> Views:
+        """The views for the frame at ``t``: of each worn camera the newest that was taken by then; later ones
+        go on waiting."""
+        given = (replace(view, t=t) if view.t is None else view for view in worn)
         views: list[WornView] = sorted((*self._pending, *given), key=_time)
         due = [view for view in views if _time(view) <= t + self._tolerance]
         waiting = views[len(due) :]
@@ -294,18 +306,20 @@ class LateViews(PersistentState):
         self._drop("future", len(ahead))
         self._drop("crowded", max(0, len(waiting) - MOST_PENDING))
         self._pending = tuple(waiting[-MOST_PENDING:])
-        fresh = [v for v in due if self._filter.view_timing(_time(v)) != "repeated"]
+        fresh = [v for v in due if self._timing(v) != "repeated"]
         self._drop("repeated", len(due) - len(fresh))
-        if not fresh:
-            return None
-        self._drop("superseded", len(fresh) - 1)
-        lateness = t - _time(fresh[-1])
-        self._latenesses = (*self._latenesses, lateness)[-LATENESSES:]
-        self._awake |= abs(lateness) > self._tolerance
-        return fresh[-1]
+        newest = {view.who: view for view in fresh}
+        self._drop("superseded", len(fresh) - len(newest))
+        chosen = sorted(newest.values(), key=lambda view: self._worn.number(view.who))
+        for view in chosen:
+            lateness = t - _time(view)
+            self._latenesses = (*self._latenesses, lateness)[-LATENESSES:]
+            self._awake |= abs(lateness) > self._tolerance
+        return tuple(chosen)
 
-    def _start_of(self, t: float, worn: WornView | None) -> tuple[KeptFrame, ...]:
+    def _start_of(self, t: float, views: Views) -> tuple[KeptFrame, ...]:
         """Frames of before, from the one nearest to a view that came late, which a filter starts from."""
+        worn = views[0] if views else None
         if worn is None or worn.t is None or self._filter.started or not self._frames:
             return ()
         gaps = [abs(frame.t - worn.t) for frame in self._frames]

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from collabslam._core import Filter
-from collabslam.formats.schema import Check, covariance, instance, optional, pose
+from collabslam.formats.schema import Check, covariance, instance, optional, pose, table
 from collabslam.slam.state import PersistentState
 from collabslam.types import Array, WornView
 
@@ -85,28 +85,29 @@ class Looking(PersistentState):
     """
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
-        "_last": optional(
-            instance(WornPose, t_cf=pose, covariance=covariance(6), bias=optional(covariance(6)))
+        "_last": table(
+            int, instance(WornPose, t_cf=pose, covariance=covariance(6), bias=optional(covariance(6)))
         ),
     }
 
     def __init__(self, core: Filter, least: int) -> None:
         self._filter, self._least = core, least
-        self._last: WornPose | None = None
+        self._last: dict[int, WornPose] = {}
 
-    def saw(self, worn: WornView | None) -> None:
-        """A frame came with this view."""
-        if worn is not None:
-            bias = None if worn.bias is None else np.array(worn.bias, np.float64)
-            t_cf, covariance = (np.array(a, np.float64) for a in (worn.t_cf, worn.covariance))
-            self._last = WornPose(t_cf, covariance, bias)
+    def saw(self, number: int, worn: WornView) -> None:
+        """A frame came with this view of the worn camera with that number."""
+        bias = None if worn.bias is None else np.array(worn.bias, np.float64)
+        t_cf, covariance = (np.array(a, np.float64) for a in (worn.t_cf, worn.covariance))
+        self._last = self._last | {number: WornPose(t_cf, covariance, bias)}
 
-    def ask(self) -> Look | None:
-        """The answer; None where nothing would be gained, or nobody knows where Cf is."""
-        worn = self._last
+    def ask(self, number: int) -> Look | None:
+        """The answer for that worn camera; None where nothing would be gained, or it was never seen."""
+        worn = self._last.get(number)
         if worn is None:
             return None
-        here, around = self._filter.where_to_look(worn.t_cf, worn.covariance, worn.bias, least=self._least)
+        here, around = self._filter.where_to_look(
+            worn.t_cf, worn.covariance, worn.bias, least=self._least, who=number
+        )
         if here.best is None:
             return None
         view = here.t_cf[here.best]

@@ -11,11 +11,11 @@ from collabslam.settings.table import Settings
 from collabslam.slam.depth_input import Depths
 from collabslam.slam.free_start import FreeStart
 from collabslam.slam.map_change import ImagePoints, MapChange
+from collabslam.slam.overlaps import Overlaps
 from collabslam.slam.printed_targets import PrintedTargets
 from collabslam.slam.target_start import TargetStart
 from collabslam.slam.tracks import Found
 from collabslam.slam.view import View
-from collabslam.slam.worn_frame import Overlap
 from collabslam.types import Array, Ids
 
 
@@ -72,7 +72,7 @@ class MapManager:
         return max(0, self.in_view - len(found.ids))
 
     def grow(
-        self, view: View, found: Found, overlap: Overlap, depths: Depths, report: UpdateReport
+        self, view: View, found: Found, overlap: Overlaps, depths: Depths, report: UpdateReport
     ) -> MapChange:
         """After an update that was accepted: births with depth first, then others as the view lacks them."""
         instant, used = overlap.births(report, view.t)
@@ -120,7 +120,7 @@ class MapManager:
             return ImagePoints.born(self._filter.add_undelayed(uv), uv)
         return instant
 
-    def begin(self, view: View, overlap: Overlap, report: UpdateReport) -> MapChange:
+    def begin(self, view: View, overlap: Overlaps, report: UpdateReport) -> MapChange:
         """After a restart: the features that the new map begins with, and candidates beside them."""
         instant, _ = overlap.births(report, view.t)
         undelayed, candidates = self._begin_others(view, instant.uv)

@@ -69,7 +69,7 @@ def _check_target(value: Any, where: str) -> None:
 
 STATE = fields(
     camera=check_camera,
-    worn_camera=optional(check_camera),
+    worn_cameras=table(str, check_camera),
     settings=SETTINGS_STATE,
     start=text(SLAM_STARTS),
     metric=flag,
@@ -92,7 +92,7 @@ class EngineParts:
         self,
         core: Filter,
         camera: Camera,
-        worn_camera: Camera | None,
+        worn_cameras: Mapping[str, Camera],
         settings: Settings,
         start: str,
         target: Target | None,
@@ -100,12 +100,12 @@ class EngineParts:
     ) -> None:
         """Puts the parts around a filter, new or restored."""
         self.filter = core
-        self._camera, self._worn_camera, self._settings = camera, worn_camera, settings
+        self._camera, self._worn_cameras, self._settings = camera, worn_cameras, settings
         self._start, self._target, self._metric = start, target, metric
         self._options = settings.frontend()
         self._blank = BlankImageDetector(self._options.blank_image)
         self._tracks = Tracks(camera, self._options)
-        self._worn = WornMatcher(core, camera, worn_camera, settings, self._options)
+        self._worn = WornMatcher(core, camera, worn_cameras, settings, self._options)
         self._late = LateViews(core, camera, self._worn, self._tracks, settings, self._options)
         self._looking = Looking(core, self._options.worn.min_matches)
         self._fixed = FixedContent(camera)
@@ -152,22 +152,34 @@ class EngineParts:
         self._printed.add(target)
 
     @alone
-    def where_to_look(self) -> Look | None:
+    def where_to_look(self, who: str | None = None) -> Look | None:
         """Where the person who wears Cf should look next, as far as pose and scale are concerned (METHOD 24).
 
         Cf is taken to be where its last view was taken from, relative to Cs.  It takes a millisecond or two
         and changes nothing.  With the setting ``frontend.worn.where_to_look`` the diagnostics of each frame
         have it.
 
+        Parameters
+        ----------
+        who : str, optional
+            Whose Cf, by its name; the first one's if left out.
+
         Returns
         -------
         Look or None
             None before the start, while LOST, before the first view of Cf, and where no view would help.
-        """
-        return self._next_look()
 
-    def _next_look(self) -> Look | None:
-        return None if self._monitor.lost else self._looking.ask()
+        Raises
+        ------
+        InputError
+            If there is no such worn camera.
+        """
+        if who is not None and who not in self._worn_cameras:
+            raise InputError(f"There is no worn camera {who!r}; take one of worn_cameras.")
+        return self._next_look(0 if who is None else self._worn.number(who))
+
+    def _next_look(self, number: int = 0) -> Look | None:
+        return None if self._monitor.lost else self._looking.ask(number)
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
         raise InputError(
@@ -201,7 +213,7 @@ class EngineParts:
         """What `save` writes, to be written before the next frame."""
         return {
             "camera": self._camera.__getnewargs__(),
-            "worn_camera": None if self._worn_camera is None else self._worn_camera.__getnewargs__(),
+            "worn_cameras": {name: worn.__getnewargs__() for name, worn in self._worn_cameras.items()},
             "settings": self._settings.state(),
             "start": self._start,
             "metric": self._metric,
@@ -215,12 +227,11 @@ class EngineParts:
         """The engine of a `state`; raises DataError if it is none."""
         try:
             STATE(state, "engine")
-            worn = state["worn_camera"]
             engine = cls.__new__(cls)
             engine._assemble(
                 Filter.restore(state["filter"]),
                 Camera(*state["camera"]),
-                None if worn is None else Camera(*worn),
+                {name: Camera(*worn) for name, worn in state["worn_cameras"].items()},
                 Settings.from_state(state["settings"]),
                 state["start"],
                 state["target"],

@@ -6,6 +6,7 @@ from collabslam._core import Camera, Filter, UpdateReport
 from collabslam.slam.known_submaps import KnownSubmaps
 from collabslam.slam.map_change import Recovered
 from collabslam.slam.map_management import MapManager
+from collabslam.slam.overlaps import Overlaps
 from collabslam.slam.printed_targets import PrintedTargets
 from collabslam.slam.relocalise import Relocaliser
 from collabslam.slam.status import StatusMonitor
@@ -79,13 +80,14 @@ class Recovery:
         """
         if not (self._metric and self._monitor.found):
             return None
-        overlap = self._worn.match(view, Found.nothing(), self._map.in_view)
-        if overlap.observation is None:
-            return None
-        old = self._relocaliser.map_in_use()
-        report = self._filter.restart(overlap.observation)
-        if not report.accepted:
-            return None
-        self._relocaliser.put_aside(old)
-        begun = self._map.begin(view, overlap, report)
-        return Recovered(other_map={}, begun=begun, counts=overlap.counts(report))
+        for _, placed in view.worn:
+            overlap = Overlaps((self._worn.match(view, placed, Found.nothing(), self._map.in_view),))
+            if overlap.observation is None:
+                continue
+            old = self._relocaliser.map_in_use()
+            report = self._filter.restart(overlap.observation)
+            if report.accepted:
+                self._relocaliser.put_aside(old)
+                begun = self._map.begin(view, overlap, report)
+                return Recovered(other_map={}, begun=begun, counts=overlap.counts(report))
+        return None

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from collabslam._core import pose_inverse
 from collabslam.formats.trajectory import ARBITRARY, METRES
 from collabslam.slam.feature_states import FrameFeatures
+from collabslam.slam.view import PlacedCamera
 from collabslam.types import Array, Ids, Status
 
 
@@ -43,6 +45,8 @@ class StepResult:
     pose_map, covariance_map : (4, 4), (6, 6) float64
         The same pose in the map of all submaps, as loops correct it, and its covariance.  ``pose`` and
         ``covariance`` until one is found: those never jump when an earlier place is recognised, these do.
+    worn : dict
+        Where the worn cameras are whose views this frame used or looked at, by name; a `PlacedCamera` each.
     """
 
     t: float
@@ -57,6 +61,7 @@ class StepResult:
     scale_sd: float
     pose_map: Array
     covariance_map: Array
+    worn: Mapping[str, PlacedCamera] = field(default_factory=dict)
 
     @property
     def t_map_odom(self) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from collabslam._core import Camera
 from collabslam.errors import SettingsError
 from collabslam.settings.modes import MODES, SLAM_STARTS
@@ -13,7 +15,7 @@ def check_start(
     start: str,
     *,
     mode: str | None = None,
-    worn_camera: Camera | None = None,
+    worn_camera: Camera | Mapping[str, Camera] | None = None,
     target: Target | Tag | Board | None = None,
     map: SavedMap | None = None,
 ) -> None:
@@ -39,7 +41,7 @@ def check_start(
     if mode is not None and mode not in MODES:
         raise SettingsError(f"There is no mode '{mode}'; use one of {', '.join(MODES)}.")
     asked = "start 'worn'" if start == "worn" else f"mode '{mode}'"
-    if worn_camera is None and (start == "worn" or (mode or "").startswith("collab")):
+    if not worn_camera and (start == "worn" or (mode or "").startswith("collab")):
         raise SettingsError(
             f"The {asked} needs a worn camera; give worn_camera, its calibration (a recording that has none "
             "can emulate one: --worn), or take the mode 'mono' with another start."

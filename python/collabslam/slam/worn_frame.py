@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from collabslam._core import Camera, Filter, UpdateReport, WornMeasurement
+from collabslam._core import Camera, Filter, Outcomes, WornMeasurement
 from collabslam.errors import InputError
 from collabslam.frontend.detect import Hidden
 from collabslam.frontend.patch import Patch, capture
@@ -20,16 +21,18 @@ from collabslam.settings.table import Settings
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import SECONDS
 from collabslam.slam.tracks import Found
-from collabslam.slam.view import View
+from collabslam.slam.view import PlacedWorn, View
 from collabslam.types import Array, Ids, WornView
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """Matches between Cs and Cf, ready for the filter.
+    """Matches between Cs and one Cf, ready for the filter.
 
     Attributes
     ----------
+    number : int
+        Of the worn camera.
     ids : (M,) int64
         Feature of each pair, -1 for a new point.
     candidates : (M,) int64
@@ -48,8 +51,11 @@ class Overlap:
         |t_CF|, metres; NaN without overlap.
     view : View or None
         The frame that the matches are of, where the view of Cf was taken at another time than the frame's.
+    at : float
+        Time of the frame of Cs that the matches are of, seconds.
     """
 
+    number: int = 0
     ids: Ids = field(default_factory=lambda: np.empty(0, np.int64))
     candidates: Ids = field(default_factory=lambda: np.empty(0, np.int64))
     uv: Array = field(default_factory=lambda: np.empty((0, 2)))
@@ -61,42 +67,46 @@ class Overlap:
     refused: bool = False
     baseline: float = float("nan")
     view: View | None = None
+    at: float = float("nan")
 
     @property
     def observation(self) -> WornMeasurement | None:
-        """The argument ``worn`` of :meth:`Filter.update`."""
+        """As `Filter.update` takes it."""
         if self.worn is None:
             return None
         worn, capture = self.worn, None
         if worn.t is not None and self.view is not None:
-            capture = (worn.t, self.view.t)
+            capture = (worn.t, self.at)
         return WornMeasurement(
-            worn.t_cf, worn.covariance, self.ids, self.uv, self.uv_f, bias=worn.bias, capture=capture
+            worn.t_cf,
+            worn.covariance,
+            self.ids,
+            self.uv,
+            self.uv_f,
+            bias=worn.bias,
+            capture=capture,
+            who=self.number,
         )
 
-    def births(self, report: UpdateReport, t: float) -> tuple[ImagePoints, Ids]:
+    def births(self, outcomes: Outcomes, t: float) -> tuple[ImagePoints, Ids]:
         """Features born from pairs of the frame at ``t``, and the candidates (C,) that births use up."""
-        if self.worn is None:
-            return ImagePoints(), np.empty(0, np.int64)
-        used = self.candidates[report.pairs.born >= 0]
-        earlier = self.view is not None and self.view.t != t
-        born = ImagePoints() if earlier else ImagePoints.born(report.pairs.born, self.uv)
+        used = self.candidates[outcomes.born >= 0]
+        born = ImagePoints.born(outcomes.born, self.uv) if self.at == t else ImagePoints()
         return born, used[used >= 0]
 
-    def earlier_births(self, report: UpdateReport, core: Filter, t: float) -> dict[int, Patch]:
+    def earlier_births(self, outcomes: Outcomes, core: Filter, t: float) -> dict[int, Patch]:
         """Features born from pairs of a frame before the one at ``t``, with their patches from there."""
-        if self.view is None or self.view.t == t:
+        if self.view is None or self.at == t:
             return {}
-        born = ImagePoints.born(report.pairs.born, self.uv)
-        patches = capture(self.view.image, born.uv, core.kept_pose(self.view.t))
+        born = ImagePoints.born(outcomes.born, self.uv)
+        patches = capture(self.view.image, born.uv, core.kept_pose(self.at))
         return dict(zip(born.ids.tolist(), patches, strict=True))
 
-    def counts(self, report: UpdateReport) -> dict[str, Any]:
-        """Diagnostics of the worn camera."""
+    def counts(self, outcomes: Outcomes | None) -> dict[str, Any]:
+        """Diagnostics of the worn camera; None is what was not measured."""
         rejected = self.matches.rejected if self.matches else {}
         verdict = self.matches.verdict if self.matches else None
         correction = np.full(6, np.nan) if verdict is None else verdict.correction
-        pairs = report.pairs
         return {
             "overlap": int(self.worn is not None),
             "baseline_m": self.baseline,
@@ -110,12 +120,12 @@ class Overlap:
             "cf_rejected_ratio": rejected.get("ratio", 0) + rejected.get("mutual", 0),
             "cf_rejected_epipolar": rejected.get("epipolar", 0) + rejected.get("consensus", 0),
             "cf_rejected_low_score": rejected.get("score", 0),
-            "cf_rejected_chi2": pairs.rejected_gate,
-            "cf_rejected_hohct": pairs.rejected_batch,
-            "cf_rejected_conditional": pairs.rejected_conditional,
-            "cf_too_uncertain": pairs.too_uncertain,
-            "depth_rows": pairs.depth_rows,
-            "cf_pixel_rows": pairs.pixel_rows,
+            "cf_rejected_chi2": outcomes.rejected_gate if outcomes else 0,
+            "cf_rejected_hohct": outcomes.rejected_batch if outcomes else 0,
+            "cf_rejected_conditional": outcomes.rejected_conditional if outcomes else 0,
+            "cf_too_uncertain": outcomes.too_uncertain if outcomes else 0,
+            "depth_rows": outcomes.depth_rows if outcomes else 0,
+            "cf_pixel_rows": outcomes.pixel_rows if outcomes else 0,
         }
 
 
@@ -137,19 +147,31 @@ def _against(matches: WornMatches) -> float:
 
 
 class WornMatcher:
-    """Decides whether Cf helps in a frame, and matches it to Cs."""
+    """Decides whether Cf helps in a frame, and matches it to Cs.
+
+    Parameters
+    ----------
+    core : Filter
+    camera : Camera
+        Cs.
+    worn_cameras : dict
+        Each Cf by its name, in the order in which the filter numbers them.
+    settings : Settings
+    options : FrontendSettings
+    """
 
     def __init__(
         self,
         core: Filter,
         camera: Camera,
-        worn_camera: Camera | None,
+        worn_cameras: Mapping[str, Camera],
         settings: Settings,
         options: FrontendSettings,
     ) -> None:
         self._filter = core
         self._camera = camera
-        self._worn_camera = worn_camera
+        self._worn_cameras = worn_cameras
+        self._numbers = {name: number for number, name in enumerate(worn_cameras)}
         self._options = options
         mode = str(settings["filter.estimator.mode"])
         self._only_start = mode.startswith("mono")
@@ -158,19 +180,32 @@ class WornMatcher:
     @property
     def is_there(self) -> bool:
         """Whether there may be views of Cf."""
-        return self._worn_camera is not None
+        return bool(self._worn_cameras)
 
-    def checked(self, worn: WornView | None) -> WornView | None:
-        """As `require`, where there is a view."""
-        return None if worn is None else self.require(worn)
+    def number(self, who: str) -> int:
+        """The filter's number of a worn camera that `require` knows."""
+        return self._numbers[who]
+
+    def checked(self, worn: WornView | Sequence[WornView] | None) -> tuple[WornView, ...]:
+        """The views of one frame, one of each worn camera, each as `require` has it."""
+        if worn is None:
+            return ()
+        views = (worn,) if isinstance(worn, WornView) else tuple(worn)
+        names = [view.who for view in views]
+        if len(set(names)) != len(names):
+            raise InputError("a frame takes one view of each worn camera; give later ones to add_worn.")
+        return tuple(self.require(view) for view in views)
 
     def require(self, worn: WornView) -> WornView:
         """The worn view; raises InputError if it does not fit its calibration, or can be of no time."""
-        camera = self._worn_camera
-        if camera is None:
+        if not self._worn_cameras:
             raise InputError("there is a worn view but no worn_camera; give the calibration of Cf.")
+        camera = self._worn_cameras.get(worn.who)
+        if camera is None:
+            known = ", ".join(repr(name) for name in self._worn_cameras)
+            raise InputError(f"there is no worn camera {worn.who!r}; WornView.who is one of {known}.")
         image = check_grey(worn.image, camera, "worn image")
-        self._filter.check_worn(worn.t_cf, worn.covariance, worn.bias)
+        self._filter.check_worn(worn.t_cf, worn.covariance, worn.bias, who=self.number(worn.who))
         try:
             np.linalg.cholesky(worn.covariance)
         except np.linalg.LinAlgError as error:
@@ -188,14 +223,26 @@ class WornMatcher:
             return None
         return lambda uv: covered(self._camera, uv, worn.t_cf, radius)
 
-    def match(self, view: View, found: Found, missing: int) -> Overlap:
-        """Pairs of this frame; known features first, then as many new points as the view is missing."""
-        worn, started = view.worn, view.started
-        if worn is None or self._worn_camera is None or (started and self._only_start):
-            return Overlap()
-        overlap = self._filter.predict_overlap(worn.t_cf, worn.covariance)
+    def match(
+        self,
+        view: View,
+        placed: PlacedWorn,
+        found: Found,
+        missing: int,
+        before: Sequence[Overlap] = (),
+    ) -> Overlap:
+        """Pairs of a worn camera's view with a frame: known features first, then new points.
+
+        Of the new ones those are taken that other worn cameras begin in the same frame, as ``before`` says,
+        and as many more as the frame is ``missing`` then.
+        """
+        worn, started = placed.worn, view.started
+        number = self.number(worn.who)
+        if started and self._only_start:
+            return Overlap(number)
+        overlap = self._filter.predict_overlap(worn.t_cf, worn.covariance, who=number)
         if overlap is None:
-            return Overlap()
+            return Overlap(number)
         known = np.empty(0, np.int64) if self._only_births and started else np.flatnonzero(found.hit)
         known_uv = found.result.uv[known]
         taken = np.concatenate([found.uv, found.candidate_uv])
@@ -207,7 +254,7 @@ class WornMatcher:
             view.image,
             self._camera,
             worn.image,
-            self._worn_camera,
+            self._worn_cameras[worn.who],
             worn.t_cf,
             worn.covariance,
             overlap.roi_s,
@@ -224,6 +271,7 @@ class WornMatcher:
         unsure = not started and np.isnan(against)
         if against > 1.0 or unsure:
             return Overlap(
+                number,
                 matches=matches,
                 points=len(uv),
                 against=against,
@@ -232,19 +280,23 @@ class WornMatcher:
             )
         ids = np.concatenate([found.searched[known], np.full(len(unknown), -1)])
         candidates = np.concatenate([np.full(len(known), -1), found.candidates, np.full(len(fresh), -1)])
-        chosen = self._choose(ids[matches.index], matches, missing)
+        begun = _begun(view.t, uv, candidates, before)
+        most = missing - len({tuple(point) for o in before for point in o.uv[o.ids < 0].tolist()})
+        chosen = self._choose(ids[matches.index], begun[matches.index], matches, most)
         rows = matches.index[chosen]
         return Overlap(
+            number,
             ids=ids[rows].astype(np.int64),
             candidates=candidates[rows].astype(np.int64),
             uv=uv[rows],
             uv_f=matches.uv_f[chosen],
-            worn=view.captured or worn,
+            worn=placed.captured or worn,
             matches=matches,
             points=len(uv),
             against=against,
             baseline=overlap.baseline,
-            view=None if view.captured is None else view,
+            view=None if placed.captured is None else view,
+            at=view.t,
         )
 
     def _contradicts(self, known: int, tried: int, matches: WornMatches) -> bool:
@@ -260,8 +312,27 @@ class WornMatcher:
         return of_map < min_share * known
 
     @staticmethod
-    def _choose(ids: Ids, matches: WornMatches, missing: int) -> Ids:
-        """All matches of known features, and the best new ones up to the number that is missing."""
-        new = np.flatnonzero(ids < 0)
-        best = new[np.argsort(-matches.score[new], kind="stable")[:missing]]
-        return np.sort(np.concatenate([np.flatnonzero(ids >= 0), best]))
+    def _choose(ids: Ids, begun: Ids, matches: WornMatches, most: int) -> Ids:
+        """All matches of known features and of points that another view begins, and the best of the other
+        new ones, at most so many."""
+        shared = (ids < 0) & (begun == SHARED)
+        new = np.flatnonzero((ids < 0) & (begun == FREE))
+        best = new[np.argsort(-matches.score[new], kind="stable")[: max(0, most)]]
+        return np.sort(np.concatenate([np.flatnonzero((ids >= 0) | shared), best]))
+
+
+FREE, SHARED, ELSEWHERE = 0, 1, 2
+"""Of a new point: nobody has it, another view begins it in the same frame, or in another one."""
+
+
+def _begun(t: float, uv: Array, candidates: Ids, before: Sequence[Overlap]) -> Ids:
+    """(N,) which of `FREE`, `SHARED` and `ELSEWHERE` each new point of the frame at ``t`` is."""
+    out = np.full(len(uv), FREE)
+    for overlap in before:
+        new = overlap.ids < 0
+        if overlap.at != t:
+            out[np.isin(candidates, overlap.candidates[new]) & (candidates >= 0)] = ELSEWHERE
+        elif new.any():
+            same = (uv[:, None] == overlap.uv[new][None]).all(axis=2).any(axis=1)
+            out[same] = SHARED
+    return out

@@ -26,7 +26,7 @@ WORN_POSITION = (-0.6, -0.3, 0.0)
 """Cf in C, metres."""
 WORN_SIGMA = (0.03, 0.03, 0.03, *np.radians([0.5, 1.0, 0.5]))
 """Of its measured pose: metres, then radians about x, y, z of F (Table C1)."""
-_SIZE = (640, 480)
+SIZE = (640, 480)
 _START_TURN = 0.1
 
 
@@ -58,10 +58,10 @@ def run_cloud(s: SimulationSettings, case: Case, seed: int, runs: Sequence[int])
 
 
 def _run(s: SimulationSettings, case: Case, rng: np.random.Generator) -> tuple[Array, ...]:
-    focal = 0.5 * _SIZE[0] / np.tan(0.5 * np.radians(s.fov))
+    focal = 0.5 * SIZE[0] / np.tan(0.5 * np.radians(s.fov))
     sigma = float(focal * np.radians(s.bearing_sigma))
-    camera = Camera("pinhole", *_SIZE, (focal, focal, 0.5 * _SIZE[0], 0.5 * _SIZE[1]))
-    points, poses = _wall(s, rng), _walk(s, rng)
+    camera = Camera("pinhole", *SIZE, (focal, focal, 0.5 * SIZE[0], 0.5 * SIZE[1]))
+    points, poses = wall(s, rng), walk(s, rng)
     settings = {
         **common_settings(s, case.estimator, focal),
         "estimator.mode": case.collaboration,
@@ -91,7 +91,7 @@ def _run(s: SimulationSettings, case: Case, rng: np.random.Generator) -> tuple[A
     return np.linalg.norm(e[:, :3], axis=1), np.linalg.norm(e[:, 3:], axis=1), *ratios
 
 
-def _wall(s: SimulationSettings, rng: np.random.Generator) -> Array:
+def wall(s: SimulationSettings, rng: np.random.Generator) -> Array:
     """(N, 3) points on a wall ahead, x along it, y down, metres."""
     along, up = (-8.0, s.path + 8.0), (-s.wall_distance, s.wall_distance)
     count = rng.poisson(s.cloud_density * (along[1] - along[0]) * (up[1] - up[0]))
@@ -99,7 +99,7 @@ def _wall(s: SimulationSettings, rng: np.random.Generator) -> Array:
     return np.stack([rng.uniform(*along, count), rng.uniform(*up, count), depth], axis=1)
 
 
-def _walk(s: SimulationSettings, rng: np.random.Generator) -> Array:
+def walk(s: SimulationSettings, rng: np.random.Generator) -> Array:
     """(T, 4, 4) poses T_WC, the identity first."""
     dt, mean = 1.0 / s.rate, np.array([s.path / s.duration, 0.0, 0.0])
     position, velocity, turn, spin = np.zeros(3), mean.copy(), np.zeros(3), np.zeros(3)
@@ -128,21 +128,21 @@ def _frame(
 ) -> SimulatedFrame:
     """The draws are the same whether Cf is used or not."""
     in_c = (points - pose[:3, 3]) @ pose[:3, :3]
-    uv, visible = _pixels(camera, in_c, sigma * rng.normal(size=(len(points), 2)))
+    uv, visible = pixels(camera, in_c, sigma * rng.normal(size=(len(points), 2)))
     noise, error = sigma * rng.normal(size=(len(points), 2)), np.array(WORN_SIGMA) * rng.normal(size=6)
     if collaboration == "mono" or s.window_at(k) < 0:
         return SimulatedFrame(k / s.rate, uv, visible)
     t_cf = np.eye(4)
     t_cf[:3, 3] = WORN_POSITION
-    uv_f, visible_f = _pixels(camera, in_c - t_cf[:3, 3], noise)
+    uv_f, visible_f = pixels(camera, in_c - t_cf[:3, 3], noise)
     worn = (t_cf @ se3_exp(-error), np.diag(np.square(WORN_SIGMA)), uv_f, visible & visible_f)
     return SimulatedFrame(k / s.rate, uv, visible, worn=worn)
 
 
-def _pixels(camera: Camera, in_camera: Array, noise: Array) -> tuple[Array, NDArray[np.bool_]]:
+def pixels(camera: Camera, in_camera: Array, noise: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Noisy pixels (N, 2), and which points are in front and in the image with and without noise."""
     true = camera.project(in_camera)
     measured, good = true.uv + noise, true.visible
     for pixels in (true.uv, measured):
-        good = good & (pixels >= 0.0).all(axis=1) & (pixels <= np.array(_SIZE) - 1.0).all(axis=1)
+        good = good & (pixels >= 0.0).all(axis=1) & (pixels <= np.array(SIZE) - 1.0).all(axis=1)
     return np.where(np.isfinite(measured), measured, 0.0), good & (in_camera[:, 2] > 0.0)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from collabslam._core import Camera, DepthMeasurement, Filter, WornMeasurement
+from collabslam._core import Camera, DepthMeasurement, Filter, UpdateReport, WornMeasurement
 from collabslam.settings.table import Settings
 from collabslam.types import Array
 from collabslam_lab.paper_simulation.estimators import Estimator
@@ -32,6 +33,10 @@ def common_settings(s: SimulationSettings, estimator: Estimator, focal: float) -
     }
 
 
+SimulatedView = tuple[Array, Array, Array, Bools]
+"""Measured ``T_CF`` (4, 4), its covariance (6, 6), pixels in Cf (N, 2), and which points Cf sees (N,)."""
+
+
 @dataclass(frozen=True)
 class SimulatedFrame:
     """What is measured of N points in one frame.
@@ -43,8 +48,9 @@ class SimulatedFrame:
     uv : (N, 2) array
         Pixels in Cs.
     visible : (N,) bool array
-    worn : tuple or None
-        Measured ``T_CF`` (4, 4), its covariance (6, 6), pixels in Cf (N, 2), and which points Cf sees (N,).
+    worn : SimulatedView or None
+    further : sequence of SimulatedView
+        Of other worn cameras.
     depths : tuple or None
         Depths along the optical axis (N,) and their standard deviations (N,), metres, of every visible point.
     """
@@ -52,7 +58,8 @@ class SimulatedFrame:
     time: float
     uv: Array
     visible: Bools
-    worn: tuple[Array, Array, Array, Bools] | None = None
+    worn: SimulatedView | None = None
+    further: Sequence[SimulatedView] = ()
     depths: tuple[Array, Array] | None = None
 
 
@@ -68,9 +75,11 @@ class CoreRun:
         covariance is that of noise as it is claimed.
     in_view : int
         Features and candidates in view that are asked for.
+    persons : int
+        Worn cameras.
     """
 
-    def __init__(self, camera: Camera, settings: FilterSettings, in_view: int) -> None:
+    def __init__(self, camera: Camera, settings: FilterSettings, in_view: int, persons: int = 1) -> None:
         fixed: FilterSettings = {
             "validate.test": "none",
             "process.handover": 0.0,
@@ -78,7 +87,10 @@ class CoreRun:
         changes = {f"filter.{key}": value for key, value in {**fixed, **settings}.items()}
         own = with_switches(Settings.default(), changes)
         self.filter = Filter(
-            camera, camera, settings=own.section("filter"), switches=own.section_switches("filter")
+            camera,
+            [camera] * persons,
+            settings=own.section("filter"),
+            switches=own.section_switches("filter"),
         )
         self.features: dict[int, int] = {}
         self._waiting: dict[int, int] = {}
@@ -93,20 +105,29 @@ class CoreRun:
         ids = self.filter.start_from_points(points, noise, shared, exact)
         self._adopt(ids, numbers)
 
-    def step(self, frame: SimulatedFrame) -> None:
+    def step(self, frame: SimulatedFrame) -> UpdateReport:
         """Predicts to the frame, updates once, and looks after births and the map."""
         self.filter.predict(frame.time)
         seen = [i for i, point in self.features.items() if frame.visible[point]]
         ids = np.array(seen, np.int64)
         fresh = self._fresh(frame) if frame.worn is not None or frame.depths is not None else []
-        worn, pairs = self._worn(frame, seen, fresh)
+        views = [] if frame.worn is None else [frame.worn, *frame.further]
+        worn = [self._worn(frame, view, who, seen, fresh) for who, view in enumerate(views)]
         depths, measured = self._depths(frame, seen, fresh)
         report = self.filter.update(
-            ids, ids, self._pixels(frame, [self.features[i] for i in seen]), worn=worn, depths=depths
+            ids,
+            ids,
+            self._pixels(frame, [self.features[i] for i in seen]),
+            worn=worn[0][0] if worn else None,
+            further=[view for view, _ in worn[1:]],
+            depths=depths,
         )
-        self._adopt(report.pairs.born, pairs)
+        for outcomes, (_, points) in zip((report.pairs, *report.further), worn, strict=False):
+            self._adopt(outcomes.born, points)
         self._adopt(report.depths.born, measured)
-        self.look_after(frame)
+        if self.filter.started:
+            self.look_after(frame)
+        return report
 
     def look_after(self, frame: SimulatedFrame) -> None:
         """Delayed births, deletions, and new candidates where features lack."""
@@ -139,17 +160,16 @@ class CoreRun:
         return sorted(new)[: max(lacking, 0)]
 
     def _worn(
-        self, frame: SimulatedFrame, seen: list[int], fresh: list[int]
-    ) -> tuple[WornMeasurement | None, list[int]]:
-        if frame.worn is None:
-            return None, []
-        t_cf, covariance, uv_f, visible_f = frame.worn
+        self, frame: SimulatedFrame, view: SimulatedView, who: int, seen: list[int], fresh: list[int]
+    ) -> tuple[WornMeasurement, list[int]]:
+        t_cf, covariance, uv_f, visible_f = view
         known = [(i, self.features[i]) for i in seen if visible_f[self.features[i]]]
         both = known + [(-1, p) for p in [*self._waiting_in(frame), *fresh] if visible_f[p]]
         points = [p for _, p in both]
         ids = np.array([i for i, _ in both], np.int64)
         uv = self._pixels(frame, points)
-        return WornMeasurement(t_cf, covariance, ids, uv, uv_f[points].reshape(-1, 2)), points
+        uv_f = uv_f[points].reshape(-1, 2)
+        return WornMeasurement(t_cf, covariance, ids, uv, uv_f, who=who), points
 
     def _depths(
         self, frame: SimulatedFrame, seen: list[int], fresh: list[int]

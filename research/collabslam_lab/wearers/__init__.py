@@ -1,4 +1,4 @@
-"""What those who wear a camera can do for the filter: ``collabslam-lab reproduce cue``.
+"""What those who wear a camera can do for the filter: ``collabslam-lab reproduce cue`` and ``persons``.
 
 An experiment is a module with ``make(seed, jobs, engine, quick) -> Finding``.  Modules are imported when they
 are needed.
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 EXPERIMENTS = {
     "cue": "where to look: gains foretold and real, and the error that is left by following the advice",
+    "persons": "several persons: honesty of the covariance, how much each more helps, and what it costs",
 }
 """Name (also of its module) and what it shows."""
 

@@ -1,6 +1,5 @@
 //! What one frame measures, and what an update reports about it.
 
-use super::worn_pose::WornPose;
 use crate::error::EkfError;
 use crate::math::pose::Pose;
 use nalgebra::{Matrix6, Vector2, Vector6};
@@ -123,6 +122,17 @@ impl Outcome {
     pub fn is_accepted(&self) -> bool {
         matches!(self, Self::Pixel | Self::Depth | Self::Replaced)
     }
+}
+
+/// Where one worn camera was when its view was taken.
+#[derive(Clone, Debug)]
+pub struct WornPose {
+    /// Its number.
+    pub who: usize,
+    /// `T_WF`: maps points of F into W.
+    pub pose: Pose,
+    /// Its covariance, (translation, rotation), right tangent, m^2 and rad^2.
+    pub covariance: Matrix6<f64>,
 }
 
 /// What one update did.

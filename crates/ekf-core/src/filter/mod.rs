@@ -56,8 +56,7 @@ pub use known_map::KnownMap;
 pub use landmarks::Landmark;
 pub use measurements::{
     Bearing, Capture, DepthObservation, Measurements, Outcome, UpdateReport, WornObservation,
-    WornPair,
+    WornPair, WornPose,
 };
 pub use predicted_features::PredictedFeature;
 pub use submap::Submap;
-pub use worn_pose::WornPose;

@@ -1,24 +1,13 @@
 //! Where the worn cameras are in W (METHOD 6).
 
 use super::ekf::Filter;
-use super::measurements::WornObservation;
+use super::measurements::{WornObservation, WornPose};
 use crate::error::EkfError;
 use crate::math::pose::{Pose, tangent_map};
 use crate::math::quat;
 use crate::observe::POSE_DIM;
 use crate::observe::point::CameraPose;
 use nalgebra::{DMatrix, Matrix6, Vector3};
-
-/// Where one worn camera was when its view was taken.
-#[derive(Clone, Debug)]
-pub struct WornPose {
-    /// Its number.
-    pub who: usize,
-    /// `T_WF`: maps points of F into W.
-    pub pose: Pose,
-    /// Its covariance, (translation, rotation), right tangent, m^2 and rad^2.
-    pub covariance: Matrix6<f64>,
-}
 
 /// Blocks of the state and the derivatives of a pose by them.
 type Parts = Vec<(usize, DMatrix<f64>)>;

@@ -1,0 +1,99 @@
+"""What Cs and all worn cameras see together in one frame (METHOD 6): one `Overlap` each, measured in turn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from collabslam._core import Filter, Outcomes, UpdateReport, WornMeasurement
+from collabslam.frontend.patch import Patch
+from collabslam.slam.map_change import ImagePoints
+from collabslam.slam.view import PlacedCamera, View
+from collabslam.slam.worn_frame import Overlap
+from collabslam.types import Array, Ids
+
+
+@dataclass(frozen=True)
+class Overlaps:
+    """The overlaps of a frame, of the worn cameras in their order.
+
+    Attributes
+    ----------
+    each : tuple of Overlap
+    """
+
+    each: tuple[Overlap, ...] = ()
+
+    @property
+    def used(self) -> list[Overlap]:
+        """Those that are measured: the first together with what Cs found, each other one by itself."""
+        return [overlap for overlap in self.each if overlap.worn is not None]
+
+    @property
+    def ids(self) -> Ids:
+        """(M,) int64: features that the first one measures, -1 for new points."""
+        used = self.used
+        return used[0].ids if used else np.empty(0, np.int64)
+
+    @property
+    def observation(self) -> WornMeasurement | None:
+        """The argument ``worn`` of :meth:`Filter.update`."""
+        used = self.used
+        return used[0].observation if used else None
+
+    @property
+    def further(self) -> list[WornMeasurement]:
+        """Its argument ``further``."""
+        observations = (overlap.observation for overlap in self.used[1:])
+        return [observation for observation in observations if observation is not None]
+
+    @property
+    def pixels(self) -> Array:
+        """(M, 4) float64: pixels in Cs and in Cf of all matches."""
+        return np.concatenate([np.empty((0, 4)), *(np.hstack([o.uv, o.uv_f]) for o in self.each)])
+
+    def with_outcomes(self, report: UpdateReport) -> list[tuple[Overlap, Outcomes | None]]:
+        """Each with what the filter did with its matches; None where it was not measured."""
+        outcomes = iter((report.pairs, *report.further))
+        return [(overlap, None if overlap.worn is None else next(outcomes)) for overlap in self.each]
+
+    def births(self, report: UpdateReport, t: float) -> tuple[ImagePoints, Ids]:
+        """Features born from pairs of the frame at ``t``, and the candidates (C,) that births use up."""
+        born, used = ImagePoints(), [np.empty(0, np.int64)]
+        for overlap, outcomes in self.with_outcomes(report):
+            if outcomes is not None:
+                more, candidates = overlap.births(outcomes, t)
+                born = born.with_more(more)
+                used.append(candidates)
+        return born, np.concatenate(used)
+
+    def earlier_births(self, report: UpdateReport, core: Filter, t: float) -> dict[int, Patch]:
+        """Features born from pairs of frames before the one at ``t``, with their patches from there."""
+        patches: dict[int, Patch] = {}
+        for overlap, outcomes in self.with_outcomes(report):
+            if outcomes is not None:
+                patches |= overlap.earlier_births(outcomes, core, t)
+        return patches
+
+    def counts(self, report: UpdateReport) -> dict[str, Any]:
+        """Diagnostics of the worn cameras: counts of all together, and numbers of the one that speaks most
+        against its T_CF."""
+        told = [overlap.counts(outcomes) for overlap, outcomes in self.with_outcomes(report)]
+        if not told:
+            return Overlap().counts(None)
+        worst = max(told, key=lambda counts: np.nan_to_num(counts["t_cf_against"], nan=-1.0))
+        numbers = {name for name, value in worst.items() if isinstance(value, float)}
+        return {name: worst[name] if name in numbers else sum(c[name] for c in told) for name in worst}
+
+    def poses(self, core: Filter, report: UpdateReport, view: View) -> dict[str, PlacedCamera]:
+        """Where the worn cameras were when the views of this frame were taken, by name."""
+        if view.lost or not core.started:
+            return {}
+        measured = {pose.who: pose for pose in report.worn_poses}
+        out = {}
+        for number, placed in view.worn:
+            found = measured.get(number) or core.worn_pose(placed.stated(number, view.t))
+            out[placed.worn.who] = PlacedCamera(found.pose, found.covariance, number in measured)
+        return out

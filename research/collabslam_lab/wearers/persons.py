@@ -1,0 +1,183 @@
+"""Several persons: is the covariance honest with each more, does each more help, and what does it cost?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
+from typing import Any, TypeVar
+
+import numpy as np
+
+from collabslam.evaluation.consistency import nees_band
+from collabslam.runs.progress import Progress
+from collabslam.runs.report import number
+from collabslam_lab.engines import Engine
+from collabslam_lab.figures import style
+from collabslam_lab.figures.finding import Finding, Table
+from collabslam_lab.wearers.among_points import COMMON, Told, Variant, run_points
+from collabslam_lab.wearers.persons_way import DRAWS, NAMES, Went, go_ways
+
+RUNS, QUICK_RUNS, BATCH = 100, 10, 10
+"""Runs among points, and how many of them a child process does at a time."""
+WAYS, QUICK_WAYS = 10, 2
+FRAMES, QUICK_FRAMES = 41, 21
+COUNTS = tuple(range(1, len(NAMES) + 1))
+OWN, TRACKER, UNTOLD = "own", "tracker", "tracker, not told"
+"""Whose the errors of T_CF are: each person's own; partly those of one tracker, which the filter is told, or not."""
+AIM = 9
+"""Ways of ten on which two persons are to be better than one."""
+
+Out = TypeVar("Out")
+
+
+def make(*, seed: int, jobs: int, engine: Engine, quick: bool) -> Finding:
+    """All runs among points, and all ways."""
+    runs = QUICK_RUNS if quick else RUNS
+    told = _among_points(runs, seed, jobs, engine)
+    frames, draws = (QUICK_FRAMES, 2) if quick else (FRAMES, DRAWS)
+    ways = _each(
+        go_ways, [(way, frames, draws, seed) for way in range(QUICK_WAYS if quick else WAYS)], jobs, engine
+    )
+    nees = {kind: {count: _summary(told[kind, count], runs) for count in COUNTS} for kind in (OWN, TRACKER)}
+    untold = {count: _summary(told[UNTOLD, count], runs) for count in COUNTS[1:]}
+    errors = np.array([[_rms([went.error for went in way[count]]) for count in COUNTS] for way in ways])
+    ms = {count: float(np.median([went.ms for way in ways for went in way[count]])) for count in COUNTS}
+    rendered = {count: _rendered([went for way in ways for went in way[count]]) for count in COUNTS}
+    numbers = {
+        "nees": {count: nees[OWN][count]["pose"] for count in COUNTS},
+        "nees_one_tracker": {count: nees[TRACKER][count]["pose"] for count in COUNTS},
+        "nees_band": list(nees_band(6, runs)),
+        "ways_better_with_two": int((errors[:, 1] < errors[:, 0]).sum()),
+        "ways_better_with_three": int((errors[:, 2] < errors[:, 1]).sum()),
+        "ways": len(ways),
+        "ms": ms,
+        "error_m": {count: _rms(errors[:, k]) for k, count in enumerate(COUNTS)},
+        "among_points": {OWN: nees[OWN], TRACKER: nees[TRACKER], UNTOLD: untold},
+        "rendered": rendered,
+        "runs": runs,
+    }
+    figure, panels = style.canvas(1, 3, (13.0, 4.4), "Several persons")
+    _draw_nees(panels[0, 0], numbers)
+    axes = panels[0, 1]
+    for row in errors:
+        axes.plot(COUNTS, 100.0 * row, color=style.GREY, linewidth=0.8)
+    axes.plot(COUNTS, [100.0 * numbers["error_m"][count] for count in COUNTS], "o-", color=style.COLLAB)
+    axes.set(xlabel="persons", ylabel="error of the position (cm)", xticks=COUNTS)
+    axes = panels[0, 2]
+    axes.plot(COUNTS, [ms[count] for count in COUNTS], "o-", color=style.COLLAB)
+    axes.set(xlabel="persons", ylabel="a frame with views (ms)", xticks=COUNTS, ylim=(0.0, None))
+    return Finding(
+        title="Several persons",
+        figure=figure,
+        tables=[_honesty(told, runs), _help(numbers, rendered)],
+        verdict=f"One tracker: {COMMON:.0%} of the variance of each T_CF is common to all. An error on a way "
+        f"is the RMS over its frames and over {draws} errors of T_CF.",
+        numbers=numbers,
+        columns=("way", *(f"error_m_{count}" for count in COUNTS)),
+        rows=[[way, *row] for way, row in enumerate(errors.tolist())],
+    )
+
+
+def _among_points(runs: int, seed: int, jobs: int, engine: Engine) -> dict[tuple[str, int], list[Told]]:
+    variants = {
+        **{(OWN, count): Variant(count, 0.0, 0.0) for count in COUNTS},
+        **{(TRACKER, count): Variant(count, COMMON, COMMON) for count in COUNTS},
+        **{(UNTOLD, count): Variant(count, COMMON, 0.0) for count in COUNTS[1:]},
+    }
+    batches = [range(first, min(first + BATCH, runs)) for first in range(0, runs, BATCH)]
+    work = [(key, (variant, seed, batch)) for key, variant in variants.items() for batch in batches]
+    out: dict[tuple[str, int], list[Told]] = {key: [] for key in variants}
+    for (key, _), told in zip(work, _each(run_points, [w for _, w in work], jobs, engine), strict=True):
+        out[key] += told
+    return out
+
+
+def _each(do: Callable[..., Out], work: Sequence[tuple[Any, ...]], jobs: int, engine: Engine) -> list[Out]:
+    """What ``do`` gives for each, in order."""
+    with Progress(len(work), "persons", unit="part") as bar:
+        if jobs == 1 and engine.is_local:
+            out = []
+            for arguments in work:
+                out.append(do(*arguments))
+                bar.update()
+            return out
+        with engine.pool(jobs) as pool:
+            futures = [pool.submit(do, *arguments) for arguments in work]
+            for _ in as_completed(futures):
+                bar.update()
+            return [future.result() for future in futures]
+
+
+def _summary(told: list[Told], runs: int) -> dict[str, float]:
+    """Mean NEES over runs and frames, and the share of frames whose mean over the runs is within its band."""
+    out = {}
+    for name, dof in (("pose", 6), ("position", 3), ("worn", 6)):
+        values = np.array([getattr(one, name) for one in told])
+        some = np.isfinite(values).any(axis=0)
+        means = np.nanmean(values[:, some], axis=0)
+        low, high = nees_band(dof, runs)
+        out[name] = float(means.mean())
+        if name != "worn":
+            out[f"{name}_in_band"] = float(np.mean((means >= low) & (means <= high)))
+    out["error_m"] = _rms(np.concatenate([one.error[1:] for one in told]))
+    return out
+
+
+def _rendered(went: list[Went]) -> dict[str, float]:
+    worn = np.array([value for one in went for value in one.worn])
+    return {
+        "nees_pose": float(np.mean([one.pose for one in went])),
+        "nees_position": float(np.mean([one.position for one in went])),
+        "nees_worn": float(np.nanmean(worn)),
+        "matches": float(np.mean([one.matches for one in went])),
+    }
+
+
+def _draw_nees(axes: Any, numbers: dict[str, Any]) -> None:
+    low, high = numbers["nees_band"]
+    axes.axhspan(low, high, color=style.GREY, alpha=0.3, linewidth=0.0)
+    for name, values in (("errors of their own", "nees"), ("one tracker", "nees_one_tracker")):
+        axes.plot(COUNTS, [numbers[values][count] for count in COUNTS], "o-", label=name)
+    untold = numbers["among_points"][UNTOLD]
+    axes.plot(list(untold), [of["pose"] for of in untold.values()], "x:", label="one tracker, not told")
+    axes.set(xlabel="persons", ylabel="NEES of the pose (6)", xticks=COUNTS, ylim=(0.0, None))
+    axes.legend()
+
+
+def _honesty(told: dict[tuple[str, int], list[Told]], runs: int) -> Table:
+    rows = []
+    for (kind, count), each in told.items():
+        of = _summary(each, runs)
+        values = [number(of[name], 2) for name in ("pose", "position", "worn")]
+        rows.append([kind, str(count), *values, number(100.0 * of["error_m"], 2)])
+    low, high = nees_band(6, runs)
+    return Table(
+        f"Among simulated points, {runs} runs: mean NEES (a pose's 95 % band over the runs of one frame: "
+        f"{low:.2f} to {high:.2f}; a position's expectation is 3), and the error of the position:",
+        ("errors of T_CF", "persons", "pose of Cs", "position of Cs", "poses of the Cf", "cm"),
+        rows,
+    )
+
+
+def _help(numbers: dict[str, Any], rendered: dict[int, dict[str, float]]) -> Table:
+    rows = [
+        [
+            str(count),
+            number(100.0 * numbers["error_m"][count], 2),
+            *(number(rendered[count][name], 2) for name in ("nees_pose", "nees_position", "nees_worn")),
+            number(rendered[count]["matches"], 1),
+            number(numbers["ms"][count], 1),
+        ]
+        for count in COUNTS
+    ]
+    return Table(
+        f"On {numbers['ways']} rendered ways: two persons are better than one on "
+        f"{numbers['ways_better_with_two']} (aim: {AIM} of 10), three better than two on "
+        f"{numbers['ways_better_with_three']}.",
+        ("persons", "error, cm", "NEES pose", "NEES position", "NEES of the Cf", "matches", "ms"),
+        rows,
+    )
+
+
+def _rms(values: Any) -> float:
+    return float(np.sqrt(np.nanmean(np.square(values))))
