@@ -40,9 +40,17 @@ DEFAULT = Estimator("default", "the filter as it is", gauge=True)
 
 @dataclass(frozen=True)
 class Told:
-    """A run by frames (T,): NEES of Cs's pose (6 degrees of freedom) and of its position (3), NEES of the poses
-    of the worn cameras (6), the mean of those that were measured, and the error of the position, metres; NaN
-    before the start and where there is none."""
+    """A run by frames (T,); NaN before the start and where there is none.
+
+    Attributes
+    ----------
+    pose, position : array
+        NEES of Cs's pose (6 degrees of freedom) and of its position (3).
+    worn : array
+        NEES of the poses of the worn cameras (6), the mean of those that were measured.
+    error : array
+        Of the position, metres.
+    """
 
     pose: Array
     position: Array
@@ -129,7 +137,7 @@ def _view(camera: Camera, in_c: Array, visible: Array, who: int, xi: Array, nois
 
 
 class _Errors:
-    """Errors of T_CF (3, 6) frame by frame, tangent on the right; all persons' are drawn, whoever is there."""
+    """Errors of T_CF (3, 6) frame by frame, tangent on the right; all are drawn, whoever is there."""
 
     def __init__(self, variant: Variant, dt: float, rng: np.random.Generator) -> None:
         self._rng, self._kept = rng, float(np.exp(-dt / LASTS))
