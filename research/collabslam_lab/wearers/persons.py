@@ -23,7 +23,7 @@ WAYS, QUICK_WAYS = 10, 2
 FRAMES, QUICK_FRAMES = 41, 21
 COUNTS = tuple(range(1, len(NAMES) + 1))
 OWN, TRACKER, UNTOLD = "own", "tracker", "tracker, not told"
-"""Whose the errors of T_CF are: each person's own, or partly one tracker's, of which the filter may be told."""
+"""Whose the errors of T_CF are: each person's own, or partly a tracker's, of which the filter may be told."""
 AIM = 9
 """Ways of ten on which two persons are to be better than one."""
 
