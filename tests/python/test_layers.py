@@ -66,7 +66,7 @@ LAB_ALLOWED: dict[str, set[str]] = {
     "paper_simulation": {"figures", "engines", "switches", "worn_sensors"},
     "paper_worlds": {"figures", "processes", "engines", "worlds", "intervals"},
     "likeness": {"figures", "processes", "engines", "benchmark", "worlds"},
-    "wearers": {"figures", "processes", "engines"},
+    "wearers": {"figures", "processes", "engines", "paper_simulation"},
     "long_ways": {"processes", "worlds"},
     "calibrated": {"figures", "processes", "engines", "intervals"},
     "reliability": {"report", "processes", "benchmark"},

@@ -16,7 +16,7 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.evaluation.consistency import nees, pose_tangent_error
 from collabslam.geometry import rotation_exp, se3_exp
-from collabslam.types import Array
+from collabslam.types import Array, Mask
 from collabslam_lab.paper_simulation.cloud import SIZE, WORN_SIGMA, pixels, walk, wall
 from collabslam_lab.paper_simulation.core_run import CoreRun, SimulatedFrame, SimulatedView, common_settings
 from collabslam_lab.paper_simulation.estimators import Estimator
@@ -130,7 +130,7 @@ def t_cf(who: int) -> Array:
     return pose
 
 
-def _view(camera: Camera, in_c: Array, visible: Array, who: int, xi: Array, noise: Array) -> SimulatedView:
+def _view(camera: Camera, in_c: Array, visible: Mask, who: int, xi: Array, noise: Array) -> SimulatedView:
     true = t_cf(who)
     uv_f, visible_f = pixels(camera, (in_c - true[:3, 3]) @ true[:3, :3], noise)
     return true @ se3_exp(-xi), np.diag(np.square(WORN_SIGMA)), uv_f, visible & visible_f

@@ -43,7 +43,7 @@ def make(*, seed: int, jobs: int, engine: Engine, quick: bool) -> Finding:
     errors = np.array([[_rms([went.error for went in way[count]]) for count in COUNTS] for way in ways])
     ms = {count: float(np.median([went.ms for way in ways for went in way[count]])) for count in COUNTS}
     rendered = {count: _rendered([went for way in ways for went in way[count]]) for count in COUNTS}
-    numbers = {
+    numbers: dict[str, Any] = {
         "nees": {count: nees[OWN][count]["pose"] for count in COUNTS},
         "nees_one_tracker": {count: nees[TRACKER][count]["pose"] for count in COUNTS},
         "nees_band": list(nees_band(6, runs)),

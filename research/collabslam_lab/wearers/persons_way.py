@@ -100,7 +100,11 @@ class PersonsWay:
         """The whole way with some of the persons."""
         recording = self.recording
         slam = Slam(recording.camera, {NAMES[who]: recording.worn_camera for who in persons})
-        poses, covariances, truth, ms, matches = [], [], [], [], []
+        poses: list[Array] = []
+        covariances: list[Array] = []
+        truth: list[Array] = []
+        ms: list[float] = []
+        matches: list[float] = []
         placed: dict[str, list[tuple[Array, Array, Array]]] = {NAMES[who]: [] for who in persons}
         origin = np.eye(4)
         for i, picture in enumerate(self.pictures):
