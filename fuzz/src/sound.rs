@@ -37,7 +37,7 @@ pub(crate) fn check_state(filter: &Filter) -> Result<(), Broken> {
     }
     if blocks
         .iter()
-        .any(|b| matches!(b.kind, BlockKind::WornError | BlockKind::Auxiliary(_)))
+        .any(|b| matches!(b.kind, BlockKind::WornError(_) | BlockKind::Auxiliary(_)))
     {
         return Err("a block of one frame is left over".into());
     }
