@@ -10,9 +10,10 @@ import pytest
 from conftest import Clip
 from posted import Posted, paint
 
-from collabslam import RecordingWriter, Slam, Tag
+from collabslam import Camera, DataError, InputError, RecordingWriter, SavedMap, Slam, Tag
 from collabslam.cli import main as cli
 from collabslam.geometry import pose, pose_inverse, rotation_exp, se3_exp, se3_log
+from collabslam.slam.printed_targets import check_targets
 from collabslam.slam.results import StepResult
 from collabslam.slam.target_fix import SeenTarget, find_by_targets
 from collabslam.targets.printed import planar_solutions, printed_corners
@@ -105,6 +106,32 @@ def test_in_its_room_it_is_ok_at_once(walk: Posted, clip: Clip) -> None:
     assert results[0].diagnostics["relocalised"] == 1
     assert Status.OK in [result.status for result in results]
     assert np.mean([distance(r, moved(k)) for k, r in enumerate(results)]) < 12.0
+
+
+def test_a_tag_of_an_earlier_run_finds_the_camera_in_its_map(walk: Posted, tmp_path: Path) -> None:
+    lost(walk, [OTHER]).saved_map().save(tmp_path / "tags.map")
+    slam = Slam(walk.camera, mode="mono", start="map", map=SavedMap.load(tmp_path / "tags.map"))
+    results = [slam.step(0.1 * k, bare(walk, k, [TAG, OTHER])) for k in range(8)]
+    assert results[0].diagnostics["printed_targets"] == 2
+    assert results[-1].valid
+    found = [(k, result) for k, result in enumerate(results) if result.valid]
+    assert len(found) >= 6
+    assert np.mean([distance(result, moved(k)) for k, result in found]) < 12.0
+    assert np.linalg.norm(results[-1].pose[:3, 3] - moved(7)[:3, 3]) < 0.2
+    with pytest.raises(InputError, match="another size"):
+        slam.add_tag("36h11", 3, 0.16)
+
+
+def test_a_map_for_another_camera_keeps_its_tags(walk: Posted) -> None:
+    known = lost(walk, []).saved_map()
+    other = Camera("pinhole", 480, 320, (420.0, 420.0, 240.0, 160.0), [])
+    seen = known.seen_by(other)
+    kept = seen.targets[str(TAG)]
+    there = kept >= 0
+    assert there.any()
+    assert np.allclose(seen.landmarks[kept[there]], known.landmarks[known.targets[str(TAG)][there]])
+    with pytest.raises(DataError, match="36h11:3"):
+        check_targets({str(TAG): np.array([0, 1, 2, len(known.landmarks)])}, len(known.landmarks), "map")
 
 
 def test_without_a_tag_that_it_knows_it_stays_lost(walk: Posted) -> None:

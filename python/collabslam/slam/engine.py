@@ -114,6 +114,7 @@ class Slam(EngineParts):
             ids = core.start_from_map(map.landmarks, map.covariance, map.place)
             self._relocaliser.adopt(ids, map.views)
             self._known.begin(map.submaps.renamed(dict(enumerate(ids.tolist()))))
+            self._printed.begin(map.targets, ids)
 
     def add_tag(self, family: str, number: int, side: float) -> None:
         """Announces a printed tag: its corners, where Cs sees them, are points of known distances.

@@ -271,4 +271,5 @@ class EngineParts:
             known.place,
             self._relocaliser.views(known.ids),
             self._submaps.chain().handed_over(known.ids),
+            self._printed.in_list(known.ids),
         )

@@ -70,6 +70,17 @@ def _check_name(value: Any, where: str) -> None:
         refuse(where, "a printed target")
 
 
+def check_targets(value: Any, count: int, where: str) -> None:
+    """Printed targets of a map of so many landmarks, as `PrintedTargets.in_list` gives them."""
+    table(str, array("<i8", None))(value, where)
+    for name, places in value.items():
+        _check_name(name, where)
+        if len(places) != len(_parse(name).corners()):
+            refuse(f"{where} {name}", "the landmark of each corner")
+        if ((places < -1) | (places >= count)).any():
+            refuse(f"{where} {name}", "landmarks of this map, or -1")
+
+
 class PrintedTargets(PersistentState):
     """The tags and boards that were announced, and which features of the map their corners are.
 
@@ -134,6 +145,21 @@ class PrintedTargets(PersistentState):
     def adopt(self, seen: Sighting, ids: Ids) -> None:
         """These features, in order, are the corners of a target."""
         self._features = {**self._features, str(seen.target): ids}
+
+    def in_list(self, ids: Ids) -> dict[str, Ids]:
+        """Where the corners of the map's targets are in a list of features: (N,) by target, -1 where gone."""
+        place = {i: k for k, i in enumerate(ids.tolist())}
+        corners = {
+            name: np.array([place.get(i, -1) for i in features.tolist()], np.int64)
+            for name, features in self._features.items()
+        }
+        return {name: places for name, places in corners.items() if (places >= 0).sum() >= _LEAST_HELD}
+
+    def begin(self, targets: Mapping[str, Ids], ids: Ids) -> None:
+        """The targets of a map to start in, as `in_list` gives them; its features are ``ids`` now."""
+        for name, places in targets.items():
+            self.add(_parse(name))
+            self._features = {**self._features, name: np.where(places >= 0, ids[places], -1)}
 
     def in_map(self) -> list[SeenTarget]:
         """Those in this frame whose corners were features of the map, and which one is which can be told."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,16 +12,17 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.errors import CollabslamError, DataError
 from collabslam.formats.container import read_container, write_container
-from collabslam.formats.schema import array, covariance, fields, flag, refuse
+from collabslam.formats.schema import array, covariance, fields, flag, refuse, table
 from collabslam.frontend.map_views import in_one_list, in_other_camera
 from collabslam.frontend.patch import Patch
 from collabslam.frontend.place_recognition import SUPPORT, describe_views
+from collabslam.slam.printed_targets import check_targets
 from collabslam.slam.results import Loop
 from collabslam.slam.state import PATCH, check_camera
 from collabslam.slam.submap_chain import Chain, Submap, check_chain
-from collabslam.types import Array
+from collabslam.types import Array, Ids
 
-KIND, VERSION = "map", 3
+KIND, VERSION = "map", 4
 CLASSES = (Loop, Patch, Submap)
 """Dataclasses that are in it."""
 CONTENT = fields(
@@ -35,6 +37,7 @@ CONTENT = fields(
     t_wc=array("<f8", None, 4, 4),
     inside=array("<f8", None, 4),
     submaps=check_chain,
+    targets=table(str, array("<i8", None)),
 )
 """What its file may hold."""
 
@@ -60,6 +63,9 @@ class SavedMap:
     submaps : Chain
         Of the way so far (METHOD 25): in any of them a camera may find itself, too.  The landmarks above are
         0, 1, .. there.
+    targets : dict
+        Landmark of each corner (N,) int64 of the printed targets that are in it, by the target's name; -1
+        for a corner that is not.
     """
 
     camera: Camera
@@ -69,6 +75,7 @@ class SavedMap:
     place: Array
     views: list[list[Patch]]
     submaps: Chain = field(default_factory=Chain.empty)
+    targets: Mapping[str, Ids] = field(default_factory=dict)
 
     def save(self, path: str | Path) -> None:
         """Write it; raises DataError if the file cannot be written."""
@@ -85,6 +92,7 @@ class SavedMap:
             "t_wc": np.reshape([v.t_wc for v in views], (-1, 4, 4)),
             "inside": np.reshape([v.inside for v in views], (-1, 4)),
             "submaps": self.submaps.state(),
+            "targets": dict(self.targets),
         }
         write_container(Path(path), KIND, VERSION, content, CLASSES)
 
@@ -121,6 +129,8 @@ class SavedMap:
         names = {k: lowest - 1 - k for k in range(len(self.landmarks))}
         names |= {k: place for place, k in enumerate(kept.tolist())}
         seen = [_seen_by(submap, self.camera, camera) for submap in self.submaps.submaps]
+        place = np.full(len(self.landmarks) + 1, -1)  # the last one is of corners that are not there
+        place[kept] = np.arange(len(kept))
         return SavedMap(
             camera,
             self.metric,
@@ -129,6 +139,7 @@ class SavedMap:
             self.place,
             [views[k] for k in kept],
             replace(self.submaps, submaps=seen).renamed(names),
+            {name: place[corners] for name, corners in self.targets.items()},
         )
 
 
@@ -160,6 +171,7 @@ def _map_of(content: Any) -> SavedMap:
     chain = Chain.of(content["submaps"])
     if not all(submap.described for submap in chain.submaps):
         refuse("map.submaps", "submaps that can be recognised")
+    check_targets(content["targets"], count, "map.targets")
     return SavedMap(
         Camera(*content["camera"]),
         content["metric"],
@@ -168,4 +180,5 @@ def _map_of(content: Any) -> SavedMap:
         content["place"],
         lists,
         chain,
+        content["targets"],
     )
