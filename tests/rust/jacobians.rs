@@ -6,10 +6,12 @@ use ekf_core::birth::new_feature::{FirstPoseCovariance, NewFeature};
 use ekf_core::birth::two_view::TwoView;
 use ekf_core::math::{inverse_depth, pose::Pose, quat};
 use ekf_core::observe::point::CameraPose;
-use ekf_core::observe::{FeatureState, Form, PointInCamera, Rows, WornView};
+use ekf_core::observe::{FeatureState, Form, PointInCamera, Rows, Shutter, WornView};
 use ekf_core::predict;
 use ekf_core::settings::{MotionModel, ProcessSettings};
-use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector2, Vector3, Vector4, Vector6};
+use nalgebra::{
+    DMatrix, DVector, Matrix3, Matrix6, SMatrix, SVector, Vector2, Vector3, Vector4, Vector6,
+};
 use rand::Rng;
 use rand_pcg::Pcg64;
 
@@ -228,10 +230,10 @@ fn observations() {
         let zero = Vector2::zeros();
         // The innovation is measured minus predicted, so with a measurement of zero it is minus the prediction.
         let predicted = |pose: &CameraPose, feature: &FeatureState| -> Vector2<f64> {
-            let rows = Rows::bearing(&camera, pose, feature, &zero, 1.0).expect("visible");
+            let rows = Rows::bearing(&camera, pose, feature, &zero, 1.0, None).expect("visible");
             -rows.innovation.fixed_rows::<2>(0).into_owned()
         };
-        let rows = Rows::bearing(&camera, &pose, &feature, &zero, 1.0).expect("visible");
+        let rows = Rows::bearing(&camera, &pose, &feature, &zero, 1.0, None).expect("visible");
         let by_pose = rows.by_pose.fixed_rows::<2>(0).into_owned();
         check("bearing by pose", &x, &by_pose, |x| {
             predicted(&pose_of(x), &feature)
@@ -240,7 +242,45 @@ fn observations() {
         check_by_feature("bearing by feature", &feature, &by_feature, |y| {
             predicted(&pose, y)
         });
+        rolling_bearing(&camera, &pose, &feature, &normals::<6>(&mut rng));
     }
+}
+
+/// A pixel of a shutter that rolls, by pose, velocities, readout and feature.
+fn rolling_bearing(
+    camera: &Camera,
+    pose: &CameraPose,
+    feature: &FeatureState,
+    twist: &Vector6<f64>,
+) {
+    let at = Vector2::new(200.0, 400.0);
+    let motion: SVector<f64, 7> = twist.push(0.03);
+    let predicted = |pose: &CameraPose, motion: &SVector<f64, 7>, feature: &FeatureState| {
+        let shutter = Shutter {
+            offset: 13,
+            readout: motion[6],
+            height: 480.0,
+            velocity: motion.fixed_rows::<3>(0).into_owned(),
+            turning: motion.fixed_rows::<3>(3).into_owned(),
+            spread: Matrix6::zeros(),
+        };
+        Rows::bearing(camera, pose, feature, &at, 1.0, Some(&shutter)).expect("visible")
+    };
+    let pixel = |rows: Rows| -> Vector2<f64> { -rows.innovation.fixed_rows::<2>(0).into_owned() };
+    let rows = predicted(pose, &motion, feature);
+    let by_motion = rows.by_motion.expect("a shutter").by;
+    let by_motion = by_motion.fixed_rows::<2>(0).into_owned();
+    check("rolling bearing by motion", &motion, &by_motion, |motion| {
+        pixel(predicted(pose, motion, feature))
+    });
+    let by_pose = rows.by_pose.fixed_rows::<2>(0).into_owned();
+    check("rolling bearing by pose", &vector_of(pose), &by_pose, |x| {
+        pixel(predicted(&pose_of(x), &motion, feature))
+    });
+    let by_feature = rows.by_feature.fixed_rows::<2>(0).into_owned();
+    check_by_feature("rolling bearing by feature", feature, &by_feature, |y| {
+        pixel(predicted(pose, &motion, y))
+    });
 }
 
 fn random_worn(rng: &mut Pcg64) -> Pose {
@@ -478,7 +518,7 @@ fn pixels_and_births_by_the_calibration() {
             .expect("in front")
             .value;
         let at = camera.project(&seen).expect("in front");
-        let rows = Rows::bearing(&camera, &pose, &feature, &at, 1.0).expect("visible");
+        let rows = Rows::bearing(&camera, &pose, &feature, &at, 1.0, None).expect("visible");
         let by = rows.by_shared.expect("depends on the calibration");
         check(
             "bearing by calibration",

@@ -81,7 +81,8 @@ const FILTER: Table = &[
             "wheels",
         ],
     ),
-    ("births", &["candidate", "ekf"]),
+    ("shutter", &["ekf"]),
+    ("births", &["candidate", "ekf", "shutter"]),
     ("free_start", &["ekf"]),
     ("further_views", &["measurements", "sources", "ekf"]),
     ("worn_pose", &["measurements", "ekf"]),
@@ -89,7 +90,7 @@ const FILTER: Table = &[
     ("checks", &["measurements", "sources", "ekf"]),
     (
         "conditional_prediction",
-        &["measurements", "sources", "ekf"],
+        &["measurements", "sources", "visibility", "ekf"],
     ),
     ("kept_poses", &["pose_ring", "ekf"]),
     ("known_map", &["record", "ekf"]),
@@ -109,7 +110,10 @@ const FILTER: Table = &[
     ("validation", &["measurements", "ekf"]),
     ("working_set", &["measurements", "ekf"]),
     ("other_time", &["measurements", "ekf"]),
-    ("worn_error", &["measurements", "ekf", "other_time"]),
+    (
+        "worn_error",
+        &["measurements", "ekf", "other_time", "shutter"],
+    ),
     (
         "snapshot_image",
         &[

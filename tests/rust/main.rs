@@ -29,6 +29,7 @@ mod restart;
 mod scale;
 mod scene;
 mod shrink;
+mod shutter;
 mod sight;
 mod snapshot;
 mod submaps;

@@ -43,6 +43,9 @@ pub(crate) fn worn_covariance() -> Matrix6<f64> {
 
 pub(crate) fn settings(changes: &[(&str, Value)]) -> Settings {
     let mut settings = Settings::default();
+    // The simulated camera takes all rows at once.
+    let exact = settings.set("calibration.readout_sd", &Value::Float(0.0));
+    exact.expect("valid setting");
     for (key, value) in changes {
         settings.set(key, value).expect("valid setting");
     }
@@ -59,6 +62,10 @@ pub(crate) struct Scene {
     pub(crate) points: Vec<Vector3<f64>>,
     pub(crate) sigma_px: f64,
     pub(crate) worn_covariance: Matrix6<f64>,
+    /// Seconds from the first row of an image of Cs to the last one.
+    pub(crate) readout: f64,
+    /// Whether the camera is at rest at 0.
+    pub(crate) from_rest: bool,
     rng: Pcg64,
 }
 
@@ -79,12 +86,19 @@ impl Scene {
             points,
             sigma_px: 1.0,
             worn_covariance: worn_covariance(),
+            readout: 0.0,
+            from_rest: false,
             rng,
         }
     }
 
     /// Pose of the camera at time `t`: at the origin at 0, slowly swaying.
     pub(crate) fn pose(&self, t: f64) -> Pose {
+        let t = if self.from_rest {
+            t * t / (t.abs() + 1.0)
+        } else {
+            t
+        };
         let turn = Vector3::new(0.05 * (0.7 * t).sin(), 0.2 * (0.3 * t).sin(), 0.0);
         Pose {
             rotation: quat::rotation(&quat::exp(&turn)),
@@ -106,6 +120,17 @@ impl Scene {
             .then(|| uv + noise * self.sigma_px)
     }
 
+    /// As [`Self::pixel`], from where the camera is at the time of the pixel's row in the frame at `t`.
+    fn rolling_pixel(&mut self, t: f64, point: usize) -> Option<Vector2<f64>> {
+        let mut tau = 0.0;
+        for _ in 0..5 {
+            let seen = self.pose(t + tau).inverse().apply(&self.points[point]);
+            let row = self.camera.project(&seen)?.y;
+            tau = (row / f64::from(self.camera.height) - 0.5) * self.readout;
+        }
+        self.pixel(&self.pose(t + tau), point)
+    }
+
     /// One frame: what `known` (feature id to point) sees, and the worn camera's pairs for all points.
     pub(crate) fn measure(
         &mut self,
@@ -117,7 +142,7 @@ impl Scene {
         let mut z = Measurements::default();
         for (&id, &point) in known {
             z.searched.push(id);
-            if let Some(uv) = self.pixel(&pose, point) {
+            if let Some(uv) = self.rolling_pixel(t, point) {
                 z.bearings.push(Bearing { id, uv });
             }
         }
@@ -143,7 +168,7 @@ impl Scene {
                 let uv = match (id, bearing) {
                     (Some(_), Some(b)) => Some(b.uv),
                     (Some(_), None) => None,
-                    (None, _) => self.pixel(&pose, point),
+                    (None, _) => self.rolling_pixel(t, point),
                 };
                 if let (Some(uv), Some(uv_f)) = (uv, self.pixel(&worn_pose, point)) {
                     pairs.push(WornPair { id, uv, uv_f });

@@ -224,7 +224,7 @@ pub(crate) fn units(
     for (bearing, outcome) in z.bearings.iter().zip(&report.bearings) {
         if *outcome == Outcome::Pixel {
             let (y, offset) = feature(bearing.id);
-            let rows = Rows::bearing(camera, &pose, &y, &bearing.uv, pixel.sigma_cs);
+            let rows = Rows::bearing(camera, &pose, &y, &bearing.uv, pixel.sigma_cs, None);
             units.push((rows.expect("visible"), offset, dense.calibration));
         }
     }

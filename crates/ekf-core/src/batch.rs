@@ -176,6 +176,11 @@ impl Workspace {
                 let mut sums = [0.0; 3];
                 let pht = &self.pht;
                 pht.add::<POSE_DIM>(&mut sums, 0, k, rows.by_pose.as_slice());
+                if let Some(motion) = &rows.by_motion {
+                    let (by_velocity, by_readout) = motion.by.as_slice().split_at(18);
+                    pht.add::<6>(&mut sums, POSE_DIM, k, by_velocity);
+                    pht.add::<1>(&mut sums, slots[motion.readout], k, by_readout);
+                }
                 pht.add::<3>(&mut sums, first, k, by_first);
                 if let Some(own) = own {
                     pht.add::<3>(&mut sums, own, k, by_own);

@@ -165,6 +165,12 @@ settings! {
         /// Standard deviation of the radial distortion: of its coefficients of the third and the fifth power.
         radial_sd: f64 = 0.0, "", Some(0.0), Some(1.0),
             User("As the focal length's; 0.01 is a good lens that was calibrated well.");
+        /// Time from the first row of an image of Cs to the last one: 0 for a global shutter, negative for an image upside down.
+        readout: f64 = 0.0, "s", Some(-0.2), Some(0.2),
+            User("Set it where the sensor's data sheet says so: 0.01 to 0.033 for phones and webcams, whose shutters roll.");
+        /// Standard deviation of that time, which the filter estimates; 0 where it is exact.
+        readout_sd: f64 = 0.0, "s", Some(0.0), Some(0.2),
+            User("Set it to 0.002 beside a readout that is known, to 0.015 for a shutter that rolls nobody knows how fast.");
     }
     /// Noise of pixel measurements (METHOD 4).
     pixel: PixelSettings {
@@ -280,6 +286,12 @@ settings! {
 }
 
 impl CalibrationSettings {
+    /// The readout of Cs and its standard deviation, seconds; `None` for a shutter that is known not to roll.
+    pub fn readout(&self) -> Option<(f64, f64)> {
+        let rolls = self.readout != 0.0 || self.readout_sd > 0.0;
+        rolls.then_some((self.readout, self.readout_sd))
+    }
+
     /// Covariance of the calibration's error, in the order of the camera's `warp_jacobian`;
     /// `None` where it is exact.
     pub fn covariance(&self) -> Option<Matrix6<f64>> {

@@ -72,7 +72,7 @@ class CoreRun:
         Of Cs and of Cf.
     settings : mapping
         Of the filter, switches among them, over its defaults. Nothing is rejected, and the reported
-        covariance is that of noise as it is claimed.
+        covariance is that of noise as it is claimed; all rows are taken at once.
     in_view : int
         Features and candidates in view that are asked for.
     persons : int
@@ -83,6 +83,7 @@ class CoreRun:
         fixed: FilterSettings = {
             "validate.test": "none",
             "process.handover": 0.0,
+            "calibration.readout_sd": 0.0,
         }
         changes = {f"filter.{key}": value for key, value in {**fixed, **settings}.items()}
         own = with_switches(Settings.default(), changes)

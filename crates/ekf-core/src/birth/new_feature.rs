@@ -4,7 +4,8 @@ use super::two_view::TwoView;
 use crate::camera::Camera;
 use crate::math::{inverse_depth, quat};
 use crate::observe::point::CameraPose;
-use nalgebra::{Matrix3, SMatrix, Vector2, Vector3, Vector6};
+use crate::observe::shutter::MOTION_DIM;
+use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3, Vector6};
 
 /// Mean, derivatives and noise of a newborn feature `[p(3) theta phi rho]`.
 #[derive(Clone, Debug)]
@@ -15,6 +16,10 @@ pub struct NewFeature {
     pub by_pose: SMatrix<f64, 6, 7>,
     /// Derivative by another block of the state: its offset, and up to seven columns.
     pub by_other: Option<(usize, SMatrix<f64, 6, 7>, usize)>,
+    /// Derivative by its pixel in Cs.
+    pub by_pixel: SMatrix<f64, 6, 2>,
+    /// Derivative by the camera's `[v w]` and by the readout of its shutter, and the offset of that, where it may roll.
+    pub by_motion: Option<(usize, SMatrix<f64, 6, MOTION_DIM>)>,
     /// Derivative by the error of Cs's calibration.
     pub by_calibration: SMatrix<f64, 6, 6>,
     /// Covariance of everything that is not in the state (pixels, and T_CF where it is independent).
@@ -39,6 +44,8 @@ impl NewFeature {
             mean,
             by_pose,
             by_other: None,
+            by_pixel: SMatrix::zeros(),
+            by_motion: None,
             by_calibration: SMatrix::zeros(),
             noise: SMatrix::zeros(),
         }
@@ -62,6 +69,7 @@ impl NewFeature {
         by_pixel
             .fixed_view_mut::<1, 2>(5, 0)
             .copy_from(&view.rho_by_pixel);
+        new.by_pixel = by_pixel;
         new.by_calibration = -by_pixel * warp;
         new.noise = by_pixel * by_pixel.transpose() * (sigma_px * sigma_px);
         new.noise[(5, 5)] +=
@@ -83,6 +91,9 @@ impl NewFeature {
         let mut new = Self::along(pose, &ray, &mut by_ray);
         new.mean[5] = rho;
         let by_pixel = by_ray * ray_by_pixel;
+        new.by_pixel
+            .fixed_view_mut::<2, 2>(3, 0)
+            .copy_from(&by_pixel);
         new.by_calibration
             .fixed_view_mut::<2, 6>(3, 0)
             .copy_from(&(-by_pixel * camera.warp_jacobian(uv)));
@@ -130,6 +141,29 @@ impl NewFeature {
     pub fn share_calibration(&mut self, view: &TwoView, other_warp: &SMatrix<f64, 2, 6>) {
         let mut rho = self.by_calibration.fixed_view_mut::<1, 6>(5, 0);
         rho -= view.rho_by_other_pixel * other_warp;
+    }
+
+    /// Lets the feature depend on the camera's motion under the shutter: the derivative of its pixel by that, and what the motion
+    /// adds to the pixel's covariance.
+    pub fn share_motion(
+        &mut self,
+        by_motion: Option<(usize, SMatrix<f64, 2, MOTION_DIM>)>,
+        noise: &Matrix2<f64>,
+    ) {
+        self.noise += self.by_pixel * noise * self.by_pixel.transpose();
+        self.by_motion = by_motion.map(|(readout, by)| (readout, self.by_pixel * by));
+    }
+
+    /// Lets rho depend on the motion under the shutter through the other view's pixel too, where that view is one of Cs.
+    pub fn share_first_motion(
+        &mut self,
+        view: &TwoView,
+        by_motion: Option<(usize, SMatrix<f64, 2, MOTION_DIM>)>,
+    ) {
+        if let (Some((_, by)), Some((_, first))) = (&mut self.by_motion, by_motion) {
+            let mut rho = by.fixed_view_mut::<1, MOTION_DIM>(5, 0);
+            rho += view.rho_by_other_pixel * first;
+        }
     }
 
     /// Makes a feature seen in one view depend on the pose of the candidate's first view, not on the present pose.

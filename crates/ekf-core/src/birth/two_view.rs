@@ -152,11 +152,16 @@ impl TwoView {
 
     /// Its covariance from the pixels alone (METHOD 6: T_CF's part is kept apart).
     pub fn point_noise(&self, sigma_px: f64, other_sigma_px: f64) -> Matrix3<f64> {
-        let (range, by_rho) = self.linear_point();
-        let by_pixel = self.ray_by_pixel * range + by_rho * self.rho_by_pixel;
-        let by_other = by_rho * self.rho_by_other_pixel;
+        let by_pixel = self.point_by_pixel();
+        let by_other = self.linear_point().1 * self.rho_by_other_pixel;
         by_pixel * by_pixel.transpose() * (sigma_px * sigma_px)
             + by_other * by_other.transpose() * (other_sigma_px * other_sigma_px)
+    }
+
+    /// Its derivative by the pixel in Cs.
+    pub fn point_by_pixel(&self) -> SMatrix<f64, 3, 2> {
+        let (range, by_rho) = self.linear_point();
+        self.ray_by_pixel * range + by_rho * self.rho_by_pixel
     }
 
     /// Its derivative by the right tangent of the other view's pose (METHOD 6: `J_T`), 3x6.

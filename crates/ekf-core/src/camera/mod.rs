@@ -14,7 +14,7 @@
 //! `None` for them instead of the ghost pixel on the far side of the fold. Clipping to the image is a
 //! separate question, asked with [`Camera::in_image`].
 //!
-//! Not handled: rolling shutter, skew, and fields of view of 180 degrees and more.
+//! Rows that are taken one after the other are [`Shutter`](crate::observe::Shutter)'s. Not handled: skew, and fields of view of 180 degrees and more.
 
 mod calibration;
 mod fisheye;

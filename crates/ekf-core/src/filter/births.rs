@@ -2,6 +2,7 @@
 
 use super::candidate::{Candidate, CandidateOutcome, FirstView};
 use super::ekf::Filter;
+use super::shutter::Unrolled;
 use crate::birth::held::{Held, held};
 use crate::birth::new_feature::{FirstPoseCovariance, NewFeature};
 use crate::birth::two_view::TwoView;
@@ -10,8 +11,12 @@ use crate::guard::{check_once, check_pixels};
 use crate::math::pose::Pose;
 use crate::math::quat;
 use crate::observe::point::CameraPose;
+use crate::observe::shutter::MOTION_DIM;
 use crate::settings::FirstPose;
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, SMatrix, Vector2};
+
+/// Offset of the readout, and derivative of a pixel by `[v w readout]`.
+type ByMotion = Option<(usize, SMatrix<f64, 2, MOTION_DIM>)>;
 
 /// Inverse depth of a candidate that waits for parallax no longer where the map tells none, 1/m: what has shown none is far.
 const VAGUE_RHO: f64 = 0.1;
@@ -43,8 +48,14 @@ impl Filter {
         let ids = self.next_candidate..self.next_candidate + pixels.len() as u64;
         self.next_candidate = ids.end;
         for (id, &uv) in ids.clone().zip(pixels) {
-            let first = first.clone();
-            self.candidates.insert(id, Candidate { uv, since, first });
+            let (first, roll) = (first.clone(), self.roll(&uv));
+            let candidate = Candidate {
+                uv,
+                roll,
+                since,
+                first,
+            };
+            self.candidates.insert(id, candidate);
         }
         Ok(ids.collect())
     }
@@ -115,9 +126,10 @@ impl Filter {
             view = clone;
             born.push(candidate.and_then(|candidate| {
                 let (first, covariance) = self.first_pose(&candidate)?;
-                let uv = &candidate.uv;
+                let (uv, by_motion) = self.first_pixel(&candidate, rho);
                 let mut new =
-                    NewFeature::with_prior_depth(&self.camera, &first, uv, sigma, rho, sd)?;
+                    NewFeature::with_prior_depth(&self.camera, &first, &uv, sigma, rho, sd)?;
+                new.share_motion(by_motion, &Matrix2::zeros());
                 new.seen_from_first_pose(covariance);
                 self.append_feature(&new).map(|block| block.id)
             }));
@@ -169,8 +181,19 @@ impl Filter {
             None if !has_baseline => return CandidateOutcome::Waiting,
             None => {}
         }
-        let Some(view) = TwoView::new(&self.camera, uv, &self.camera, &candidate.uv, &first_in_c)
-        else {
+        let camera = &self.camera;
+        let intersect = |uv, first_uv| TwoView::new(camera, uv, camera, first_uv, &first_in_c);
+        // How far it is says how much the shutter has moved it.
+        let Some(raw) = intersect(uv, &candidate.uv) else {
+            return CandidateOutcome::Waiting;
+        };
+        let Unrolled {
+            uv,
+            by_motion,
+            noise,
+        } = self.unrolled(uv, raw.rho);
+        let (first_uv, first_by_motion) = self.first_pixel(candidate, raw.rho);
+        let Some(view) = intersect(&uv, &first_uv) else {
             return CandidateOutcome::Waiting;
         };
         if view.parallax < birth.min_parallax.to_radians() {
@@ -186,14 +209,27 @@ impl Filter {
         if view.rho_variance_from_pixels(sigma, sigma).sqrt() > birth.max_rho_ratio * view.rho {
             return CandidateOutcome::Waiting;
         }
-        let [warp, first_warp] = [uv, &candidate.uv].map(|uv| self.camera.warp_jacobian(uv));
+        let [warp, first_warp] = [&uv, &first_uv].map(|uv| self.camera.warp_jacobian(uv));
         let mut new = NewFeature::from_two_views(&now, &view, &warp, (sigma, sigma));
         new.share_calibration(&view, &first_warp);
+        new.share_motion(by_motion, &noise);
+        new.share_first_motion(&view, first_by_motion);
         new.depend_on_first_pose(&now, &first, &view, covariance);
         match self.append_feature(&new) {
             Some(block) => CandidateOutcome::Born(block.id),
             None => CandidateOutcome::Dropped,
         }
+    }
+
+    /// A candidate's first pixel without the shutter's rolling, as [`Unrolled`]: it depends on the readout alone.
+    fn first_pixel(&self, candidate: &Candidate, rho: f64) -> (Vector2<f64>, ByMotion) {
+        let Some(shutter) = self.shutter() else {
+            return (candidate.uv, None);
+        };
+        let (uv, by_readout) = candidate.unrolled(shutter.readout, rho);
+        let mut by = SMatrix::<f64, 2, MOTION_DIM>::zeros();
+        by.set_column(MOTION_DIM - 1, &by_readout);
+        (uv, Some((shutter.offset, by)))
     }
 
     /// Pose of a candidate's first view, and where its uncertainty comes from; None without its clone.
@@ -234,8 +270,15 @@ impl Filter {
         Ok(pixels
             .iter()
             .map(|uv| {
-                NewFeature::with_prior_depth(&self.camera, &pose, uv, sigma, rho, sd)
-                    .and_then(|new| self.append_feature(&new).map(|block| block.id))
+                let Unrolled {
+                    uv,
+                    by_motion,
+                    noise,
+                } = self.unrolled(uv, rho);
+                let mut new =
+                    NewFeature::with_prior_depth(&self.camera, &pose, &uv, sigma, rho, sd)?;
+                new.share_motion(by_motion, &noise);
+                self.append_feature(&new).map(|block| block.id)
             })
             .collect())
     }

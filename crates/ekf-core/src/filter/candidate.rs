@@ -13,6 +13,8 @@ use serde::{Deserialize, Serialize};
 pub(super) struct Candidate {
     /// Pixel in the first view.
     pub uv: Vector2<f64>,
+    /// How that moves with the readout, as `Filter::roll` says.
+    pub(super) roll: SMatrix<f64, 2, 2>,
     /// Time of the first view, seconds.
     pub since: f64,
     pub(super) first: FirstView,
@@ -30,16 +32,30 @@ pub(super) enum FirstView {
 #[derive(Serialize, Deserialize)]
 pub(super) struct CandidateImage {
     uv: [f64; 2],
+    roll: [[f64; 2]; 2],
     since: f64,
     /// The block of the first pose, or the pose and its covariance.
     first: Result<u64, Vec<f64>>,
 }
 
 impl Candidate {
+    /// Its first pixel without the shutter's rolling, by the present estimate of the readout, seconds, and the derivative by that;
+    /// `rho` is the inverse range of its point, 1/m.
+    pub(super) fn unrolled(&self, readout: f64, rho: f64) -> (Vector2<f64>, Vector2<f64>) {
+        let by_readout = self.roll * Vector2::new(1.0, rho);
+        (self.uv + by_readout * readout, by_readout)
+    }
+
     pub(super) fn image(&self) -> CandidateImage {
-        let Self { uv, since, first } = self;
+        let Self {
+            uv,
+            roll,
+            since,
+            first,
+        } = self;
         CandidateImage {
             uv: [uv.x, uv.y],
+            roll: (*roll).into(),
             since: *since,
             first: match first {
                 FirstView::Clone(block) => Ok(*block),
@@ -52,7 +68,12 @@ impl Candidate {
     }
 
     pub(super) fn from_image(image: CandidateImage, layout: &Layout) -> Result<Self, EkfError> {
-        let CandidateImage { uv, since, first } = image;
+        let CandidateImage {
+            uv,
+            roll,
+            since,
+            first,
+        } = image;
         let first = match first {
             Ok(id) => {
                 let block = layout.find(id);
@@ -83,12 +104,21 @@ impl Candidate {
             }
         };
         let uv = Vector2::from(uv);
-        if !since.is_finite() || check_pixels(std::iter::once(&uv)).is_err() {
+        let roll = SMatrix::<f64, 2, 2>::from(roll);
+        if !since.is_finite()
+            || !roll.iter().all(|v| v.is_finite())
+            || check_pixels(std::iter::once(&uv)).is_err()
+        {
             return Err(EkfError::bad_snapshot(
                 "a candidate's pixel or time is impossible",
             ));
         }
-        Ok(Self { uv, since, first })
+        Ok(Self {
+            uv,
+            roll,
+            since,
+            first,
+        })
     }
 }
 

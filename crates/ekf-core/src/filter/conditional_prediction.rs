@@ -8,6 +8,7 @@
 use super::ekf::Filter;
 use super::measurements::{Bearing, Measurements};
 use super::sources::Scratch;
+use super::visibility::appearance;
 use crate::error::EkfError;
 use crate::state::BlockKind;
 use crate::validate;
@@ -62,11 +63,25 @@ impl Filter {
         self.check_measurements(&z, &mut scratch)?;
         self.changes();
         self.fetch(&z, &mut scratch.ids);
+        let mut z = z;
+        for bearing in &mut z.bearings[found.len()..] {
+            self.expect_row(bearing);
+        }
         let (found, wanted) = z.bearings.split_at(found.len());
         let prior = self.state.x.clone();
         let told = self.told_by(found, wanted, &prior);
         self.state.x = prior;
         Ok(told)
+    }
+
+    /// Puts a bearing that is still to be found where it is predicted: its row counts.
+    fn expect_row(&self, bearing: &mut Bearing) {
+        if let (Some(_), Ok(block)) = (self.shutter(), self.feature_block(bearing.id)) {
+            let (pose, feature) = (self.state.camera_pose(), self.state.feature(&block));
+            if let Some(seen) = appearance(&self.camera, &pose, &feature, f64::NEG_INFINITY) {
+                bearing.uv = seen.uv;
+            }
+        }
     }
 
     /// As [`Self::predict_conditional`]; leaves the mean where those found put it.

@@ -77,6 +77,9 @@ impl Filter {
         if let Some(covariance) = settings.calibration.covariance() {
             state.append::<6>(BlockKind::Calibration, &Vector6::zeros(), &[], &covariance);
         }
+        if let Some(readout) = settings.calibration.readout() {
+            state.append_readout(readout);
+        }
         Self {
             state,
             settings,

@@ -108,6 +108,9 @@ impl Filter {
             // At the identity a small rotation w is the quaternion (1, w / 2).
             state.p.set(4 + i, 4 + i, (ANY_ATTITUDE / 2.0).powi(2));
         }
+        if let Some(readout) = self.readout() {
+            state.append_readout(readout);
+        }
         self.records = ids.iter().map(|&id| (id, record.clone())).collect();
         self.state = state;
         self.placed = Placed(map.place);

@@ -40,6 +40,17 @@ impl Filter {
                 matrix: new.by_calibration.as_slice(),
             });
         }
+        if let Some((readout, by)) = &new.by_motion {
+            let (by_velocities, by_readout) = by.as_slice().split_at(36);
+            for (offset, width, matrix) in [(POSE_DIM, 6, by_velocities), (*readout, 1, by_readout)]
+            {
+                parts.push(LinearPart {
+                    offset,
+                    width,
+                    matrix,
+                });
+            }
+        }
         let block = self.state.append_feature(&new.mean, &parts, &new.noise);
         if !guard::newborn_is_located(&self.state, &block) {
             self.state.remove(|b| b.id == block.id);
@@ -128,6 +139,7 @@ impl Filter {
             BlockKind::Clone => !needed.contains(&b.id),
             BlockKind::WornBias(_)
             | BlockKind::Calibration
+            | BlockKind::Readout
             | BlockKind::OdometryScale
             | BlockKind::WornError(_)
             | BlockKind::Submap

@@ -6,7 +6,7 @@ use super::measurements::{
 };
 use super::sources::{Scratch, Source, WornForm};
 use crate::observe::block::MeasurementBlock;
-use crate::observe::{PointInCamera, Rows, WornView};
+use crate::observe::{ByMotion, PointInCamera, Rows, WornView};
 use crate::state::Block;
 
 /// Largest sd(range)/range with which a known feature is measured as a 3D point; a worse one gives its bearing.
@@ -104,6 +104,7 @@ impl Filter {
             &self.state.feature(&landmark),
             &bearing.uv,
             self.settings.pixel.sigma_cs,
+            self.shutter().as_ref(),
         );
         MeasurementBlock::new(rows, &landmark, self.state.calibration())
     }
@@ -115,8 +116,8 @@ impl Filter {
     ) -> Result<MeasurementBlock, Outcome> {
         let id = pair.id.ok_or(Outcome::Unused)?;
         let landmark = self.feature_block(id).map_err(|_| Outcome::NotVisible)?;
-        let view = self
-            .intersect(worn, &pair.uv, &pair.uv_f)
+        let (view, unrolled) = self
+            .intersect_unrolled(worn, pair)
             .ok_or(Outcome::NotVisible)?;
         let (pose, feature) = (self.state.camera_pose(), self.state.feature(&landmark));
         let predicted = PointInCamera::metric(&pose, &feature).ok_or(Outcome::NotVisible)?;
@@ -126,7 +127,9 @@ impl Filter {
             return Err(Outcome::TooUncertain);
         }
         let j = view.point_by_tangent();
+        let by_pixel = view.point_by_pixel();
         let mut noise = view.point_noise(sigma, sigma_f);
+        noise += by_pixel * unrolled.noise * by_pixel.transpose();
         let error = self.worn_error_offset(worn.who);
         if error.is_none() {
             noise += j * self.worn_covariance(worn) * j.transpose();
@@ -134,13 +137,15 @@ impl Filter {
         let mean = self.state.worn_error(worn.who);
         // The point was triangulated at the estimated error, so only its deviation from there counts.
         let measured = view.point() - j * mean;
-        let rows = Rows::depth(
-            &pose,
-            &feature,
-            &measured,
-            &noise,
-            error.map(|_| (&mean, &j)),
-        );
+        let error_of = error.map(|_| (&mean, &j));
+        let rows = Rows::depth(&pose, &feature, &measured, &noise, error_of);
+        let rows = rows.map(|rows| Rows {
+            by_motion: unrolled.by_motion.map(|(readout, by)| ByMotion {
+                readout,
+                by: -(by_pixel * by),
+            }),
+            ..rows
+        });
         MeasurementBlock::new(rows, &landmark, error)
     }
 

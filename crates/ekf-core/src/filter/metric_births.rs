@@ -50,8 +50,14 @@ impl Filter {
                 .and_then(|view| {
                     let sd = TIGHT_RHO_RATIO * view.rho;
                     let camera = &self.camera;
+                    // How the camera moved in an earlier frame is not known any more.
+                    let unrolled = (frame == 0).then(|| self.unrolled(&pair.uv, view.rho));
+                    let uv = unrolled.as_ref().map_or(pair.uv, |unrolled| unrolled.uv);
                     let mut new =
-                        NewFeature::with_prior_depth(camera, &pose, &pair.uv, sigma, view.rho, sd)?;
+                        NewFeature::with_prior_depth(camera, &pose, &uv, sigma, view.rho, sd)?;
+                    if let Some(unrolled) = &unrolled {
+                        new.share_motion(unrolled.by_motion, &unrolled.noise);
+                    }
                     if frame > 0 {
                         new.seen_from_first_pose(FirstPoseCovariance::InState(frame));
                     }
@@ -109,7 +115,7 @@ impl Filter {
             if pair.id.is_some() {
                 continue;
             }
-            let Some(view) = self.intersect(worn, &pair.uv, &pair.uv_f) else {
+            let Some((view, unrolled)) = self.intersect_unrolled(worn, pair) else {
                 report.pairs[i] = Outcome::NotVisible;
                 continue;
             };
@@ -118,8 +124,9 @@ impl Filter {
                 report.pairs[i] = Outcome::TooUncertain;
                 continue;
             }
-            let warp = self.camera.warp_jacobian(&pair.uv);
+            let warp = self.camera.warp_jacobian(&unrolled.uv);
             let mut new = NewFeature::from_two_views(&pose, &view, &warp, (sigma, sigma_f));
+            new.share_motion(unrolled.by_motion, &unrolled.noise);
             let by_error = view.rho_by_tangent();
             match self.worn_error_offset(worn.who) {
                 Some(offset) => new.share_worn_error(offset, &by_error),
@@ -152,7 +159,9 @@ impl Filter {
         &self,
         depth: &DepthObservation,
     ) -> Option<(Vector3<f64>, Matrix3<f64>)> {
-        let (ray, by_uv) = self.camera.unproject_jac(&depth.uv)?;
+        let range = self.camera.unproject(&depth.uv)?.z / depth.depth;
+        let uv = self.unrolled(&depth.uv, range).uv;
+        let (ray, by_uv) = self.camera.unproject_jac(&uv)?;
         if ray.z < 1e-3 {
             return None;
         }

@@ -34,6 +34,7 @@ mod record;
 mod relocalisation;
 mod restart;
 mod scale;
+mod shutter;
 pub mod snapshot;
 mod snapshot_image;
 mod sources;

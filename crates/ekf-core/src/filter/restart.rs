@@ -58,7 +58,10 @@ impl Filter {
         self.state.remove(|b| {
             !matches!(
                 b.kind,
-                BlockKind::WornBias(_) | BlockKind::Calibration | BlockKind::OdometryScale
+                BlockKind::WornBias(_)
+                    | BlockKind::Calibration
+                    | BlockKind::Readout
+                    | BlockKind::OdometryScale
             )
         });
         self.state.reset_camera(&pose);
@@ -92,6 +95,7 @@ impl Filter {
         );
         trial.time = self.time;
         trial.misfit = self.misfit;
+        trial.set_readout(self.readout());
         trial.odometry = self.odometry.clone();
         trial.next_candidate = self.next_candidate;
         let ids = trial.start_from_map_after(map, self.state.layout.next_id())?;

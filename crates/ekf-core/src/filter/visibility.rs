@@ -3,7 +3,7 @@
 use crate::camera::Camera;
 use crate::math::quat;
 use crate::observe::point::CameraPose;
-use crate::observe::{FeatureState, PointInCamera};
+use crate::observe::{ByMotion, FeatureState, PointInCamera, Shutter};
 use nalgebra::{SMatrix, Vector2, Vector3};
 
 /// With a working set: how far out of the image a feature's point of some frames ago may lie, pixels, while the feature itself
@@ -15,6 +15,8 @@ pub(super) struct Appearance {
     pub(super) point: PointInCamera,
     pub(super) uv: Vector2<f64>,
     pub(super) by_point: SMatrix<f64, 2, 3>,
+    /// Derivative of the point by the motion under the shutter, where that may roll.
+    pub(super) by_motion: Option<ByMotion>,
 }
 
 /// How a feature looks, if it should be visible: in front, `margin` pixels inside of the image, rho > 0.
@@ -30,7 +32,30 @@ pub(super) fn appearance(
         point,
         uv,
         by_point,
+        by_motion: None,
     })
+}
+
+/// As [`appearance`], from the pose at the time of the row in which the frame's pose would see it.
+pub(super) fn rolled_appearance(
+    camera: &Camera,
+    pose: &CameraPose,
+    feature: &FeatureState,
+    shutter: Option<&Shutter>,
+) -> Option<Appearance> {
+    let seen = appearance(camera, pose, feature, 0.0)?;
+    let Some(shutter) = shutter else {
+        return Some(seen);
+    };
+    let row = shutter.at(pose, &seen.uv);
+    let mut seen = appearance(camera, &row.pose, feature, 0.0)?;
+    let (by_pose, by) = row.split(&seen.point.by_pose);
+    seen.point.by_pose = by_pose;
+    seen.by_motion = Some(ByMotion {
+        readout: shutter.offset,
+        by,
+    });
+    Some(seen)
 }
 
 /// Whether a point is in front of the camera and in the image, by a margin in pixels.

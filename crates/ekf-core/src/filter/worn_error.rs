@@ -1,8 +1,9 @@
 //! The worn camera in one frame: the error of its pose in the state, and what both views see (METHOD 5, 6, 9).
 
 use super::ekf::Filter;
-use super::measurements::WornObservation;
+use super::measurements::{WornObservation, WornPair};
 use super::other_time::Carried;
+use super::shutter::Unrolled;
 use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
 use crate::guard::check_pose;
@@ -150,6 +151,21 @@ impl Filter {
         let worn_camera = self.worn_cameras.get(worn.who)?;
         let t_cf = worn.t_cf.retract(&self.state.worn_error(worn.who));
         TwoView::new(&self.camera, uv, worn_camera, uv_f, &t_cf)
+    }
+
+    /// As [`Self::intersect`], of the pixel in Cs without the shutter's rolling.
+    pub(super) fn intersect_unrolled(
+        &self,
+        worn: &WornObservation,
+        pair: &WornPair,
+    ) -> Option<(TwoView, Unrolled)> {
+        let raw = self.intersect(worn, &pair.uv, &pair.uv_f)?;
+        let unrolled = self.unrolled(&pair.uv, raw.rho);
+        if unrolled.by_motion.is_none() {
+            return Some((raw, unrolled));
+        }
+        let view = self.intersect(worn, &unrolled.uv, &pair.uv_f)?;
+        Some((view, unrolled))
     }
 
     pub(super) fn rho_variance(&self, worn: &WornObservation, view: &TwoView) -> f64 {

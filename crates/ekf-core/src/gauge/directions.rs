@@ -34,6 +34,7 @@ pub fn directions(x: &[f64], layout: &Layout, out: &mut Vec<f64>) {
             // T_CF is metric and seen from C; auxiliary rows come with a working set only.
             BlockKind::WornBias(_)
             | BlockKind::Calibration
+            | BlockKind::Readout
             | BlockKind::OdometryScale
             | BlockKind::WornError(_)
             | BlockKind::Auxiliary(_) => {}

@@ -156,6 +156,11 @@ impl Gauge {
         for c in 0..POSE_DIM {
             sum += rows.by_pose[(r, c)] * along[slots[c]];
         }
+        if let Some(motion) = &rows.by_motion {
+            for (c, at) in motion.columns().enumerate() {
+                sum += motion.by[(r, c)] * along[slots[at]];
+            }
+        }
         for c in 0..rows.form.dim() {
             sum += rows.by_feature[(r, c)] * along[slots[block.feature + c]];
         }
@@ -238,6 +243,7 @@ fn carried_blocks<'a>(layout: &'a Layout, followed: &'a [u64]) -> impl Iterator<
         BlockKind::Clone | BlockKind::Submap => true,
         BlockKind::WornBias(_)
         | BlockKind::Calibration
+        | BlockKind::Readout
         | BlockKind::OdometryScale
         | BlockKind::WornError(_)
         | BlockKind::Auxiliary(_) => false,

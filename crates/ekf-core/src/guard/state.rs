@@ -33,7 +33,8 @@ const SLACK: f64 = 1e-15;
 pub(crate) fn newborn_is_sane(new: &NewFeature) -> bool {
     let by_other = new.by_other.iter().flat_map(|(_, by, _)| by.iter());
     let jacobians = new.by_pose.iter().chain(by_other);
-    let jacobians = jacobians.chain(new.by_calibration.iter());
+    let by_motion = new.by_motion.iter().flat_map(|(_, by)| by.iter());
+    let jacobians = jacobians.chain(new.by_calibration.iter()).chain(by_motion);
     within(new.mean.iter().copied(), LARGEST)
         && new.mean[5].abs() <= LARGEST_RHO
         && within(jacobians.copied(), LARGEST)

@@ -3,12 +3,13 @@
 use super::{HEIGHT, Kernel, Panels, Stored, dispatch};
 use crate::observe::POSE_DIM;
 use crate::observe::block::MeasurementBlock;
+use crate::observe::shutter::MOTION_DIM;
 use pulp::Simd;
 
 /// Rows of a block's derivatives.
 const MAX_ROWS: usize = 3;
-/// Columns that a row can touch: the pose, a feature, the error that matches share.
-const TOUCHED: usize = POSE_DIM + 12;
+/// Columns that a row can touch: the pose, velocities and readout, a feature, the error that matches share.
+const TOUCHED: usize = POSE_DIM + MOTION_DIM + 12;
 
 /// `out = P H^T`, `out` being of that shape.
 pub(crate) fn fill(p: Stored<'_>, blocks: &[MeasurementBlock], out: &mut Panels) {
@@ -27,12 +28,19 @@ impl Kernel for Fill<'_> {
     fn run<S: Simd, const V: usize, const W: usize, const C: usize>(self, simd: S) {
         let Self { p, blocks, out } = self;
         let columns = out.columns;
+        let rolling = blocks.iter().find_map(|block| block.rows.by_motion);
         let mut touched = [0.0; TOUCHED * HEIGHT];
         for (index, panel) in out.data.chunks_exact_mut(out.stride).enumerate() {
             let row = index * HEIGHT;
             let (pose, others) = touched.split_at_mut(POSE_DIM * HEIGHT);
+            let (motion, others) = others.split_at_mut(MOTION_DIM * HEIGHT);
             let (feature, shared) = others.split_at_mut(6 * HEIGHT);
             gather::<POSE_DIM>(p, row, 0, pose);
+            if let Some(rolling) = rolling {
+                let (velocities, readout) = motion.split_at_mut(6 * HEIGHT);
+                gather::<6>(p, row, POSE_DIM, velocities);
+                gather::<1>(p, row, p.slots[rolling.readout], readout);
+            }
             let mut shared_at = None;
             let mut column = 0;
             for block in blocks {
@@ -48,6 +56,7 @@ impl Kernel for Fill<'_> {
                 }
                 let columns = Touched {
                     pose: S::as_simd_f64s(pose).0.as_chunks::<C>().0,
+                    motion: S::as_simd_f64s(motion).0.as_chunks::<C>().0,
                     feature: S::as_simd_f64s(feature).0.as_chunks::<C>().0,
                     shared: S::as_simd_f64s(shared).0.as_chunks::<C>().0,
                 };
@@ -67,6 +76,7 @@ impl Kernel for Fill<'_> {
 /// A panel's columns that a block touches.
 struct Touched<'a, T, const C: usize> {
     pose: &'a [[T; C]],
+    motion: &'a [[T; C]],
     feature: &'a [[T; C]],
     shared: &'a [[T; C]],
 }
@@ -89,6 +99,9 @@ fn combine<S: Simd, const C: usize, const R: usize>(
         rows.by_pose.as_slice(),
         first,
     );
+    if let Some(motion) = &rows.by_motion {
+        add::<S, C, R>(simd, &mut sums, columns.motion, motion.by.as_slice(), first);
+    }
     add::<S, C, R>(simd, &mut sums, columns.feature, rows.by_numbers(), first);
     if let (Some(by_shared), Some(_)) = (&rows.by_shared, block.shared) {
         add::<S, C, R>(simd, &mut sums, columns.shared, by_shared.as_slice(), first);

@@ -4,7 +4,7 @@ use super::panels::{Panels, Stored};
 use super::symmetric::{Downdate, Product, Times};
 use super::{Dispatch, HEIGHT, Kernel, dot, gather, solve, transform};
 use crate::observe::block::MeasurementBlock;
-use crate::observe::{Form, Rows};
+use crate::observe::{ByMotion, Form, Rows};
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector3};
 use pulp::{Arch, Scalar, WithSimd};
 
@@ -229,6 +229,10 @@ fn fill_is_p_times_h() {
                 rows: Rows {
                     innovation: Vector3::zeros(),
                     by_pose: SMatrix::from_fn(|i, j| wave(i + feature, j)),
+                    by_motion: (feature == 13).then(|| ByMotion {
+                        readout: 54,
+                        by: SMatrix::from_fn(|i, j| wave(i + feature, j + 40)),
+                    }),
                     by_feature: SMatrix::from_fn(|i, j| wave(i + feature, j + 20)),
                     form,
                     by_shared: worn.map(|_| SMatrix::from_fn(|i, j| wave(i + feature, j + 60))),
@@ -266,6 +270,11 @@ fn fill_is_p_times_h() {
                 let mut h = DVector::zeros(n);
                 for c in 0..7 {
                     h[c] = block.rows.by_pose[(r, c)];
+                }
+                if let Some(motion) = &block.rows.by_motion {
+                    for (c, at) in (7..13).chain([motion.readout]).enumerate() {
+                        h[at] = motion.by[(r, c)];
+                    }
                 }
                 for c in 0..block.rows.form.dim() {
                     h[block.feature + c] = block.rows.by_feature[(r, c)];

@@ -25,7 +25,11 @@ impl MeasurementBlock {
         let pose = by_pose.iter().zip(0..);
         let feature = by_feature.iter().zip(self.feature..);
         let mut shift = Vector3::zeros();
-        for (by, i) in pose.chain(feature) {
+        let motion = self.rows.by_motion.iter().flat_map(|motion| {
+            let columns = motion.by.as_slice().as_chunks::<3>().0.iter();
+            columns.zip(motion.columns())
+        });
+        for (by, i) in pose.chain(feature).chain(motion) {
             shift += Vector3::from(*by) * (x[i] - prior[i]);
         }
         self.rows.innovation += shift;

@@ -4,7 +4,9 @@ pub mod block;
 pub mod feature;
 pub mod point;
 pub mod rows;
+pub mod shutter;
 
 pub use feature::{FeatureState, Form};
 pub use point::{POSE_DIM, PointInCamera};
 pub use rows::{Rows, WornView};
+pub use shutter::{ByMotion, Shutter};

@@ -6,9 +6,10 @@
 
 use super::feature::{FeatureState, Form};
 use super::point::{CameraPose, PointInCamera};
+use super::shutter::{ByMotion, MOTION_DIM, Shutter};
 use crate::camera::Camera;
 use crate::math::{pose::Pose, quat};
-use nalgebra::{Matrix3, SMatrix, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3, Vector6};
 
 /// Up to three rows of the innovation and of grad H.
 #[derive(Clone, Debug)]
@@ -23,6 +24,8 @@ pub struct Rows {
     pub by_pose: SMatrix<f64, 3, 7>,
     /// Derivative of the prediction with respect to the feature; a point uses the first three columns.
     pub by_feature: SMatrix<f64, 3, 6>,
+    /// Derivative by the camera's velocities and the readout, where the shutter of Cs may roll.
+    pub by_motion: Option<ByMotion>,
     /// Whether the feature is in inverse depth or a point.
     pub form: Form,
     /// Derivative of the prediction with respect to six numbers that matches share: the error of Cs's calibration for a pixel
@@ -68,6 +71,7 @@ impl Rows {
             innovation: Vector3::zeros(),
             noise: Matrix3::from_diagonal(&Vector3::new(sigma * sigma, sigma * sigma, 1.0)),
             by_pose: SMatrix::zeros(),
+            by_motion: None,
             by_feature: SMatrix::zeros(),
             form,
             by_shared: None,
@@ -84,18 +88,34 @@ impl Rows {
         rows
     }
 
-    /// A pixel in Cs (Eq. 7 then 6): `distort(project(h_C))`. `None` where the feature predicts nothing.
+    /// A pixel in Cs (Eq. 7 then 6): `distort(project(h_C))`, from the camera's pose at the time of its row where the shutter
+    /// may roll. `None` where the feature predicts nothing.
     pub fn bearing(
         camera: &Camera,
         pose: &CameraPose,
         feature: &FeatureState,
         measured: &Vector2<f64>,
         sigma_px: f64,
+        shutter: Option<&Shutter>,
     ) -> Option<Self> {
-        let h = visible_direction(pose, feature)?;
+        let row = shutter.map(|shutter| (shutter.offset, shutter.at(pose, measured)));
+        let seen_from = row.as_ref().map_or(pose, |(_, row)| &row.pose);
+        let mut h = visible_direction(seen_from, feature)?;
         let (predicted, j) = camera.project_jac(&h.value)?;
+        let mut spread = Matrix2::zeros();
+        let by_motion = row.map(|(readout, row)| {
+            spread = row.noise(&(j * h.by_pose));
+            let (by_pose, by_motion) = row.split(&h.by_pose);
+            h.by_pose = by_pose;
+            let mut by = SMatrix::<f64, 3, MOTION_DIM>::zeros();
+            by.fixed_rows_mut::<2>(0).copy_from(&(j * by_motion));
+            ByMotion { readout, by }
+        });
         let form = feature.form();
         let mut rows = Self::pixel(form, predicted, measured, sigma_px, &j, &h);
+        rows.by_motion = by_motion;
+        let mut noise = rows.noise.fixed_view_mut::<2, 2>(0, 0);
+        noise += spread;
         let mut by_calibration = SMatrix::<f64, 3, 6>::zeros();
         by_calibration
             .fixed_rows_mut::<2>(0)
@@ -121,6 +141,7 @@ impl Rows {
             innovation: measured - (h.value - shift),
             noise: *noise,
             by_pose: h.by_pose,
+            by_motion: None,
             by_feature: h.by_feature,
             form: feature.form(),
             by_shared: worn.map(|(_, j)| -j),

@@ -180,6 +180,7 @@ fn in_order(kind: BlockKind, slots: &[usize]) -> bool {
         | BlockKind::Clone
         | BlockKind::WornBias(_)
         | BlockKind::Calibration
+        | BlockKind::Readout
         | BlockKind::OdometryScale
         | BlockKind::WornError(_)
         | BlockKind::Submap => side_by_side(slots),

@@ -29,6 +29,8 @@ pub enum BlockKind {
     WornBias(Whose),
     /// The error of Cs's calibration, 6 numbers of a warp of its image.
     Calibration,
+    /// Time from the first row of an image of Cs to the last one, seconds, 1 number.
+    Readout,
     /// The errors of the odometry's scales, of translation and of turns, relative, 2 numbers.
     OdometryScale,
     /// The error of one frame's T_CF, tangent, 6 numbers; lives for that frame only.
@@ -48,6 +50,7 @@ impl BlockKind {
             Self::Submap => SUBMAP_DIM,
             Self::Auxiliary(rows) => rows,
             Self::Feature(form) => form.dim(),
+            Self::Readout => 1,
             Self::OdometryScale => 2,
             Self::WornBias(_) | Self::Calibration | Self::WornError(_) => 6,
         }
@@ -65,6 +68,7 @@ impl BlockKind {
             Self::Clone => "Clone",
             Self::WornBias(_) => "WornBias",
             Self::Calibration => "Calibration",
+            Self::Readout => "Readout",
             Self::OdometryScale => "OdometryScale",
             Self::WornError(_) => "WornError",
             Self::Submap => "Submap",

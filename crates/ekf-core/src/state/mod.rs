@@ -1,7 +1,7 @@
 //! The state vector, its layout and its covariance.
 //!
 //! ```text
-//! x = [ r(3) q(4) v(3) w(3) | bias(6) ... | odometry scale(2)? | feature(6 or 3) ... | clone(7) ... | submap(14)? | worn error(6) ... ]
+//! x = [ r(3) q(4) v(3) w(3) | bias(6) ... | readout(1)? | odometry scale(2)? | feature(6 or 3) ... | clone(7) ... | submap(14)? | worn error(6) ... ]
 //!       camera, always 13     blocks in order of birth, each with an id
 //! ```
 
@@ -10,6 +10,7 @@ pub mod cov;
 mod image;
 mod lasting;
 pub mod layout;
+mod readout;
 
 pub(crate) use considered::Considered;
 pub(crate) use cov::Rest;
