@@ -168,8 +168,9 @@ def _map(row: tuple[str, str, Damage | Alter], *, sealed: bool) -> Attack:
     def make(scene: Scene) -> Deed:
         path = scene.copy("map")
         if sealed:
-            tree = row[2](container.read_container(path, saved_map.KIND, saved_map.VERSION))
-            container.write_container(path, saved_map.KIND, saved_map.VERSION, tree)
+            kind, version, classes = saved_map.KIND, saved_map.VERSION, saved_map.CLASSES
+            tree = row[2](container.read_container(path, kind, version, classes))
+            container.write_container(path, kind, version, tree, classes)
         else:
             path.write_bytes(row[2](path.read_bytes()))
         return scene.run("--map", path, "--mode", "mono")
