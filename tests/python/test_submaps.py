@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from collabslam.geometry import pose_inverse, se3_exp, se3_log
 from collabslam.slam.beside import Beside
 from collabslam.slam.engine import Slam
 from collabslam.slam.results import StepResult
+from collabslam.slam.whole_map import whole_way
 from collabslam.types import Array, Status
 
 OUT = 26
@@ -206,6 +208,13 @@ def test_the_whole_map_has_what_the_filter_has_left_behind(walk: Walk, recording
     all_of_it = walk.slam.submaps()
     assert (np.linalg.eigvalsh(all_of_it.landmarks.covariance)[:, 0] > 0.0).all()
     assert all_of_it.covariances.shape == (len(all_of_it.times), 6, 6)
+
+
+def test_a_singular_covariance_of_what_was_handed_on_is_named(walk: Walk) -> None:
+    chain = walk.slam._submaps.chain()
+    spoilt = replace(chain.submaps[1], handed_on=chain.submaps[1].handed_on + 1e9)
+    with pytest.raises(FilterError, match="singular"):
+        whole_way(replace(chain, submaps=[chain.submaps[0], spoilt, *chain.submaps[2:]]))
 
 
 def test_a_loop_counts_ten_frames_after_the_end_of_the_submap(walk: Walk) -> None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from collabslam._core import Placed, skew
+from collabslam.errors import FilterError
 from collabslam.slam.results import Landmarks, SubmapPoses
 from collabslam.slam.submap_chain import Chain, Submap
 from collabslam.types import Array
 
+_SPOILT = "What a submap handed on has a singular covariance; start a new map."
 _LEAST_VARIANCE = 1e-12  # of what is handed on; below it, it is taken to be known
 
 
@@ -18,7 +20,7 @@ def whole_way(chain: Chain) -> SubmapPoses:
     Raises
     ------
     FilterError
-        If rounding has spoilt a covariance.
+        If a covariance is spoilt, by rounding or in a file.
     """
     placed = [chain.graph.placed(k) for k in range(len(chain.submaps))]
     return SubmapPoses(
@@ -48,7 +50,10 @@ def _in_w(submap: Submap, at: Placed) -> tuple[Array, Array]:
     """
     n, rotation = len(submap.ids), at.pose[:3, :3]
     handed_on = submap.handed_on + _LEAST_VARIANCE * np.eye(7)
-    gains = np.linalg.solve(handed_on, submap.with_handed_on.T).T
+    try:
+        gains = np.linalg.solve(handed_on, submap.with_handed_on.T).T
+    except np.linalg.LinAlgError as error:
+        raise FilterError(_SPOILT) from error
     points = submap.points + (gains @ at.handed_on).reshape(n, 3)
     gains, with_handed_on = gains.reshape(n, 3, 7), submap.with_handed_on.reshape(n, 3, 7)
     blocks = submap.covariance.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n)]
