@@ -63,6 +63,7 @@ __all__ = [
     "match_pairs",
     "pose_inverse",
     "quaternion_wxyz",
+    "ray_angles",
     "rotation_exp",
     "rotation_from_quaternion",
     "rotation_log",
@@ -2776,6 +2777,27 @@ def adjoint(t_ab: ArrayLike) -> _Array:
     ------
     InputError
         For a wrong shape, a number that is not finite, or another last row than 0 0 0 1.
+    """
+
+def ray_angles(rays: ArrayLike) -> tuple[_Array, _Array]:
+    """Azimuth and elevation of rays (METHOD 2), with their derivatives.
+
+    Parameters
+    ----------
+    rays : (N, 3) float64
+        Of any length but zero, along the axes in which the angles are.
+
+    Returns
+    -------
+    angles : (N, 2) float64
+        Radians.
+    derivatives : (N, 2, 3) float64
+        Of the angles by the ray.
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, or a number that is not finite.
     """
 
 def tangent_to_fixed(t_ab: ArrayLike, covariance: ArrayLike) -> _Array:

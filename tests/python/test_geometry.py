@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from collabslam import geometry as g
-from collabslam._core import chi2_quantile
+from collabslam._core import chi2_quantile, ray_angles
 from collabslam.errors import InputError
 
 
@@ -111,3 +111,18 @@ def test_the_left_jacobian_is_the_mean_of_the_turns_on_the_way() -> None:
     shares = (np.arange(2000) + 0.5) / 2000
     mean = np.mean([g.rotation_exp(s * w) for s in shares], axis=0)
     np.testing.assert_allclose(g.left_jacobian(w), mean, atol=1e-7)
+
+
+def test_angles_of_rays_and_their_derivatives() -> None:
+    rays = np.random.default_rng(3).uniform(0.2, 2.0, (20, 3)) * np.random.default_rng(4).choice(
+        [-1.0, 1.0], (20, 3)
+    )
+    angles, by_rays = ray_angles(rays)
+    level = np.cos(angles[:, 1])
+    unit = np.stack(
+        [level * np.sin(angles[:, 0]), -np.sin(angles[:, 1]), level * np.cos(angles[:, 0])], axis=1
+    )
+    np.testing.assert_allclose(unit, rays / np.linalg.norm(rays, axis=1)[:, None], atol=1e-12)
+    for k, step in enumerate(1e-6 * np.eye(3)):
+        slope = (ray_angles(rays + step)[0] - ray_angles(rays - step)[0]) / 2e-6
+        np.testing.assert_allclose(by_rays[:, :, k], slope, rtol=1e-5, atol=1e-6)

@@ -1,9 +1,10 @@
 //! Rigid-body geometry with the conventions of METHOD 1, and the chi-square distribution.
 
-use crate::arrays_in::{Argument, finite, matrix, pose, vector};
-use crate::arrays_out::{Column, Table, column, to_matrix, to_pose};
+use crate::arrays_in::{Argument, finite, matrix, pose, rows, vector};
+use crate::arrays_out::{Column, Stack, Table, column, stacked, to_matrix, to_pose, vectors};
 use crate::errors::invalid;
 use ekf_core::chi2;
+use ekf_core::math::inverse_depth;
 use ekf_core::math::pose::Pose;
 use ekf_core::math::quat;
 use nalgebra::{Matrix3, Matrix6, Vector4};
@@ -249,6 +250,36 @@ pub(crate) fn se3_log(py: Python<'_>, t: Argument<'_>) -> PyResult<Column<f64>> 
 #[pyfunction]
 pub(crate) fn adjoint(py: Python<'_>, t_ab: Argument<'_>) -> PyResult<Table> {
     Ok(to_matrix(py, &pose("t_ab", &t_ab)?.adjoint()))
+}
+
+/// Azimuth and elevation of rays (METHOD 2), with their derivatives.
+///
+/// Parameters
+/// ----------
+/// rays : (N, 3) float64
+///     Of any length but zero, along the axes in which the angles are.
+///
+/// Returns
+/// -------
+/// angles : (N, 2) float64
+///     Radians.
+/// derivatives : (N, 2, 3) float64
+///     Of the angles by the ray.
+///
+/// Raises
+/// ------
+/// InputError
+///     For a wrong shape, or a number that is not finite.
+#[pyfunction]
+pub(crate) fn ray_angles(py: Python<'_>, rays: Argument<'_>) -> PyResult<(Table, Stack<f64>)> {
+    let found: Vec<_> = rows::<3>("rays", &rays)?
+        .iter()
+        .map(inverse_depth::angles)
+        .collect();
+    Ok((
+        vectors(py, found.iter().map(|of_ray| of_ray.0)),
+        stacked(py, found.iter().map(|of_ray| of_ray.1)),
+    ))
 }
 
 /// A pose's covariance along the fixed axes of A: diag(R, R) P diag(R, R)^T.

@@ -58,8 +58,8 @@ mod _core {
     #[pymodule_export]
     use crate::geometry::{
         adjoint, chi2_quantile, fixed_to_tangent, interpolate_pose, is_rotation, left_jacobian,
-        pose_inverse, quaternion_wxyz, rotation_exp, rotation_from_quaternion, rotation_log,
-        se3_exp, se3_log, skew, tangent_to_fixed,
+        pose_inverse, quaternion_wxyz, ray_angles, rotation_exp, rotation_from_quaternion,
+        rotation_log, se3_exp, se3_log, skew, tangent_to_fixed,
     };
     #[pymodule_export]
     use crate::graph::{PyFactor, PyPlaced, PyPoseGraph};

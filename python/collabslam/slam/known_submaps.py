@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from collabslam._core import Camera, adjoint
+from collabslam._core import Camera, adjoint, ray_angles
 from collabslam.formats.schema import Check, whole
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.place_recognition import locate, most_alike
@@ -19,7 +19,6 @@ from collabslam.slam.state import PersistentState
 from collabslam.slam.submap_chain import Chain, Submap
 from collabslam.slam.submaps import Submaps
 from collabslam.slam.view import View
-from collabslam.types import Array
 
 STRETCH = 50
 """Submaps that an image is compared with: the next ones in the next image."""
@@ -85,33 +84,20 @@ def as_map(submap: Submap) -> MapAside:
     """A submap as a map to be in: its landmarks seen from where it ended, which is its place in W."""
     n, rotation, centre = len(submap.ids), submap.pose[:3, :3], submap.pose[:3, 3]
     rays = submap.points @ rotation.T
-    by_points = np.stack([_by_ray(ray) @ rotation for ray in rays]) if n else np.empty((0, 3, 3))
+    angles, by_rays = ray_angles(rays)
+    length = np.linalg.norm(rays, axis=1)
+    by_points = np.concatenate([by_rays, -(rays / length[:, None] ** 3)[:, None]], axis=1) @ rotation
     own = submap.covariance.reshape(n, 3, n, 3)
     blocks = np.einsum("iab,ibjc,jdc->iajd", by_points, own, by_points)
     joint = np.zeros((n, 6, n, 6))
     joint[:, 3:, :, 3:] = 0.5 * (blocks + blocks.transpose(2, 3, 0, 1))
-    level = np.hypot(rays[:, 0], rays[:, 2])
-    direction = np.arctan2(rays[:, 0], rays[:, 2]), np.arctan2(-rays[:, 1], level)
     to_w = adjoint(submap.pose)
     place = to_w @ submap.pose_covariance @ to_w.T
     return MapAside(
-        np.column_stack([np.tile(centre, (n, 1)), *direction, 1.0 / np.linalg.norm(rays, axis=1)]),
+        np.column_stack([np.tile(centre, (n, 1)), angles, 1.0 / length]),
         joint.reshape(6 * n, 6 * n),
         0.5 * (place + place.T),
         np.arange(n),
         rays + centre,
         [[replace(patch, t_wc=submap.pose)] for patch in submap.patches],
-    )
-
-
-def _by_ray(ray: Array) -> Array:
-    """(3, 3): derivative of azimuth, elevation and inverse range (METHOD 2) by the ray."""
-    x, y, z = ray
-    level, square = np.hypot(x, z), ray @ ray
-    return np.array(
-        [
-            [z / level**2, 0.0, -x / level**2],
-            [x * y / (level * square), -level / square, y * z / (level * square)],
-            -ray / square**1.5,
-        ]
     )
