@@ -9,7 +9,7 @@ import numpy as np
 
 from collabslam.types import Array
 from collabslam_lab.long_ways.drawing import plan_view
-from collabslam_lab.long_ways.study import recipes, summary
+from collabslam_lab.long_ways.study import summary, ways
 from collabslam_lab.long_ways.walk import Walked
 from collabslam_lab.worlds.route import CELL, Route
 
@@ -32,6 +32,8 @@ def _walked(name: str = "ring", loops: int = 1) -> Walked:
         5.0 if loops else math.nan,
         7.0 if loops else math.nan,
         6.0 if loops else math.nan,
+        1000,
+        0.25,
         0.5,
         way,
         way[::10],
@@ -41,17 +43,19 @@ def _walked(name: str = "ring", loops: int = 1) -> Walked:
 
 
 def test_the_numbers_are_of_the_ways_that_closed_a_loop() -> None:
-    wrong = replace(_walked("other"), false=1, load_s=2.0, nees_mid=9.0)
-    numbers = summary([_walked(), wrong, _walked("open", loops=0)])
+    wrong = replace(_walked(), false=1, nees_mid=9.0)
+    alike = replace(_walked("alike"), false=2, nees_mid=90.0)
+    numbers = summary([_walked(), wrong, _walked(loops=0), alike])
+    assert numbers["ways"] == 4
     assert numbers["frames"] == 100
-    assert numbers["loops"] == 2
-    assert numbers["false_loops"] == 1
+    assert numbers["loops"] == 3
+    assert numbers["false_loops"] == 3
     assert abs(numbers["error_before_over_after"] - 4.0) < 1e-9
     assert numbers["nees_mid"] == 7.0
     assert (numbers["nees_end"], numbers["nees_between"]) == (7.0, 6.0)
     assert abs(numbers["ms_median_ratio_last_over_second_tenth"] - 1.2) < 1e-9
     assert numbers["ms_p99_ratio_last_over_second_tenth"] < 1.0
-    assert numbers["map_load_s"] == 2.0
+    assert numbers["bytes_a_submap"] == 100.0
 
 
 def test_without_a_loop_there_is_nothing_to_say_of_its_gain() -> None:
@@ -60,15 +64,27 @@ def test_without_a_loop_there_is_nothing_to_say_of_its_gain() -> None:
     assert numbers["loops"] == numbers["false_loops"] == 0
 
 
-def test_the_ways_go_round_and_the_whole_ones_are_ten_thousand_frames_long() -> None:
-    for quick in (True, False):
-        for recipe in recipes(quick=quick):
-            route = Route(recipe.route)
-            lap = route.length / (2 if quick else 34)
-            place, _ = route.along(np.array([1.0, 1.0 + lap]))
-            assert np.linalg.norm(place[1] - place[0]) < 0.1 * CELL
-            assert quick or route.length / recipe.speed * 10.0 > 9800
-    assert {r.style.walls for r in recipes(quick=True)} == {"mixed", "repeated"}
+def test_the_times_and_the_saving_are_of_the_longest_way() -> None:
+    longer = replace(_walked(), ms=np.full(200, 3.0), load_s=4.0)
+    numbers = summary([_walked(), longer, _walked()])
+    assert (numbers["frames"], numbers["ms_max"], numbers["map_load_s"]) == (200, 3.0, 4.0)
+    assert numbers["ms_median_ratio_last_over_second_tenth"] == 1.0
+
+
+def test_the_ways_go_round_and_one_is_ten_thousand_frames_long() -> None:
+    all_of_them = ways(None, quick=False)
+    for way, laps in ((all_of_them[0], 34), (all_of_them[1], 2), (all_of_them[-1], 2)):
+        route = Route(way.recipe.route)
+        place, _ = route.along(np.array([1.0, 1.0 + route.length / laps]))
+        assert np.linalg.norm(place[1] - place[0]) < 0.1 * CELL
+    assert Route(all_of_them[0].recipe.route).length / all_of_them[0].recipe.speed * 10.0 > 9800
+    assert len({way.seed for way in all_of_them[1:] if way.recipe.name == "ring"}) == 50
+
+
+def test_a_hundred_buildings_have_walls_that_repeat() -> None:
+    alike = [w for w in ways([3], quick=False) if w.recipe.style.walls == "repeated"]
+    assert len({w.recipe.seed for w in alike}) == len({w.recipe.name for w in alike}) == 100
+    assert [w.recipe.style.walls for w in ways(None, quick=True)] == ["mixed", "repeated"]
 
 
 def test_the_plan_view_is_a_picture() -> None:

@@ -166,9 +166,7 @@ def main(arguments: argparse.Namespace) -> int:
             quick=arguments.quick,
         )
     if set(arguments.names) & set(long_ways.EXPERIMENTS):
-        long_ways.study_loops(
-            arguments.out, seed=arguments.seed, jobs=jobs, runs=arguments.runs, quick=arguments.quick
-        )
+        long_ways.study_loops(arguments.out, seeds=arguments.seeds, jobs=jobs, quick=arguments.quick)
     return OK
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,40 +20,67 @@ from collabslam_lab.worlds.catalogue import Recipe
 
 EXPERIMENTS = {"loops": "long ways round and round through corridors: loops.json, and plan views"}
 _LAP = "S2 L S2 L S2 L S2 L"
-_QUICK_FRAMES = 400
+_LAPS, _FRAMES = 34, 420
+_REPEATED, _QUICK_REPEATED = 100, 1
+_DRAWS = range(50)
 
 
-def recipes(*, quick: bool) -> list[Recipe]:
-    """Ways of one round and a part of the next, and of many; every second one between walls that repeat."""
-    laps = 2 if quick else 34
-    ring = Recipe("ring", " ".join([_LAP] * laps), 700, along=0.5)
-    repeated = replace(ring, name="ring-repeated", seed=701, style=Style("repeated"))
-    return [ring, repeated]
+@dataclass(frozen=True)
+class Way:
+    """One way to go.
+
+    Attributes
+    ----------
+    recipe : Recipe
+    seed : int
+        Of the draw of the noise.
+    frames : int or None
+        The first ones only; None for all.
+    """
+
+    recipe: Recipe
+    seed: int
+    frames: int | None
 
 
-def study_loops(folder: Path, *, seed: int, jobs: int, runs: int, quick: bool) -> dict[str, Any]:
-    """Goes all ways, writes ``loops.json`` and the pictures, prints the numbers.
+def ways(seeds: Sequence[int] | None, *, quick: bool) -> list[Way]:
+    """A long one, draws of a round and some of the next, and such rounds in buildings whose walls repeat."""
+    ring = Recipe("ring", _laps(2), 700, along=0.5)
+    drawn = seeds or ((0,) if quick else _DRAWS)
+    closed = [Way(ring, seed, _FRAMES) for seed in drawn]
+    if not quick:
+        closed.insert(0, Way(replace(ring, route=_laps(_LAPS)), 0, None))
+    style = Style("repeated")
+    alike = [
+        Way(replace(ring, name=f"ring-repeated-{k}", seed=701 + k, style=style), 0, _FRAMES)
+        for k in range(_QUICK_REPEATED if quick else _REPEATED)
+    ]
+    return closed + alike
+
+
+def _laps(count: int) -> str:
+    return " ".join([_LAP] * count)
+
+
+def study_loops(folder: Path, *, seeds: Sequence[int] | None, jobs: int, quick: bool) -> dict[str, Any]:
+    """Goes all ways, writes ``loops.json`` and two pictures, prints the numbers.
 
     Parameters
     ----------
     folder : Path
-    seed : int
-        Of the first draw of the noise.
+    seeds : sequence of int or None
+        Of the draws of the noise; None for 50 of them, one if ``quick``.
     jobs : int
         Processes at a time.
-    runs : int
-        Draws of the noise; one if ``quick``.
     quick : bool
-        One round and a half of each way.
+        One draw, one building whose walls repeat, and no long way.
     """
-    frames = _QUICK_FRAMES if quick else None
-    seeds = [seed] if quick else list(range(seed, seed + runs))
-    ways = [(recipe, s) for s in seeds for recipe in recipes(quick=quick)]
+    todo = ways(seeds, quick=quick)
     with ProcessPoolExecutor(jobs) as pool:
-        walked = list(pool.map(walk, *zip(*ways, strict=True), [frames] * len(ways)))
+        walked = list(pool.map(walk, *zip(*((w.recipe, w.seed, w.frames) for w in todo), strict=True)))
     numbers = summary(walked)
     write_text(folder / "loops.json", json.dumps(jsonable(numbers), indent=2, sort_keys=True) + "\n")
-    for one in walked[:2]:
+    for one in (walked[0], walked[-1]):
         write_bytes(folder / f"{one.name}.png", plan_view(one))
     for name, value in numbers.items():
         print(f"{name:42} {value if isinstance(value, int) else format(value, '.3f')}")
@@ -61,24 +88,36 @@ def study_loops(folder: Path, *, seed: int, jobs: int, runs: int, quick: bool) -
 
 
 def summary(walked: Sequence[Walked]) -> dict[str, Any]:
-    """The numbers of ``loops.json``; means over the ways that have a loop, NaN if none has."""
-    closed = [one for one in walked if one.first_loop is not None]
+    """The numbers of ``loops.json``.
+
+    Times and saving are of the longest way, means of the draws of `ring` that have a loop (NaN if none has),
+    false loops of all.
+    """
+    longest = max(walked, key=lambda one: len(one.ms))
+    closed = [one for one in walked if one.first_loop is not None and one.name == "ring"]
 
     def mean(values: Sequence[float]) -> float:
         return float(np.mean(values)) if values else float("nan")
 
     after = [one.odometry[one.first_loop :].mean() / one.corrected[one.first_loop :].mean() for one in closed]
     return {
-        "frames": max(len(one.ms) for one in walked),
+        "ways": len(walked),
+        "frames": len(longest.ms),
         "loops": sum(one.loops for one in walked),
-        "ms_median_ratio_last_over_second_tenth": mean([_ratio(one, 50.0) for one in walked]),
-        "ms_p99_ratio_last_over_second_tenth": mean([_ratio(one, 99.0) for one in walked]),
+        "ms_median_ratio_last_over_second_tenth": _ratio(longest, 50.0),
+        "ms_p99_ratio_last_over_second_tenth": _ratio(longest, 99.0),
+        "ms_p99": float(np.percentile(longest.ms, 99.0)),
+        "ms_max": float(longest.ms.max()),
         "error_before_over_after": mean(after),
+        "error_before_over_after_least": min(after, default=float("nan")),
         "nees_mid": mean([one.nees_mid for one in closed]),
         "nees_end": mean([one.nees_end for one in closed]),
         "nees_between": mean([one.nees_between for one in closed]),
         "false_loops": sum(one.false for one in walked),
-        "map_load_s": max(one.load_s for one in walked),
+        "submaps": len(longest.submaps),
+        "bytes_a_submap": longest.saved_bytes / max(1, len(longest.submaps)),
+        "map_save_s": longest.save_s,
+        "map_load_s": longest.load_s,
     }
 
 

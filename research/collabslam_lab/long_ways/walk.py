@@ -29,7 +29,7 @@ class Walked:
     ----------
     name : str
     ms : (N,) float64
-        Time of each frame, without rendering it.
+        CPU time of each frame's own thread, without rendering it; the graph has another.
     odometry, corrected : (N,) float64
         Error of the position, of ``pose`` and of ``pose_map``, metres.
     first_loop : int or None
@@ -38,8 +38,10 @@ class Walked:
     nees_mid, nees_end, nees_between : float
         Squared error over covariance, of six numbers: of the submap half way through the first loop, of the
         last frame's ``pose_map``, and between the two submaps of the last loop.  NaN where there is no loop.
-    load_s : float
-        Seconds to load what the engine saved at the end.
+    saved_bytes : int
+        Size of what the engine saves at the end.
+    save_s, load_s : float
+        Seconds that it takes to save that, and to load it.
     way, submaps : (N, 3), (M, 3) float64
         Positions of the odometry and of the corrected submaps.
     pairs : list of (int, int)
@@ -57,6 +59,8 @@ class Walked:
     nees_mid: float
     nees_end: float
     nees_between: float
+    saved_bytes: int
+    save_s: float
     load_s: float
     way: Array
     submaps: Array
@@ -74,9 +78,9 @@ def walk(recipe: Recipe, seed: int, frames: int | None = None) -> Walked:
     ms, way, errors, first = [], [], [], None
     for i in range(count):
         frame = world.frame(i)
-        began = time.perf_counter()
+        began = time.thread_time()
         step = slam.step(frame.t, frame.image, frame.worn)
-        ms.append(1e3 * (time.perf_counter() - began))
+        ms.append(1e3 * (time.thread_time() - began))
         way.append(step.pose[:3, 3])
         off = [np.linalg.norm(p[:3, 3] - truth[i][:3, 3]) for p in (step.pose, step.pose_map)]
         errors.append(off)
@@ -106,7 +110,7 @@ def walk(recipe: Recipe, seed: int, frames: int | None = None) -> Walked:
         mid,
         end,
         between,
-        _load_seconds(slam),
+        *_saved(slam),
         np.array(way),
         submaps.poses[:, :3, 3],
         [(loop.first, loop.second) for loop in submaps.loops],
@@ -127,10 +131,12 @@ def _is_false(slam: Slam, loop: Loop, truth: list[Array]) -> bool:
     return bool(np.linalg.norm(off[:3, 3]) > FARTHEST or angle > WIDEST)
 
 
-def _load_seconds(slam: Slam) -> float:
+def _saved(slam: Slam) -> tuple[int, float, float]:
+    """Size of what the engine saves; seconds to save and to load it."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "engine"
-        slam.save(path)
         began = time.perf_counter()
+        slam.save(path)
+        saved = time.perf_counter()
         Slam.load(path)
-        return time.perf_counter() - began
+        return path.stat().st_size, saved - began, time.perf_counter() - saved
