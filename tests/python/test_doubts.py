@@ -92,6 +92,21 @@ def test_what_adds_up_over_frames_is_named(cause: str, frame: tuple[Any, Overlap
     assert verdict(lambda k: frame) == cause
 
 
+def test_what_one_view_refuses_has_one_cause() -> None:
+    """Some views with an error of their own lose half of their matches; most of a wrong map's lose some."""
+
+    def said(refused: list[int]) -> list[str]:
+        judge = doubts()
+        return [judge.judge(report(worn=r), FOUND, seen(0.1), born()) for r in refused]
+
+    some = [2, 0, 2, 11, 9, 5, 1, 2, 0, 2, 3, 0, 0, 0, 1] * 2
+    assert sum(some) > 0.12 * 20 * len(some), "by far more than one in twenty"
+    assert set(said(some)) == {NOTHING}
+    assert said([3, 2] * 15)[-1] == "cf_matches"
+    judge = doubts()
+    assert {judge.judge(report(refused=r), FOUND, Overlaps(), born()) for r in some} == {NOTHING}
+
+
 def test_what_cf_showed_is_forgotten_where_it_shows_nothing_any_more() -> None:
     judge = doubts()
     said = [judge.judge(report(), FOUND, seen(2.0) if k < 10 else Overlaps(), born()) for k in range(50)]
@@ -124,7 +139,7 @@ def test_what_was_doubted_stands_while_the_camera_is_lost() -> None:
 
 
 def test_four_frames_are_too_few() -> None:
-    judge, loud = doubts(), report(refused=FOUND // 2, nis=900.0)
+    judge, loud = doubts(), report(refused=2 * FOUND // 3, nis=900.0)
     said = [judge.judge(loud, FOUND, Overlaps(), born()) for _ in range(5)]
     assert said[:4] == [NOTHING] * 4
     assert said[4] == "matches"

@@ -96,10 +96,10 @@ class Doubts(PersistentState):
             WORN: any(
                 one["without"] <= _LAST and contradicted(one["against"]) for one in self._worn.values()
             ),
-            WORN_MATCHES: any(self._too_many(one["matches"], self._expected) for one in self._worn.values()),
+            WORN_MATCHES: any(self._too_many_refused(one["matches"]) for one in self._worn.values()),
             JUMP: bool(self._jumps.any()),
-            MATCHES: self._too_many(self._matches, self._expected),
-            MOVING: self._too_many(self._births, _STRAYS),
+            MATCHES: self._too_many_refused(self._matches),
+            MOVING: _too_many(self._births, _STRAYS),
             NOISE: self._too_loud(),
         }
         return next((cause for cause in CAUSES if doubted[cause]), NOTHING)
@@ -129,18 +129,28 @@ class Doubts(PersistentState):
             worn[number] = known | {"matches": matches, "without": without}
         self._worn = worn
 
-    @staticmethod
-    def _too_many(counts: Array, expected: float) -> bool:
-        """Whether more were refused than the level of their test explains, counts being Poisson."""
-        refused, found = counts.sum(axis=0)
-        if len(counts) < _LEAST or refused < 1.0:
-            return False
-        return bool(0.5 * chi2_quantile(1.0 - _LEVEL, 2.0 * refused) > expected * found)
+    def _too_many_refused(self, counts: Array) -> bool:
+        """Whether the test of the batch has refused more than its level explains.
+
+        It refuses what does not fit together, so that the refusals of a batch have one cause, and one view
+        that has an error of its own is no more than one view, however many matches it has.
+        """
+        refused = counts[:, 0]
+        each = float(refused @ refused) / max(float(refused.sum()), 1.0)
+        return _too_many(counts / max(each, 1.0), self._expected)
 
     def _too_loud(self) -> bool:
         """Whether innovations are larger than their covariance allows."""
         nis, dof = self._noise.sum(axis=0)
         return bool(len(self._noise) >= _LEAST and dof >= 1.0 and nis > chi2_quantile(_LEVEL, dof))
+
+
+def _too_many(counts: Array, expected: float) -> bool:
+    """Whether more events than ``expected``, a share, of what there was show in (N, 2) counts of both."""
+    events, all_ = counts.sum(axis=0)
+    if len(counts) < _LEAST or events < 1.0:
+        return False
+    return bool(0.5 * chi2_quantile(1.0 - _LEVEL, 2.0 * events) > expected * all_)
 
 
 def is_jump(predicted: tuple[Array, Array], found: tuple[Array, Array]) -> bool:
