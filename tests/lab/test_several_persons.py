@@ -28,6 +28,9 @@ def test_few_runs_and_one_way(
         assert set(numbers[name]) == {"1", "2", "3"}
         assert all(value > 0.0 for value in numbers[name].values())
     assert 0 <= numbers["ways_better_with_two"] <= numbers["ways"] == 1
+    assert 0 <= numbers["ways_better_than_second"] + numbers["ways_better_than_either"] <= 2
+    either = np.hypot(numbers["error_m"]["1"], numbers["error_of_second_m"])
+    assert 0.0 < numbers["two_less_mean_of_both_m"] < numbers["error_m"]["2"] + either
     matches = [numbers["rendered"][count]["matches"] for count in ("1", "2", "3")]
     assert 5.0 < matches[0] < matches[1] < matches[2]
     (row,) = csv.DictReader((tmp_path / "persons.csv").read_text().splitlines())

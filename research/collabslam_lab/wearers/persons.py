@@ -15,7 +15,7 @@ from collabslam_lab.engines import Engine
 from collabslam_lab.figures import style
 from collabslam_lab.figures.finding import Finding, Table
 from collabslam_lab.wearers.among_points import COMMON, Told, Variant, run_points
-from collabslam_lab.wearers.persons_way import DRAWS, NAMES, Went, go_ways
+from collabslam_lab.wearers.persons_way import DRAWS, GROUPS, NAMES, Went, go_ways
 
 RUNS, QUICK_RUNS, BATCH = 100, 10, 10
 """Runs among points, and how many of them a child process does at a time."""
@@ -40,14 +40,23 @@ def make(*, seed: int, jobs: int, engine: Engine, quick: bool) -> Finding:
     )
     nees = {kind: {count: _summary(told[kind, count], runs) for count in COUNTS} for kind in (OWN, TRACKER)}
     untold = {count: _summary(told[UNTOLD, count], runs) for count in COUNTS[1:]}
-    errors = np.array([[_rms([went.error for went in way[count]]) for count in COUNTS] for way in ways])
-    ms = {count: float(np.median([went.ms for way in ways for went in way[count]])) for count in COUNTS}
-    rendered = {count: _rendered([went for way in ways for went in way[count]]) for count in COUNTS}
+    group = dict(zip(COUNTS, GROUPS, strict=False))
+    of_all = np.array([[_rms([went.error for went in way[one]]) for one in GROUPS] for way in ways])
+    errors, second = of_all[:, :-1], of_all[:, -1]
+    either = np.sqrt(0.5 * (errors[:, 0] ** 2 + second**2))
+    ms = {
+        count: float(np.median([went.ms for way in ways for went in way[group[count]]])) for count in COUNTS
+    }
+    rendered = {count: _rendered([went for way in ways for went in way[group[count]]]) for count in COUNTS}
     numbers: dict[str, Any] = {
         "nees": {count: nees[OWN][count]["pose"] for count in COUNTS},
         "nees_one_tracker": {count: nees[TRACKER][count]["pose"] for count in COUNTS},
         "nees_band": list(nees_band(6, runs)),
         "ways_better_with_two": int((errors[:, 1] < errors[:, 0]).sum()),
+        "ways_better_than_second": int((errors[:, 1] < second).sum()),
+        "ways_better_than_either": int((errors[:, 1] < either).sum()),
+        "error_of_second_m": _rms(second),
+        "two_less_mean_of_both_m": _rms([_apart(way, draw) for way in ways for draw in range(draws)]),
         "ways_better_with_three": int((errors[:, 2] < errors[:, 1]).sum()),
         "ways": len(ways),
         "ms": ms,
@@ -73,9 +82,17 @@ def make(*, seed: int, jobs: int, engine: Engine, quick: bool) -> Finding:
         verdict=f"One tracker: {COMMON:.0%} of the variance of each T_CF is common to all. An error on a way "
         f"is the RMS over its frames and over {draws} errors of T_CF.",
         numbers=numbers,
-        columns=("way", *(f"error_m_{count}" for count in COUNTS)),
-        rows=[[way, *row] for way, row in enumerate(errors.tolist())],
+        columns=("way", *(f"error_m_{count}" for count in COUNTS), "error_m_second"),
+        rows=[[way, *row] for way, row in enumerate(of_all.tolist())],
     )
+
+
+def _apart(way: dict[tuple[int, ...], list[Went]], draw: int) -> float:
+    """RMS distance of two persons' error of the position from the mean of each one's alone, metres."""
+    first, both, _, second = (way[group][draw].errors for group in GROUPS)
+    last = min(len(first), len(both), len(second))
+    away = both[-last:] - 0.5 * (first[-last:] + second[-last:])
+    return _rms(np.linalg.norm(away, axis=1))
 
 
 def _among_points(runs: int, seed: int, jobs: int, engine: Engine) -> dict[tuple[str, int], list[Told]]:
@@ -173,7 +190,11 @@ def _help(numbers: dict[str, Any], rendered: dict[int, dict[str, float]]) -> Tab
     return Table(
         f"On {numbers['ways']} rendered ways: two persons are better than one on "
         f"{numbers['ways_better_with_two']} (aim: {AIM} of 10), three better than two on "
-        f"{numbers['ways_better_with_three']}.",
+        f"{numbers['ways_better_with_three']}. The second alone errs by "
+        f"{100.0 * numbers['error_of_second_m']:.2f} cm; two are better than that one on "
+        f"{numbers['ways_better_than_second']}, than either (the RMS of both alone) on "
+        f"{numbers['ways_better_than_either']}. Their error is the mean of the two alone to "
+        f"{100.0 * numbers['two_less_mean_of_both_m']:.2f} cm (RMS).",
         ("persons", "error, cm", "NEES pose", "NEES position", "NEES of the Cf", "matches", "ms"),
         rows,
     )

@@ -51,6 +51,8 @@ class Went:
         Median time of a frame with views, milliseconds.
     matches : float
         Mean number of matches of all persons in such a frame.
+    errors : (N, 3) float64
+        Of the position in each frame after the start, along the axes of Cs, metres.
     """
 
     error: float
@@ -59,6 +61,7 @@ class Went:
     worn: list[float]
     ms: float
     matches: float
+    errors: Array
 
 
 class PersonsWay:
@@ -132,6 +135,7 @@ class PersonsWay:
             worn=[_nees_of(found) for found in placed.values()],
             ms=float(np.median(ms)),
             matches=float(np.mean(matches)),
+            errors=e[1:, :3],
         )
 
 
@@ -149,9 +153,12 @@ def _nees_of(found: list[tuple[Array, Array, Array]]) -> float:
     return float(np.mean(nees(pose_tangent_error(estimate, true), covariance)))
 
 
-def go_ways(number: int, frames: int, draws: int, seed: int) -> dict[int, list[Went]]:
-    """One way with one, two and three persons, as often as there are draws; also a child process's work."""
+GROUPS = ((0,), (0, 1), (0, 1, 2), (1,))
+"""Who goes along: the first alone, two, three, and the second alone."""
+
+
+def go_ways(number: int, frames: int, draws: int, seed: int) -> dict[tuple[int, ...], list[Went]]:
+    """One way with each group of persons, as often as there are draws; also a child process's work."""
     use_one_thread()
     way = PersonsWay(number, frames, seed)
-    counts = range(1, len(NAMES) + 1)
-    return {count: [way.go(tuple(range(count)), draw) for draw in range(draws)] for count in counts}
+    return {group: [way.go(group, draw) for draw in range(draws)] for group in GROUPS}
