@@ -6,8 +6,8 @@ Frames: W world, C robot camera Cs, F worn camera Cf (METHOD section 1).  ``t_ab
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -117,9 +117,11 @@ class Frame:
     image : (H, W) uint8
         Grey image of Cs.
     worn : WornView or None
-        The worn camera's view, where there is one.
+        The worn camera's view, where there is one; of several the first.
     depth : DepthPoints or None
         Depths, where there are some.
+    further : tuple of WornView
+        Views of further worn cameras, where several persons wear one.
     """
 
     index: int
@@ -127,6 +129,17 @@ class Frame:
     image: Image
     worn: WornView | None = None
     depth: DepthPoints | None = None
+    further: tuple[WornView, ...] = ()
+
+    @property
+    def views(self) -> tuple[WornView, ...]:
+        """The views of all worn cameras."""
+        return self.further if self.worn is None else (self.worn, *self.further)
+
+    def with_views(self, views: Iterable[WornView]) -> Frame:
+        """The same frame with these views of worn cameras, and no others."""
+        some = tuple(views)
+        return replace(self, worn=some[0] if some else None, further=some[1:])
 
 
 @dataclass(frozen=True)
@@ -308,7 +321,8 @@ class Recording(Protocol):
     camera : Camera
         Calibration of Cs.
     worn_camera : Camera or None
-        Calibration of Cf.
+        Calibration of Cf; of the first one where several persons wear a camera (see
+        `worn_cameras`).
     times : (N,) float64
         Time stamps, seconds, strictly increasing if `open_recording` has opened it; a run leaves out those
         that are not.
@@ -341,3 +355,14 @@ class Recording(Protocol):
     def image(self, i: int) -> Image:
         """The (H, W) uint8 image of Cs in frame ``i``."""
         ...
+
+
+def worn_cameras(recording: Recording) -> dict[str, Camera]:
+    """Calibration of each worn camera of a recording, by the name of whoever wears it.
+
+    That of a single one without a name is ""; empty if there is none.  `collabslam.Slam` takes it as it is.
+    """
+    named: dict[str, Camera] | None = getattr(recording, "worn_cameras", None)
+    if named is not None:
+        return dict(named)
+    return {} if recording.worn_camera is None else {"": recording.worn_camera}

@@ -7,6 +7,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -85,6 +86,15 @@ def make_camchain(path: Path, short: Short) -> None:
     path.write_text(yaml.safe_dump({"cam0": lenses[0], "cam1": {**lenses[1], "T_cn_cnm1": bound.tolist()}}))
 
 
+def make_persons(folder: Path, short: Short) -> None:
+    """The walk with two persons, who see the same."""
+    lenses = dict.fromkeys(("anna", "ben"), short.worn_camera)
+    with collabslam.RecordingWriter(folder, short.camera, lenses) as writer:
+        for frame in short.frames:
+            views = [replace(view, who=name) for view in frame.views for name in lenses]
+            writer.add(frame.t, frame.image, views, short.truth[frame.index])
+
+
 def make_targets(folder: Path, clip: Clip) -> None:
     """A walk past a tag, and a film of a board."""
     write_recording(walk_past(clip, TAG, FRAMES, alone=False), folder / "tagged")
@@ -111,6 +121,7 @@ def place(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("docs")
     short = Short(clip, FRAMES)
     write_recording(short, folder / "walk")
+    make_persons(folder / "persons", short)
     (folder / "camera.yaml").write_text(yaml.safe_dump({**sensor_mapping(short.camera), "rate": 10}))
     (folder / "images").mkdir()
     size = (short.camera.width, short.camera.height)

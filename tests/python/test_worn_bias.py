@@ -282,9 +282,9 @@ def test_views_come_when_they_were_taken(clock: float) -> None:
 
 def test_a_source_keeps_its_calibration(tmp_path: Path) -> None:
     file = tmp_path / "worn.yaml"
-    source = Source(tmp_path, worn=WornSpec("recorded"), worn_calibration=file)
+    source = Source(tmp_path, worn=WornSpec("recorded"), worn_calibrations={"": file})
     STATE(source.state(), "source")
-    assert Source.from_state(source.state()).worn_calibration == file
+    assert Source.from_state(source.state()).worn_calibrations == {"": file}
 
 
 def test_check_calib_writes_what_mends_a_recording(
@@ -293,7 +293,7 @@ def test_check_calib_writes_what_mends_a_recording(
     monkeypatch.setattr(recorded, "VIEWS", 8)
     base = Off(corridor_recording(length_m=2.1))
     monkeypatch.setattr(Source, "open", lambda self: base)
-    monkeypatch.setattr(calibration_check, "check_calibration", lambda _: CalibrationReport({1: 0.3}))
+    monkeypatch.setattr(calibration_check, "check_calibration", lambda *_: CalibrationReport({1: 0.3}))
     file = tmp_path / "worn.yaml"
     assert cli.main(["check-calib", "walk", "--write", str(file)]) == 0
     said = capsys.readouterr().out

@@ -6,6 +6,7 @@ import contextlib
 
 import numpy as np
 
+from collabslam.datasets.persons import check_alone
 from collabslam.datasets.wrapped import Together
 from collabslam.errors import DataError, InputError
 from collabslam.targets.printed import pose_between
@@ -31,7 +32,10 @@ def board_poses(recording: Recording, board: Board) -> tuple[Array, Array]:
     ------
     InputError
         If there is no worn camera, or the board looks the same upside down.
+    SettingsError
+        If there are several.
     """
+    check_alone(recording)
     count, worn_camera = len(recording), recording.worn_camera
     if worn_camera is None:
         raise InputError(f"{recording.name} has no worn camera; give the topics of its images and its pose.")

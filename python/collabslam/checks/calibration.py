@@ -12,10 +12,11 @@ from dataclasses import dataclass, field
 from collabslam.checks.alone import FocalRange, focal_range
 from collabslam.checks.lengths import check_lengths
 from collabslam.checks.mistakes import Eye
-from collabslam.checks.robot import check_robot
+from collabslam.checks.robot import RobotReport, check_robot
 from collabslam.checks.worn import MOST_PX, WornReport, check_worn
-from collabslam.datasets.wrapped import Together
-from collabslam.types import Recording
+from collabslam.datasets.persons import check_alone
+from collabslam.datasets.wrapped import OnlyPersons, Together
+from collabslam.types import Recording, worn_cameras
 
 
 @dataclass(frozen=True)
@@ -66,17 +67,37 @@ class CalibrationReport:
         )
 
 
-def check_calibration(recording: Recording) -> CalibrationReport:
-    """Check a recording; nothing of it is changed.
+def check_persons(recording: Recording) -> dict[str, CalibrationReport]:
+    """Check a recording as each of its persons sees it, by name; "" where there is at most one camera.
+
+    What is said of Cs is the same in all of them.
+    """
+    names = list(worn_cameras(recording))
+    if len(names) < 2:
+        return {name: check_calibration(recording) for name in names or [""]}
+    robot = check_robot(Together(recording))
+    return {name: check_calibration(OnlyPersons(recording, [name]), robot) for name in names}
+
+
+def check_calibration(recording: Recording, robot: RobotReport | None = None) -> CalibrationReport:
+    """Check a recording of Cs and at most one Cf; nothing of it is changed.
 
     Parameters
     ----------
     recording : Recording
         With true poses, recorded worn views, or both; without either its images alone are asked.  Views
         that were taken more than 10 ms from their frame are not asked.
+    robot : RobotReport, optional
+        What is known of Cs already.
+
+    Raises
+    ------
+    SettingsError
+        If several persons wear a camera: see `check_persons`.
     """
+    check_alone(recording)
     recording = Together(recording)
-    robot = check_robot(recording)
+    robot = robot or check_robot(recording)
     worn = check_worn(recording, robot)
     lengths = check_lengths(recording, robot, worn.undo)
     findings = robot.findings + worn.findings + lengths.findings

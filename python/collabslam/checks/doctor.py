@@ -19,6 +19,8 @@ MANY = 0.3
 """Share of the searched features that is much to lose for one reason."""
 LARGE_NIS = 1.5
 """Normalised innovation over its degrees of freedom (1 is expected) that shows a model that does not fit."""
+FEW_MEASURED = 0.1
+"""Share of a person's views that are measured at least, unless something is wrong."""
 GAP = 3.0
 """Time between frames, in median ones, that counts as a gap."""
 
@@ -32,7 +34,7 @@ def diagnose(run: RunFolder) -> list[str]:
     if not frames.started.any():
         return [*_never_started(frames, summary), *_worn(frames)]
     found = [*_lost(frames), *_doubted(frames), *_tracking(frames), *_consistency(frames)]
-    found += [*_clock(frames), *_worn(frames), *_scale(frames, summary)]
+    found += [*_clock(frames), *_worn(frames), *_persons(summary), *_scale(frames, summary)]
     return found or ["Nothing is wrong with this run as far as its diagnostics show."]
 
 
@@ -201,6 +203,21 @@ def _worn(frames: Frames) -> Iterator[str]:
             f"in the median, more than its covariance allows; check its clock, its frame and its covariance "
             "(try collabslam check-calib)."
         )
+
+
+def _persons(summary: dict[str, Any]) -> Iterator[str]:
+    """Of several persons those whose camera gives little; of one camera `_worn` tells more."""
+    for of in summary.get("worn", []):
+        name, views, measured = of["name"], of["views"], of["measured"]
+        if not name or (views and measured >= FEW_MEASURED * views):
+            continue
+        if not views:
+            yield f"No view of {name} reached the filter; check that person's clock and folder of images."
+        else:
+            yield (
+                f"Of {views} views of {name} {measured} were measured: they do not overlap with Cs's, or "
+                f"contradict it; check that person's T_CF (collabslam check-calib --worn recorded:{name})."
+            )
 
 
 def _scale(frames: Frames, summary: dict[str, Any]) -> Iterator[str]:

@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING
 from collabslam.cli import NOT_TRUSTED, OK, options
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from collabslam.checks.calibration import CalibrationReport
     from collabslam.types import Recording
 
 
@@ -27,20 +30,53 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Print what was found; the status is 1 where something does not fit, or nothing could be checked."""
-    from collabslam.checks.calibration import check_calibration
+    from collabslam.checks.calibration import check_persons
     from collabslam.errors import SettingsError
-    from collabslam.runs.report import number, text_table
+    from collabslam.runs.report import text_table
+    from collabslam.types import worn_cameras
 
     if arguments.write is not None and arguments.worn_calibration is not None:
         raise SettingsError(
             "--write finds a correction of T_CF as it is measured; leave out --worn-calibration."
         )
     recording = options.source_with_worn(arguments).open()
-    report = check_calibration(recording)
-    rows = [[f"residual, frames {gap} apart", number(r, 2, "px")] for gap, r in report.by_gap.items()]
-    rows += [
+    names = list(worn_cameras(recording))
+    if arguments.write is not None and len(names) > 1:
+        raise SettingsError(
+            f"--write finds the correction of one person's T_CF; say whose, as --worn recorded:{names[0]}."
+        )
+    reports = check_persons(recording)
+    print(recording.name)
+    first = next(iter(reports.values()))
+    rows = _robot_rows(first)
+    for name, report in reports.items():
+        rows += [
+            [f"{label}, {name}" if len(reports) > 1 else label, text] for label, text in _worn_rows(report)
+        ]
+    print(text_table(rows))
+    for line in _sentences(reports):
+        print(line)
+    if all(report.agrees for report in reports.values()):
+        print("Calibration, poses and time stamps agree with the images, as far as they were checked.")
+    written = arguments.write is None or _write(recording, arguments.write, "".join(names))
+    fits = all(report.checked and not report.findings for report in reports.values())
+    return OK if fits and written else NOT_TRUSTED
+
+
+def _robot_rows(report: CalibrationReport) -> list[list[str]]:
+    from collabslam.runs.report import number
+
+    return [
+        *([f"residual, frames {gap} apart", number(r, 2, "px")] for gap, r in report.by_gap.items()),
         ["focal length that fits best", number(report.focal, 3, "times the calibrated one")],
         ["time offset of images to poses", number(report.offset, 4, "s")],
+    ]
+
+
+def _worn_rows(report: CalibrationReport) -> list[list[str]]:
+    from collabslam.runs.report import number
+
+    rows = [
         ["residual of Cf under T_CF", number(report.worn.residual, 2, "px")],
         ["residual that T_CF's covariance leads to", number(report.worn.expected, 2, "px")],
         ["lengths of the true poses to those of T_CF", number(report.lengths, 3, "times")],
@@ -49,18 +85,22 @@ def main(arguments: argparse.Namespace) -> int:
         metres, degrees, sigmas = report.worn.error
         text = f"{100 * metres:.1f} cm, {degrees:.2f} degrees, {sigmas:.1f} standard deviations"
         rows.append(["correction of T_CF by the images", text])
-    print(recording.name)
-    print(text_table(rows))
-    for line in [*report.findings, *report.notes]:
-        print(line)
-    if report.agrees:
-        print("Calibration, poses and time stamps agree with the images, as far as they were checked.")
-    written = arguments.write is None or _write(recording, arguments.write)
-    return OK if report.checked and not report.findings and written else NOT_TRUSTED
+    return rows
 
 
-def _write(recording: Recording, path: Path) -> bool:
-    """Find what all views share, say it, and write it; whether there was anything to write."""
+def _sentences(reports: Mapping[str, CalibrationReport]) -> list[str]:
+    """Findings, then notes; what is said of one of several persons begins with the name."""
+    each = {name: [*report.findings, *report.notes] for name, report in reports.items()}
+    if len(each) == 1:
+        return next(iter(each.values()))
+    said = list(each.values())
+    of_all = [line for line in said[0] if all(line in lines for lines in said)]
+    own = [f"{name}: {line}" for name, lines in each.items() for line in lines if line not in of_all]
+    return [*of_all, *own]
+
+
+def _write(recording: Recording, path: Path, name: str) -> bool:
+    """Find what all views of a person share, say it, and write it; whether there was anything to write."""
     from collabslam.checks.worn_bias.recorded import lasting_error
     from collabslam.checks.worn_bias.report import believed, rows, sentences
     from collabslam.runs.report import text_table
@@ -78,5 +118,6 @@ def _write(recording: Recording, path: Path) -> bool:
         print("Nothing is written.")
         return False
     found.fit.calibration.save(path)
-    print(f"Written to {path}: correct the recording with --worn-calibration {path}.")
+    given = f"{name}={path}" if name else str(path)
+    print(f"Written to {path}: correct the recording with --worn-calibration {given}.")
     return True

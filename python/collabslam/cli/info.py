@@ -39,19 +39,21 @@ def describe(recording: Recording) -> dict[str, str]:
     """What a recording holds, in words."""
     import numpy as np
 
+    from collabslam.types import worn_cameras
+
     times, truth = recording.times, recording.truth
     seconds = float(times[-1] - times[0])
     rate = (len(times) - 1) / seconds if seconds > 0.0 else 0.0
     known = 0 if truth is None else int(np.isfinite(truth).all(axis=(1, 2)).sum())
     rig = getattr(recording, "rig", None)
-    worn = recording.worn_camera
+    worn = worn_cameras(recording)
     return {
         "source": recording.source,
         "frames": f"{len(times)} in {seconds:.2f} s ({rate:.1f} a second)",
         "first stamp": f"{times[0]:.9f} s",
         "camera Cs": _camera(recording.camera),
-        "worn camera Cf": "none recorded (see --worn)" if worn is None else _camera(worn),
-        "worn pose": "none" if worn is None else getattr(recording, "worn_pose", "measured"),
+        "worn camera Cf": "none recorded (see --worn)" if not worn else _worn(worn),
+        "worn pose": "none" if not worn else getattr(recording, "worn_pose", "measured"),
         "second camera of the rig": "none"
         if rig is None
         else f"{_camera(rig.camera)}, {len(rig.paths)} images; used as Cf unless --worn says otherwise",
@@ -61,6 +63,12 @@ def describe(recording: Recording) -> dict[str, str]:
         "known target": "none" if recording.target is None else f"{len(recording.target.points)} points",
         "conventions": "T_WC maps points of C into W; metres, seconds; C: x right, y down, z forward",
     }
+
+
+def _worn(cameras: dict[str, Camera]) -> str:
+    return "; ".join(
+        f"{name}: {_camera(camera)}" if name else _camera(camera) for name, camera in cameras.items()
+    )
 
 
 def _odometry(odometry: Odometry | None) -> str:

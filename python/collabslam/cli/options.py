@@ -90,7 +90,11 @@ def add_odometry_frame(group: argparse._ActionsContainer) -> None:
 def add_worn(parser: argparse.ArgumentParser) -> None:
     """Where the worn camera's views come from."""
     worn = parser.add_argument_group("worn camera Cf")
-    worn.add_argument("--worn", metavar="SPEC", help="recorded, none, lag:SECONDS, rig or views:FOLDER")
+    worn.add_argument(
+        "--worn",
+        metavar="SPEC",
+        help="recorded, recorded:NAME,.. (these persons), none, lag:SECONDS, rig or views:FOLDER",
+    )
     worn.add_argument(
         "--worn-available",
         metavar="SHARE",
@@ -115,9 +119,11 @@ def add_worn(parser: argparse.ArgumentParser) -> None:
     worn.add_argument("--seed", metavar="N", type=int, default=0, help="of the noise of T_CF (default 0)")
     worn.add_argument(
         "--worn-calibration",
-        metavar="FILE",
-        type=Path,
-        help="corrects T_CF and the stamps of Cf, as `collabslam check-calib --write FILE` found it",
+        metavar="[NAME=]FILE",
+        type=of_person,
+        action="append",
+        help="corrects T_CF and the stamps of Cf, as `collabslam check-calib --write FILE` found it; of "
+        "several persons NAME's, and may be repeated",
     )
 
 
@@ -226,7 +232,8 @@ def source_with_worn(arguments: argparse.Namespace) -> Source:
         seed=arguments.seed,
         bias_per_block=arguments.worn_bias_per_block,
     )
-    return dataclasses.replace(source_of(arguments), worn=worn, worn_calibration=arguments.worn_calibration)
+    corrected = dict(arguments.worn_calibration or [])
+    return dataclasses.replace(source_of(arguments), worn=worn, worn_calibrations=corrected)
 
 
 def notes_of(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -290,6 +297,14 @@ def mount(text: str) -> tuple[float, ...] | tuple[str, str]:
     if not (base and camera) or ":" in camera:
         raise argparse.ArgumentTypeError(f"'{text}' names no two frames; give tf:base_link:camera_optical")
     return base, camera
+
+
+def of_person(text: str) -> tuple[str, Path]:
+    """``anna=FILE`` as a name and a path; a FILE alone is nobody's, ""."""
+    name, equals, file = text.partition("=")
+    if not equals:
+        return "", Path(text)
+    return name, Path(file)
 
 
 def topics(text: str) -> dict[str, str]:

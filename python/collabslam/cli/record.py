@@ -45,11 +45,13 @@ def write_folder(recording: Recording, arguments: argparse.Namespace) -> int:
 
 
 def _write_bag(recording: Recording, arguments: argparse.Namespace) -> int:
-    from collabslam.datasets.ros.writer import TOPICS, write_bag
+    from collabslam.datasets.ros.writer import topics_of, write_bag
     from collabslam.runs.progress import Progress
+    from collabslam.types import worn_cameras
 
     with Progress(len(recording), f"{recording.name} writing") as bar:
         write_bag(recording, arguments.out, storage=arguments.bag, progress=lambda done, total: bar.update())
-    roles = ",".join(f"{role}={topic}" for role, topic in TOPICS.items())
+    topics = topics_of(worn_cameras(recording))
+    roles = ",".join(f"{role}={topic}" for role, topic in topics.items())
     print(f"{len(recording)} frames are in {arguments.out}; read it with --topics {roles}")
     return OK

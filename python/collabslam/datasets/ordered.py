@@ -32,14 +32,14 @@ def in_order(recording: DiskRecording) -> DiskRecording:
 
 
 def _stream(recording: StreamRecording, kept: Indices, times: Array) -> StreamRecording:
-    read, read_worn, indices = recording.read, recording.read_worn, kept.tolist()
+    read, read_views, indices = recording.read, recording.read_views, kept.tolist()
     read_depth = recording.read_depth
     return replace(
         recording,
         times=times,
         truth=None if recording.truth is None else recording.truth[kept],
         read=lambda i: read(indices[i]),
-        read_worn=lambda i: read_worn(indices[i]),
+        read_views=lambda i: read_views(indices[i]),
         read_depth=None if read_depth is None else lambda i: read_depth(indices[i]),
         left_out=len(recording) - len(kept),
     )
@@ -47,13 +47,15 @@ def _stream(recording: StreamRecording, kept: Indices, times: Array) -> StreamRe
 
 def _images(recording: ImageRecording, kept: Indices, times: Array) -> ImageRecording:
     new = {old: k for k, old in enumerate(kept.tolist())}
-    rig, worn, depth = recording.rig, recording.worn, recording.depth
+    rig, depth = recording.rig, recording.depth
     if depth is not None:
         depth = {new[i]: image for i, image in depth.items() if i in new}
     if rig is not None:
         rig = replace(rig, paths={new[i]: path for i, path in rig.paths.items() if i in new})
-    if worn is not None:
-        worn = RecordedWorn(worn.camera, {new[i]: view for i, view in worn.views.items() if i in new})
+    worn = {
+        name: RecordedWorn(one.camera, {new[i]: view for i, view in one.views.items() if i in new})
+        for name, one in recording.worn.items()
+    }
     return replace(
         recording,
         paths=tuple(recording.paths[i] for i in new),

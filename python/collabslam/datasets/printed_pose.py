@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from collabslam._core import Camera
 from collabslam.datasets.calibration import check_resolution
@@ -41,44 +41,62 @@ def printed_source(source: str | None) -> list[Tag | Board]:
     return targets
 
 
+@dataclass(frozen=True)
+class Unposed:
+    """Images of a worn camera without T_CF.
+
+    Attributes
+    ----------
+    camera : Camera
+    views : mapping
+        Number of the view taken together with a frame, by the frame's index.
+    read : callable
+        The image of a view by its number.
+    """
+
+    camera: Camera
+    views: Mapping[int, int]
+    read: Callable[[int], Image]
+
+
 def with_printed_poses(
-    recording: StreamRecording,
-    worn_camera: Camera,
-    views: Mapping[int, int],
-    read: Callable[[int], Image],
-    targets: list[Tag | Board],
+    recording: StreamRecording, worn: Mapping[str, Unposed], targets: list[Tag | Board]
 ) -> StreamRecording:
-    """A recording of Cs with the views of Cf in which both see a target.
+    """A recording of Cs with the views of each Cf in which both see a target.
 
     Parameters
     ----------
     recording : StreamRecording
-    worn_camera : Camera
-    views : mapping
-        Number of the view of Cf taken together with a frame, by the frame's index.
-    read : callable
-        The image of a view by its number.
+    worn : mapping
+        Images of each worn camera by the name of whoever wears it.
     targets : list of Tag and Board
 
     Raises
     ------
     DataError
-        If no view was taken together with a frame.
+        If no view of one was taken together with a frame.
     """
-    if not views:
-        raise DataError(
-            f"No image of Cf in {recording.source} was taken together with one of Cs; put both on one clock."
-        )
+    for one in worn.values():
+        if not one.views:
+            raise DataError(
+                f"No image of Cf in {recording.source} was taken together with one of Cs; put both on one "
+                "clock."
+            )
 
-    def read_worn(i: int) -> WornView | None:
-        if i not in views:
+    def read_worn(i: int, name: str, one: Unposed) -> WornView | None:
+        if i not in one.views:
             return None
-        image = read(views[i])
-        check_resolution(worn_camera, image, f"of Cf in frame {i} of {recording.source}")
+        image = one.read(one.views[i])
+        check_resolution(one.camera, image, f"of Cf in frame {i} of {recording.source}")
         try:
-            pair = pose_between(recording.image(i), recording.camera, image, worn_camera, targets)
+            pair = pose_between(recording.image(i), recording.camera, image, one.camera, targets)
         except DataError:  # one of them does not see it
             return None
-        return WornView(image, *pair)
+        return WornView(image, *pair, who=name)
 
-    return replace(recording, worn_camera=worn_camera, read_worn=read_worn, worn_pose="printed target")
+    def read_views(i: int) -> list[WornView]:
+        found = (read_worn(i, name, one) for name, one in worn.items())
+        return [view for view in found if view is not None]
+
+    cameras = {name: one.camera for name, one in worn.items()}
+    return replace(recording, worn_cameras=cameras, read_views=read_views, worn_pose="printed target")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +51,12 @@ class RecordedWorn:
     camera: Camera
     views: Mapping[int, RecordedView]
 
+    def read(self, i: int, name: str) -> WornView:
+        """The view of frame ``i``, with the name of whoever wears the camera; DataError if broken."""
+        view = self.views[i]
+        image = read_grey(view.path, self.camera)
+        return WornView(image, view.t_cf, view.covariance, view.bias, view.t, name)
+
 
 @dataclass(frozen=True)
 class ImageRecording:
@@ -63,6 +69,8 @@ class ImageRecording:
     left_out : int
         Frames of the source that are not in it, as their stamps cannot be used; see `ordered.in_order`.
     odometry : Odometry or None
+    worn : mapping
+        What each worn camera took, by the name of whoever wears it; "" is that of a single one.
 
     Raises
     ------
@@ -78,7 +86,7 @@ class ImageRecording:
     truth: Array | None = None
     target: Target | None = None
     rig: Rig | None = None
-    worn: RecordedWorn | None = None
+    worn: Mapping[str, RecordedWorn] = field(default_factory=dict)
     depth: Mapping[int, DepthImage] | None = None
     left_out: int = 0
     odometry: Odometry | None = None
@@ -97,9 +105,14 @@ class ImageRecording:
         return bool(self.depth)
 
     @property
+    def worn_cameras(self) -> dict[str, Camera]:
+        """Calibration of each Cf of which the recording holds views, by name."""
+        return {name: worn.camera for name, worn in self.worn.items()}
+
+    @property
     def worn_camera(self) -> Camera | None:
-        """Calibration of Cf, where the recording holds views of it."""
-        return None if self.worn is None else self.worn.camera
+        """That of the first one; None where there is none."""
+        return next(iter(self.worn_cameras.values()), None)
 
     def __len__(self) -> int:
         return len(self.paths)
@@ -109,16 +122,12 @@ class ImageRecording:
         return read_grey(self.paths[frame_index(self, i)], self.camera)
 
     def frame(self, i: int) -> Frame:
-        """Frame ``i``, with the recorded view of the worn camera where there is one."""
+        """Frame ``i``, with the recorded views of the worn cameras where there are some."""
         i = frame_index(self, i)
-        worn = None
-        if self.worn is not None and i in self.worn.views:
-            view = self.worn.views[i]
-            image = read_grey(view.path, self.worn.camera)
-            worn = WornView(image, view.t_cf, view.covariance, view.bias, view.t)
+        views = [worn.read(i, name) for name, worn in self.worn.items() if i in worn.views]
         depth = None if self.depth is None else self.depth.get(i)
         points = None if depth is None else depth.points(self.camera)
-        return Frame(i, float(self.times[i]), self.image(i), worn, points)
+        return Frame(i, float(self.times[i]), self.image(i), depth=points).with_views(views)
 
 
 def check_frames(source: str, times: Array, truth: Array | None) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -19,13 +19,14 @@ from numpy.typing import ArrayLike
 from collabslam._core import Camera, Filter
 from collabslam.datasets.calibration import sensor_mapping
 from collabslam.datasets.odometry import TRIANGLE
+from collabslam.datasets.persons import person_name
 from collabslam.datasets.poses import NANOSECONDS, rigid
-from collabslam.datasets.readers.collab import FORMAT, VERSION, folder_name
+from collabslam.datasets.readers.collab import FORMAT, SEVERAL, VERSION, folder_name, worn_place
 from collabslam.errors import DataError, InputError
 from collabslam.formats.files import LineFile, write_text
 from collabslam.geometry import quaternion_wxyz
 from collabslam.images import check_grey
-from collabslam.types import Array, Image, Odometry, Recording, WornView
+from collabslam.types import Array, Image, Odometry, Recording, WornView, worn_cameras
 
 _POSE_COLUMNS = "#timestamp [ns],p_x [m],p_y [m],p_z [m],q_w,q_x,q_y,q_z"
 _IMAGE_COLUMNS = "#timestamp [ns],filename"
@@ -47,8 +48,9 @@ class RecordingWriter:
         New folder.
     camera : Camera
         Cs.
-    worn_camera : Camera, optional
-        Cf; needed for frames with a worn view.
+    worn_camera : Camera or dict of Camera, optional
+        Cf; needed for frames with a worn view.  Of several persons each one's by a name, which
+        `WornView.who` tells.
     name : str, optional
         Of the recording; the folder's unless told.
     overwrite : bool
@@ -59,7 +61,7 @@ class RecordingWriter:
     Raises
     ------
     InputError
-        If a camera is no `Camera`, ``t_bc`` no pose, or the name is no name of a folder.
+        If a camera is no `Camera`, ``t_bc`` no pose, or a name is no name of a folder.
     DataError
         If the folder exists (without ``overwrite``, or when it is no recording), or cannot be written.
     """
@@ -68,24 +70,25 @@ class RecordingWriter:
         self,
         folder: str | Path,
         camera: Camera,
-        worn_camera: Camera | None = None,
+        worn_camera: Camera | Mapping[str, Camera] | None = None,
         *,
         name: str | None = None,
         overwrite: bool = False,
         t_bc: ArrayLike | None = None,
     ) -> None:
-        for lens in (camera,) if worn_camera is None else (camera, worn_camera):
+        cameras = _named(worn_camera)
+        for lens in (camera, *cameras.values()):
             if not isinstance(lens, Camera):
                 raise InputError(
                     f"The camera is a {type(lens).__name__}; give a collabslam.Camera, which load_camera "
                     "reads from a calibration file."
                 )
         self._out = _free(Path(folder), overwrite)
-        self._camera, self._worn_camera = camera, worn_camera
+        self._camera, self._worn_cameras = camera, cameras
         self._partial = self._out.with_name(f".{self._out.name}.partial")
         self._lists: dict[Path, LineFile] = {}
         self._last = self._last_odometry = -1
-        self._views: set[int] = set()
+        self._views: set[tuple[str, int]] = set()
         self._t_bc = np.eye(4) if t_bc is None else _pose(t_bc, "T_BC")
         self._frames = 0
         self._open = True
@@ -93,7 +96,11 @@ class RecordingWriter:
         with self._writable():
             shutil.rmtree(self._partial, ignore_errors=True)
             (self._partial / "cam0" / "data").mkdir(parents=True)
-            header = {"format": FORMAT, "version": VERSION, "name": title}
+            header: dict[str, object] = {"format": FORMAT, "version": VERSION, "name": title}
+            if any(cameras):
+                header.update(version=SEVERAL, worn=list(cameras))
+                for person in cameras:
+                    self._begin_worn(person)
             _write_yaml(self._partial / "recording.yaml", header)
             _write_yaml(self._partial / "cam0" / "sensor.yaml", sensor_mapping(camera))
 
@@ -112,7 +119,11 @@ class RecordingWriter:
         return self._frames
 
     def add(
-        self, t: float, image: Image, worn: WornView | None = None, truth: ArrayLike | None = None
+        self,
+        t: float,
+        image: Image,
+        worn: WornView | Sequence[WornView] | None = None,
+        truth: ArrayLike | None = None,
     ) -> None:
         """Adds a frame.  What is refused leaves the recording as it was.
 
@@ -122,9 +133,9 @@ class RecordingWriter:
             Time stamp, seconds, not negative; kept to the nanosecond, and later than the last one.
         image : (H, W) uint8
             Grey image of Cs; `collabslam.to_grey` makes one of any other.
-        worn : WornView, optional
-            The worn camera's view at the same instant or, with its time, of another one.  Read back it comes
-            with the first frame from its time on, whenever it arrived here.
+        worn : WornView or sequence of WornView, optional
+            The worn camera's view at the same instant or, with its time, of another one; one of each person.
+            Read back it comes with the first frame from its time on, whenever it arrived here.
         truth : (4, 4) array, optional
             True ``T_WC`` of Cs, for scores only.
 
@@ -132,7 +143,7 @@ class RecordingWriter:
         ------
         InputError
             For a stamp that does not follow, a time of a view that was written before, an image of the wrong
-            type or size, a pose that is none, a covariance that is none, or a worn view without
+            type or size, a pose that is none, a covariance that is none, or a worn view without its
             ``worn_camera``.
         DataError
             If the disk is full.
@@ -141,15 +152,17 @@ class RecordingWriter:
             raise InputError("The recording is closed; begin another one, in another folder.")
         stamp = _stamp(t, self._last)
         image = check_grey(image, self._camera, "image")
-        taken = stamp if worn is None else self._taken(worn, stamp)
-        view = None if worn is None else self._checked(worn)
+        worn = () if worn is None else (worn,) if isinstance(worn, WornView) else worn
+        views = {(one.who, self._taken(one, stamp)): self._checked(one) for one in worn}
+        if len(views) < len(worn):
+            raise InputError("A worn view is given twice; give one of each person.")
         true = None if truth is None else _pose(truth, "truth")
         with self._writable():
             # The lists last, so that they name nothing that is not there.
-            name = self._write_image("cam0", stamp, image)
-            if view is not None:
-                self._write_view(taken, *view)
-                self._views.add(taken)
+            name = self._write_image(self._partial / "cam0", stamp, image)
+            for (who, taken), view in views.items():
+                self._write_view(who, taken, *view)
+            self._views.update(views)
             if true is not None:
                 line = ",".join([str(stamp), *_pose_fields(true)])
                 self._append(self._partial / "groundtruth" / "data.csv", _POSE_COLUMNS, line)
@@ -228,7 +241,7 @@ class RecordingWriter:
     def _taken(self, worn: WornView, frame: int) -> int:
         """When a view that comes with a frame was taken, nanoseconds."""
         taken = frame if worn.t is None else _nanoseconds(worn.t)
-        if taken in self._views:
+        if (worn.who, taken) in self._views:
             raise InputError(
                 f"There is a worn view of {taken / NANOSECONDS} s already; give each one once, with its time."
             )
@@ -236,40 +249,51 @@ class RecordingWriter:
 
     def _checked(self, worn: WornView) -> tuple[Image, Array, list[Array]]:
         """Image, T_CF, its covariance and, where it is known, the part of that which lasts."""
-        if self._worn_camera is None:
+        camera = self._worn_cameras.get(worn.who)
+        if camera is None:
+            whose = f" of {worn.who!r}" if worn.who or self._worn_cameras else ""
             raise InputError(
-                "There is a worn view but no worn_camera; give the writer the calibration of Cf."
+                f"There is a worn view{whose} but no worn_camera; give the writer the calibration of Cf."
             )
-        image = check_grey(worn.image, self._worn_camera, "worn image")
+        image = check_grey(worn.image, camera, "worn image")
         covariances = [_covariance(worn.covariance, "covariance of T_CF")]
         if worn.bias is not None:
             covariances.append(_covariance(worn.bias, "bias of T_CF"))
         return image, _pose(worn.t_cf, "T_CF"), covariances
 
-    def _write_view(self, stamp: int, image: Image, t_cf: Array, covariances: list[Array]) -> None:
-        assert self._worn_camera is not None
-        sensor = self._partial / "cam1" / "sensor.yaml"
-        if not sensor.exists():
-            (self._partial / "cam1" / "data").mkdir(parents=True)
-            _write_yaml(sensor, sensor_mapping(self._worn_camera))
-        name = self._write_image("cam1", stamp, image)
+    def _begin_worn(self, who: str) -> None:
+        """The folder of a worn camera with its calibration and its lists."""
+        place = worn_place(self._partial, who)
+        if not place.folder.exists():
+            (place.folder / "data").mkdir(parents=True)
+            _write_yaml(place.folder / "sensor.yaml", sensor_mapping(self._worn_cameras[who]))
+            self._begin(place.poses, f"{_POSE_COLUMNS},{_TRIANGLE_COLUMNS}")
+            self._begin(place.folder / "data.csv", _IMAGE_COLUMNS)
+
+    def _write_view(self, who: str, stamp: int, image: Image, t_cf: Array, covariances: list[Array]) -> None:
+        self._begin_worn(who)
+        place = worn_place(self._partial, who)
+        name = self._write_image(place.folder, stamp, image)
         triangles = [repr(float(x) + 0.0) for c in covariances for x in c[TRIANGLE]]
         line = ",".join([str(stamp), *_pose_fields(t_cf), *triangles])
-        self._append(self._partial / "relpose" / "data.csv", f"{_POSE_COLUMNS},{_TRIANGLE_COLUMNS}", line)
-        self._append(self._partial / "cam1" / "data.csv", _IMAGE_COLUMNS, f"{stamp},{name}")
+        self._lists[place.poses].append(line)
+        self._lists[place.folder / "data.csv"].append(f"{stamp},{name}")
 
-    def _write_image(self, folder: str, stamp: int, image: Image) -> str:
+    def _write_image(self, folder: Path, stamp: int, image: Image) -> str:
         name = f"{stamp}.png"
-        path = self._partial / folder / "data" / name
+        path = folder / "data" / name
         if not cv2.imwrite(str(path), image):
             raise DataError(f"The image {path} cannot be written; free disk space or change the folder.")
         return name
 
     def _append(self, path: Path, header: str, line: str) -> None:
         if path not in self._lists:
-            write_text(path, f"{header}\n")
-            self._lists[path] = LineFile(path)
+            self._begin(path, header)
         self._lists[path].append(line)
+
+    def _begin(self, path: Path, header: str) -> None:
+        write_text(path, f"{header}\n")
+        self._lists[path] = LineFile(path)
 
 
 def write_recording(
@@ -317,7 +341,7 @@ def write_recording(
     writer = RecordingWriter(
         out,
         recording.camera,
-        recording.worn_camera,
+        worn_cameras(recording),
         name=recording.name,
         overwrite=overwrite,
         t_bc=None if odometry is None else odometry.t_bc,
@@ -331,13 +355,23 @@ def write_recording(
             frame = recording.frame(i)
             true = None if recording.truth is None else recording.truth[i]
             known = true is not None and bool(np.isfinite(true).all())
-            writer.add(t, frame.image, frame.worn, true if known else None)
+            writer.add(t, frame.image, frame.views, true if known else None)
             if progress is not None:
                 progress(i + 1, len(recording))
         writer.close()
     finally:
         writer.discard()
     return out
+
+
+def _named(worn_camera: Camera | Mapping[str, Camera] | None) -> dict[str, Camera]:
+    """The worn cameras by name, "" that of a single one; raises InputError if folders cannot be named so."""
+    if worn_camera is None:
+        return {}
+    cameras = dict(worn_camera) if isinstance(worn_camera, Mapping) else {"": worn_camera}
+    for name in cameras if list(cameras) != [""] else ():
+        person_name(name, InputError)
+    return cameras
 
 
 def _stamp(t: float, last: int) -> int:

@@ -51,15 +51,15 @@ class Source:
         The worn camera; what the recording holds if it is None, or the second camera of its rig.
     frames : int or None
         Only so many frames from the first one on.
-    worn_calibration : Path or None
-        A file of `WornCalibration` that corrects the worn camera's views.
+    worn_calibrations : mapping
+        Files of `WornCalibration` that correct the worn cameras' views, by the name of whoever wears one.
     """
 
     path: Path
     given: Given = field(default_factory=Given)
     worn: WornSpec | None = None
     frames: int | None = None
-    worn_calibration: Path | None = None
+    worn_calibrations: Mapping[str, Path] = field(default_factory=dict)
 
     def open(self) -> Recording:
         """The recording.
@@ -76,8 +76,8 @@ class Source:
             recording = with_rig(recording)
         if self.worn is not None:
             recording = self.worn.attach(recording)
-        if self.worn_calibration is not None:
-            recording = CalibratedWorn(recording, WornCalibration.load(self.worn_calibration))
+        for name, file in self.worn_calibrations.items():
+            recording = CalibratedWorn(recording, WornCalibration.load(file), name)
         return recording if self.frames is None else FirstFrames(recording, self.frames)
 
     def moved(self, path: Path) -> Source:
@@ -92,7 +92,7 @@ class Source:
             "given": given | {"topics": dict(self.given.topics), "odometry": _odometry_state(self.given)},
             "worn": None if self.worn is None else self._worn_state(self.worn),
             "frames": self.frames,
-            "worn_calibration": None if self.worn_calibration is None else _absolute(self.worn_calibration),
+            "worn_calibrations": {name: _absolute(file) for name, file in self.worn_calibrations.items()},
         }
 
     def _worn_state(self, worn: WornSpec) -> dict[str, Any]:
@@ -106,14 +106,14 @@ class Source:
     @classmethod
     def from_state(cls, state: Mapping[str, Any]) -> Source:
         """The source of a `state` that passes `STATE`."""
-        given, worn, corrected = state["given"], state["worn"], state["worn_calibration"]
+        given, worn = state["given"], state["worn"]
         files = {k: None if given[k] is None else Path(given[k]) for k in ("camera", "times", "poses")}
         return cls(
             Path(state["path"]),
             Given(**files, topics=given["topics"], odometry=_odometry_of(given["odometry"])),
             None if worn is None else WornSpec(**worn),
             state["frames"],
-            None if corrected is None else Path(corrected),
+            {name: Path(file) for name, file in state["worn_calibrations"].items()},
         )
 
 
@@ -145,7 +145,7 @@ STATE = fields(
         )
     ),
     frames=optional(whole(1)),
-    worn_calibration=optional(text()),
+    worn_calibrations=table(str, text()),
 )
 """What `Source.state` may hold."""
 

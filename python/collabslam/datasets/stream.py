@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from collabslam._core import Camera
 from collabslam.datasets.calibration import check_resolution
@@ -19,8 +19,10 @@ class StreamRecording:
     ----------
     read : callable
         Image of Cs in a frame, (H, W) uint8; quick if the frames are asked for in order.
-    read_worn : callable
-        Worn view of a frame, or None.
+    worn_cameras : mapping
+        Calibration of each Cf, by the name of whoever wears it; "" is that of a single one.
+    read_views : callable
+        Views of the worn cameras in a frame.
     worn_pose : str
         Whether its pose was ``measured``, or ``estimated`` from laser scans and AHRSs.
     read_depth : callable or None
@@ -40,8 +42,8 @@ class StreamRecording:
     camera: Camera
     times: Array
     read: Callable[[int], Image]
-    worn_camera: Camera | None = None
-    read_worn: Callable[[int], WornView | None] = lambda i: None
+    worn_cameras: Mapping[str, Camera] = field(default_factory=dict)
+    read_views: Callable[[int], Sequence[WornView]] = lambda i: ()
     worn_pose: str = "measured"
     truth: Array | None = None
     target: Target | None = None
@@ -55,6 +57,11 @@ class StreamRecording:
     def __len__(self) -> int:
         return len(self.times)
 
+    @property
+    def worn_camera(self) -> Camera | None:
+        """Calibration of the first Cf; None where there is none."""
+        return next(iter(self.worn_cameras.values()), None)
+
     def image(self, i: int) -> Image:
         """The (H, W) uint8 image of Cs in frame ``i``."""
         image = self.read(frame_index(self, i))
@@ -62,13 +69,13 @@ class StreamRecording:
         return image
 
     def frame(self, i: int) -> Frame:
-        """Frame ``i``, with the worn view where there is one."""
+        """Frame ``i``, with the worn views where there are some."""
         image = self.image(i)
-        worn = self.read_worn(i)
-        if worn is not None and self.worn_camera is not None:
-            check_resolution(self.worn_camera, worn.image, f"of Cf in frame {i} of {self.source}")
+        views = self.read_views(i)
+        for view in views:
+            check_resolution(self.worn_cameras[view.who], view.image, f"of Cf in frame {i} of {self.source}")
         depth = None if self.read_depth is None else self.read_depth(i)
-        return Frame(i, float(self.times[i]), image, worn, depth)
+        return Frame(i, float(self.times[i]), image, depth=depth).with_views(views)
 
     @property
     def has_depth(self) -> bool:

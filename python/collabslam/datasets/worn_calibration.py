@@ -25,7 +25,7 @@ import yaml
 from collabslam.datasets.calibration import read_yaml
 from collabslam.datasets.odometry import TRIANGLE
 from collabslam.datasets.wrapped import WrappedRecording
-from collabslam.errors import DataError
+from collabslam.errors import DataError, SettingsError
 from collabslam.formats.files import write_text
 from collabslam.geometry import rotation_exp
 from collabslam.types import Array, Frame, Recording, WornView
@@ -151,17 +151,30 @@ def _numbers(content: dict[str, Any], key: str, count: int | None, path: Path) -
 
 
 class CalibratedWorn(WrappedRecording):
-    """A recording whose views of Cf have their poses corrected, and come when they were really taken.
+    """A recording whose views of a Cf have their poses corrected, and come when they were really taken.
 
     Parameters
     ----------
     base : Recording
     calibration : WornCalibration
+    who : str
+        Whose camera's views; those of others stay as they are.
+
+    Raises
+    ------
+    SettingsError
+        If there is no such person.
     """
 
-    def __init__(self, base: Recording, calibration: WornCalibration) -> None:
+    def __init__(self, base: Recording, calibration: WornCalibration, who: str = "") -> None:
         super().__init__(base)
-        self._calibration = calibration
+        self._calibration, self._who = calibration, who
+        if who not in self.worn_cameras:
+            known = ", ".join(map(repr, self.worn_cameras)) or "nobody"
+            raise SettingsError(
+                f"The worn camera of {who!r} is to be corrected and {base.name} has those of {known}; say "
+                "whose, as NAME=FILE."
+            )
         # Of each frame the one whose view comes with it: the first frame that is not before the view.
         self._source = dict(enumerate(range(len(base))))
         if calibration.clock:
@@ -173,9 +186,16 @@ class CalibratedWorn(WrappedRecording):
         frame = self._base.frame(i)
         source = self._source.get(i)
         other = frame if source == i else None if source is None else self._base.frame(source)
-        if other is None or other.worn is None:
-            return replace(frame, worn=None)
-        worn = self._calibration.view(other.worn)
+        views = {view.who: view for view in frame.views if view.who != self._who}
+        if other is not None:
+            views |= {
+                view.who: self._corrected(other.t, view) for view in other.views if view.who == self._who
+            }
+        return frame.with_views(views[name] for name in self.worn_cameras if name in views)
+
+    def _corrected(self, t: float, view: WornView) -> WornView:
+        """A view that came with the frame at ``t``, seconds."""
+        worn = self._calibration.view(view)
         if self._calibration.clock:
-            worn = replace(worn, t=(other.t if worn.t is None else worn.t) + self._calibration.clock)
-        return replace(frame, worn=worn)
+            worn = replace(worn, t=(t if worn.t is None else worn.t) + self._calibration.clock)
+        return worn

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterable
 
 from collabslam._core import Camera
 from collabslam.errors import SettingsError
-from collabslam.types import Array, Frame, Image, Odometry, Recording, Target
+from collabslam.types import Array, Frame, Image, Odometry, Recording, Target, worn_cameras
 
 TOGETHER = 0.01
 """Seconds between two images that count as taken together."""
@@ -25,7 +25,7 @@ class WrappedRecording:
         self.name: str = base.name
         self.source: str = base.source
         self.camera: Camera = base.camera
-        self.worn_camera: Camera | None = base.worn_camera
+        self.worn_cameras: dict[str, Camera] = worn_cameras(base)
         self.times: Array = base.times
         self.truth: Array | None = base.truth
         self.target: Target | None = base.target
@@ -33,6 +33,15 @@ class WrappedRecording:
         self.rig_used: bool = getattr(base, "rig_used", False)
         self.odometry: Odometry | None = getattr(base, "odometry", None)
         self.has_depth: bool = getattr(base, "has_depth", False)
+
+    @property
+    def worn_camera(self) -> Camera | None:
+        """Calibration of the first Cf; set, it is that of the only one."""
+        return next(iter(self.worn_cameras.values()), None)
+
+    @worn_camera.setter
+    def worn_camera(self, camera: Camera | None) -> None:
+        self.worn_cameras = {} if camera is None else {"": camera}
 
     def __len__(self) -> int:
         return len(self._base)
@@ -55,11 +64,9 @@ class Together(WrappedRecording):
     """
 
     def frame(self, i: int) -> Frame:
-        """Frame ``i``, without a view of another time."""
+        """Frame ``i``, without views of another time."""
         frame = self._base.frame(i)
-        if frame.worn is None or frame.worn.t is None or abs(frame.worn.t - frame.t) <= TOGETHER:
-            return frame
-        return replace(frame, worn=None)
+        return frame.with_views(v for v in frame.views if v.t is None or abs(v.t - frame.t) <= TOGETHER)
 
 
 class FirstFrames(WrappedRecording):
@@ -86,3 +93,33 @@ class FirstFrames(WrappedRecording):
 
     def __len__(self) -> int:
         return len(self.times)
+
+
+class OnlyPersons(WrappedRecording):
+    """A recording with the worn cameras of some of its persons alone.
+
+    Parameters
+    ----------
+    base : Recording
+    names : iterable of str
+        At least one.
+
+    Raises
+    ------
+    SettingsError
+        If one of them is none of the recording's, or there is none.
+    """
+
+    def __init__(self, base: Recording, names: Iterable[str]) -> None:
+        super().__init__(base)
+        there, names = worn_cameras(base), list(names)
+        missing = [name for name in names if name not in there]
+        if missing or not names:
+            known, wanted = (", ".join(map(repr, some)) or "nobody" for some in (there, missing))
+            raise SettingsError(f"{base.name} has no worn camera of {wanted}; there are those of {known}.")
+        self.worn_cameras = {name: camera for name, camera in there.items() if name in names}
+
+    def frame(self, i: int) -> Frame:
+        """Frame ``i`` with their views."""
+        frame = self._base.frame(i)
+        return frame.with_views(view for view in frame.views if view.who in self.worn_cameras)

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from collabslam.errors import DataError
+from collabslam.evaluation.worn_places import Places, places_from, places_of, places_state
 from collabslam.types import Array, Ids, Mask, Status
 
 
@@ -29,6 +30,8 @@ class Step(Protocol):
     started : bool
         Whether the filter has its origin by now.
     diagnostics : mapping
+
+    Engines that place worn cameras have ``worn``, too: see `worn_places`.
     """
 
     @property
@@ -69,6 +72,7 @@ class RecordedStep:
     valid: bool
     started: bool
     diagnostics: Mapping[str, Any]
+    worn: Places = field(default_factory=dict)
 
 
 @dataclass
@@ -110,6 +114,7 @@ class RunRecord:
             "worn": np.array(self.worn, bool),
             "seconds": np.array(self.seconds, np.float64),
             "diagnostics": {k: _column([s.diagnostics.get(k) for s in self.steps]) for k in keys},
+            "places": places_state([places_of(step) for step in self.steps]),
         }
 
     @classmethod
@@ -132,11 +137,12 @@ class RunRecord:
                 state["usable"].tolist(),
                 state["started"].tolist(),
                 rows or [{} for _ in state["statuses"]],
+                places_from(state["places"], len(state["times"])),
                 strict=True,
             )
             record = cls([RecordedStep(*frame) for frame in frames])
             record.worn, record.seconds = state["worn"].tolist(), state["seconds"].tolist()
-        except (AttributeError, KeyError, TypeError, ValueError) as error:
+        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
             raise DataError("The file holds no record of a run; take an earlier one.") from error
         if not len(record.worn) == len(record.seconds) == len(record):
             raise DataError("The file holds half a record of a run; take an earlier one.")
@@ -164,9 +170,7 @@ class RunRecord:
 
     def valid_at(self, index: int) -> bool:
         """Whether the pose of one frame may be used, as `valid` says of all."""
-        step = self.steps[index]
-        finite = np.isfinite(step.pose).all() and np.isfinite(step.covariance).all()
-        return bool(step.valid and step.started and finite)
+        return is_valid(self.steps[index])
 
     @property
     def valid(self) -> Mask:
@@ -214,6 +218,12 @@ def _column(values: list[Any]) -> Any:
     if kinds == {float}:
         return np.array(values, np.float64)
     return np.array(values, np.int64) if kinds == {int} else values
+
+
+def is_valid(step: Step) -> bool:
+    """Whether a frame's pose may be used: started, not lost, and finite."""
+    finite = np.isfinite(step.pose).all() and np.isfinite(step.covariance).all()
+    return bool(step.valid and step.started and finite)
 
 
 def status_name(status: Any) -> str:

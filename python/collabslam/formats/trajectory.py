@@ -21,8 +21,8 @@ from collabslam.types import Array
 METRES, ARBITRARY = "metres", "an arbitrary unit"
 _TUM_HEADER = "# t tx ty tz qx qy qz qw: seconds, {}; T_WC maps points of the camera C into W"
 _COV_HEADER = """\
-# Covariance of each pose of trajectory.tum, row by row: t, then the 21 numbers of the lower triangle
-# c11 c21 c22 c31 ... c66 of the 6x6 matrix over (x y z rx ry rz), lengths in {}, angles in radians.
+# Covariance of each pose of {of}, row by row: t, then the 21 numbers of the lower triangle
+# c11 c21 c22 c31 ... c66 of the 6x6 matrix over (x y z rx ry rz), lengths in {unit}, angles in radians.
 # Tangent on the right, in the camera's frame C: T_WC = T_WC_hat Exp(xi).
 #%TANGENT_CONVENTION right_perturbation
 #%TANGENT_ORDER translation_rotation"""
@@ -53,9 +53,9 @@ def tum_header(unit: str = METRES, note: str = "") -> str:
     return "".join(line + "\n" for line in (note, _TUM_HEADER.format(unit)) if line)
 
 
-def covariance_header(unit: str = METRES) -> str:
-    """First lines of a covariance file, with an end of line: unit, frame and order."""
-    return _COV_HEADER.format(unit) + "\n"
+def covariance_header(unit: str = METRES, of: str = "trajectory.tum") -> str:
+    """First lines of a covariance file, with an end of line: unit, frame and order; ``of`` has the poses."""
+    return _COV_HEADER.format(unit=unit, of=of) + "\n"
 
 
 def write_tum(path: Path, times: ArrayLike, poses: ArrayLike, note: str = "", unit: str = METRES) -> None:

@@ -19,10 +19,10 @@ from collabslam.runs.results import CHECKPOINT, SUMMARY
 from collabslam.slam.doubts import CAUSES, NOTHING
 from collabslam.slam.engine import Slam
 from collabslam.slam.parts import CLASSES
-from collabslam.types import Recording, Status
+from collabslam.types import Recording, Status, worn_cameras
 from collabslam.version import version
 
-KIND, VERSION = "run checkpoint", 6
+KIND, VERSION = "run checkpoint", 7
 """The version counts the changes of what a checkpoint holds; the engine's own state has another one."""
 
 _COLUMN = schema.any_of(
@@ -42,6 +42,17 @@ _RECORD = schema.fields(
     worn=schema.array("|b1", None),
     seconds=schema.array("<f8", None),
     diagnostics=schema.table(str, _COLUMN),
+    places=schema.table(
+        str,
+        schema.fields(
+            frames=schema.array("<i8", None),
+            times=schema.array("<f8", None),
+            poses=schema.array("<f8", None, 4, 4),
+            covariances=schema.array("<f8", None, 6, 6),
+            measured=schema.array("|b1", None),
+            matches=schema.array("<i8", None),
+        ),
+    ),
 )
 
 
@@ -55,6 +66,8 @@ def _check_record(value: Any, where: str) -> None:
         schema.refuse(f"{where}.times", "an increasing series")
     for pose in value["poses"][np.isfinite(value["poses"]).all(axis=(1, 2))]:
         schema.pose(pose, f"{where}.poses")
+    for name, places in value["places"].items():
+        _check_places(places, count, f"{where}.places.{name}")
     known = value["covariances"][np.isfinite(value["covariances"]).all(axis=(1, 2))]
     for covariance in known:
         schema.covariance(6)(covariance, f"{where}.covariances")
@@ -63,8 +76,20 @@ def _check_record(value: Any, where: str) -> None:
         schema.refuse(f"{where}.covariances", "a covariance")
 
 
+def _check_places(places: dict[str, Any], count: int, where: str) -> None:
+    """Where a worn camera was: rows of one length, each of a later frame, proper poses and covariances."""
+    frames = places["frames"]
+    if len({len(column) for column in places.values()}) != 1:
+        schema.refuse(where, "columns of one length")
+    if not (np.diff(frames) > 0).all() or (len(frames) and not 0 <= frames[0] <= frames[-1] < count):
+        schema.refuse(f"{where}.frames", "frames of the record in their order")
+    for pose, covariance in zip(places["poses"], places["covariances"], strict=True):
+        schema.pose(pose, f"{where}.poses")
+        schema.covariance(6)(covariance, f"{where}.covariances")
+
+
 def _columns(record: dict[str, Any]) -> list[Any]:
-    return [column for name, column in record.items() if name != "diagnostics"]
+    return [column for name, column in record.items() if name not in ("diagnostics", "places")]
 
 
 CONTENT = schema.fields(
@@ -72,7 +97,7 @@ CONTENT = schema.fields(
     recording=schema.fields(
         times=schema.array("<f8", None, nan=True),
         camera=schema.text(),
-        worn_camera=schema.optional(schema.text()),
+        worn_cameras=schema.table(str, schema.text()),
     ),
     plan=PLAN_STATE,
     reopen=schema.optional(SOURCE_STATE),
@@ -172,16 +197,15 @@ class Checkpoint:
                 )
 
 
-_WHAT = {"times": "time stamps", "camera": "calibration of Cs", "worn_camera": "calibration of Cf"}
+_WHAT = {"times": "time stamps", "camera": "calibration of Cs", "worn_cameras": "calibration of Cf"}
 
 
 def fingerprint(recording: Recording) -> dict[str, Any]:
     """Time stamps and calibrations, by which a recording is known again wherever it lies."""
-    worn = recording.worn_camera
     return {
         "times": np.asarray(recording.times, np.float64),
         "camera": repr(recording.camera),
-        "worn_camera": None if worn is None else repr(worn),
+        "worn_cameras": {name: repr(worn) for name, worn in worn_cameras(recording).items()},
     }
 
 

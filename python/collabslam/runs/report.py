@@ -73,7 +73,8 @@ def summary_text(summary: Summary) -> str:
         head += f" (interrupted after {summary['frames']} frames)"
     if not summary["metric"]:
         head += f" (lengths are in {summary['unit']}, not metres)"
-    return head + "\n" + text_table([[label, text(summary)] for label, text in LINES])
+    rows = [[label, text(summary)] for label, text in LINES]
+    return head + "\n" + text_table([*rows, *_persons(summary)])
 
 
 DOUBTS = {
@@ -170,6 +171,18 @@ def _pair(summary: Summary, what: str, digits: int, note: str) -> str:
     """Position and attitude side by side."""
     values = [summary[f"{what}_{part}"] for part in ("position", "attitude")]
     return _MISSING if None in values else ", ".join(number(v, digits) for v in values) + note
+
+
+def _persons(summary: Summary) -> list[list[str]]:
+    """What each of several persons gave."""
+    return [
+        [
+            f"worn camera of {of['name']}",
+            f"located by matches in {of['measured']} of {of['views']} views, {number(of['matches'], 1)} each",
+        ]
+        for of in summary["worn"]
+        if of["name"]
+    ]
 
 
 def _loops(summary: Summary) -> str:

@@ -3,7 +3,8 @@
 A result folder holds ``config.yaml`` (the settings as used), ``frames.csv`` (every frame), ``trajectory.tum``
 and ``trajectory.cov`` (valid poses only), ``groundtruth.tum``, ``map.ply``, ``corrected.tum``,
 ``whole_map.ply``, ``submaps.tum``, ``submaps.cov``,
-``trajectory.png`` and ``summary.json``; ``checkpoint.bin`` until a run that keeps one is done;
+``trajectory.png`` and ``summary.json``; those of
+`worn_results` where there are worn cameras; ``checkpoint.bin`` until a run that keeps one is done;
 ``traceback.txt`` of one that a fault of this program ended.  Those of ``LINES`` grow line by
 line, each line in one piece once its frame is done.
 Whole files are written beside their place and then moved into it, so that a reader never meets half a file.
@@ -26,6 +27,7 @@ import numpy as np
 
 from collabslam.errors import CollabslamError, DataError
 from collabslam.evaluation.record import Landmarks, RunRecord, Step, status_name
+from collabslam.evaluation.worn_places import places_of
 from collabslam.formats.files import LineFile, remove_parts, write_text
 from collabslam.formats.landmarks import write_ply
 from collabslam.formats.trajectory import (
@@ -37,6 +39,7 @@ from collabslam.formats.trajectory import (
     write_tum,
 )
 from collabslam.runs.folder import CONFIG, unwritable
+from collabslam.runs.worn_results import PATTERNS, WornTracks, worn_cells, worn_columns
 from collabslam.slam.results import SubmapPoses
 from collabslam.types import Array
 
@@ -131,6 +134,8 @@ class ResultWriter:
         Content of ``config.yaml``.
     unit : str
         Of lengths, for the trajectory's header.
+    persons : sequence of str
+        Who wears a camera, "" for a single one's.
     resumed : RunRecord, optional
         Frames of the same run until its checkpoint: their lines are kept, what came later is cut off.
 
@@ -141,13 +146,19 @@ class ResultWriter:
     """
 
     def __init__(
-        self, folder: Path, config: str, unit: str = METRES, resumed: RunRecord | None = None
+        self,
+        folder: Path,
+        config: str,
+        unit: str = METRES,
+        persons: Sequence[str] = (),
+        resumed: RunRecord | None = None,
     ) -> None:
         self.folder = folder
-        self._unit = unit
+        self._unit, self._persons = unit, persons
+        self._worn = WornTracks(folder, persons, unit)
         self._record = resumed or RunRecord()
         if resumed is None:
-            clear_folder(folder, (name for name in _OWN if name != CONFIG))
+            clear_folder(folder, (*(name for name in _OWN if name != CONFIG), *PATTERNS))
             write_text(folder / CONFIG, config)
         else:
             clear_folder(folder, (*AT_THE_END, TRACEBACK))
@@ -161,11 +172,12 @@ class ResultWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for lines in (self._frames, self._covariances, self._poses):
+        for lines in (self._frames, self._covariances, self._poses, self._worn):
             lines.close()
         with contextlib.suppress(DataError):  # a disk that is full was told of before
             if self._count != len(self._record):  # stopped between two lines of a frame
                 self._write_lines()
+                self._worn.close()
             if isinstance(error, Exception) and not isinstance(error, CollabslamError):
                 write_text(self.folder / TRACEBACK, "".join(traceback.format_exception(error)))
                 error.kept_in = self.folder / TRACEBACK  # type: ignore[attr-defined]
@@ -176,17 +188,18 @@ class ResultWriter:
         index = len(record) - 1
         step = record.steps[index]
         if not self._columns:
-            self._columns = frame_columns(step.diagnostics)
+            self._columns = frame_columns(step.diagnostics, self._persons)
             self._frames.append(csv_line(self._columns))
         self._frames.append(csv_line(_frame_cells(record, index, self._columns)))
         if record.valid_at(index):
             self._covariances.append(covariance_line(step.t, step.covariance))
             self._poses.append(tum_line(step.t, step.pose))
+        self._worn.frame(step)
         self._count = len(record)
 
     def checkpoint(self, write: Callable[[Path], None]) -> None:
         """Bring what was written to the disk, then let ``write`` write the checkpoint into its place."""
-        for lines in (self._frames, self._covariances, self._poses):
+        for lines in (self._frames, self._covariances, self._poses, self._worn):
             lines.sync()
         write(self.folder / CHECKPOINT)
 
@@ -239,20 +252,23 @@ class ResultWriter:
     def _write_lines(self) -> tuple[str, ...]:
         """The files that grow, as whole files from the record; returns the columns of frames.csv."""
         record = self._record
-        columns = frame_columns(record.steps[0].diagnostics) if record.steps else ()
+        columns = frame_columns(record.steps[0].diagnostics, self._persons) if record.steps else ()
         rows = (_frame_cells(record, i, columns) for i in range(len(record)))
         text = "".join(csv_line(row) + "\n" for row in ((columns, *rows) if columns else ()))
         write_text(self.folder / FRAMES, text)
         write_trajectory(self.folder, record, self._unit)
+        self._worn.begin(record.steps)
         return columns
 
 
 def clear_folder(folder: Path, names: Iterable[str]) -> None:
-    """Remove these files, and what a killed process left of them; raises DataError if it cannot be done."""
+    """Remove files of these names or patterns, and what a killed process left of ours; raises DataError if it
+    cannot be done."""
     try:
-        remove_parts(folder, _OWN)
+        remove_parts(folder, (*_OWN, *PATTERNS))
         for name in names:
-            (folder / name).unlink(missing_ok=True)
+            for path in list(folder.glob(name)):
+                path.unlink(missing_ok=True)
     except OSError as error:
         raise unwritable(folder, error) from error
 
@@ -286,17 +302,19 @@ def jsonable(value: Any) -> Any:
     return str(value)
 
 
-def frame_columns(diagnostics: Mapping[str, Any]) -> tuple[str, ...]:
-    """Columns of ``frames.csv``: the known ones in a fixed order, then any further diagnostics."""
+def frame_columns(diagnostics: Mapping[str, Any], persons: Iterable[str] = ()) -> tuple[str, ...]:
+    """Columns of ``frames.csv``: the known ones in a fixed order, any further diagnostics, one of each of
+    several persons."""
     known = {*LEADING, *POSE_COLUMNS, *DIAGNOSTICS}
-    return (*LEADING, *POSE_COLUMNS, *DIAGNOSTICS, *(k for k in diagnostics if k not in known))
+    further = (k for k in diagnostics if k not in known)
+    return (*LEADING, *POSE_COLUMNS, *DIAGNOSTICS, *further, *worn_columns(persons))
 
 
 def frame_cells(
     step: Step, index: int, *, worn: bool, more: Mapping[str, Any], columns: Iterable[str]
 ) -> list[str]:
     """Cells of a line of ``frames.csv``: the step's own, and ``more`` by column."""
-    row: dict[str, Any] = dict(more)
+    row: dict[str, Any] = {**more, **worn_cells(places_of(step))}
     row.update(index=index, t=f"{step.t:.9f}", status=status_name(step.status), worn=worn)
     row.update(valid=bool(step.valid), started=bool(step.started))
     finite = bool(np.isfinite(step.pose).all())

@@ -28,14 +28,25 @@ from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
 from collabslam.slam.results import SubmapPoses
 from collabslam.slam.saved_map import SavedMap
-from collabslam.types import Array, Board, Frame, Image, Indices, Odometry, Recording, Tag, WornView
+from collabslam.types import (
+    Array,
+    Board,
+    Frame,
+    Image,
+    Indices,
+    Odometry,
+    Recording,
+    Tag,
+    WornView,
+    worn_cameras,
+)
 from collabslam.version import version
 
 
 class SlamLike(Protocol):
     """What a run asks of the engine."""
 
-    def step(self, t: float, image: Image, worn: WornView | None = None) -> Step: ...
+    def step(self, t: float, image: Image, worn: WornView | Sequence[WornView] | None = None) -> Step: ...
     def landmarks(self) -> Landmarks: ...
 
 
@@ -235,7 +246,7 @@ def make_engine(
         )
     slam = Slam(
         recording.camera,
-        recording.worn_camera,
+        worn_cameras(recording),
         settings=plan.settings,
         mode=plan.mode,
         start=plan.start,
@@ -294,7 +305,8 @@ class _Run:
     def _writer(self, folder: Path) -> ResultWriter:
         title = f"as used by {self.recording.name}, mode {self.plan.mode}"
         config = self.plan.settings.dump(title=title)
-        return ResultWriter(folder, config, self.plan.unit, self.record if self.resumed else None)
+        persons = list(worn_cameras(self.recording))
+        return ResultWriter(folder, config, self.plan.unit, persons, self.record if self.resumed else None)
 
     def _frames(
         self, usable: Indices, times: Array, writer: ResultWriter | None, output: Output, watch: Watch | None
@@ -335,8 +347,8 @@ class _Run:
             give_odometry(self.engine, odometry, t)
         if frame.depth is not None and isinstance(self.engine, Slam):
             self.engine.add_depth(frame.depth.uv, frame.depth.depth, frame.depth.sigma)
-        step: Step = self.engine.step(t, frame.image, frame.worn)
-        self.record.append(step, worn=frame.worn is not None, seconds=time.perf_counter() - began)
+        step: Step = self.engine.step(t, frame.image, frame.views if frame.further else frame.worn)
+        self.record.append(step, worn=bool(frame.views), seconds=time.perf_counter() - began)
         return step
 
     def _result(self, usable: Indices, error: BaseException | None) -> RunResult:

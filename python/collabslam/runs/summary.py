@@ -10,7 +10,8 @@ import numpy as np
 from collabslam.evaluation.record import Landmarks, RunRecord
 from collabslam.evaluation.scoring import score
 from collabslam.runs.plan import Plan
-from collabslam.types import Array, Recording
+from collabslam.runs.worn_results import worn_numbers
+from collabslam.types import Array, Recording, worn_cameras
 from collabslam.version import version
 
 Summary = dict[str, Any]
@@ -50,6 +51,7 @@ def summarise(
     return {
         **score(record, truth, metric=plan.metric),
         **_timing(record),
+        "worn": worn_numbers(list(worn_cameras(recording)), record.steps),
         "mode": plan.mode,
         "start": plan.start,
         "unit": plan.unit,

@@ -54,6 +54,11 @@ class Overlaps:
         """(M, 4) float64: pixels in Cs and in Cf of all matches."""
         return np.concatenate([np.empty((0, 4)), *(np.hstack([o.uv, o.uv_f]) for o in self.each)])
 
+    @property
+    def names(self) -> list[str]:
+        """Whose worn camera each of those matches is of."""
+        return [o.worn.who for o in self.each if o.worn is not None for _ in range(len(o.uv))]
+
     def with_outcomes(self, report: UpdateReport) -> list[tuple[Overlap, Outcomes | None]]:
         """Each with what the filter did with its matches; None where it was not measured."""
         outcomes = iter((report.pairs, *report.further))
@@ -92,8 +97,16 @@ class Overlaps:
         if view.lost or not core.started:
             return {}
         measured = {pose.who: pose for pose in report.worn_poses}
+        matches = {overlap.number: len(overlap.ids) for overlap in self.each}
         out = {}
         for number, placed in view.worn:
             found = measured.get(number) or core.worn_pose(placed.stated(number, view.t))
-            out[placed.worn.who] = PlacedCamera(found.pose, found.covariance, number in measured)
+            taken = placed.captured.t if placed.captured is not None else None
+            out[placed.worn.who] = PlacedCamera(
+                found.pose,
+                found.covariance,
+                number in measured,
+                view.t if taken is None else taken,
+                matches.get(number, 0),
+            )
         return out

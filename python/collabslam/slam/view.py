@@ -56,11 +56,17 @@ class PlacedCamera:
         Of it over (translation, rotation), tangent on the right, m^2 and rad^2.
     measured : bool
         Whether matches of the view tell it; else it is where T_CF says, seen from the pose of Cs.
+    t : float
+        When that was, seconds, by the clock of Cs.
+    matches : int
+        Matches of the view that the filter was given.
     """
 
     pose: Array
     covariance: Array
     measured: bool
+    t: float
+    matches: int
 
 
 PlacedViews = tuple[tuple[int, PlacedWorn], ...]

@@ -7,6 +7,7 @@ the right) and x to the right (drawn downwards).
 from __future__ import annotations
 
 import io
+import itertools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from collabslam.evaluation.record import RunRecord
+from collabslam.evaluation.worn_places import places_of
 from collabslam.formats.files import write_bytes
 from collabslam.types import Array, Mask
 
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
     from collabslam.slam.results import SubmapPoses
 
 
-TRUTH, WORN, POINTS, LOOPS = "#1b1b1b", "#f2b134", "#8a94a0", "#2a9d6f"
+TRUTH, WORN, POINTS, LOOPS, PERSONS = "#1b1b1b", "#f2b134", "#8a94a0", "#2a9d6f", "#b97f0a"
 COLOURS = {"mono": "#d1495b", "mono-undelayed": "#b5651d", "collab-init": "#6a8d3a", "collab": "#1d6fa5",
            "collab-tight": "#5b3a8e"}  # fmt: skip
 SIGMAS = 3.0
@@ -170,6 +172,7 @@ def _scene(axes: Axes, runs: list[RunResult]) -> None:
     if np.isfinite(worn).any():
         style: dict[str, Any] = {"color": WORN, "linewidth": 11, "alpha": 0.35, "solid_capstyle": "round"}
         axes.plot(worn[:, 2], worn[:, 0], label="worn camera at hand", zorder=2, **style)
+    _persons(axes, last.record)
     box = axes.get_window_extent()
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     half_z = max(half[2], half[0] * box.width / box.height)
@@ -180,6 +183,18 @@ def _scene(axes: Axes, runs: list[RunResult]) -> None:
     axes.set_xlabel(f"ahead of the start, z ({unit})")
     axes.set_ylabel(f"to the right, x ({unit})")
     axes.legend(loc="lower left", fontsize=9, framealpha=0.9)
+
+
+def _persons(axes: Axes, record: RunRecord) -> None:
+    """Where each of several persons' worn cameras was when its views were measured."""
+    frames = [places_of(step) for step in record.steps]
+    names = dict.fromkeys(name for places in frames for name in places if name)
+    for name, marker in zip(names, itertools.cycle("^vs<>D")):
+        places = [places[name] for places in frames if name in places and places[name].measured]
+        if places:
+            p = np.array([place.pose[:3, 3] for place in places])
+            label = f"worn camera of {name}"
+            axes.plot(p[:, 2], p[:, 0], marker, color=PERSONS, markersize=4, label=label, zorder=3)
 
 
 def _view_box(runs: list[RunResult]) -> tuple[Array, Array]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 CURVES = (
@@ -19,14 +20,24 @@ def curve(key: str) -> str:
     return next(f"curves/{group}/{key}" for group, _, keys in CURVES if key in keys)
 
 
-def blueprint() -> Any:
-    """The viewer's layout; needs the extra ``viz``."""
+def picture_of(name: str) -> str:
+    """Entity of a worn camera's picture, by the name of whoever wears it; "" is that of a single one."""
+    return f"cf/{name}/image" if name else "cf/image"
+
+
+def blueprint(names: Iterable[str]) -> Any:
+    """The viewer's layout for the worn cameras of these names; needs the extra ``viz``."""
     import rerun.blueprint as rrb
 
     space = rrb.Spatial3DView(origin="world", name="map, path and cameras")
     pictures = [
         rrb.Spatial2DView(origin="world/cs/image", name="Cs, the robot's camera"),
-        rrb.Spatial2DView(origin="cf/image", name="Cf, the worn camera"),
+        *(
+            rrb.Spatial2DView(
+                origin=picture_of(name), name=f"Cf, worn by {name}" if name else "Cf, the worn camera"
+            )
+            for name in names
+        ),
     ]
     curves = [rrb.TimeSeriesView(origin=f"curves/{group}", name=name) for group, name, _ in CURVES]
     left = rrb.Vertical(space, rrb.Horizontal(*pictures), row_shares=[3, 2])

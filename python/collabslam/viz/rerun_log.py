@@ -20,8 +20,8 @@ from collabslam.errors import DataError
 from collabslam.extras import needs
 from collabslam.formats.files import try_place
 from collabslam.slam.feature_states import FrameFeatures
-from collabslam.types import Array, Frame, Recording
-from collabslam.viz.rerun_layout import LOGGED, blueprint, curve
+from collabslam.types import Array, Frame, Recording, WornView, worn_cameras
+from collabslam.viz.rerun_layout import LOGGED, blueprint, curve, picture_of
 
 SIGMAS = 3.0
 COLOURS = {
@@ -40,7 +40,6 @@ PLANE = 0.4
 JPEG_QUALITY = 80
 FLUSH_SECONDS = 10.0
 _EVERY = 5
-_OVERLAP = ("world/overlap/cs", "world/overlap/cf", "world/cs/image/overlap", "cf/image/overlap")
 _CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 25)), np.sin(np.linspace(0, 2 * np.pi, 25))])
 
 
@@ -93,7 +92,7 @@ class RerunLog:
         if view and sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
             raise DataError("There is no display for the viewer; write a file with --save FILE.rrd instead.")
         self._rr: Any = rr
-        self._camera, self._worn_camera = recording.camera, recording.worn_camera
+        self._camera, self._worn_cameras = recording.camera, worn_cameras(recording)
         self._truth = recording.truth
         self._track: list[Array] = []
         self._true: list[Array] = []
@@ -106,7 +105,7 @@ class RerunLog:
             rr.spawn(connect=False, recording=self._log, executable_path=viewer())
             sinks.append(rr.GrpcSink())
         self._log.set_sinks(*sinks)
-        self._log.send_blueprint(blueprint())
+        self._log.send_blueprint(blueprint(self._worn_cameras))
         self._put("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
 
     def __enter__(self) -> RerunLog:
@@ -139,7 +138,9 @@ class RerunLog:
         pose = step.pose
         self._put("world/cs", rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3]))
         self._path(frame.index, step)
-        self._worn(frame, step, engine)
+        views = {view.who: view for view in frame.views}
+        for number, name in enumerate(self._worn_cameras):
+            self._worn(number, name, views.get(name), step, engine)
         if "look_gain" in step.diagnostics:
             self._look(step.pose, engine.where_to_look())
         if frame.index % _EVERY == 0:
@@ -207,31 +208,30 @@ class RerunLog:
         self._true.append((self._start @ self._truth[index])[:3, 3])
         self._put("world/truth", rr.LineStrips3D([np.array(self._true)], colors=[TRUTH]))
 
-    def _worn(self, frame: Frame, step: Any, engine: Viewed) -> None:
-        rr = self._rr
-        if self._worn_camera is None:
-            return
-        if frame.worn is None:
+    def _worn(self, number: int, name: str, view: WornView | None, step: Any, engine: Viewed) -> None:
+        """A worn camera: its picture, where it is, and what it should share with Cs."""
+        rr, lens, below = self._rr, self._worn_cameras[name], f"/{name}" if name else ""
+        image = picture_of(name)
+        overlaps = f"world/overlap/cs{below}", f"world/overlap/cf{below}"
+        boxes = f"world/cs/image/overlap{below}", f"{image}/overlap"
+        if view is None:
             # A compressed image can't be cleared, so black stands for none.
-            self._put("cf/image", rr.Image(np.zeros_like(frame.image)).compress())
-            self._clear("world/cf", *_OVERLAP)
+            self._put(image, rr.Image(np.zeros((lens.height, lens.width), np.uint8)).compress())
+            self._clear(f"world/cf{below}", *overlaps, *boxes)
             return
-        pose = step.pose @ frame.worn.t_cf
-        self._put("cf/image", rr.Image(frame.worn.image).compress(jpeg_quality=JPEG_QUALITY))
-        self._put("world/cf", rr.LineStrips3D(_pyramid(self._worn_camera, pose, PLANE), colors=[CF]))
-        overlap = engine.filter.predict_overlap(frame.worn.t_cf, frame.worn.covariance)
+        pose = step.pose @ view.t_cf
+        self._put(image, rr.Image(view.image).compress(jpeg_quality=JPEG_QUALITY))
+        self._put(f"world/cf{below}", rr.LineStrips3D(_pyramid(lens, pose, PLANE), colors=[CF]))
+        overlap = engine.filter.predict_overlap(view.t_cf, view.covariance, who=number)
         if overlap is None:
-            self._clear(*_OVERLAP)
+            self._clear(*overlaps, *boxes)
             return
-        for name, picture, camera, t, colour, roi in (
-            ("cs", "world/cs/image", self._camera, step.pose, CS, overlap.roi_s),
-            ("cf", "cf/image", self._worn_camera, pose, CF, overlap.roi_f),
-        ):
+        sides = (self._camera, step.pose, CS, overlap.roi_s), (lens, pose, CF, overlap.roi_f)
+        for entity, box, (camera, t, colour, roi) in zip(overlaps, boxes, sides, strict=True):
             edges = _pyramid(camera, t, overlap.d_max)
-            self._put(f"world/overlap/{name}", rr.LineStrips3D(edges, colors=[colour]))
+            self._put(entity, rr.LineStrips3D(edges, colors=[colour]))
             u0, v0, u1, v1 = roi
-            box = rr.Boxes2D(mins=[[u0, v0]], sizes=[[u1 - u0, v1 - v0]], colors=[colour])
-            self._put(f"{picture}/overlap", box)
+            self._put(box, rr.Boxes2D(mins=[[u0, v0]], sizes=[[u1 - u0, v1 - v0]], colors=[colour]))
 
     def _look(self, pose: Array, look: Any) -> None:
         """An arrow of a metre from Cf to where it should look, and the place where more would be gained."""

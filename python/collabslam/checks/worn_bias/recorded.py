@@ -11,6 +11,7 @@ from collabslam.checks.mistakes import Eye
 from collabslam.checks.samples import spread
 from collabslam.checks.worn_bias.fit import AskedView, BiasFit, Later, fit_bias
 from collabslam.checks.worn_bias.seen import Triplets, inverse_depths, seen_pose
+from collabslam.datasets.persons import check_alone
 from collabslam.datasets.poses import interpolate_track
 from collabslam.datasets.wrapped import Together
 from collabslam.errors import DataError
@@ -158,7 +159,10 @@ def lasting_error(recording: Recording) -> LastingError | None:
     ------
     DataError
         If there is no worn camera.
+    SettingsError
+        If there are several.
     """
+    check_alone(recording)
     if recording.worn_camera is None:
         raise DataError(f"{recording.name} has no worn camera whose T_CF could be corrected; see --worn.")
     metric = recording.truth is not None

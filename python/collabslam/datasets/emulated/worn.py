@@ -8,7 +8,7 @@ truth serves this and scoring, never the filter.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -19,12 +19,12 @@ from collabslam.datasets.emulated.pose_noise import RIG_NOISE, SENSOR_NOISE, Pos
 from collabslam.datasets.emulated.views import choose_views, load_views
 from collabslam.datasets.images import read_grey
 from collabslam.datasets.recording import Rig
-from collabslam.datasets.wrapped import WrappedRecording
+from collabslam.datasets.wrapped import OnlyPersons, WrappedRecording
 from collabslam.errors import DataError, SettingsError
 from collabslam.geometry import pose_inverse, se3_exp
-from collabslam.types import Array, Frame, Image, Recording, WornView
+from collabslam.types import Array, Frame, Image, Recording, WornView, worn_cameras
 
-SPECS = "recorded, none, lag:SECONDS, rig, views:FOLDER"
+SPECS = "recorded, none, lag:SECONDS, rig, views:FOLDER, recorded:NAME (of several persons)"
 _EDGE = 1e-9
 _PER_FRAME, _PER_BLOCK, _PIXELS = 0, 1, 2
 """Streams of random numbers of a seed."""
@@ -79,13 +79,13 @@ class WornRecording(WrappedRecording):
     def __init__(
         self,
         base: Recording,
-        worn_camera: Camera | None,
+        worn_cameras: dict[str, Camera],
         samples: Mapping[int, _Sample],
         blocks: Sequence[int | None],
         noise: PoseErrors | None,
     ) -> None:
         super().__init__(base)
-        self.worn_camera = worn_camera
+        self.worn_cameras = worn_cameras
         self._samples = samples
         self._blocks = blocks
         self._noise = noise
@@ -95,18 +95,18 @@ class WornRecording(WrappedRecording):
         block = self._blocks[i] if 0 <= i < len(self._blocks) else None
         if self._noise is None:
             frame = self._base.frame(i)
-            return frame if block is not None else replace(frame, worn=None)
-        worn = None
+            return frame if block is not None else frame.with_views(())
+        views = []
         if block is not None and i in self._samples:
             sample = self._samples[i]
             t_cf = self._noise.measured(sample.t_cf, i, block)
-            worn = WornView(sample.read(), t_cf, self._noise.noise.covariance)
-        return replace(self._base.frame(i), worn=worn)
+            views.append(WornView(sample.read(), t_cf, self._noise.noise.covariance))
+        return self._base.frame(i).with_views(views)
 
 
 def _parse(spec: str) -> tuple[str, str]:
     kind, colon, value = spec.strip().partition(":")
-    with_value = kind in ("lag", "views")
+    with_value = kind in ("lag", "views") or (kind == "recorded" and bool(colon))
     if (
         kind not in ("recorded", "none", "lag", "rig", "views")
         or with_value != bool(colon)
@@ -217,8 +217,9 @@ def attach_worn(
     recording
         Any recording.
     spec
-        ``recorded``: the views the recording holds, as they are.  ``none``: no views.  ``lag:SECONDS``: the
-        recording's own images that much later, as if the worn camera walked ahead (a negative lag: behind).
+        ``recorded``: the views the recording holds, as they are; ``recorded:anna,ben``: those of these
+        persons.  ``none``: no views.  ``lag:SECONDS``: the recording's own images that much later, as if the
+        worn camera walked ahead (a negative lag: behind).
         Their pixels get fresh noise (`collabslam.datasets.emulated.pixel_noise`).
         ``rig``: the second camera of the rig.  ``views:FOLDER``: posed views of the same place, the one with
         the largest overlap each time (:func:`collabslam.datasets.emulated.views.choose_views`).
@@ -240,7 +241,7 @@ def attach_worn(
     Raises
     ------
     SettingsError
-        If an option is not understood or not allowed.
+        If an option is not understood or not allowed, or there is no such person.
     DataError
         If the recording lacks what ``spec`` needs: true poses, a rig, posed views.
     """
@@ -253,8 +254,10 @@ def attach_worn(
         if noise is not None or bias_per_block:
             raise SettingsError(f"The worn camera '{kind}' takes no noise; leave out the noise options.")
         if kind == "none":
-            return WornRecording(recording, None, {}, [None] * len(recording), None)
-        return WornRecording(recording, recording.worn_camera, {}, blocks, None)
+            return WornRecording(recording, {}, {}, [None] * len(recording), None)
+        if value:
+            recording = OnlyPersons(recording, value.split(","))
+        return WornRecording(recording, worn_cameras(recording), {}, blocks, None)
     if kind == "lag":
         camera, samples = recording.camera, _lag_samples(recording, spec, value, blocks, seed)
     elif kind == "rig":
@@ -262,7 +265,7 @@ def attach_worn(
     else:
         camera, samples = _view_samples(recording, spec, value, blocks)
     return WornRecording(
-        recording, camera, samples, blocks, PoseErrors(_pose_noise(noise, kind), seed, bias_per_block)
+        recording, {"": camera}, samples, blocks, PoseErrors(_pose_noise(noise, kind), seed, bias_per_block)
     )
 
 

@@ -2,13 +2,18 @@
 
 ::
 
-    recording.yaml              format: collabslam-recording, version: 1, name
+    recording.yaml              format: collabslam-recording, version, name
     cam0/data/*.png  cam0/data.csv  cam0/sensor.yaml     Cs: every frame
     cam1/data/*.png  cam1/data.csv  cam1/sensor.yaml     Cf: where it was there, at any time
     relpose/data.csv            measured T_CF: ns, position, quaternion w x y z, 21 or 42 numbers
     groundtruth/data.csv        optional T_WC of Cs at frames' stamps: ns, position, quaternion w x y z
     odometry/data.csv           optional: ns, vx vy vz (m/s), wx wy wz (rad/s), 21 numbers
     odometry/sensor.yaml        T_BC: 16 numbers, row by row; maps points of Cs into the odometry's frame
+
+Version 2 is that of several persons, each with a camera.  `recording.yaml` then names them, as
+``worn: [anna, ben]``, and each has a folder in place of ``cam1`` and ``relpose``::
+
+    worn/anna/data/*.png  worn/anna/data.csv  worn/anna/sensor.yaml  worn/anna/relpose.csv
 
 The 21 numbers are the lower triangle, row by row, of the 6x6 covariance of ``T_CF`` over (translation,
 rotation), tangent on the right, m^2 and rad^2; 21 more are the part of it that lasts from frame to
@@ -20,7 +25,7 @@ and is of its own time (METHOD section 21); its relative pose is the one whose s
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +33,7 @@ import numpy as np
 from collabslam.datasets.calibration import load_camera, read_yaml
 from collabslam.datasets.images import read_grey
 from collabslam.datasets.odometry import TRIANGLE, of_table
+from collabslam.datasets.persons import person_name
 from collabslam.datasets.poses import (
     FARTHEST,
     check_position,
@@ -39,7 +45,7 @@ from collabslam.datasets.poses import (
     rigid,
     seconds,
 )
-from collabslam.datasets.printed_pose import with_printed_poses
+from collabslam.datasets.printed_pose import Unposed, with_printed_poses
 from collabslam.datasets.readers.stamped import match_stamps, own_time, read_stream, views_of_frames
 from collabslam.datasets.recording import ImageRecording, RecordedView, RecordedWorn
 from collabslam.datasets.stream import StreamRecording
@@ -49,7 +55,8 @@ from collabslam.types import Array, Board, Odometry, Tag
 
 LAYOUT = "a two-camera recording (recording.yaml, cam0/, cam1/, relpose/data.csv)"
 FORMAT = "collabslam-recording"
-VERSION = 1
+VERSION, SEVERAL = 1, 2
+"""Versions of the layout: of one worn camera, of several persons."""
 _TOLERANCE = 5_000_000
 
 
@@ -58,19 +65,43 @@ def matches(path: Path) -> bool:
     return (path / "recording.yaml").is_file() or (path / "cam0" / "sensor.yaml").is_file()
 
 
-def _read_name(path: Path) -> str:
+@dataclass(frozen=True)
+class WornPlace:
+    """Where a worn camera's files are: its images, their list and calibration; the measured T_CF."""
+
+    folder: Path
+    poses: Path
+
+
+def worn_place(path: Path, name: str) -> WornPlace:
+    """Of the worn camera of a person; of the only one if the name is empty."""
+    if not name:
+        return WornPlace(path / "cam1", path / "relpose" / "data.csv")
+    folder = path / "worn" / name
+    return WornPlace(folder, folder / "relpose.csv")
+
+
+def _read_header(path: Path) -> tuple[str, list[str]]:
+    """The recording's name, and those of the persons; a single "" where there is at most one camera."""
     header = path / "recording.yaml"
     if not header.is_file():
-        return path.name
+        return path.name, [""]
     content = read_yaml(header)
     if content.get("format") != FORMAT:
         raise DataError(f"{header} does not say 'format: {FORMAT}'; it is not a recording of this package.")
-    if content.get("version") != VERSION:
+    version = content.get("version")
+    if version not in (VERSION, SEVERAL):
         raise DataError(
-            f"{header} is of version {content.get('version')}, this program reads version {VERSION}; "
-            "update the program."
+            f"{header} is of version {version}, this program reads versions {VERSION} and {SEVERAL}; update "
+            "the program."
         )
-    return folder_name(str(content.get("name", path.name)), DataError)
+    name = folder_name(str(content.get("name", path.name)), DataError)
+    if version == VERSION:
+        return name, [""]
+    persons = content.get("worn")
+    if not isinstance(persons, list) or not persons or len(set(map(str, persons))) != len(persons):
+        raise DataError(f"{header} names no persons; give each one's name once, as 'worn: [anna, ben]'.")
+    return name, [person_name(person, DataError) for person in persons]
 
 
 def folder_name(name: str, error: type[CollabslamError]) -> str:
@@ -116,10 +147,8 @@ def _read_relative_poses(path: Path) -> tuple[list[int], list[tuple[Array, Array
     return [s for s, _ in rows], [value for _, value in rows]
 
 
-def _read_worn(path: Path, stamps: list[int], relative_poses: Path) -> RecordedWorn | None:
-    folder = path / "cam1"
-    if not folder.is_dir():
-        return None
+def _read_worn(place: WornPlace, stamps: list[int]) -> RecordedWorn:
+    folder, relative_poses = place.folder, place.poses
     view_stamps, paths = read_stream(folder)
     pose_stamps, poses = _read_relative_poses(relative_poses)
     measured = match_stamps(view_stamps, pose_stamps, _TOLERANCE)
@@ -169,15 +198,21 @@ def open(path: Path, relative_poses: Path | None = None) -> ImageRecording:
     ----------
     path : Path
     relative_poses : Path, optional
-        Another file of measured ``T_CF`` in place of ``relpose/data.csv``.
+        Another file of measured ``T_CF`` in place of the only worn camera's ``relpose/data.csv``.
 
     Raises
     ------
     DataError
         If a file is missing or broken, or the version is newer than this program.
     """
-    base, stamps = _robot(path)
-    return replace(base, worn=_read_worn(path, stamps, relative_poses or path / "relpose" / "data.csv"))
+    base, stamps, persons = _robot(path)
+    worn = {}
+    for name in persons:
+        place = worn_place(path, name)
+        if name or place.folder.is_dir():
+            poses = place.poses if relative_poses is None else relative_poses
+            worn[name] = _read_worn(WornPlace(place.folder, poses), stamps)
+    return replace(base, worn=worn)
 
 
 def open_printed(path: Path, targets: list[Tag | Board]) -> StreamRecording:
@@ -188,9 +223,8 @@ def open_printed(path: Path, targets: list[Tag | Board]) -> StreamRecording:
     DataError
         If a file is missing or broken, or there are no views of Cf.
     """
-    base, stamps = _robot(path)
-    view_stamps, paths = read_stream(path / "cam1")
-    camera = load_camera(path / "cam1" / "sensor.yaml")
+    base, stamps, persons = _robot(path)
+    worn = {name: _unposed(worn_place(path, name).folder, stamps) for name in persons}
     stream = StreamRecording(
         base.name,
         base.source,
@@ -200,13 +234,20 @@ def open_printed(path: Path, targets: list[Tag | Board]) -> StreamRecording:
         truth=base.truth,
         odometry=base.odometry,
     )
+    return with_printed_poses(stream, worn, targets)
+
+
+def _unposed(folder: Path, stamps: list[int]) -> Unposed:
+    """A worn camera's images that were taken together with frames, whose stamps are given."""
+    view_stamps, paths = read_stream(folder)
+    camera = load_camera(folder / "sensor.yaml")
     views = match_stamps(stamps, view_stamps, _TOLERANCE)
-    return with_printed_poses(stream, camera, views, lambda k: read_grey(paths[k], camera), targets)
+    return Unposed(camera, views, lambda k: read_grey(paths[k], camera))
 
 
-def _robot(path: Path) -> tuple[ImageRecording, list[int]]:
-    """What there is of Cs, and its stamps, nanoseconds."""
-    name = _read_name(path)
+def _robot(path: Path) -> tuple[ImageRecording, list[int], list[str]]:
+    """What there is of Cs, its stamps, nanoseconds, and the persons' names."""
+    name, persons = _read_header(path)
     stamps, paths = read_stream(path / "cam0")
     times = np.asarray([seconds(s) for s in stamps])
     truth_file = path / "groundtruth" / "data.csv"
@@ -222,4 +263,4 @@ def _robot(path: Path) -> tuple[ImageRecording, list[int]]:
         times=times,
         truth=truth,
     )
-    return recording, stamps
+    return recording, stamps, persons

@@ -32,7 +32,7 @@ from collabslam.datasets.poses import (
     number_fields,
     parse_stamp,
 )
-from collabslam.datasets.printed_pose import printed_source, with_printed_poses
+from collabslam.datasets.printed_pose import Unposed, printed_source, with_printed_poses
 from collabslam.datasets.readers.collab import covariance_of
 from collabslam.datasets.readers.stamped import match_stamps, own_time, views_of_frames
 from collabslam.datasets.readers.video import SUFFIXES, Video, read_stamps
@@ -137,7 +137,7 @@ def _with_worn(recording: StreamRecording, path: Path, targets: list[Tag | Board
     together = {int(frames[i]): int(others[k]) for i, k in pair(of_cs, of_cf, _TOLERANCE).items()}
     camera = _lens(path, "cam1")
     if targets:
-        return with_printed_poses(recording, camera, together, video.read, targets)
+        return with_printed_poses(recording, {"": Unposed(camera, together, video.read)}, targets)
     stamps, track, covariances = _rows(path / "t_cf.csv", (2, 21))
     views: dict[int, tuple[int, Array, Array, float | None]] = {}
     for frame, view in together.items():
@@ -152,10 +152,10 @@ def _with_worn(recording: StreamRecording, path: Path, targets: list[Tag | Board
             "after it; put all three on the same clock."
         )
 
-    def read_worn(i: int) -> WornView | None:
+    def read_views(i: int) -> list[WornView]:
         if i not in views:
-            return None
+            return []
         k, t_cf, covariance, t = views[i]
-        return WornView(video.read(k), t_cf, covariance, t=t)
+        return [WornView(video.read(k), t_cf, covariance, t=t)]
 
-    return replace(recording, worn_camera=camera, read_worn=read_worn)
+    return replace(recording, worn_cameras={"": camera}, read_views=read_views)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,9 @@ from collabslam._core import Camera
 from collabslam.datasets.calibration import check_size, load_camera
 from collabslam.datasets.depth_image import depth_points
 from collabslam.datasets.overrides import Given
+from collabslam.datasets.persons import person_name
 from collabslam.datasets.poses import interpolate_track, seconds
-from collabslam.datasets.printed_pose import printed_source, with_printed_poses
+from collabslam.datasets.printed_pose import Unposed, printed_source, with_printed_poses
 from collabslam.datasets.readers.stamped import match_stamps, own_time, views_of_frames
 from collabslam.datasets.ros.bag import CAMERA_TYPE, IMAGE_TYPES, Bag, BagImages, is_bag
 from collabslam.datasets.ros.sensors import EstimatedPoses
@@ -33,6 +33,8 @@ ROLES = {
     "cf_info": "CameraInfo of Cf; the one beside its images if left out",
     "truth": "true pose of Cs in a world, to score and to emulate Cf; or tf:WORLD:CAMERA",
 }
+WORN_ROLES = ("cf", "cf_info", "t_cf")
+"""Roles that each of several persons has, as ``cf.anna``."""
 _TOLERANCE, _TOGETHER = 10_000_000, 20_000_000
 
 View = tuple[int, Array, Array, Array | None, float | None]
@@ -47,45 +49,90 @@ def matches(path: Path) -> bool:
 
 def open(path: Path, given: Given) -> StreamRecording:
     """Open a bag; ``given.topics`` says which topic is what, see `ROLES`."""
-    unknown = sorted(set(given.topics) - set(ROLES))
-    if unknown:
-        raise DataError(f"There is no topic's role '{unknown[0]}'; the roles are {', '.join(ROLES)}.")
-    bag = Bag(path)
     topics = dict(given.topics)
+    persons = _persons(topics)
+    unknown = sorted(set(topics) - set(ROLES) - {role for own in persons.values() for role in own.roles})
+    if unknown:
+        raise DataError(
+            f"There is no topic's role '{unknown[0]}'; the roles are {', '.join(ROLES)}, and of several "
+            "persons cf.NAME, cf_info.NAME, t_cf.NAME."
+        )
+    bag = Bag(path)
     topic = topics.get("cs") or only_images(bag)
     images = BagImages(bag, topic)
     times = np.asarray([seconds(s) for s in images.stamps])
     camera = load_camera(given.camera) if given.camera else _camera(bag, topic, topics.get("cs_info"))
-    worn_camera, worn_pose = None, "measured"
-    read_worn = partial(_no_view)
-    targets = printed_source(topics.get("t_cf"))
-    if "cf" in topics and not targets:
-        poses = worn_poses(bag, topics.get("t_cf"), given.camera)
-        worn_pose = "estimated" if isinstance(poses, EstimatedPoses) else "measured"
-        worn_camera = poses.camera or _camera(bag, topics["cf"], topics.get("cf_info"))
-        worn_images = BagImages(bag, topics["cf"])
-        views = _views(bag, images.stamps, worn_images.stamps, poses)
-        read_worn = partial(_view, worn_images, views)
     recording = StreamRecording(
         name=path.stem,
         source=str(path),
         camera=camera,
         times=times,
         read=images.read,
-        worn_camera=worn_camera,
-        read_worn=read_worn,
-        worn_pose=worn_pose,
         truth=_truth(bag, topics["truth"], times) if "truth" in topics else None,
     )
     if "depth" in topics:
         depths = BagImages(bag, topics["depth"])
         recording = replace(recording, read_depth=_depths(recording, images.stamps, depths))
-    if "cf" not in topics or not targets:
-        return recording
-    worn_images = BagImages(bag, topics["cf"])
-    pairs = match_stamps(images.stamps, worn_images.stamps, _TOLERANCE)
-    worn_camera = _camera(bag, topics["cf"], topics.get("cf_info"))
-    return with_printed_poses(recording, worn_camera, pairs, worn_images.read, targets)
+    return _with_worn(recording, bag, images.stamps, persons, given)
+
+
+@dataclass(frozen=True)
+class _Person:
+    """The topics of a worn camera: its images, its CameraInfo and what tells T_CF, if they are given."""
+
+    name: str
+    images: str
+    info: str | None
+    t_cf: str | None
+
+    @property
+    def roles(self) -> set[str]:
+        return {f"{role}.{self.name}" if self.name else role for role in WORN_ROLES}
+
+
+def _persons(topics: Mapping[str, str]) -> dict[str, _Person]:
+    """Whose images of a worn camera there are, by name; "" is a single one's."""
+    out = {}
+    for role in topics:
+        kind, dot, name = role.partition(".")
+        if kind == "cf":
+            if dot:
+                person_name(name, DataError)
+            images, info, t_cf = (topics.get(f"{of}.{name}" if dot else of) for of in WORN_ROLES)
+            out[name] = _Person(name, str(images), info, t_cf)
+    if "" in out and len(out) > 1:
+        raise DataError("Of several worn cameras each is a person's; give cf.NAME in place of cf, too.")
+    return out
+
+
+def _with_worn(
+    recording: StreamRecording, bag: Bag, stamps: list[int], persons: Mapping[str, _Person], given: Given
+) -> StreamRecording:
+    """With the views of the worn cameras, all with T_CF from printed targets, or none."""
+    sources = {name: printed_source(person.t_cf) for name, person in persons.items()}
+    targets = next(iter(sources.values()), [])
+    if any(source != targets for source in sources.values()):
+        raise DataError(
+            "Printed targets tell T_CF of all worn cameras or of none; give all the same t_cf.NAME."
+        )
+    cameras, views, unposed, worn_pose = {}, {}, {}, "measured"
+    for name, person in persons.items():
+        images = BagImages(bag, person.images)
+        if targets:
+            pairs = match_stamps(stamps, images.stamps, _TOLERANCE)
+            unposed[name] = Unposed(_camera(bag, person.images, person.info), pairs, images.read)
+            continue
+        poses = worn_poses(bag, person.t_cf, given.camera)
+        worn_pose = "estimated" if isinstance(poses, EstimatedPoses) else worn_pose
+        cameras[name] = poses.camera or _camera(bag, person.images, person.info)
+        views[name] = images, _views(bag, stamps, images.stamps, poses)
+    if targets:
+        return with_printed_poses(recording, unposed, targets)
+
+    def read_views(i: int) -> list[WornView]:
+        return [_view(images, of[i], name) for name, (images, of) in views.items() if i in of]
+
+    return replace(recording, worn_cameras=cameras, read_views=read_views, worn_pose=worn_pose)
 
 
 def _depths(
@@ -107,15 +154,9 @@ def _depths(
     return read_depth
 
 
-def _no_view(_: int) -> WornView | None:
-    return None
-
-
-def _view(images: BagImages, views: dict[int, View], i: int) -> WornView | None:
-    if i not in views:
-        return None
-    k, t_cf, covariance, bias, t = views[i]
-    return WornView(images.read(k), t_cf, covariance, bias, t)
+def _view(images: BagImages, view: View, name: str) -> WornView:
+    k, t_cf, covariance, bias, t = view
+    return WornView(images.read(k), t_cf, covariance, bias, t, name)
 
 
 def only_images(bag: Bag) -> str:
@@ -128,7 +169,7 @@ def only_images(bag: Bag) -> str:
     names = ", ".join(t.name for t in found)
     raise DataError(
         f"The bag {bag.path} has {len(found)} image topics ({names}); say which is which with --topics "
-        "cs=TOPIC, and for the worn camera cf=TOPIC,t_cf=TOPIC."
+        "cs=TOPIC, and for the worn camera cf=TOPIC,t_cf=TOPIC (of several cf.NAME=TOPIC,t_cf.NAME=TOPIC)."
     )
 
 

@@ -1,7 +1,8 @@
 """A recording of two cameras as a ROS 2 bag, with what its sensors read; needs the extra ``ros``.
 
 Topics: ``/cs`` and ``/cf`` with ``image_raw`` and ``camera_info``, ``/t_cf`` (measured pose of Cf in Cs, with
-covariance), ``/truth``, and if there are readings ``/front/scan``, ``/back/scan``, ``/cs/imu``, ``/cf/imu``.
+covariance), ``/truth``; of several persons ``/cf/NAME`` and ``/t_cf/NAME``; and if there are readings
+``/front/scan``, ``/back/scan``, ``/cs/imu``, ``/cf/imu``.
 """
 
 from __future__ import annotations
@@ -25,12 +26,27 @@ from collabslam.datasets.ros.making import (
 )
 from collabslam.errors import DataError
 from collabslam.extras import needs
-from collabslam.types import Array, Image, Recording
+from collabslam.types import Array, Image, Recording, worn_cameras
 from collabslam.worn_pose import AhrsReading, LaserScan
 from collabslam.worn_pose.readings import Wearer
 
 TOPICS = {"cs": "/cs/image_raw", "cf": "/cf/image_raw", "t_cf": "/t_cf", "truth": "/truth"}
 """Roles of the topics, as ``collabslam.open_recording(path, topics=...)`` takes them."""
+
+
+def topics_of(persons: Iterable[str]) -> dict[str, str]:
+    """The same where persons of these names wear a camera, with ``cf.NAME`` and ``t_cf.NAME`` of each."""
+    names = [name for name in persons if name]
+    own = {f"{role}.{name}": _of(TOPICS[role], name) for name in names for role in ("cf", "t_cf")}
+    return own | {role: topic for role, topic in TOPICS.items() if not (names and role in ("cf", "t_cf"))}
+
+
+def _of(topic: str, name: str) -> str:
+    """A person's own topic in place of that of a single one."""
+    first, *rest = topic.removeprefix("/").split("/")
+    return "/" + "/".join([first, *([name] if name else []), *rest])
+
+
 SCAN_TOPIC = "/{}/scan"
 AHRS_TOPICS: dict[Wearer, str] = {"robot": "/cs/imu", "worn": "/cf/imu"}
 ROBOT, WORN, WORLD = "cs_optical", "cf_optical", "world"
@@ -72,7 +88,7 @@ def write_bag(
         from rosbags.typesys import Stores, get_typestore
     if path.exists():
         raise DataError(f"The folder {path} exists already; give another one for the bag.")
-    for camera in (recording.camera, recording.worn_camera):
+    for camera in (recording.camera, *worn_cameras(recording).values()):
         check_model(camera)
     store = get_typestore(Stores.ROS2_HUMBLE)
     plugin = StoragePlugin.MCAP if storage == "mcap" else StoragePlugin.SQLITE3
@@ -103,13 +119,13 @@ def _write_frame(bag: _Bag, recording: Recording, i: int) -> None:
     stamp = _stamp(frame.t)
     if i == 0:
         bag.camera("/cs", stamp, recording.camera, ROBOT)
-        if recording.worn_camera is not None:
-            bag.camera("/cf", stamp, recording.worn_camera, WORN)
+        for name, camera in worn_cameras(recording).items():
+            bag.camera(_of("/cf", name), stamp, camera, WORN)
     bag.image("/cs", stamp, frame.image, ROBOT)
-    if frame.worn is not None:
-        taken = stamp if frame.worn.t is None else _stamp(frame.worn.t)
-        bag.image("/cf", taken, frame.worn.image, WORN)
-        bag.pose_with_covariance("/t_cf", taken, frame.worn.t_cf, frame.worn.covariance)
+    for view in frame.views:
+        taken = stamp if view.t is None else _stamp(view.t)
+        bag.image(_of("/cf", view.who), taken, view.image, WORN)
+        bag.pose_with_covariance(_of("/t_cf", view.who), taken, view.t_cf, view.covariance)
     if recording.truth is not None and bool(np.isfinite(recording.truth[i]).all()):
         bag.pose("/truth", stamp, recording.truth[i])
 
