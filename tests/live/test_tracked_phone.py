@@ -101,4 +101,4 @@ def test_without_tracking_the_plain_camera_is_offered(tmp_path: Path) -> None:
         assert page.until("document.getElementById('said').textContent.includes('no camera-access')", SOON)
         page.value("document.getElementById('start').click()")
         assert page.until("document.getElementById('said').textContent.startsWith('Sending')", SOON)
-        assert until(lambda: there.node.uplink.calibration(0.0) is not None)
+        assert until(lambda: there.node.uplink.calibrations([""], 0.0))

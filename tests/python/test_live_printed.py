@@ -45,7 +45,7 @@ def events(posted: Posted) -> list[Event]:
 
 
 def core_of(posted: Posted, targets: list[Tag]) -> LiveCore:
-    cameras = (posted.camera, posted.worn_camera)
+    cameras = (posted.camera, {"": posted.worn_camera})
     slam = make_slam(*cameras, targets)
     return LiveCore(slam, same_clock=True, printed=printed_poses(*cameras, targets))
 
@@ -136,7 +136,7 @@ def test_without_the_tag_such_views_are_counted(posted: Posted) -> None:
 def test_a_record_keeps_the_tags(posted: Posted, tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     plan = LivePlan("collab-tight", "worn", dict(Settings.default().values), [str(TAG)], [])
-    with EventWriter(tmp_path / "record", plan, posted.camera, posted.worn_camera) as record:
+    with EventWriter(tmp_path / "record", plan, posted.camera, {"": posted.worn_camera}) as record:
         for k, event in enumerate(events(posted)):
             record.write(event, 0.01 * k)
     reader = EventReader(tmp_path / "record")
@@ -156,7 +156,9 @@ def test_a_record_keeps_what_of_t_cf_lasts(clip: Clip, tmp_path: Path) -> None:
         LiveView("anna/1", 2.0, b"\xff\xd8", np.eye(4), np.eye(6)),
         LiveView("anna/1", 3.0, b"\xff\xd8", own=OwnPose(AHEAD, np.diag(np.arange(1.0, 7.0)))),
     ]
-    with EventWriter(tmp_path / "record", plan, clip.recording.camera, clip.recording.worn_camera) as record:
+    with EventWriter(
+        tmp_path / "record", plan, clip.recording.camera, {"": clip.recording.worn_camera}
+    ) as record:
         for view in sent:
             record.write(view, view.stamp)
     first, second, third = [e for e in EventReader(tmp_path / "record").events() if isinstance(e, LiveView)]

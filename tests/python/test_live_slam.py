@@ -285,7 +285,7 @@ def test_the_picture_joins_what_both_see(clip: Clip, frames: list[Frame]) -> Non
     for camera, uv in ((clip.recording.camera, pairs[:, :2]), (clip.recording.worn_camera, pairs[:, 2:])):
         assert (uv >= 0).all()
         assert (uv <= (camera.width, camera.height)).all()
-    alone = replace(pose.step, features=replace(pose.step.features, pairs=np.empty((0, 4))))
+    alone = replace(pose.step, features=replace(pose.step.features, pairs=np.empty((0, 4)), pair_names=[]))
     with_lines, without = (
         cv2.imdecode(np.frombuffer(view_picture(p), np.uint8), cv2.IMREAD_COLOR).astype(int)
         for p in (pose, replace(pose, step=alone))

@@ -245,7 +245,7 @@ def test_a_live_run_takes_it_and_records_it(clip: Clip, tmp_path: Path) -> None:
     settings = dict(Settings.default().values)
     plan = LivePlan("mono", "odometry", settings, [], [], T_BC.ravel().tolist())
     poses: list[LivePose] = []
-    with EventWriter(tmp_path / "record", plan, source.camera, None) as record:
+    with EventWriter(tmp_path / "record", plan, source.camera, {}) as record:
         slam = Slam(source.camera, mode="mono", start="odometry", t_bc=T_BC)
         with LiveSlam(slam, on_pose=poses.append, on_event=lambda e: record.write(e, 0.0)) as live:
             for t, twist in _rows(odometry)[1:]:

@@ -16,9 +16,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_camera(parser)
     parser.add_argument(
         "--worn-camera",
-        metavar="FILE",
-        type=Path,
-        help="calibration of Cf; without it the run begins when a worn camera has told its own",
+        metavar="[NAME=]FILE",
+        type=options.of_person,
+        action="append",
+        default=[],
+        help="calibration of Cf; without it the run begins when a worn camera has told its own; of several "
+        "persons NAME's, and may be repeated",
+    )
+    parser.add_argument(
+        "--persons",
+        metavar="NAME,..",
+        type=device_names,
+        default=(),
+        help="several persons wear a camera: their devices' names; without it any device is the one "
+        "worn camera",
     )
     parser.add_argument("--listen", metavar="HOST:PORT", help="where devices connect (default 0.0.0.0:7447)")
     parser.add_argument(
@@ -79,7 +90,8 @@ def main(arguments: argparse.Namespace) -> int:
         mode=arguments.mode,
         start=arguments.start,
         targets=(*arguments.tag, *arguments.board),
-        worn_camera=None if arguments.worn_camera is None else load_camera(arguments.worn_camera),
+        persons=arguments.persons,
+        worn_cameras={name: load_camera(file) for name, file in arguments.worn_camera},
         sensors=None if arguments.sensors is None else read_sensors(arguments.sensors),
         record=arguments.record,
         checkpoint_every=max(1, arguments.checkpoint_every),
@@ -91,6 +103,22 @@ def main(arguments: argparse.Namespace) -> int:
         summary = RobotNode(session, camera, asked).run()
     print(report(summary))
     return OK
+
+
+def device_names(text: str) -> tuple[str, ...]:
+    """``anna,ben`` as names of devices."""
+    from collabslam.errors import SettingsError
+    from collabslam.live.names import device_name
+
+    names = tuple(text.split(","))
+    try:
+        for name in names:
+            device_name(name)
+    except SettingsError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    if len(set(names)) != len(names):
+        raise argparse.ArgumentTypeError(f"'{text}' names a person twice; give each name once")
+    return names
 
 
 def report(summary: dict[str, Any]) -> str:

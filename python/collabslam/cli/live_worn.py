@@ -20,7 +20,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--robot", metavar="HOST:PORT", default="127.0.0.1", help="where the robot is (default %(default)s)"
     )
-    parser.add_argument("--name", metavar="NAME", help="of this device (default: its certificate's, or worn)")
+    parser.add_argument(
+        "--name",
+        metavar="NAME",
+        help="of this device, and of the person whose views a recording plays (default: its certificate's, "
+        "or worn)",
+    )
     parser.add_argument(
         "--sensors",
         metavar="FILE",
@@ -47,12 +52,13 @@ def main(arguments: argparse.Namespace) -> int:
     keys = link.keys_of(arguments.keys, insecure=arguments.insecure)
     address = link.Address.parse(arguments.robot)
     sensors = None if arguments.sensors is None else read_sensors(arguments.sensors)
+    name = arguments.name or (keys.name if keys is not None else "worn")
     camera = open_camera(arguments.source, arguments.camera, arguments.topics)
     calibration = camera.camera
     if isinstance(camera, PlayedRecording):
         camera.clock = SteadyClock()
+        camera.play(name)
         calibration = camera.recording.worn_camera or calibration
-    name = arguments.name or (keys.name if keys is not None else "worn")
     with (
         link.open_device(address, keys) as session,
         WornDevice(session, name, calibration, camera.clock) as device,

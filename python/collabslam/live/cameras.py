@@ -14,13 +14,14 @@ from collabslam.datasets.overrides import Given
 from collabslam.datasets.ros.bag import Bag
 from collabslam.datasets.ros.sensors import WornSensors, bag_sensors
 from collabslam.datasets.source import Source
+from collabslam.datasets.wrapped import OnlyPersons
 from collabslam.errors import DataError, SettingsError
 from collabslam.live.played import PlayedSensors
 from collabslam.live.sensed import SensorTaker
 from collabslam.live.shots import LiveCamera, Shot
 from collabslam.live.steady import SteadyClock
 from collabslam.live.wheels import WheelTopic
-from collabslam.types import Array, Image, Odometry, Recording
+from collabslam.types import Array, Image, Odometry, Recording, worn_cameras
 
 BROKEN = 30
 """So many reads running without an image end a camera."""
@@ -105,6 +106,23 @@ class PlayedRecording:
         self.name, self.camera = recording.name, recording.camera
         self.begin()
 
+    def play(self, name: str) -> None:
+        """From now on this is the recording of the person of that name, or of the only one.
+
+        Raises
+        ------
+        SettingsError
+            If there are several persons, and none of that name.
+        """
+        persons = list(worn_cameras(self.recording))
+        if len(persons) > 1 and name not in persons:
+            raise SettingsError(
+                f"The recording {self.name} has views of {', '.join(persons)}; say whose to send with "
+                f"--name, which is {name!r} now."
+            )
+        if persons:
+            self.recording = OnlyPersons(self.recording, [name if name in persons else persons[0]])
+
     def begin(self) -> None:
         """The first frame comes `LEAD` seconds from now."""
         self.clock = SteadyClock(float(self.recording.times[0]) - LEAD)
@@ -140,7 +158,7 @@ class PlayedRecording:
             if ended():
                 return
             driven = self._driven(driven, t)
-            yield Shot(t, frame.image, frame.worn)
+            yield Shot(t, frame.image)
 
     def _driven(self, first: int, t: float) -> int:
         """Odometry from the first sample on up to a time; which is the next."""

@@ -7,6 +7,7 @@ a live run the same as its record.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,8 +16,9 @@ from collabslam.errors import DataError, InputError
 from collabslam.geometry import pose_inverse
 from collabslam.live.clock import Exchange
 from collabslam.live.decoding import view_image
+from collabslam.live.persons import WaitingPersons
 from collabslam.live.printed import PrintedPoses
-from collabslam.live.views import BROKEN, LATEST, REFUSED, UNPOSED, LiveView, TimedView, WaitingViews
+from collabslam.live.views import BROKEN, LATEST, REFUSED, UNPOSED, LiveView, TimedView
 from collabslam.slam.engine import Slam
 from collabslam.slam.results import StepResult
 from collabslam.types import Array, Image, WornView
@@ -47,6 +49,9 @@ class OdometrySample:
     covariance: Array
 
 
+COLLAB, MONO = "collab", "mono"
+"""Of a link: views come, or none do."""
+
 Event = RobotFrame | LiveView | ClockReading | OdometrySample
 """What can reach the filter."""
 
@@ -59,28 +64,44 @@ class LivePose:
     ----------
     step : StepResult
         Pose, covariance, status and diagnostics.
-    link : str
-        ``collab`` if a view reached the filter within the last second, else ``mono``.
-    session : str or None
-        Whose view was used in this frame.
+    links : mapping
+        Of each worn camera by name: ``collab`` if a view of it reached the filter within the last second,
+        else ``mono``.
+    sessions : tuple of str
+        Whose views were used in this frame.
     image : (H, W) uint8
         Of Cs.
-    worn : WornView or None
-        What was used of Cf.
+    views : tuple of WornView
+        What was used of the worn cameras, in the same order.
     """
 
     step: StepResult
-    link: str
-    session: str | None
+    links: Mapping[str, str]
+    sessions: tuple[str, ...]
     image: Image
-    worn: WornView | None
+    views: tuple[WornView, ...]
+
+    @property
+    def link(self) -> str:
+        """``collab`` if that of one of them is, else ``mono``."""
+        return COLLAB if COLLAB in self.links.values() else MONO
+
+    @property
+    def session(self) -> str | None:
+        """The first of the sessions, if any."""
+        return next(iter(self.sessions), None)
+
+    @property
+    def worn(self) -> WornView | None:
+        """The first of the views, if any."""
+        return next(iter(self.views), None)
 
 
 class LiveCore:
     """An engine that is fed by events.
 
-    A frame waits for nothing: it takes the newest view that is there, which the engine uses for the moment at
-    which it was taken (METHOD section 21).
+    A frame waits for nothing: of each person it takes the newest view that is there, which the engine uses
+    for the moment at which it was taken (METHOD section 21).
 
     Parameters
     ----------
@@ -99,15 +120,15 @@ class LiveCore:
         printed: PrintedPoses | None = None,
     ) -> None:
         self.slam = slam
-        self.views = WaitingViews(same_clock=same_clock)
+        self.views = WaitingPersons(slam.worn_cameras, same_clock=same_clock)
         self.refused: Counter[str] = Counter()
         """Frames of Cs that could not be used, by the error's text."""
         self.refused_odometry: Counter[str] = Counter()
         """Samples of odometry that could not be used, by the error's text."""
-        self._worn_camera = next(iter(slam.worn_cameras.values()), None)
+        self._worn_cameras = slam.worn_cameras
         self._printed = printed
         self._last = self.slam.filter.time
-        self._collab = -float("inf")
+        self._collab = dict.fromkeys(self._worn_cameras, -float("inf"))
 
     def handle(self, event: Event) -> LivePose | None:
         """Take one event; the answer to a frame, None for anything else and for a frame that is refused.
@@ -128,43 +149,53 @@ class LiveCore:
                 self.slam.add_odometry(event.t, event.twist, event.covariance)
             except InputError as error:
                 self.refused_odometry[str(error)] += 1
-        elif self._worn_camera is not None:
+        elif self._worn_cameras:
             self.views.add(event, self._last)
         return None
 
     def _step(self, frame: RobotFrame) -> LivePose | None:
         timed = self.views.take(frame.t)
-        worn = None if timed is None else self._worn_view(timed)
-        try:
-            step = self.slam.step(frame.t, frame.image, worn)
-        except InputError as error:
-            if worn is None:
-                self.refused[str(error)] += 1
-                return None
-            self.views.refuse(REFUSED)
-            return self._step(frame)
+        found = {name: self._worn_view(name, view) for name, view in timed.items()}
+        worn = {name: view for name, view in found.items() if view is not None}
+        while True:
+            try:
+                step = self.slam.step(frame.t, frame.image, tuple(worn.values()))
+                break
+            except InputError as error:
+                if not worn:
+                    self.refused[str(error)] += 1
+                    return None
+                for name in [name for name, view in worn.items() if self._is_impossible(view)] or list(worn):
+                    self.views.refuse(name, REFUSED)
+                    del worn[name]
         self._last = frame.t
-        if worn is not None:
-            self._collab = frame.t
-        link = "collab" if frame.t - self._collab <= LATEST else "mono"
-        session = timed.view.session if timed is not None and worn is not None else None
-        return LivePose(step, link, session, frame.image, worn)
+        self._collab.update(dict.fromkeys(worn, frame.t))
+        links = {n: COLLAB if frame.t - last <= LATEST else MONO for n, last in self._collab.items()}
+        sessions = tuple(timed[name].view.session for name in worn)
+        return LivePose(step, links, sessions, frame.image, tuple(worn.values()))
 
-    def _worn_view(self, timed: TimedView) -> WornView | None:
-        """The view for the filter, or None if it is none."""
-        view, camera = timed.view, self._worn_camera
-        assert camera is not None
+    def _is_impossible(self, view: WornView) -> bool:
+        """Whether the engine refuses this view, whatever comes with it."""
         try:
-            image = view_image(view.image, camera)
+            self.slam.check_worn(view)
+        except InputError:
+            return True
+        return False
+
+    def _worn_view(self, name: str, timed: TimedView) -> WornView | None:
+        """A person's view for the filter, or None if it is none."""
+        view = timed.view
+        try:
+            image = view_image(view.image, self._worn_cameras[name])
         except (DataError, InputError):
-            self.views.refuse(BROKEN)
+            self.views.refuse(name, BROKEN)
             return None
         if view.t_cf is not None and view.covariance is not None:
-            worn = WornView(image, view.t_cf, view.covariance, view.bias, timed.t)
+            worn = WornView(image, view.t_cf, view.covariance, view.bias, timed.t, name)
             return self._with_clock_error(worn, timed.t_sd)
-        found = None if self._printed is None else self._printed.pose(view, timed.t, image)
+        found = None if self._printed is None else self._printed.pose(name, view, timed.t, image)
         if found is None:
-            self.views.refuse(UNPOSED)
+            self.views.refuse(name, UNPOSED)
         return found
 
     def _with_clock_error(self, worn: WornView, t_sd: float) -> WornView:

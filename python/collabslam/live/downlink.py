@@ -35,6 +35,8 @@ class Downlink:
             key: link.publisher(session, key, urgent=key in (names.POSE, names.STATUS))
             for key in (names.POSE, names.POSE_MAP, names.ODOMETRY, names.STATUS, names.MAP, names.VIEW)
         }
+        self._session = session
+        self._worn: dict[str, Any] = {}
         self._due = {key: -float("inf") for key in self._out}
 
     def frame(self, pose: LivePose, slam: Slam, facts: Mapping[str, Any], devices: Mapping[str, Any]) -> None:
@@ -56,13 +58,24 @@ class Downlink:
         if step.valid and np.isfinite(step.covariance_map).all():
             in_map = messages.pose_in_map(step.t, step.pose_map, step.covariance_map)
             self._out[names.POSE_MAP].put(in_map)
+        self._place(pose)
         if self._is_due(names.STATUS, STATUS_EVERY):
-            self._out[names.STATUS].put(status_of(pose, facts, devices))
+            self._out[names.STATUS].put(status_of(pose, facts, devices, looks_of(pose, slam)))
         if self._is_due(names.MAP, MAP_EVERY) and step.started and self._wanted(names.MAP):
             self._out[names.MAP].put(messages.cloud(step.t, slam.landmarks().points))
         if self._is_due(names.VIEW, VIEW_EVERY) and self._wanted(names.VIEW):
             picture = view_picture(pose)
             self._out[names.VIEW].put(messages.compressed_image(step.t, "cs_optical", picture))
+
+    def _place(self, pose: LivePose) -> None:
+        """Where the worn cameras were whose views were measured."""
+        for name, place in pose.step.worn.items():
+            if not (place.measured and pose.step.valid):
+                continue
+            if name not in self._worn:
+                key = f"{names.WORN_POSE}/{name}" if name else names.WORN_POSE
+                self._worn[name] = link.publisher(self._session, key)
+            self._worn[name].put(messages.robot_pose(place.t, place.pose, place.covariance))
 
     def _wanted(self, key: str) -> bool:
         return bool(self._out[key].matching_status.matching)
@@ -75,8 +88,17 @@ class Downlink:
         return True
 
 
-def status_of(pose: LivePose, facts: Mapping[str, Any], devices: Mapping[str, Any]) -> bytes:
-    """The robot's status and that of each device as one message."""
+def status_of(
+    pose: LivePose,
+    facts: Mapping[str, Any],
+    devices: Mapping[str, Any],
+    looks: Mapping[str, Mapping[str, Any]] | None = None,
+) -> bytes:
+    """The robot's status and that of each device as one message.
+
+    Where to look stands with the robot if there is one worn camera, with each person's device otherwise, as
+    ``looks`` has it by name.
+    """
     step = pose.step
     sd = np.sqrt(np.clip(np.diag(step.covariance), 0.0, None))
     values = {
@@ -90,14 +112,22 @@ def status_of(pose: LivePose, facts: Mapping[str, Any], devices: Mapping[str, An
         "accepted": step.diagnostics.get("accepted", 0),
         "cf_matches": step.diagnostics.get("cf_matches", 0),
         "ms": f"{step.diagnostics.get('ms_total', 0.0):.1f}",
-        **_look(step.diagnostics),
+        **({} if any(pose.links) else _look(step.diagnostics)),
         **facts,
     }
     entries = {"robot": (step.status.value, step.status.value, values)}
     for name, report in devices.items():
         rounded = {k: f"{v:.6g}" if isinstance(v, float) else v for k, v in report.items()}
-        entries[name] = ("OK", pose.link, rounded)
+        rounded |= _look((looks or {}).get(name, {}))
+        entries[name] = ("OK", pose.links.get(name, pose.link), rounded)
     return messages.status(step.t, entries)
+
+
+def looks_of(pose: LivePose, slam: Slam) -> dict[str, dict[str, Any]]:
+    """Where each of several persons should look, in a run that says so."""
+    if not any(pose.links) or looking.DIAGNOSTICS[0] not in pose.step.diagnostics:
+        return {}
+    return {name: looking.counts(slam.where_to_look(name)) for name in pose.links}
 
 
 def _look(diagnostics: Mapping[str, Any]) -> dict[str, str]:
@@ -107,7 +137,7 @@ def _look(diagnostics: Mapping[str, Any]) -> dict[str, str]:
 
 
 def view_picture(pose: LivePose) -> bytes:
-    """A JPEG: Cs with the frame's features, Cf beside it where it was used, lines between what both see."""
+    """A JPEG: Cs with the frame's features, beside it each Cf that was used, lines between what both see."""
     left = cv2.cvtColor(pose.image, cv2.COLOR_GRAY2BGR)
     features = pose.step.features
     for predicted, found, state in zip(features.predicted, features.found, features.states, strict=True):
@@ -116,13 +146,15 @@ def view_picture(pose: LivePose) -> bytes:
         cv2.circle(left, (round(float(u)), round(float(v))), 4, _USED if used else _UNUSED, 2)
     scale = min(1.0, VIEW_WIDTH / left.shape[1])
     picture = cv2.resize(left, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    if pose.worn is not None:
-        right = cv2.cvtColor(pose.worn.image, cv2.COLOR_GRAY2BGR)
-        height, width = picture.shape[:2]
-        scale_f = height / right.shape[0]
+    height = picture.shape[0]
+    for view in pose.views:
+        right = cv2.cvtColor(view.image, cv2.COLOR_GRAY2BGR)
+        across, scale_f = picture.shape[1], height / right.shape[0]
         right = cv2.resize(right, (round(scale_f * right.shape[1]), height), interpolation=cv2.INTER_AREA)
+        if view.who:
+            cv2.putText(right, view.who, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.6, _BOTH, 2, cv2.LINE_AA)
         picture = np.concatenate([picture, right], axis=1)
-        ends = features.pairs * [scale, scale, scale_f, scale_f] + [0.0, 0.0, width, 0.0]
+        ends = features.pairs_of(view.who) * [scale, scale, scale_f, scale_f] + [0.0, 0.0, across, 0.0]
         for u, v, u_f, v_f in np.rint(ends).astype(int).tolist():
             cv2.line(picture, (u, v), (u_f, v_f), _BOTH, 1, cv2.LINE_AA)
     return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 60])[1])

@@ -17,6 +17,7 @@ from collabslam.live import link, messages, names
 from collabslam.live.clock import ClockEstimator, Exchange
 from collabslam.live.pace import Pace
 from collabslam.live.steady import SteadyClock
+from collabslam.slam.looking import DIAGNOSTICS
 from collabslam.types import Array
 
 WIDTHS = {10_000: (480, 0.5), 7_000: (400, 0.45), 5_000: (320, 0.4)}
@@ -57,6 +58,7 @@ class Gateway:
         self._change = threading.Condition()
         self._facts: dict[str, Any] = {}
         self._way: list[list[float]] = []
+        self._persons: dict[str, list[float]] = {}
         self._count = 0
         self._picture: tuple[int, bytes] = (0, b"")
         self._heard = [
@@ -66,6 +68,7 @@ class Gateway:
                 (names.POSE, self._pose),
                 (names.MAP, self._map),
                 (names.VIEW, self._view),
+                (f"{names.WORN_POSE}/**", self._worn_pose),
             )
         ]
 
@@ -140,9 +143,11 @@ class Gateway:
                 self.pace.report(float(own["age_median_ms"]) / 1e3, float(own["images"]))
             facts = {k.replace("_", " "): v for k, v in robot.items() if k != "message"}
             for name in sorted(found.keys() - {"robot"}):
-                facts |= {
-                    f"{name}: {k.replace('_', ' ')}": v for k, v in found[name].items() if k != "message"
-                }
+                said = {k.replace("_", " "): v for k, v in found[name].items() if k != "message"}
+                if found[name]["message"]:
+                    said["link"] = found[name]["message"]
+                facts |= {f"{name}: {k}": v for k, v in said.items()}
+            facts |= {k.replace("_", " "): v for k, v in own.items() if k in DIAGNOSTICS}
             self._tell(facts=facts, status=robot["message"], link=robot["link"])
 
     def _pose(self, key: str, payload: bytes) -> None:
@@ -152,6 +157,14 @@ class Gateway:
                 self._count += 1
                 self._way = [*self._way[-WAY:], seen_from_above(pose, covariance)]
                 self._change.notify_all()
+
+    def _worn_pose(self, key: str, payload: bytes) -> None:
+        """Where a worn camera is, of several persons by name."""
+        with contextlib.suppress(DataError):
+            _, pose, covariance = messages.pose_from(payload, key)
+            name = key.removeprefix(names.WORN_POSE).removeprefix("/")
+            self._persons = self._persons | {name: seen_from_above(pose, covariance)}
+            self._tell(persons=self._persons)
 
     def _map(self, key: str, payload: bytes) -> None:
         with contextlib.suppress(DataError):

@@ -17,6 +17,8 @@ POSE, POSE_MAP, ODOMETRY, STATUS, MAP, CLOCK, VIEW = (
     f"{ROBOT}/{part}" for part in ("pose", "pose_map", "odometry", "status", "map", "clock", "view")
 )
 """What the robot writes; ``clock`` answers questions."""
+WORN_POSE = f"{ROBOT}/worn_pose"
+"""Where a worn camera is; of several persons the name follows."""
 IMAGE, CAMERA_INFO, T_CF, EXCHANGE, BEAT = "image", "camera_info", "pose", "clock", "beat"
 ATTITUDE, ROBOT_ATTITUDE, SCAN, OWN = "imu", "robot_imu", "scan", "own_pose"
 PARTS = (IMAGE, CAMERA_INFO, T_CF, EXCHANGE, BEAT, ATTITUDE, ROBOT_ATTITUDE, SCAN, OWN)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,13 +38,17 @@ class PrintedPoses:
 
     Parameters
     ----------
-    camera, worn_camera : Camera
+    camera : Camera
+    worn_cameras : mapping
+        Each Cf by name.
     targets : sequence of Tag and Board
         Boards with one odd and one even number of corners.
     """
 
-    def __init__(self, camera: Camera, worn_camera: Camera, targets: Sequence[Tag | Board]) -> None:
-        self._camera, self._worn_camera, self._targets = camera, worn_camera, targets
+    def __init__(
+        self, camera: Camera, worn_cameras: Mapping[str, Camera], targets: Sequence[Tag | Board]
+    ) -> None:
+        self._camera, self._worn_cameras, self._targets = camera, worn_cameras, targets
         self._frames: deque[_Frame] = deque(maxlen=KEPT)
         self._worlds = OwnWorlds()
 
@@ -52,11 +56,13 @@ class PrintedPoses:
         """Keep a frame of Cs."""
         self._frames.append(_Frame(t, image))
 
-    def pose(self, view: LiveView, t: float, worn_image: Image) -> WornView | None:
+    def pose(self, name: str, view: LiveView, t: float, worn_image: Image) -> WornView | None:
         """The view, taken at ``t``, with T_CF at the time of a frame; None if no target tells it.
 
         Parameters
         ----------
+        name : str
+            Whose.
         view : LiveView
         t : float
             When it was taken by the robot's clock, seconds.
@@ -66,18 +72,19 @@ class PrintedPoses:
         if not self._frames:
             return None
         if view.own is not None:
-            return self._tracked(view.session, view.own, t, worn_image)
+            return self._tracked(name, view.session, view.own, t, worn_image)
         frame = min(self._frames, key=lambda kept: abs(kept.t - t))
         try:
-            found = pose_between(frame.image, self._camera, worn_image, self._worn_camera, self._targets)
+            pair = frame.image, self._camera, worn_image, self._worn_cameras[name]
+            found = pose_between(*pair, self._targets)
         except DataError:
             return None
-        return WornView(worn_image, *found, t=frame.t)
+        return WornView(worn_image, *found, t=frame.t, who=name)
 
-    def _tracked(self, session: str, own: OwnPose, t: float, worn_image: Image) -> WornView | None:
+    def _tracked(self, name: str, session: str, own: OwnPose, t: float, worn_image: Image) -> WornView | None:
         """From the last frame of Cs with a target that the phone ever saw."""
         world = self._worlds.of(session)
-        world.move(t, own, sightings(worn_image, self._worn_camera, self._targets))
+        world.move(t, own, sightings(worn_image, self._worn_cameras[name], self._targets))
         of_cf = world.sightings()
         for frame in reversed(self._frames) if of_cf else ():
             if frame.seen is None:
@@ -87,22 +94,22 @@ class PrintedPoses:
                 continue
             found = [(*between(cs, cf), lasting) for cs, cf, lasting in both]
             t_cf, covariance, lasting = min(found, key=lambda f: float(np.linalg.slogdet(f[1])[1]))
-            return WornView(worn_image, t_cf, covariance, lasting, frame.t)
+            return WornView(worn_image, t_cf, covariance, lasting, frame.t, name)
         return None
 
 
 def printed_poses(
-    camera: Camera, worn_camera: Camera | None, targets: Sequence[Tag | Board]
+    camera: Camera, worn_cameras: Mapping[str, Camera], targets: Sequence[Tag | Board]
 ) -> PrintedPoses | None:
-    """What tells T_CF where both cameras see one of the targets; None if nothing can."""
-    if worn_camera is None or not targets:
+    """What tells T_CF where Cs and a Cf see one of the targets; None if nothing can."""
+    if not worn_cameras or not targets:
         return None
-    return PrintedPoses(camera, worn_camera, targets)
+    return PrintedPoses(camera, worn_cameras, targets)
 
 
 def make_slam(
     camera: Camera,
-    worn_camera: Camera | None,
+    worn_cameras: Mapping[str, Camera],
     targets: Sequence[Tag | Board],
     *,
     start: str = "worn",
@@ -110,7 +117,7 @@ def make_slam(
 ) -> Slam:
     """An engine that knows the printed targets; options as of `Slam`, which raises SettingsError."""
     first = targets[0] if targets and start == "target" else None
-    slam = Slam(camera, worn_camera, start=start, target=first, **options)
+    slam = Slam(camera, worn_cameras, start=start, target=first, **options)
     if start != "scale-free":
         for target in targets:
             slam.announce(target)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +19,15 @@ from collabslam.extras import needs
 from collabslam.live import messages
 from collabslam.live.core import ClockReading, Event, OdometrySample, RobotFrame
 from collabslam.live.steady import nanoseconds
-from collabslam.live.views import LiveView, OwnPose
+from collabslam.live.views import LiveView, OwnPose, sender_of
 from collabslam.runs.results import jsonable
 from collabslam.types import Board, Tag
 
 ROBOT_IMAGE, ROBOT_INFO = "/cs/image_raw", "/cs/camera_info"
 WORN_IMAGE, WORN_INFO = "/cf/image/compressed", "/cf/camera_info"
-T_CF, BIAS, CLOCK, PLAN, ODOMETRY = "/t_cf", "/t_cf_bias", "/clock_readings", "/plan", "/odometry"
-OWN = "/own_pose"
+T_CF, BIAS, OWN = "/t_cf", "/t_cf_bias", "/own_pose"
+"""Of the only worn camera; of several each begins with the person's name, as `own_topic` makes it."""
+CLOCK, PLAN, ODOMETRY = "/clock_readings", "/plan", "/odometry"
 ROLES = {"cs": ROBOT_IMAGE, "cf": WORN_IMAGE, "t_cf": T_CF}
 """Topics as ``collabslam.open_recording(path, topics=...)`` takes them, if all cameras have one clock."""
 _ROBOT, _WORN = "cs_optical", "cf_optical"
@@ -34,8 +35,8 @@ _ROBOT, _WORN = "cs_optical", "cf_optical"
 
 @dataclass(frozen=True)
 class LivePlan:
-    """What a live run was asked for: mode, start, settings by their full keys, printed targets as texts, and
-    the 16 numbers of ``t_bc``, row by row, where there is odometry."""
+    """What a live run was asked for: mode, start, settings by their full keys, printed targets as texts, the
+    16 numbers of ``t_bc``, row by row, where there is odometry, and the persons' names, if they have any."""
 
     mode: str
     start: str
@@ -43,6 +44,7 @@ class LivePlan:
     tags: list[str]
     boards: list[str]
     t_bc: list[float] | None = None
+    persons: list[str] = field(default_factory=list)
 
     @property
     def targets(self) -> list[Tag | Board]:
@@ -58,7 +60,9 @@ class EventWriter:
     path : Path
         New folder.
     plan : LivePlan
-    camera, worn_camera : Camera, Camera or None
+    camera : Camera
+    worn_cameras : mapping
+        Each Cf by name; the names are the plan's persons, or  for a single one.
 
     Raises
     ------
@@ -67,13 +71,15 @@ class EventWriter:
         is not installed.
     """
 
-    def __init__(self, path: Path, plan: LivePlan, camera: Camera, worn_camera: Camera | None) -> None:
+    def __init__(
+        self, path: Path, plan: LivePlan, camera: Camera, worn_cameras: Mapping[str, Camera]
+    ) -> None:
         with needs("ros"):
             from rosbags.rosbag2 import StoragePlugin, Writer
         if path.exists():
             raise DataError(f"The folder {path} exists already; give another one for the record.")
         infos = [(ROBOT_INFO, _ROBOT, camera)]
-        infos += [] if worn_camera is None else [(WORN_INFO, _WORN, worn_camera)]
+        infos += [(own_topic(name, WORN_INFO), _WORN, lens) for name, lens in worn_cameras.items()]
         encoded = [(topic, messages.camera_info(0.0, frame, c)) for topic, frame, c in infos]
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -81,6 +87,7 @@ class EventWriter:
             self._bag.open()
         except OSError as error:
             raise DataError(f"The record {path} cannot be written ({error}); give another place.") from error
+        self._persons = set(worn_cameras)
         self._connections: dict[str, Any] = {}
         self._last = 0
         self._write(PLAN, messages.TEXT, messages.text(json.dumps(jsonable(vars(plan)))), 0.0)
@@ -104,19 +111,21 @@ class EventWriter:
             twist = messages.twist(event.t, event.twist, event.covariance)
             self._write(ODOMETRY, messages.TWIST, twist, now)
         else:
-            image = event.image
+            image, name = event.image, sender_of(event.session)
+            name = name if name in self._persons else ""
             if not isinstance(image, bytes):
                 raise DataError("A record holds encoded views; push JPEG or PNG.")
             if event.t_cf is not None and event.covariance is not None:
                 pose = messages.pose(event.stamp, _ROBOT, event.t_cf, event.covariance)
-                self._write(T_CF, messages.POSE, pose, now)
+                self._write(own_topic(name, T_CF), messages.POSE, pose, now)
                 if event.bias is not None:
-                    self._write(BIAS, messages.NUMBERS, messages.numbers(event.bias), now)
+                    bias = messages.numbers(event.bias)
+                    self._write(own_topic(name, BIAS), messages.NUMBERS, bias, now)
             if event.own is not None:
                 own = messages.pose(event.stamp, event.session, event.own.t_xf, event.own.covariance)
-                self._write(OWN, messages.POSE, own, now)
+                self._write(own_topic(name, OWN), messages.POSE, own, now)
             data = messages.compressed_image(event.stamp, event.session, image)
-            self._write(WORN_IMAGE, messages.COMPRESSED, data, now)
+            self._write(own_topic(name, WORN_IMAGE), messages.COMPRESSED, data, now)
 
     def close(self) -> None:
         """Finish the bag."""
@@ -133,13 +142,20 @@ class EventWriter:
             raise DataError(f"The record cannot be written ({error}); free disk space.") from error
 
 
+def own_topic(name: str, topic: str) -> str:
+    """A topic of one of several persons; of the only worn camera, "", the topic itself."""
+    return f"/{name}{topic}" if name else topic
+
+
 class EventReader:
     """Reads what an `EventWriter` wrote.
 
     Attributes
     ----------
     plan : LivePlan
-    camera, worn_camera : Camera, Camera or None
+    camera : Camera
+    worn_cameras : dict of Camera
+        By name.
 
     Raises
     ------
@@ -159,15 +175,20 @@ class EventReader:
         except (TypeError, ValueError) as error:
             raise DataError(f"The plan in {path} cannot be read ({error}); the record is broken.") from error
         self.camera = self._bag.camera(ROBOT_INFO)
-        self.worn_camera = self._bag.camera(WORN_INFO) if WORN_INFO in topics else None
+        persons = self.plan.persons or ([""] if WORN_INFO in topics else [])
+        self.worn_cameras = {name: self._bag.camera(own_topic(name, WORN_INFO)) for name in persons}
 
     def events(self) -> Iterator[Event]:
         """Each event in the order in which the filter took it."""
         poses: dict[float, Any] = {}
         owns: dict[float, OwnPose] = {}
-        read = (ROBOT_IMAGE, CLOCK, ODOMETRY, T_CF, BIAS, OWN, WORN_IMAGE)
-        for topic, message in self._bag.all_messages(read):
-            where = f"{topic} in {self._path}"
+        # "" too: views of who is none of the persons, which the filter drops in the replay as it did live.
+        names = dict.fromkeys((*self.worn_cameras, ""))
+        kinds = {own_topic(name, topic): topic for name in names for topic in (T_CF, BIAS, OWN, WORN_IMAGE)}
+        kinds |= {topic: topic for topic in (ROBOT_IMAGE, CLOCK, ODOMETRY)}
+        for name, message in self._bag.all_messages(tuple(kinds)):
+            topic = kinds[name]
+            where = f"{name} in {self._path}"
             if topic == ROBOT_IMAGE:
                 yield RobotFrame(messages.stamp_of(message), image_of(message, where))
             elif topic == CLOCK:

@@ -43,13 +43,14 @@ def replay(record: Path, out: Path, *, overwrite: bool = False) -> dict[str, Any
         settings = Settings.from_flat(plan.settings)
     except SettingsError as error:
         raise SettingsError(f"The record {record} is of another version. {error}") from error
-    cameras = (reader.camera, reader.worn_camera)
+    cameras = (reader.camera, reader.worn_cameras)
     t_bc = None if plan.t_bc is None else np.reshape(plan.t_bc, (4, 4))
     slam = make_slam(*cameras, plan.targets, settings=settings, mode=plan.mode, start=plan.start, t_bc=t_bc)
     core = LiveCore(slam, printed=printed_poses(*cameras, plan.targets))
     with contextlib.ExitStack() as stack:
         folder = claim(out, stack, overwrite=overwrite)
-        results = LiveResults(folder, settings, ARBITRARY if plan.start == "scale-free" else METRES)
+        unit = ARBITRARY if plan.start == "scale-free" else METRES
+        results = LiveResults(folder, settings, unit, persons=list(slam.worn_cameras))
         stack.callback(results.close)
         for event in reader.events():
             pose = core.handle(event)

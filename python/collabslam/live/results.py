@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,13 @@ from collabslam.runs.results import (
     MAP,
     SUMMARY,
     TRAJECTORY,
+    clear_folder,
     csv_line,
     frame_cells,
     frame_columns,
     write_summary,
 )
+from collabslam.runs.worn_results import PATTERNS, WornTracks
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
 from collabslam.version import version
@@ -36,9 +39,9 @@ _LINES = (FRAMES, TRAJECTORY, COVARIANCE)
 class LiveResults:
     """Writes the files of one live run into its folder.
 
-    ``frames.csv``, ``trajectory.tum`` and ``trajectory.cov`` as a run's, with the columns ``link`` and
-    ``session``; ``engine.bin``, from which a run that was killed goes on; at the end ``map.ply`` and
-    ``summary.json``.
+    ``frames.csv``, ``trajectory.tum``, ``trajectory.cov`` and those of `worn_results` as a run's, with the
+    columns ``link`` and ``session``; ``engine.bin``, from which a run that was killed goes on; at the end
+    ``map.ply`` and ``summary.json``.
 
     Parameters
     ----------
@@ -47,6 +50,8 @@ class LiveResults:
     settings : Settings
     unit : str
         Of lengths.
+    persons : sequence of str
+        Who wears a camera, "" for a single one's.
     every : int
         Frames between two checkpoints.
     resumed : bool
@@ -54,34 +59,47 @@ class LiveResults:
     """
 
     def __init__(
-        self, folder: Path, settings: Settings, unit: str, *, every: int = 50, resumed: bool = False
+        self,
+        folder: Path,
+        settings: Settings,
+        unit: str,
+        *,
+        persons: Sequence[str] = (),
+        every: int = 50,
+        resumed: bool = False,
     ) -> None:
         self.folder, self._every = folder, every
-        self._unit = unit
+        self._unit, self._persons = unit, persons
+        self._worn = WornTracks(folder, persons, unit)
         self._columns: tuple[str, ...] = ()
         self._last = -float("inf")
         self.frames, self.statuses, self.links = 0, Counter[str](), Counter[str]()
         if resumed:
             self._take_up()
+            self._worn.take_up()
         else:
             write_text(folder / CONFIG, settings.dump(title="as used by a live run"))
             write_text(folder / FRAMES, "")
             none = np.empty(0)
             write_tum(folder / TRAJECTORY, none, np.empty((0, 4, 4)), unit=unit)
             write_covariances(folder / COVARIANCE, none, np.empty((0, 6, 6)), unit)
+            clear_folder(folder, PATTERNS)
+            self._worn.begin()
         self._frames, self._poses, self._covariances = (LineFile(folder / name) for name in _LINES)
 
     def frame(self, pose: LivePose) -> None:
         """Add a frame, unless it was written before a kill; raises DataError if the disk is full."""
         step = pose.step
-        if step.t <= self._last:
+        self._worn.frame(step)  # of its own count: a kill may come between two files
+        t = round(step.t, 9)  # as files have it
+        if t <= self._last:
             return
-        self._last = step.t
-        diagnostics = {**step.diagnostics, "link": pose.link, "session": pose.session or ""}
+        self._last = t
+        diagnostics = {**step.diagnostics, "link": pose.link, "session": " ".join(pose.sessions)}
         if not self._columns:
-            self._columns = frame_columns(diagnostics)
+            self._columns = frame_columns(diagnostics, self._persons)
             self._frames.append(csv_line(self._columns))
-        worn = pose.worn is not None
+        worn = bool(pose.views)
         cells = frame_cells(step, self.frames, worn=worn, more=diagnostics, columns=self._columns)
         self._frames.append(csv_line(cells))
         if step.valid and np.isfinite(step.pose).all() and np.isfinite(step.covariance).all():
@@ -115,7 +133,7 @@ class LiveResults:
 
     def close(self) -> None:
         """Close the files."""
-        for lines in (self._frames, self._poses, self._covariances):
+        for lines in (self._frames, self._poses, self._covariances, self._worn):
             lines.close()
 
     def _take_up(self) -> None:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from collabslam._core import Camera
 from collabslam.datasets.ros.sensors import WornSensors
-from collabslam.errors import CollabslamError, DataError
+from collabslam.errors import CollabslamError, DataError, SettingsError
 from collabslam.formats.trajectory import ARBITRARY, METRES
 from collabslam.live import link, messages, names
 from collabslam.live.cameras import PlayedRecording
@@ -27,7 +27,7 @@ from collabslam.runs.folder import claim, locked
 from collabslam.runs.plan import MODE_KEY
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
-from collabslam.types import Board, Tag
+from collabslam.types import Board, Tag, worn_cameras
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,11 @@ class RobotOptions:
         Printed targets in the scene.
     sensors : WornSensors or None
         What tells T_CF of views that come without it, instead of targets.
-    worn_camera : Camera or None
-        Calibration of Cf; the one that the first device tells if None.
+    persons : sequence of str
+        Names of the devices of several persons; if none, those of ``worn_cameras``, those of a played
+        recording, or a single worn camera, which any device may be.
+    worn_cameras : mapping
+        Calibrations of Cf by name, "" for a single one; of others the one that the device tells.
     record : Path or None
         New folder for all that reaches the filter.
     checkpoint_every : int
@@ -63,7 +66,8 @@ class RobotOptions:
     start: str = "worn"
     targets: Sequence[Tag | Board] = ()
     sensors: WornSensors | None = None
-    worn_camera: Camera | None = None
+    persons: Sequence[str] = ()
+    worn_cameras: Mapping[str, Camera] = field(default_factory=dict)
     record: Path | None = None
     checkpoint_every: int = 50
     overwrite: bool = False
@@ -108,16 +112,20 @@ class RobotNode:
             folder = _folder(options, stack)
             heard = link.subscriber(self._zenoh, f"{names.WORN}/**", self.uplink.take)
             stack.callback(heard.undeclare)
-            worn_camera = options.worn_camera or self._calibration()
-            if worn_camera is not None:
-                self.uplink.use(worn_camera)
-            slam = self._engine(folder, worn_camera)
+            worn = worn_calibrations(options, self._camera, self.uplink)
+            self.uplink.use(worn)
+            slam = self._engine(folder, worn)
             unit = ARBITRARY if options.start == "scale-free" else METRES
             results = LiveResults(
-                folder, options.settings, unit, every=options.checkpoint_every, resumed=options.resume
+                folder,
+                options.settings,
+                unit,
+                persons=list(slam.worn_cameras),
+                every=options.checkpoint_every,
+                resumed=options.resume,
             )
             stack.callback(results.close)
-            recorder = self._recorder(worn_camera)
+            recorder = self._recorder(worn)
             stack.callback(recorder.close)
             if options.sensors is not None and self.uplink.sensing is not None:
                 self._camera.hear(options.sensors.only("robot"), self.uplink.sensing)
@@ -178,27 +186,13 @@ class RobotNode:
         unposed = {f"no pose: {k}": v for k, v in self.uplink.unposed().items()}
         return {**before, **{f"dropped {k}": v for k, v in live.items()}, **unposed}
 
-    def _calibration(self) -> Camera | None:
-        """Cf's calibration: the recording's own, or that of the first device that tells one.
-
-        None where no worn camera is used.
-        """
-        if isinstance(self._camera, PlayedRecording) and self._camera.recording.worn_camera is not None:
-            return self._camera.recording.worn_camera
-        if _mode(self._options).startswith("mono") and self._options.start != "worn":
-            return None
-        _say("waiting for a worn camera, which tells its calibration (--worn-camera FILE does without)")
-        while (camera := self.uplink.calibration(0.2)) is None:
-            pass
-        return camera
-
-    def _engine(self, folder: Path, worn_camera: Camera | None) -> Slam:
+    def _engine(self, folder: Path, worn: Mapping[str, Camera]) -> Slam:
         options = self._options
         if options.resume:
             return Slam.load(folder / ENGINE)
         return make_slam(
             self._camera.camera,
-            worn_camera,
+            worn,
             options.targets,
             settings=options.settings,
             mode=_mode(options),
@@ -206,15 +200,43 @@ class RobotNode:
             t_bc=self._camera.t_bc,
         )
 
-    def _recorder(self, worn_camera: Camera | None) -> EventWriter | NoRecord:
+    def _recorder(self, worn: Mapping[str, Camera]) -> EventWriter | NoRecord:
         options = self._options
         if options.record is None:
             return NoRecord()
         tags = [str(t) for t in options.targets if isinstance(t, Tag)]
         boards = [str(t) for t in options.targets if isinstance(t, Board)]
         t_bc = None if self._camera.t_bc is None else self._camera.t_bc.ravel().tolist()
-        plan = LivePlan(_mode(options), options.start, dict(options.settings.values), tags, boards, t_bc)
-        return EventWriter(options.record, plan, self._camera.camera, worn_camera)
+        persons = [name for name in worn if name]
+        asked = _mode(options), options.start, dict(options.settings.values)
+        plan = LivePlan(*asked, tags, boards, t_bc, persons)
+        return EventWriter(options.record, plan, self._camera.camera, worn)
+
+
+def worn_calibrations(options: RobotOptions, camera: LiveCamera, uplink: Uplink) -> dict[str, Camera]:
+    """Each Cf's calibration by name: one that was given, the recording's own, or that which its device tells.
+
+    None where no worn camera is used.
+
+    Raises
+    ------
+    SettingsError
+        If sensors are to tell T_CF of several persons.
+    """
+    played = worn_cameras(camera.recording) if isinstance(camera, PlayedRecording) else {}
+    known = {**played, **options.worn_cameras}
+    if not known and not options.persons and _is_alone(options):
+        return {}
+    names = tuple(options.persons or options.worn_cameras or played or ("",))
+    if options.sensors is not None and len(names) > 1:
+        raise SettingsError("Scans and attitudes tell T_CF of one person alone; leave --sensors out.")
+    waited = [name for name in names if name not in known]
+    if waited:
+        whose = f"the worn cameras of {', '.join(waited)}" if any(waited) else "a worn camera"
+        _say(f"waiting for {whose}, to tell the calibration (--worn-camera FILE does without)")
+    while missing := [name for name in waited if name not in known]:
+        known |= uplink.calibrations(missing, 0.2)
+    return {name: known[name] for name in names}
 
 
 class NoRecord:
@@ -225,6 +247,11 @@ class NoRecord:
 
     def close(self) -> None:
         """Nothing."""
+
+
+def _is_alone(options: RobotOptions) -> bool:
+    """Whether the run is of Cs alone."""
+    return _mode(options).startswith("mono") and options.start != "worn"
 
 
 def _mode(options: RobotOptions) -> str:

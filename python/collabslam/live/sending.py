@@ -84,12 +84,16 @@ def _follow(device: WornDevice, camera: PlayedRecording, ended: Callable[[], boo
         if ended():
             return
         if view is not None and device.behind(t) <= OVERDUE:
-            device.send(device.stamp_at(t, camera.clock.now()), *view)
+            taken, image, pose = view
+            device.send(device.stamp_at(taken, camera.clock.now()), image, pose)
             last = t
 
 
-def _view(frame: Frame, *, alone: bool) -> tuple[Image, tuple[Array, Array] | None] | None:
-    """A frame's view of Cf with T_CF and its covariance; its image where Cf is the only camera."""
+def _view(frame: Frame, *, alone: bool) -> tuple[float, Image, tuple[Array, Array] | None] | None:
+    """When a frame's view of Cf was taken, its image, T_CF and covariance; the image where Cf is alone."""
     if alone:
-        return frame.image, None
-    return None if frame.worn is None else (frame.worn.image, (frame.worn.t_cf, frame.worn.covariance))
+        return frame.t, frame.image, None
+    worn = frame.worn
+    if worn is None:
+        return None
+    return frame.t if worn.t is None else worn.t, worn.image, (worn.t_cf, worn.covariance)

@@ -10,16 +10,15 @@ from collabslam._core import Camera
 from collabslam.datasets.ros.sensors import WornSensors
 from collabslam.live.sensed import SensorTaker
 from collabslam.live.steady import SteadyClock
-from collabslam.types import Array, Image, WornView
+from collabslam.types import Array, Image
 
 
 @dataclass(frozen=True)
 class Shot:
-    """An image (H, W) uint8 taken at ``t`` seconds by this machine's clock; a recording's view of Cf."""
+    """An image (H, W) uint8 taken at ``t`` seconds by this machine's clock."""
 
     t: float
     image: Image
-    worn: WornView | None = None
 
 
 class LiveCamera(Protocol):

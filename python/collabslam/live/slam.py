@@ -20,7 +20,8 @@ from collabslam.slam.engine import Slam
 from collabslam.types import Board, Image, Tag
 
 BOUNDS: dict[type, int] = {RobotFrame: 4, LiveView: 16, ClockReading: 32, OdometrySample: 1000}
-"""Events of each kind that wait for the filter at most; the oldest of a kind gives way."""
+"""Events of each kind that wait for the filter at most, views of each person; the oldest gives way."""
+Queue = tuple[type, str | None]
 
 
 class LiveSlam:
@@ -65,12 +66,12 @@ class LiveSlam:
         self._core = LiveCore(
             slam,
             same_clock=same_clock,
-            printed=printed_poses(slam.camera, next(iter(slam.worn_cameras.values()), None), targets),
+            printed=printed_poses(slam.camera, slam.worn_cameras, targets),
         )
         self._on_pose, self._on_event = on_pose, on_event
         self._change = threading.Condition()
         self._events: deque[Event] = deque()
-        self._waiting: Counter[type] = Counter()
+        self._waiting: Counter[Queue] = Counter()
         self._lost: Counter[type] = Counter()
         self._closing, self._flush = False, True
         self._error: BaseException | None = None
@@ -110,7 +111,8 @@ class LiveSlam:
         t_cf, covariance, bias
             As in `collabslam.WornView`; without ``t_cf`` the targets must tell it.
         session : str
-            Who sends, as ``anna/17``: another one each time that the sender starts.
+            Who sends, as ``anna/17``: another one each time that the sender starts.  Where the engine's worn
+            cameras have names, what stands before the last ``/`` says whose the view is.
 
         Raises
         ------
@@ -163,9 +165,9 @@ class LiveSlam:
         return {**self._core.refused, **self._core.refused_odometry}
 
     @property
-    def session(self) -> str | None:
-        """The session whose views are used."""
-        return self._core.views.session
+    def sessions(self) -> dict[str, str]:
+        """The sessions whose views are used, by the name of the worn camera."""
+        return self._core.views.sessions
 
     def close(self, *, flush: bool = True) -> None:
         """Ends the thread, after all that waits was done, or at once without ``flush``.
@@ -191,17 +193,17 @@ class LiveSlam:
         self.close(flush=error is None)
 
     def _push(self, event: Event) -> None:
-        kind = type(event)
+        kind, queue = type(event), self._queue(event)
         with self._change:
             if self._error is not None:
                 raise self._error
             if self._closing:
                 raise InputError("This LiveSlam is closed; make another one.")
-            if self._waiting[kind] >= BOUNDS[kind]:
-                self._events.remove(next(e for e in self._events if type(e) is kind))
+            if self._waiting[queue] >= BOUNDS[kind]:
+                self._events.remove(next(e for e in self._events if self._queue(e) == queue))
                 self._lost[kind] += 1
             else:
-                self._waiting[kind] += 1
+                self._waiting[queue] += 1
             self._events.append(event)
             self._change.notify()
 
@@ -213,8 +215,13 @@ class LiveSlam:
             if not self._events or (self._closing and not self._flush):
                 return None
             event = self._events.popleft()
-            self._waiting[type(event)] -= 1
+            self._waiting[self._queue(event)] -= 1
             return event
+
+    def _queue(self, event: Event) -> Queue:
+        """Among what an event waits."""
+        whose = self._core.views.person_of(event.session) if isinstance(event, LiveView) else None
+        return type(event), whose
 
     def _work(self) -> None:
         try:

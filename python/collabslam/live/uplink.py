@@ -6,7 +6,7 @@ import statistics
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -122,18 +122,21 @@ class Uplink:
         self._push, self._now, self._unposed = push, now, unposed
         self._lock = threading.Lock()
         self._devices: dict[str, _Device] = {}
-        self._camera: Camera | None = None
+        self._cameras: dict[str, Camera] = {}
         self._known = threading.Event()
 
-    def use(self, camera: Camera) -> None:
-        """From now on only views of this calibration are taken."""
-        self._camera = camera
+    def use(self, cameras: Mapping[str, Camera]) -> None:
+        """From now on only views of these calibrations are taken: of each device's own, or of "", all's."""
+        self._cameras = dict(cameras)
 
-    def calibration(self, seconds: float) -> Camera | None:
-        """The calibration of the first device that tells one, waited for so long; None if none did."""
+    def calibrations(self, names: Iterable[str], seconds: float) -> dict[str, Camera]:
+        """The calibrations that devices of these names have told, waited for so long; "" is any device."""
         self._known.wait(seconds)
         with self._lock:
-            return next((d.camera for d in self._devices.values() if d.camera is not None), None)
+            self._known.clear()
+            told = {name: d.camera for name, d in self._devices.items() if d.camera is not None}
+            found = {name: told.get(name) if name else next(iter(told.values()), None) for name in names}
+            return {name: camera for name, camera in found.items() if camera is not None}
 
     def counts(self) -> dict[str, int]:
         """Everything that was dropped, by reason."""
@@ -227,7 +230,7 @@ class Uplink:
             view = device.pairing.image(session, stamp, message.data.tobytes())
         else:
             view = device.pairing.pose(*messages.pose_from(payload, f"the device {name}"))
-        view = self._of_calibration(device, view)
+        view = self._of_calibration(name, device, view)
         return then if view is None else [*then, partial(self._give, view)]
 
     def _sensed(self, name: str, device: _Device, part: str, payload: bytes) -> list[Callable[[], None]]:
@@ -260,7 +263,7 @@ class Uplink:
         told = messages.pose_from(messages.pose(stamp, "", t_cf, covariance), name)  # as a record has it
         with self._lock:
             device = self._devices[name]
-            view = self._of_calibration(device, device.pairing.pose(*told, bias))
+            view = self._of_calibration(name, device, device.pairing.pose(*told, bias))
         if view is not None:
             self._give(view)
 
@@ -271,9 +274,9 @@ class Uplink:
             with self._lock:
                 self.faults.append(str(error)[:LONGEST])
 
-    def _of_calibration(self, device: _Device, view: LiveView | None) -> LiveView | None:
+    def _of_calibration(self, name: str, device: _Device, view: LiveView | None) -> LiveView | None:
         """The view, unless its device's calibration is another than the filter's."""
-        ours, theirs = self._camera, device.camera
+        ours, theirs = self._cameras.get(name, self._cameras.get("")), device.camera
         if view is None or ours is None or theirs is None or _same(theirs, ours):
             return view
         self.dropped[CALIBRATION] += 1

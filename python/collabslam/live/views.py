@@ -14,10 +14,11 @@ REPEATED = "repeated"  # a stamp that came before
 SURPLUS = "surplus"  # more views than frames, or than may wait
 NO_CLOCK = "no clock"  # nothing is known of the sender's clock
 OTHER = "other session"  # another worn camera is at work, or its sender has been started anew
+NOBODY = "no person"  # of several persons none is called as its sender is
 BROKEN = "broken"  # no image, or of another size
 REFUSED = "refused"  # T_CF or its covariance is impossible
 UNPOSED = "no target"  # it came without T_CF, and both cameras see no printed target
-REASONS = (LATE, EARLY, REPEATED, SURPLUS, NO_CLOCK, OTHER, BROKEN, REFUSED, UNPOSED)
+REASONS = (LATE, EARLY, REPEATED, SURPLUS, NO_CLOCK, OTHER, NOBODY, BROKEN, REFUSED, UNPOSED)
 """Why a view was dropped; the keys of the counts."""
 
 TOLERANCE = 0.001
@@ -167,7 +168,7 @@ class WaitingViews:
         if session in self._ended:
             return False
         before = self.session
-        anew = before is not None and _sender(before) == _sender(session)
+        anew = before is not None and sender_of(before) == sender_of(session)
         if before is not None and not anew and now - self._heard <= LATEST:
             return False
         if before is not None and anew:
@@ -189,5 +190,6 @@ class WaitingViews:
         return False
 
 
-def _sender(session: str) -> str:
+def sender_of(session: str) -> str:
+    """What the sender of a session is called."""
     return session.rpartition("/")[0] or session

@@ -34,6 +34,8 @@ class FrameFeatures:
     pairs : (M, 4) float64
         What both cameras see: pixels in Cs, when Cf took its view, and in Cf; of several worn cameras one
         after the other.
+    pair_names : list of str
+        Whose worn camera each pair is of.
     """
 
     ids: Ids
@@ -42,6 +44,11 @@ class FrameFeatures:
     found: Array
     states: list[str]
     pairs: Array
+    pair_names: list[str]
+
+    def pairs_of(self, name: str) -> Array:
+        """(K, 4) the pairs of one worn camera."""
+        return np.asarray(self.pairs[np.array([whose == name for whose in self.pair_names], bool)])
 
 
 def frame_features(
@@ -63,6 +70,7 @@ def frame_features(
         place,
         [states.get(i, "not searched") for i in ids.tolist()],
         overlap.pixels,
+        overlap.names,
     )
 
 
@@ -76,4 +84,5 @@ def unsearched_features(expected: Prediction) -> FrameFeatures:
         np.full((count, 2), np.nan),
         ["not searched"] * count,
         np.empty((0, 4)),
+        [],
     )

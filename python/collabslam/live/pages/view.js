@@ -3,7 +3,7 @@ import { connect, facts, say } from "/link.js";
 
 const canvas = document.getElementById("map"), pen = canvas.getContext("2d");
 const NEAR = 8; // so far from the camera points of the map are shown whole
-let way = [], points = [], heard = 0, unit = "m";
+let way = [], points = [], persons = [], heard = 0, unit = "m";
 
 function take(message) {
   if (message.refused) { say(message.refused, false); return; }
@@ -11,6 +11,7 @@ function take(message) {
   if (message.way) way = message.way;
   if (message.point) { way.push(message.point); if (way.length > 5000) way.shift(); }
   if (message.map) points = message.map;
+  if (message.persons) persons = Object.entries(message.persons);
   if (message.facts) { facts(message.facts); unit = message.facts.metric === "True" ? "m" : "units"; }
   if (message.status) say(`${message.status} · ${message.link}`, message.status === "OK");
 }
@@ -24,7 +25,7 @@ function draw() {
   pen.clearRect(0, 0, width, height);
   if (!way.length) return;
   const [x, z, a, b, turn] = way[way.length - 1];
-  const shown = [...way, ...points.filter((p) => Math.hypot(p[0] - x, p[1] - z) < NEAR)];
+  const shown = [...way, ...persons.map(([, p]) => p), ...points.filter((p) => Math.hypot(p[0] - x, p[1] - z) < NEAR)];
   const xs = shown.map((p) => p[0]), zs = shown.map((p) => p[1]);
   const left = Math.min(...xs) - 1, right = Math.max(...xs) + 1, low = Math.min(...zs) - 1, high = Math.max(...zs) + 1;
   const scale = Math.min(width / (right - left), height / (high - low));
@@ -40,9 +41,17 @@ function draw() {
   pen.beginPath();
   pen.ellipse(...at(x, z), Math.max(2, 3 * a * scale), Math.max(2, 3 * b * scale), -turn, 0, 2 * Math.PI);
   pen.stroke();
+  pen.strokeStyle = pen.fillStyle = "#b97f0a";
+  pen.font = "20px system-ui";
+  for (const [name, [x, z, a, b, turn]] of persons) {
+    pen.beginPath();
+    pen.ellipse(...at(x, z), Math.max(4, 3 * a * scale), Math.max(4, 3 * b * scale), -turn, 0, 2 * Math.PI);
+    pen.stroke();
+    const [u, v] = at(x, z);
+    pen.fillText(name, u + 8, v - 8);
+  }
   const metre = 10 ** Math.floor(Math.log10((right - left) / 3));
   pen.fillStyle = style;
-  pen.font = "20px system-ui";
   pen.fillRect(20, height - 24, metre * scale, 3);
   pen.fillText(`${metre} ${unit}`, 20, height - 32);
 }
