@@ -53,6 +53,38 @@ def test_a_person_in_a_room_is_seen_and_nobody_else(tmp_path: Path) -> None:
         legs.read_legs(tmp_path / "bad.npz")
 
 
+def write_hall(path: Path) -> None:
+    """A person comes straight towards a robot in a hall too wide for its scanner, a leg behind the other."""
+    angles = -0.5 * (BEAMS - 1) * STEP + STEP * np.arange(BEAMS)
+    rays = np.column_stack([np.cos(angles), np.sin(angles)])
+    times, scans, truth = PERIOD * np.arange(50), [], []
+    for t in times:
+        ranges = np.where(np.abs(angles) > 1.5, 3.0 / np.maximum(np.abs(rays[:, 1]), 0.1), np.inf)
+        middle = np.array([6.0 - 0.9 * t, 0.5])
+        for ahead in (-0.2, 0.2):
+            leg = middle * (1.0 + ahead / np.linalg.norm(middle))
+            along = rays @ leg
+            gap = 0.06**2 - (leg @ leg - along**2)
+            hit = (gap > 0.0) & (along > 0.0)
+            ranges[hit] = np.minimum(ranges[hit], along[hit] - np.sqrt(gap[hit]))
+        ranges[ranges > 8.0] = np.inf
+        scans.append(ranges)
+        truth.append([t + PERIOD, *middle, 7.0])
+    odom = np.column_stack([np.arange(-1.0, 6.0, 0.05), np.zeros((140, 3))])
+    np.savez(
+        path, ranges=scans, t_header=times, scan=[angles[0], STEP, 0.05, 8.0], odom=odom, truth=truth[20:45:3]
+    )
+
+
+def test_who_comes_straight_on_in_a_hall_without_walls_is_followed(tmp_path: Path) -> None:
+    write_hall(tmp_path / "hall.npz")
+    found = legs.judge(legs.read_legs(tmp_path / "hall.npz"))
+    assert found.walking.annotated == 9
+    assert found.walking.tracked >= 7
+    assert found.walkers >= 5
+    assert found.alone == 0
+
+
 def test_an_inertial_unit_that_turns_slowly(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     from scipy.io import savemat
 

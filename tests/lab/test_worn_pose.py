@@ -235,7 +235,7 @@ def test_after_a_longer_silence_nothing_old_is_held_for_the_surroundings() -> No
     for k in range(20):
         surroundings.predict(0.1)
         surroundings.align(0.1 * k, wall)
-        surroundings.learn(0.1 * k, np.zeros(2), wall, ~nobody, nobody)
+        surroundings.learn(0.1 * k, np.zeros(2), wall, ~nobody, nobody, np.empty((0, 2)))
     surroundings.predict(3.0)
     surroundings.align(4.9, wall)
     before = np.column_stack([np.arange(0.5, 3.2, 0.1), np.zeros(27)])
@@ -294,11 +294,29 @@ def test_beams_open_what_they_pass_and_nothing_behind() -> None:
         surroundings.predict(0.1)
         surroundings.align(0.1 * k, wall)
         nobody = np.zeros(len(wall), np.bool_)
-        surroundings.learn(0.1 * k, np.zeros(2), wall, ~nobody, nobody)
+        surroundings.learn(0.1 * k, np.zeros(2), wall, ~nobody, nobody, np.empty((0, 2)))
     before, behind = (np.column_stack([x, 0.0 * x]) for x in (np.arange(0.5, 3.2, 0.1), np.arange(5.0, 12.0)))
     assert surroundings.standing(before)[1].all()
     assert not surroundings.standing(behind)[1].any()
     assert surroundings.standing(wall)[0].all()
+
+
+def test_beams_that_meet_nothing_open_what_is_empty_and_take_nothing_from_walls() -> None:
+    surroundings = Surroundings()
+    wall = np.column_stack([np.full(81, 4.05), np.linspace(-0.4, 0.4, 81)])
+    nobody = np.zeros(len(wall), np.bool_)
+    for k in range(20):
+        surroundings.predict(0.1)
+        surroundings.learn(0.1 * k, np.zeros(2), wall, ~nobody, nobody, np.array([[-6.0, 0.0]]))
+    for k in range(20, 40):  # the wall does not shine any more
+        surroundings.predict(0.1)
+        surroundings.learn(0.1 * k, np.zeros(2), wall[:0], nobody[:0], nobody[:0], 2.0 * wall)
+    met = np.column_stack([-np.arange(0.5, 4.5, 0.1), np.zeros(40)])
+    assert surroundings.standing(met)[1].all()
+    assert not surroundings.standing(np.array([[-7.0, 0.0], [0.0, 3.0]]))[1].any()
+    solid, opened = surroundings.standing(wall)
+    assert solid.all()
+    assert not opened.any()
 
 
 def test_a_gap_is_bridged_with_growing_covariance_and_ends() -> None:

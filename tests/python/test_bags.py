@@ -268,7 +268,7 @@ def test_scans_and_inertial_samples_are_arrays(tmp_path: Path, kind: str) -> Non
     with maker.writer:
         for k in range(3):
             t = START + k * STEP
-            ranges, limits = np.array([1.0, 2.0 + k, 25.0], np.float32), (0.3, 20.0)
+            ranges, limits = np.array([0.1, 2.0 + k, 25.0], np.float32), (0.3, 20.0)
             maker.write("/scan", "sensor_msgs/msg/LaserScan", t, maker.header(t, "laser"),
                         -0.1, 0.1, 0.1, 0.0, 0.1, *limits, ranges, np.empty(0, np.float32))  # fmt: skip
             unknown = np.zeros(9)
@@ -281,7 +281,9 @@ def test_scans_and_inertial_samples_are_arrays(tmp_path: Path, kind: str) -> Non
         scans, imu = bag.scans("/scan"), bag.imu("/imu")
     np.testing.assert_allclose(scans.angles, [-0.1, 0.0, 0.1], atol=1e-6)
     np.testing.assert_allclose(scans.ranges[:, 1], [2.0, 3.0, 4.0])
-    assert np.isnan(scans.ranges[:, 2]).all()
+    assert np.isnan(scans.ranges[:, 0]).all()
+    assert (scans.ranges[:, 2] == np.inf).all()  # nothing up to the limit, which is no silence
+    assert scans.range_max == 20.0
     assert scans.frame == "laser"
     np.testing.assert_allclose(imu.angular_velocity[1], [0.1, 0.2, 0.3])
     np.testing.assert_allclose(imu.acceleration[:, 2], 9.81)

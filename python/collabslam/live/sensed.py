@@ -122,6 +122,7 @@ def scan_from(message: Any, scanner: str) -> LaserScan:
             float(found.angles[0]) if len(found.angles) else 0.0,
             step,
             scanner=scanner,
+            range_max=found.range_max,
             time_increment=found.time_increment,
         )
     except InputError as error:

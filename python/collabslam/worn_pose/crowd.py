@@ -25,7 +25,7 @@ from collabslam.worn_pose.evidence import (
 )
 from collabslam.worn_pose.track import UNSEEN, Candidates, LegTrack, new_track
 
-_MOST_OTHERS = 3
+_MOST_OTHERS = 6
 _COMPANY = 5.0
 """Metres from the robot within which a person is first looked for."""
 _HINT_REACH, _HINT_SD, _HINT_WAIT = 0.8, 0.25, 0.5

@@ -49,8 +49,8 @@ class People(NamedTuple):
     """Who is about the robot after the last scan: (n, 2) places, ahead and left of Cs on the floor, metres.
 
     ``legs`` are things in the last scan that may be a leg, ``everybody`` those who are followed, ``walkers``
-    those of them who have walked, and ``person`` (2,) is who wears the camera, or None.  ``robot`` (2,) is
-    the way of Cs since the first scan, along N's axes.
+    those of them who have walked and were seen just now, and ``person`` (2,) is who wears the camera, or
+    None.  ``robot`` (2,) is the way of Cs since the first scan, along N's axes.
     """
 
     legs: Array
@@ -163,19 +163,27 @@ class WornPoseEstimator:
             surroundings.align(t, points[near & mine])
         robot = surroundings.position.copy()
         world = points + robot
-        candidates, doubted = self._candidates(scan, beams, ranges, world, robot + lever[:2])
+        candidates, doubted = self._candidates(scan, beams, world, robot + lever[:2])
         self._legs = candidates.centre
         view = partial(_in_view, scan, robot + lever[:2], r_ns[:2, :2])
         crowd.update(
             t, candidates, robot, surroundings.state[2:], self.config.ahrs.yaw_white_sd**2, self._hint, view
         )
         if learn:
-            surroundings.learn(t, robot + lever[:2], world, ~crowd.claimed(world, self._hint), doubted)
+            still = ~crowd.claimed(world, self._hint)
+            surroundings.learn(t, robot + lever[:2], world, still, doubted, self._unmet(scan, t, r_ns))
             self._learnt[scan.scanner] = t
         self._last = self._scanned[scan.scanner] = t
         self._scans += 1
         self._remember(t, float(lever[2]), len(candidates))
         return True
+
+    def _unmet(self, scan: LaserScan, t: float, r_ns: Array) -> Array:
+        """Rays (K, 2) of the beams that met nothing up to the scanner's limit, metres along N's axes."""
+        beams = np.flatnonzero(scan.ranges > scan.range_max)
+        angles = scan.angle_min + scan.angle_increment * beams + self._turns(scan, t, beams)
+        flat = scan.range_max * np.column_stack([np.cos(angles), np.sin(angles)])
+        return np.asarray(flat @ r_ns[:2, :2].T)
 
     def _turns(self, scan: LaserScan, t: float, beams: Indices) -> Array | float:
         half = 0.5 * scan.time_increment * (len(scan.ranges) - 1)
@@ -185,12 +193,11 @@ class WornPoseEstimator:
         return turned(scan, beams, self._scanners[scan.scanner][:3, :3], before, after)
 
     def _candidates(
-        self, scan: LaserScan, beams: Indices, ranges: Array, world: Array, origin: Array
+        self, scan: LaserScan, beams: Indices, world: Array, origin: Array
     ) -> tuple[Candidates, Mask]:
         """Leg-like things that are not surroundings, and which beams they are made of."""
         c = self.config
-        pitch = abs(scan.angle_increment)
-        legs = find_legs(beams, ranges, world, origin, pitch, c.person.leg_radius, c.range_sd)
+        legs = find_legs(scan, beams, world, origin, c.person.leg_radius, c.range_sd)
         stands, opened = self._surroundings.standing(world)
         share = _shares(stands, legs.first, legs.stop)
         moving = _shares(opened, legs.first, legs.stop) > _STANDS
@@ -236,7 +243,9 @@ class WornPoseEstimator:
         robot, crowd = self._surroundings.position, self._crowd
         tracks = [*([] if crowd.person is None else [crowd.person]), *crowd.others]
         places = np.array([track.x[:2] for track in tracks]).reshape(-1, 2)
-        walked = np.array([walks(track) and may_walk(track) for track in tracks], np.bool_)
+        walked = np.array(
+            [walks(o) and may_walk(o) and self._last - o.seen < _BRIDGED for o in tracks], np.bool_
+        )
         person = crowd.person if crowd.sure else None
         return People(
             (self._legs - robot) @ axes.T,

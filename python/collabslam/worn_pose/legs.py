@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from collabslam.types import Array, Indices, Mask
+from collabslam.worn_pose.readings import LaserScan
 
 _JUMP = 0.13
 """Difference of range from beam to beam that parts two things, metres."""
@@ -39,27 +40,25 @@ class Clusters:
 
 
 def find_legs(
-    beams: Indices, ranges: Array, points: Array, origin: Array, pitch: float, radius: float, range_sd: float
+    scan: LaserScan, beams: Indices, points: Array, origin: Array, radius: float, range_sd: float
 ) -> Clusters:
     """Leg-like runs of a scan's valid beams.
 
     Parameters
     ----------
+    scan : LaserScan
     beams : (N,) int
-        Their numbers in the scan, increasing.
-    ranges : (N,) array
-        Metres.
+        Those that met something, increasing.
     points : (N, 2) array
         Where they end, metres.
     origin : (2,) array
         Of the scanner, in the points' frame.
-    pitch : float
-        Angle between beams, radians.
     radius : float
         Of a leg, metres.
     range_sd : float
         Noise of a range, metres.
     """
+    ranges, pitch = scan.ranges[beams], abs(scan.angle_increment)
     step = np.diff(ranges)
     breaks = np.flatnonzero((np.abs(step) > _JUMP) | (np.diff(beams) > 2)) + 1
     first = np.concatenate([[0], breaks])
@@ -68,13 +67,14 @@ def find_legs(
     middle = np.add.reduceat(ranges, first) / count
     spacing = middle * pitch
     width = spacing * (beams[stop - 1] - beams[first] + 1)
-    # A neighbour that is nearer hides an edge.
-    before = np.where(first > 0, ranges[first - 1] - ranges[first] < 0.0, False)
-    after_index = np.minimum(stop, len(ranges) - 1)
-    after = np.where(stop < len(ranges), ranges[after_index] - ranges[stop - 1] < 0.0, False)
+    # A neighbour that is nearer hides an edge; beams that met nothing hide none.
+    previous, following = np.maximum(first - 1, 0), np.minimum(stop, len(ranges) - 1)
+    before = (first > 0) & (beams[first] - beams[previous] <= 2) & (ranges[previous] < ranges[first])
+    after = (stop < len(ranges)) & (beams[following] - beams[stop - 1] <= 2)
+    after &= ranges[following] < ranges[stop - 1]
     enough = count >= np.maximum(1.0, np.floor(0.9 * radius / spacing))
     keep = (width <= _PAIR_WIDTH + spacing) & enough & ~(before & after) & (middle < FARTHEST)
-    keep &= (stop < len(ranges)) & (first > 0)
+    keep &= (beams[stop - 1] < len(scan.ranges) - 1) & (beams[first] > 0)
     first, stop, count, middle = first[keep], stop[keep], count[keep], middle[keep]
     spacing, width, hidden = spacing[keep], width[keep], (before | after)[keep]
     sums = np.concatenate([np.zeros((1, 2)), np.cumsum(points, axis=0)])

@@ -23,7 +23,8 @@ class LaserScan:
     t : float
         Instant of the first beam, seconds.
     ranges : (K,) array
-        Metres; NaN, infinite or outside of the limits where a beam saw nothing.
+        Metres. More than ``range_max``, as a rule infinite, where a beam met nothing up to there; NaN or less
+        than ``range_min`` where it tells nothing.
     angle_min, angle_increment : float
         Of the beams, radians about the scanner's z axis (up), from its x axis (ahead) towards y (left).
     scanner : str

@@ -30,7 +30,7 @@ def laser_scans(
     times : (N,) array
         Of the first beams, seconds.
     ranges : (N, K) array
-        Metres; NaN where a beam saw nothing.
+        Metres; infinite where a beam met nothing up to ``range_max``, NaN where it tells nothing.
     angle_min, angle_increment, scanner, range_min, range_max, time_increment
         As in `LaserScan`.
 

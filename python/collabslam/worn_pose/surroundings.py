@@ -1,9 +1,11 @@
 """What stands still about the robot, and how the robot moves through it.
 
-A grid of evidence rolls along with the robot: what a beam hits gains, what it passes loses. A new scan,
-turned by the AHRS, is laid on it by Gauss-Newton on the smoothed grid, for the translation alone, with a
-constant velocity as prior: where walls say nothing (along a bare corridor) the prior decides, and its
-covariance grows. Only differences of positions a moment apart are ever used, so drift does no harm.
+A grid of evidence rolls along with the robot: what a beam hits gains, what it passes loses. A beam that
+meets nothing up to the scanner's limit opens places where nothing was, but takes nothing from a wall: dark
+and slanting surfaces are not met either. A new scan, turned by the AHRS, is laid on the grid by Gauss-Newton
+on the smoothed grid, for the translation alone, with a constant velocity as prior: where walls say nothing
+(along a bare corridor) the prior decides, and its covariance grows. Only differences of positions a moment
+apart are ever used, so drift does no harm.
 """
 
 from __future__ import annotations
@@ -40,6 +42,8 @@ _SEARCHED, _UNIQUE, _DOUBT = 15, 3, 10.0
 and what counts as good: difference of log-likelihood."""
 _MISSED = 16
 """Beams in turn that pass a place where something was: it has gone."""
+_EMPTY = 4
+"""Scans that found nothing at all beyond a cell, at most: each makes up for one beam that passed it."""
 
 _SMOOTH = np.array([0.25, 0.5, 0.25], np.float32)
 _NINE = np.ones((3, 3), np.uint8)
@@ -59,6 +63,7 @@ class Surroundings:
         self._met = np.full((_SIZE, _SIZE), np.inf, np.float32)
         self._open = np.zeros(_SIZE * _SIZE, np.bool_)
         self._missed = np.zeros(_SIZE * _SIZE, np.int16)
+        self._empty = np.zeros((_SIZE, _SIZE), np.int16)
         self._corner = np.zeros(2, np.int64)
         self._any = False
         self._since: float | None = None
@@ -125,10 +130,11 @@ class Surroundings:
         self._evidence[:] = 0.0
         self._met[:] = np.inf
         self._missed[:] = 0
+        self._empty[:] = 0
         self._solid[:] = self._open[:] = False
         self._any, self._since = False, None
 
-    def learn(self, t: float, origin: Array, points: Array, still: Mask, doubted: Mask) -> None:
+    def learn(self, t: float, origin: Array, points: Array, still: Mask, doubted: Mask, free: Array) -> None:
         """Take a scan into the grid.
 
         Parameters
@@ -144,22 +150,22 @@ class Surroundings:
         doubted : (N,) bool
             Which of them may be somebody's legs: they are learnt slowly, so that a foot that stands for
             half a second leaves no trace.
+        free : (K, 2) array
+            Rays from the scanner along which nothing was met, along the grid's axes, metres.
         """
         self._roll()
         rays = points - origin
         length = np.hypot(rays[:, 0], rays[:, 1])
-        step = (rays / length[:, None]).astype(np.float32)
-        inside = _RAY[:, None] * CELL < _SHARE * length - CELL
-        x = (np.float32(origin[0] / CELL) + _RAY[:, None] * step[:, 0])[inside]
-        y = (np.float32(origin[1] / CELL) + _RAY[:, None] * step[:, 1])[inside]
-        i, j = (np.floor(v).astype(np.int32) & (_SIZE - 1) for v in (x, y))
-        passed = (i << _BITS) | j
+        passed = _passed(origin, rays, length)
         near = length < REACH
         ended, still, doubted = _flat(points[near]), still[near], doubted[near]
         # Written once however often a cell is named; where a beam ends, nothing is lost.
         evidence = self._evidence.ravel()
         gained = evidence[ended] + np.where(still, np.where(doubted, _DOUBTED, _HIT), 0.0)
         evidence[passed] = np.maximum(evidence[passed] + _PASSED, _LEAST)
+        # What reflects too little, or at too flat an angle, is not met either: nothing that was met is lost.
+        empty, beyond = self._empty.ravel(), _passed(origin, free, np.hypot(free[:, 0], free[:, 1]))
+        empty[beyond] = np.minimum(empty[beyond] + 1, _EMPTY)
         evidence[ended] = np.minimum(gained, _MOST)
         if self._since is None:
             self._since = t
@@ -189,12 +195,14 @@ class Surroundings:
                 self._evidence[lines] = 0.0
                 self._met[lines] = np.inf
                 self._missed.reshape(_SIZE, _SIZE)[lines] = 0
+                self._empty[lines] = 0
         self._corner = corner
 
     def _refresh(self, now: float) -> None:
         self._solid = _grown((self._evidence >= _SOLID) | (self._met < now - _STOOD)).ravel()
-        touched = _grown((self._evidence > 0.0) | (self._met < now - _LINGERED))
-        self._open = ((self._evidence <= _OPEN) & ~touched & (now > _LINGERED)).ravel()
+        evidence = self._evidence + np.float32(_PASSED) * self._empty
+        touched = _grown((evidence > 0.0) | (self._met < now - _LINGERED))
+        self._open = ((evidence <= _OPEN) & ~touched & (now > _LINGERED)).ravel()
         field = np.maximum(self._evidence, 0.0) * np.float32(2.0 / _MOST)
         wide = cv2.copyMakeBorder(field, 1, 1, 1, 1, cv2.BORDER_WRAP)
         wide = cv2.sepFilter2D(wide, -1, _SMOOTH, _SMOOTH)
@@ -227,6 +235,16 @@ def _grown(cells: Mask) -> Mask:
     """Cells and their eight neighbours."""
     wide = cv2.copyMakeBorder(cells.view(np.uint8), 1, 1, 1, 1, cv2.BORDER_WRAP)
     return np.asarray(cv2.dilate(wide, _NINE)[1:-1, 1:-1] > 0)
+
+
+def _passed(origin: Array, rays: Array, length: Array) -> Cells:
+    """Cells that rays (N, 2) of these lengths from a scanner pass, each as often as it is passed."""
+    step = (rays / length[:, None]).astype(np.float32)
+    inside = _RAY[:, None] * CELL < _SHARE * length - CELL
+    x = (np.float32(origin[0] / CELL) + _RAY[:, None] * step[:, 0])[inside]
+    y = (np.float32(origin[1] / CELL) + _RAY[:, None] * step[:, 1])[inside]
+    i, j = (np.floor(v).astype(np.int32) & (_SIZE - 1) for v in (x, y))
+    return np.asarray((i << _BITS) | j)
 
 
 def _flat(points: Array) -> Cells:

@@ -303,7 +303,10 @@ def _motion(microseconds: int, person: Person) -> tuple[Array, Array, Array]:
 
 
 def new_track(t: float, c: Candidates, which: Mask, person: Person) -> LegTrack | None:
-    """A track from some of the candidates: the first two legs or wide thing among them; None without."""
+    """A track from some of the candidates: the first two legs or wide thing among them, else the first leg.
+
+    Who comes straight on hides one leg behind the other.  None without candidates.
+    """
     index = np.flatnonzero(which)
     for a in range(len(index)):
         i = index[a]
@@ -314,4 +317,7 @@ def new_track(t: float, c: Candidates, which: Mask, person: Person) -> LegTrack 
             if not c.wide[j] and _NEAREST_LEGS < gap < _FARTHEST_LEGS:
                 middle = 0.5 * (c.centre[i] + c.centre[j])
                 return LegTrack(t, middle, 0.25 * (c.covariance[i] + c.covariance[j]), person)
-    return None
+    if not len(index):
+        return None
+    i = index[0]
+    return LegTrack(t, c.centre[i], c.covariance[i] + person.one_leg_sd**2 * np.eye(2), person)

@@ -188,10 +188,8 @@ def _leg_like(scan: LaserScan) -> Array:
     angles = scan.angle_min + scan.angle_increment * beams
     points = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
     config = WornPoseConfig()
-    pitch = abs(scan.angle_increment)
-    return find_legs(
-        beams, ranges, points, np.zeros(2), pitch, config.person.leg_radius, config.range_sd
-    ).centre
+    found = find_legs(scan, beams, points, np.zeros(2), config.person.leg_radius, config.range_sd)
+    return found.centre
 
 
 def _way_error(legs: Legs, states: dict[int, People]) -> float:

@@ -135,8 +135,8 @@ def simulate_scans(
                 floor = np.where(directions[:, 2] < -1e-9, -pose[2, 3] / directions[:, 2], np.inf)
             ranges[part] = np.minimum(seen, floor)
         ranges += rng.normal(0.0, m.noise, m.beams)
-        gone = (rng.random(m.beams) < m.dropout) | ~((ranges >= m.range_min) & (ranges <= m.range_max))
-        ranges[gone] = np.nan
+        ranges[ranges > m.range_max] = np.inf
+        ranges[(rng.random(m.beams) < m.dropout) | (ranges < m.range_min)] = np.nan
         increment = m.arc / (m.beams - 1)
         limits = (m.range_min, m.range_max)
         out.append(LaserScan(float(t), ranges, float(angles[0]), increment, scanner, *limits, step))

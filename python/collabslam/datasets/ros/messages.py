@@ -31,6 +31,8 @@ _CHANNELS = {
     "bayer_grbg8": (1, cv2.COLOR_BayerGB2GRAY),
 }
 _DEEP = ("mono16", "16uc1")
+FARTHEST = 1e3
+"""Limit of scanners that state none, metres."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +43,13 @@ class Scans:
     ----------
     times : (N,) seconds
     angles : (K,) radians, of each beam
-    ranges : (N, K) metres, NaN where a beam saw nothing within the sensor's limits
+    ranges : (N, K) metres; infinite where a beam met nothing up to ``range_max``, NaN where it tells nothing
     frame : str
         The sensor's frame.
     time_increment : float
         Seconds from beam to beam.
+    range_max : float
+        The sensor's limit, metres.
     """
 
     times: Array
@@ -53,6 +57,7 @@ class Scans:
     ranges: Array
     frame: str
     time_increment: float = 0.0
+    range_max: float = FARTHEST
 
 
 @dataclass(frozen=True)
@@ -231,7 +236,8 @@ def scans_of(messages: Iterable[tuple[float, Any]]) -> Scans:
     for t, message in messages:
         first = message if first is None else first
         row = np.asarray(message.ranges, dtype=np.float64).copy()
-        row[~((row >= message.range_min) & (row <= message.range_max))] = np.nan
+        row[~(row >= message.range_min)] = np.nan
+        row[row > message.range_max] = np.inf
         if ranges and len(row) != len(ranges[0]):
             raise DataError(f"The scan at {t:.3f} s has {len(row)} beams, the first one {len(ranges[0])}.")
         times.append(t)
@@ -240,7 +246,8 @@ def scans_of(messages: Iterable[tuple[float, Any]]) -> Scans:
         return Scans(np.empty(0), np.empty(0), np.empty((0, 0)), "")
     angles = first.angle_min + first.angle_increment * np.arange(len(ranges[0]))
     frame = str(first.header.frame_id)
-    return Scans(np.asarray(times), angles, np.asarray(ranges), frame, float(first.time_increment))
+    limit = min(float(first.range_max), FARTHEST)
+    return Scans(np.asarray(times), angles, np.asarray(ranges), frame, float(first.time_increment), limit)
 
 
 def imu_of(messages: Iterable[tuple[float, Any]]) -> ImuSamples:

@@ -104,7 +104,13 @@ def bag_sensors(bag: Bag, sensors: WornSensors) -> EstimatedPoses:
             step = float(found.angles[1] - found.angles[0]) if len(found.angles) > 1 else 0.0
             first = float(found.angles[0]) if len(found.angles) else 0.0
             scans += laser_scans(
-                found.times, found.ranges, first, step, scanner=name, time_increment=found.time_increment
+                found.times,
+                found.ranges,
+                first,
+                step,
+                scanner=name,
+                range_max=found.range_max,
+                time_increment=found.time_increment,
             )
         for where, topic in sensors.ahrs.items():
             imu = bag.imu(topic)
