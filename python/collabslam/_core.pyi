@@ -738,6 +738,8 @@ class Filter:
         pose: ArrayLike,
         index: ArrayLike,
         uv: ArrayLike,
+        *,
+        least: int | None = None,
     ) -> MapRelocalisation:
         """Puts a lost camera into another map, where its matches with that say, and forgets the present one.
 
@@ -753,6 +755,8 @@ class Filter:
             T_WC that explains the matches, as PnP gives it, metres.
         index, uv : (N,) int64, (N, 2) float64
             Landmarks by their place in the map, and their pixels in Cs.
+        least : int, optional
+            As with `relocalise`.
 
         Returns
         -------
@@ -761,8 +765,8 @@ class Filter:
         Raises
         ------
         InputError
-            For wrong shapes, NaN, a covariance that is none, an impossible pose, or before the start; the
-            filter stays as it was.
+            For wrong shapes, NaN, a covariance that is none, an impossible pose, a ``least`` below 4, or
+            before the start; the filter stays as it was.
         """
     def add_candidates(self, uv: ArrayLike) -> _Ids:
         """Starts candidates for delayed births at pixels of the present view.

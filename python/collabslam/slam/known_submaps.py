@@ -13,8 +13,9 @@ from collabslam.formats.schema import Check, whole
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.place_recognition import locate, most_alike
 from collabslam.settings.frontend import FrontendSettings
+from collabslam.slam.map_aside import MapAside
 from collabslam.slam.map_change import Recovered
-from collabslam.slam.relocalise import MapAside, Relocaliser
+from collabslam.slam.relocalise import Relocaliser
 from collabslam.slam.state import PersistentState
 from collabslam.slam.submap_chain import Chain, Submap
 from collabslam.slam.submaps import Submaps
@@ -100,4 +101,5 @@ def as_map(submap: Submap) -> MapAside:
         np.arange(n),
         rays + centre,
         [[replace(patch, t_wc=submap.pose)] for patch in submap.patches],
+        {},
     )

@@ -38,10 +38,11 @@ from collabslam.slam.known_submaps import KnownSubmaps
 from collabslam.slam.late_views import KeptFrame, LateViews
 from collabslam.slam.looking import Look, Looking, WornPose
 from collabslam.slam.loop_search import Wanted
+from collabslam.slam.map_aside import MapAside
 from collabslam.slam.map_management import MapManager
 from collabslam.slam.printed_targets import PrintedTargets
 from collabslam.slam.recovery import Recovery
-from collabslam.slam.relocalise import MapAside, Relocaliser
+from collabslam.slam.relocalise import Relocaliser
 from collabslam.slam.results import Loop
 from collabslam.slam.saved_map import SavedMap
 from collabslam.slam.state import check_camera, persistent_parts
@@ -53,7 +54,7 @@ from collabslam.slam.tracks import Tracks
 from collabslam.slam.worn_frame import WornMatcher
 from collabslam.types import Board, Tag, Target, WornView
 
-KIND, VERSION = "engine state", 11
+KIND, VERSION = "engine state", 12
 """Of the file that `EngineParts.save` writes; the version counts the changes of what is in it."""
 CLASSES = (KeptFrame, Loop, MapAside, Patch, Submap, Target, Wanted, WornPose, WornView)
 """Dataclasses that are in it."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,7 +15,6 @@ from collabslam.frontend.search import FOUND
 from collabslam.geometry import pose_inverse, skew
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import PersistentState
-from collabslam.slam.target_fix import SeenTarget
 from collabslam.slam.tracks import Found
 from collabslam.slam.view import View
 from collabslam.targets.printed import Sighting, printed_corners, sighting
@@ -28,6 +27,24 @@ MOST = 100
 _LEAST_HELD = 3
 """Corners by which a target is still where it was; with fewer it is added anew."""
 _BOARD_EVERY = 10  # frames from one search for boards in the map to the next: each takes long
+
+
+@dataclass(frozen=True)
+class SeenTarget:
+    """A printed target in an image, and the landmarks that its corners are.
+
+    Attributes
+    ----------
+    target : Tag or Board
+    uv : (N, 2) float64
+        Pixels of its corners.
+    ids : (N,) int64
+        Features of the map in use, or places in another one; some may be gone.
+    """
+
+    target: Tag | Board
+    uv: Array
+    ids: Ids
 
 
 def known_points(seen: Sighting) -> tuple[Array, Array, Array]:
@@ -161,9 +178,16 @@ class PrintedTargets(PersistentState):
             self.add(_parse(name))
             self._features = {**self._features, name: np.where(places >= 0, ids[places], -1)}
 
+    def move(self, features: Mapping[str, Ids]) -> None:
+        """The camera is in another map, of which these features are the corners of targets, by name."""
+        self._features = dict(features)
+
     def in_map(self) -> list[SeenTarget]:
         """Those in this frame whose corners were features of the map, and which one is which can be told."""
-        known = self._features
+        return self.among(self._features)
+
+    def among(self, known: Mapping[str, Ids]) -> list[SeenTarget]:
+        """Those in this frame whose corners are among landmarks, and which one is which can be told."""
         return [
             SeenTarget(target, uv, known[str(target)])
             for target, uv in self._corners.items()

@@ -10,7 +10,7 @@ from collabslam.slam.overlaps import Overlaps
 from collabslam.slam.printed_targets import PrintedTargets
 from collabslam.slam.relocalise import Relocaliser
 from collabslam.slam.status import StatusMonitor
-from collabslam.slam.target_fix import find_by_targets
+from collabslam.slam.target_fix import find_by_targets, find_in_aside
 from collabslam.slam.tracks import Found
 from collabslam.slam.view import View
 from collabslam.slam.worn_frame import WornMatcher
@@ -53,25 +53,35 @@ class Recovery:
     def attempt(self, view: View, report: UpdateReport) -> Recovered | None:
         """After the update of a frame: puts the camera where images say it is; None if it stays where it was.
 
-        An accepted frame may show an earlier map.  One that failed may show a printed target that the map
-        holds; else it is compared with all maps.  A camera that was lost before is looked for in the submaps
-        that it started with, too, and if nothing of them is in sight, it may start anew.
+        An accepted frame may show an earlier map, by a printed target or by views.  One that failed may show
+        a target that a map holds; else it is compared with all maps.  A camera that was lost before is looked
+        for in the submaps that it started with, too, and if nothing of them is in sight, it may start anew.
         """
         if not view.started:
             return None
-        found = self._relocaliser.look_back(view) if report.accepted else self._missed(view)
+        found = self._by_targets(lost=not report.accepted)
+        if found is None:
+            found = self._relocaliser.look_back(view) if report.accepted else self._relocaliser.attempt(view)
+        in_submap = False
         if found is None and view.lost and not report.accepted:
             found = self._known.attempt(view)
-            if found is not None:
-                return found
-            found = self._restart(view)
+            in_submap = found is not None
+            found = found or self._restart(view)
         if found is not None and found.other_map is not None:
-            self._known.left()
+            self._printed.move(found.targets)
+            if not in_submap:
+                self._known.left()
         return found
 
-    def _missed(self, view: View) -> Recovered | None:
-        found = find_by_targets(self._filter, self._camera, self._printed.in_map())
-        return self._relocaliser.attempt(view) if found is None else found
+    def _by_targets(self, *, lost: bool) -> Recovered | None:
+        """Where printed targets put the camera: in its map, if it may be anywhere, or in another one."""
+        found = find_by_targets(self._filter, self._camera, self._printed.in_map()) if lost else None
+        for old in self._relocaliser.aside:
+            if found is not None:
+                break
+            seen = self._printed.among(old.targets)
+            found = find_in_aside(self._filter, self._camera, seen, self._relocaliser, old, lost=lost)
+        return found
 
     def _restart(self, view: View) -> Recovered | None:
         """A new map from Cf where prediction puts a lost camera, and its births; None if too few.
@@ -84,7 +94,7 @@ class Recovery:
             overlap = Overlaps((self._worn.match(view, placed, Found.nothing(), self._map.in_view),))
             if overlap.observation is None:
                 continue
-            old = self._relocaliser.map_in_use()
+            old = self._relocaliser.map_in_use(self._printed)
             report = self._filter.restart(overlap.observation)
             if report.accepted:
                 self._relocaliser.put_aside(old)

@@ -7,31 +7,22 @@ in frames that fail, and every now and then while the camera is in the new map.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
 from collabslam._core import Camera, Filter, Prediction, UpdateReport
-from collabslam.formats.schema import (
-    Check,
-    array,
-    covariance,
-    instance,
-    items,
-    number,
-    optional,
-    refuse,
-    table,
-    whole,
-)
+from collabslam.formats.schema import Check, items, number, optional, table, whole
 from collabslam.frontend.describe import Descriptors
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.patch import Patch, capture
 from collabslam.frontend.place_recognition import MIN_PATCHES, SUPPORT, Fix, describe_views, locate
 from collabslam.frontend.search import GATE
 from collabslam.settings.frontend import FrontendSettings, SearchSettings
+from collabslam.slam.map_aside import MapAside, check_aside
 from collabslam.slam.map_change import ImagePoints, Recovered
+from collabslam.slam.printed_targets import PrintedTargets
 from collabslam.slam.state import PATCH, SECONDS, PersistentState
 from collabslam.slam.tracks import Tracks
 from collabslam.slam.view import View
@@ -50,30 +41,6 @@ MAX_ASIDE = 4
 """Maps put aside, at most; beyond it the second oldest goes, as the first is the one best tied to W."""
 
 
-@dataclass(frozen=True)
-class MapAside:
-    """A map that the camera is not in.
-
-    Attributes
-    ----------
-    landmarks, covariance, place : ndarray
-        As `Filter.known_map` gives them.
-    use : (M,) int64
-        Landmarks that help to find the camera, by their place in the map.
-    points : (M, 3) float64
-        Where they are in W, metres.
-    views : list of N lists of Patch
-        Of each landmark, the first view first.
-    """
-
-    landmarks: Array
-    covariance: Array
-    place: Array
-    use: Ids
-    points: Array
-    views: list[list[Patch]]
-
-
 def searchable(expected: Prediction, settings: SearchSettings) -> Prediction:
     """What of `Filter.predict_pixels` can be searched whole: ellipses that fit into the largest window.
 
@@ -82,21 +49,6 @@ def searchable(expected: Prediction, settings: SearchSettings) -> Prediction:
     variance = np.diagonal(expected.s, axis1=1, axis2=2).max(axis=1, initial=0.0)
     fits = GATE**2 * variance <= settings.max_radius**2
     return expected.subset(fits)
-
-
-def _aside(value: Any, where: str) -> None:
-    """A `MapAside` whose parts fit together."""
-    instance(MapAside, landmarks=array("<f8", None, 6), place=covariance(6))(value, where)
-    count, used = len(value.landmarks), len(value.use) if isinstance(value.use, np.ndarray) else None
-    instance(
-        MapAside,
-        covariance=covariance(6 * count),
-        use=array("<i8", None),
-        points=array("<f8", used, 3),
-        views=items(items(PATCH), count),
-    )(value, where)
-    if ((value.use < 0) | (value.use >= count)).any() or not all(value.views):
-        refuse(where, "a map with a view of each landmark")
 
 
 class Relocaliser(PersistentState):
@@ -116,7 +68,7 @@ class Relocaliser(PersistentState):
         "_views": table(int, items(PATCH)),
         "_last": optional(number(-SECONDS, SECONDS)),
         "_attempts": whole(0),
-        "_aside": items(_aside),
+        "_aside": items(check_aside),
         "_looked_back": optional(number(-SECONDS, SECONDS)),
     }
 
@@ -161,8 +113,8 @@ class Relocaliser(PersistentState):
         if not gone.isdisjoint(self._views):
             self._views = {i: views for i, views in self._views.items() if i not in gone}
 
-    def map_in_use(self) -> MapAside:
-        """The map that the camera is in, to be put aside."""
+    def map_in_use(self, printed: PrintedTargets) -> MapAside:
+        """The map that the camera is in, with the printed targets in it, to be put aside."""
         known, landmarks = self._core.known_map(), self._core.landmarks()
         good = landmarks.rho_ratio < MAX_RHO_RATIO
         return MapAside(
@@ -172,14 +124,20 @@ class Relocaliser(PersistentState):
             np.flatnonzero(np.isin(known.ids, landmarks.ids[good])),
             landmarks.points[good],
             self.views(known.ids),
+            printed.in_list(known.ids),
         )
 
     def put_aside(self, old: MapAside) -> None:
         """The camera has left a map for a new one: the old one is kept, if it can be recognised at all."""
         self._views = {}
-        if len(old.use) >= MIN_PATCHES:
+        if len(old.use) >= MIN_PATCHES or old.targets:
             kept = [*self._aside, old]
             self._aside = kept if len(kept) <= MAX_ASIDE else [kept[0], *kept[2:]]
+
+    @property
+    def aside(self) -> list[MapAside]:
+        """Maps put aside, the one that is looked for next first."""
+        return self._aside
 
     def attempt(self, view: View) -> Recovered | None:
         """Looks for the camera in its map, in turn with those aside, and resets the filter to where it is.
@@ -224,27 +182,37 @@ class Relocaliser(PersistentState):
         fix = self._locate(view, old.points, [old.views[i] for i in old.use], rolls)
         if fix is None:
             return None
-        found = self.enter(old, fix)
-        if found is not None:
-            self._aside = [other for other in self._aside if other is not old]
-        return found
+        return self.enter(old, Fix(fix.pose, old.use[fix.landmarks], fix.uv))
 
-    def enter(self, old: MapAside, fix: Fix) -> Recovered | None:
+    def enter(self, old: MapAside, fix: Fix, least: int | None = None) -> Recovered | None:
         """Leaves the map in use for another one, in which an image shows the camera.
+
+        Parameters
+        ----------
+        old : MapAside
+        fix : Fix
+            Landmarks by their place in that map.
+        least : int, optional
+            How many of them are enough, as with `Filter.relocalise`: they say themselves which they are.
 
         Returns
         -------
         Recovered or None
             None, and the filter stays where it was, if it does not accept the fix.
         """
-        places = old.use[fix.landmarks]
-        there = self._core.relocalise_in(old.landmarks, old.covariance, old.place, fix.pose, places, fix.uv)
+        places = fix.landmarks
+        there = self._core.relocalise_in(
+            old.landmarks, old.covariance, old.place, fix.pose, places, fix.uv, least=least
+        )
         ids, report = there.ids, there.report
         if not report.accepted:
             return None
+        self._aside = [other for other in self._aside if other is not old]
         self._views = dict(zip(ids.tolist(), [views[1:] for views in old.views], strict=True))
         first = dict(zip(ids.tolist(), [views[0] for views in old.views], strict=True))
-        return self._recovered(ids[places], fix, report, first)
+        found = self._recovered(ids[places], fix, report, first)
+        corners = {name: np.where(k >= 0, ids[k], -1) for name, k in old.targets.items()}
+        return replace(found, targets=corners, identified=least is not None)
 
     def _locate(
         self, view: View, points: Array, by_landmark: list[list[Patch]], rolls: tuple[float, ...]

@@ -74,7 +74,7 @@ impl Filter {
 
     /// Puts a lost camera into another map, where its matches with that say, and forgets the map that it is in.
     ///
-    /// `matches` are landmarks by their place in `map`, with their pixels in Cs; `pose` and the rest is as with
+    /// `matches` are landmarks by their place in `map`, with their pixels in Cs; `pose`, `least` and the rest is as with
     /// [`Self::relocalise`]. Returns the report and the new ids of the map's landmarks, in its order; they are none where
     /// the pose was not taken, and the filter is as it was then.
     ///
@@ -85,6 +85,7 @@ impl Filter {
         map: &KnownMap,
         pose: &Pose,
         matches: &[(usize, Vector2<f64>)],
+        least: Option<usize>,
     ) -> Result<(UpdateReport, Vec<u64>), EkfError> {
         self.check_started()?;
         check_rigid("pose", pose)?;
@@ -107,7 +108,7 @@ impl Filter {
             id.map(|&id| Bearing { id, uv })
         };
         let bearings: Vec<Bearing> = matches.iter().map(bearing).collect::<Result<_, _>>()?;
-        let report = trial.relocalise(pose, &bearings, None)?;
+        let report = trial.relocalise(pose, &bearings, least)?;
         if !report.accepted {
             return Ok((report, Vec::new()));
         }

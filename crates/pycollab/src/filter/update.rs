@@ -174,6 +174,8 @@ impl PyFilter {
     ///     T_WC that explains the matches, as PnP gives it, metres.
     /// index, uv : (N,) int64, (N, 2) float64
     ///     Landmarks by their place in the map, and their pixels in Cs.
+    /// least : int, optional
+    ///     As with `relocalise`.
     ///
     /// Returns
     /// -------
@@ -182,9 +184,10 @@ impl PyFilter {
     /// Raises
     /// ------
     /// InputError
-    ///     For wrong shapes, NaN, a covariance that is none, an impossible pose, or before the start; the
-    ///     filter stays as it was.
-    #[expect(clippy::too_many_arguments, reason = "six names in Python")]
+    ///     For wrong shapes, NaN, a covariance that is none, an impossible pose, a ``least`` below 4, or
+    ///     before the start; the filter stays as it was.
+    #[expect(clippy::too_many_arguments, reason = "seven names in Python")]
+    #[pyo3(signature = (landmarks, covariance, place, pose, index, uv, *, least = None))]
     fn relocalise_in(
         &self,
         py: Python<'_>,
@@ -194,6 +197,7 @@ impl PyFilter {
         pose: Argument<'_>,
         index: Argument<'_>,
         uv: Argument<'_>,
+        least: Option<usize>,
     ) -> PyResult<PyMapRelocalisation> {
         let map = KnownMap {
             landmarks: rows::<6>("landmarks", &landmarks)?,
@@ -205,7 +209,7 @@ impl PyFilter {
         same_length("uv", index.len(), uv.len())?;
         let places = index.into_iter().map(|place| place as usize);
         let matches: Vec<_> = places.zip(uv).collect();
-        let (report, ids) = self.write(py, |f| f.relocalise_in(&map, &pose, &matches))?;
+        let (report, ids) = self.write(py, |f| f.relocalise_in(&map, &pose, &matches, least))?;
         PyMapRelocalisation::new(py, report, to_ids(py, ids.into_iter().map(Some)))
     }
 }
