@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from posted import paint
+from test_bags import Maker
 
 from collabslam import Board, Camera, DataError, open_recording
 from collabslam.checks.calibrate_camera import calibrate_camera
@@ -82,6 +83,27 @@ def test_init_calibrates_a_folder_and_a_video(
         )
     assert cli.main(["init", str(folder), "--out", str(tmp_path / "c"), "--board", "9x6:0.03"]) == 2
     assert "Only 0 of 14" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap"])
+def test_init_calibrates_and_guesses_from_a_bag_without_camera_info(
+    pictures: list[np.ndarray], kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    maker = Maker(tmp_path / "film", kind)
+    with maker.writer:
+        for k, image in enumerate(pictures):
+            maker.image("/phone/image", 1_700_000_000_000_000_000 + k * 200_000_000, image)
+    with pytest.raises(DataError, match="collabslam init"):
+        open_recording(maker.path, topics={"cs": "/phone/image"})
+    words = ["init", str(maker.path)]
+    assert cli.main([*words, "--phone", "--out", str(tmp_path / "guess")]) == 0
+    assert "10 % off" in capsys.readouterr().out
+    assert load_camera(tmp_path / "guess" / "camera.yaml").intrinsics[0] == pytest.approx(0.76 * 480)
+    assert cli.main([*words, "--board", "7x5:0.03", "--out", str(tmp_path / "board")]) == 0
+    assert "views of the board fitted" in capsys.readouterr().out
+    found = load_camera(tmp_path / "board" / "camera.yaml")
+    assert found.intrinsics[0] == pytest.approx(402.0, rel=0.01)
+    assert len(open_recording(maker.path, camera=tmp_path / "board" / "camera.yaml")) == len(pictures)
 
 
 def _times(folder: Path) -> Path:

@@ -178,7 +178,10 @@ fn back_in_the_old_map_nothing_of_the_new_ones_uncertainty_is_left() {
         .map(|(k, uv)| ((k + 3) % old_ids.len(), *uv))
         .collect();
     let before = warm.filter.snapshot();
-    let (report, none) = warm.filter.relocalise_in(&old, &near, &wrong, None).unwrap();
+    let (report, none) = warm
+        .filter
+        .relocalise_in(&old, &near, &wrong, None)
+        .unwrap();
     assert!(!report.accepted && none.is_empty());
     assert!(warm.filter.snapshot() == before);
     let four = &matches[..4];
@@ -187,7 +190,10 @@ fn back_in_the_old_map_nothing_of_the_new_ones_uncertainty_is_left() {
     let mut by_four = warm.filter.clone();
     let (enough, _) = by_four.relocalise_in(&old, &near, four, Some(4)).unwrap();
     assert!(enough.accepted);
-    let (report, ids) = warm.filter.relocalise_in(&old, &near, &matches, None).unwrap();
+    let (report, ids) = warm
+        .filter
+        .relocalise_in(&old, &near, &matches, None)
+        .unwrap();
     assert!(report.accepted);
     assert!(ids.len() == old_ids.len());
     assert!(ids.iter().all(|id| new_ids.iter().all(|new| id > new)));
@@ -198,7 +204,11 @@ fn back_in_the_old_map_nothing_of_the_new_ones_uncertainty_is_left() {
     assert!(squared(&e, &covariance) < 22.5, "{e}"); // 99.9 % of six numbers
     warm.filter.check().unwrap();
     let outside = vec![(old_ids.len(), Vector2::new(10.0, 10.0))];
-    assert!(warm.filter.relocalise_in(&old, &near, &outside, None).is_err());
+    assert!(
+        warm.filter
+            .relocalise_in(&old, &near, &outside, None)
+            .is_err()
+    );
 }
 
 #[test]

@@ -11,7 +11,7 @@ from collabslam.datasets.images import decode_grey, list_images
 from collabslam.datasets.opening import is_known, open_recording
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.readers import folder, video
-from collabslam.datasets.ros.bag import Bag, BagImages, is_bag
+from collabslam.datasets.ros.bag import CAMERA_TYPE, Bag, BagImages, is_bag
 from collabslam.datasets.ros.reader import only_images
 from collabslam.types import Image
 
@@ -69,11 +69,13 @@ def open_pictures(source: Path, given: Given, *, only_uncalibrated: bool = False
     if images is not None and not is_known(source):
         paths = list_images(images)
         return Pictures(source, len(paths), lambda i: decode_grey(paths[i]), paths[0])
-    if only_uncalibrated:
-        return None
     if is_bag(source):
         bag = Bag(source)
+        if only_uncalibrated and bag.of_type(CAMERA_TYPE):
+            return None
         stream = BagImages(bag, given.topics.get("cs") or only_images(bag))
         return Pictures(source, len(stream.stamps), stream.read)
+    if only_uncalibrated:
+        return None
     recording = open_recording(source, **vars(given))
     return Pictures(source, len(recording), recording.image)

@@ -22,8 +22,9 @@ from collabslam_lab.worlds import world_recording
 
 Row = dict[str, Any]
 
-MOUNT = (0.0, 0.0, 0.95)
-"""Where Cs sits on the robot, metres: above the axle, as the rendered robots drive where Cs looks."""
+MOUNT = (0.0, 0.0, 0.0)
+"""Where Cs sits on the robot, metres: wheels tell the motion at the camera's own height, as what shakes the
+rendered cameras turns them about themselves, and no lever moves them by it."""
 RATE = 50.0
 """Samples of odometry per second."""
 SD_V, SD_W = 0.02, 0.02
