@@ -180,7 +180,7 @@ def _camera(bag: Bag, images: str, info: str | None) -> Camera:
     beside = [name for name in found if name.rsplit("/", 1)[0] == above] or found
     if info is None and len(beside) != 1:
         raise DataError(
-            f"The bag {bag.path} has {len(found)} CameraInfo topics for {images}; give --camera FILE (made by "
+            f"The bag {bag.path} has {len(found)} CameraInfo topics for {images}; give --camera FILE (from "
             "collabslam init BAG --board), or say which with --topics cs_info=TOPIC (cf_info for the worn "
             f"camera): {', '.join(found) or 'none'}."
         )
