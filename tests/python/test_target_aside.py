@@ -96,12 +96,5 @@ def test_well_in_another_map_the_tag_leads_back_unless_it_was_moved(
     assert walk.distance(result, i) < 0.3
     for later in range(i + 1, i + 4):
         result = walk.step(walk.tagged.image(later))
-        print(
-            later,
-            result.status,
-            walk.distance(result, later),
-            result.diagnostics["accepted"],
-            result.diagnostics["relocalised"],
-        )
         assert result.valid
     assert walk.distance(result, later) < 0.1
