@@ -102,3 +102,20 @@ def test_candidates_are_born_vague_where_the_view_runs_out_of_features(clip: Cli
     assert sum(s.diagnostics["births_undelayed"] for s in starved[1:]) > 5
     assert starved[-1].diagnostics["map_size"] > starved[0].diagnostics["map_size"]
     assert all(s.diagnostics["births_undelayed"] == 0 for s in _starved(clip, 0.0))
+
+
+@pytest.mark.parametrize("start", ["scale-free", "worn"])
+def test_one_camera_alone_takes_vague_births_in_an_arbitrary_unit_and_to_stay(clip: Clip, start: str) -> None:
+    settings = Settings.default().replace({"filter.lost.min_matches": 20, "filter.birth.min_parallax": 60.0})
+    cameras = clip.recording.camera, clip.recording.worn_camera
+    slam = Slam(*cameras, settings=settings, mode="mono", start=start)
+    steps = [slam.step(f.t, f.image, f.worn if start == "worn" else None) for f in clip.frames]
+    vague = [s.diagnostics["births_undelayed"] for s in steps if s.started]
+    if start == "worn":
+        assert vague, "it has started"
+        assert sum(vague) == 0
+        return
+    assert sum(vague[1:]) > 0
+    for s in steps[1:]:
+        room = max(0, min(2 * 20, 24) - s.diagnostics["accepted"])
+        assert s.diagnostics["births_undelayed"] <= room or not s.started

@@ -197,7 +197,8 @@ settings! {
         /// Standard deviation of the inverse depth of an undelayed birth.
         undelayed_rho_sd: f64 = 0.5, "1/m", Some(1e-3), Some(1e3), Lab;
         /// Where fewer features than this share of `map.in_view` are tracked, as in a turn, waiting candidates are born with a
-        /// vague inverse depth from their first view. 0 for never; never in mono either, whose scale would come from that prior.
+        /// vague inverse depth from their first view. 0 for never. In mono never in metres, as the scale would come from that prior,
+        /// and in an arbitrary unit only below twice `lost.min_matches`.
         vague_below: f64 = 0.6, "", Some(0.0), Some(1.0), Lab;
     }
     /// The worn camera Cf and the error of its pose (METHOD 6).

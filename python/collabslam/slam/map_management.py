@@ -45,6 +45,8 @@ class MapManager:
         Begins with points of unknown depth, in an arbitrary unit.
     wheels : bool
         Whether it begins with points of unknown depth as soon as odometry tells how the camera moves.
+    metric : bool
+        Whether the map is in metres.
     """
 
     def __init__(
@@ -56,6 +58,7 @@ class MapManager:
         target: TargetStart | None,
         free: FreeStart | None,
         wheels: bool,
+        metric: bool,
     ) -> None:
         self._filter, self._target, self._free, self._wheels = core, target, free, wheels
         self._printed = printed
@@ -63,9 +66,12 @@ class MapManager:
         self._reserve = round(self.in_view * float(settings.switch("filter.map.reserve")))
         mode = str(settings["filter.estimator.mode"])
         self._undelayed = mode == "mono-undelayed"
-        # Features of unknown depth say little about the scale, and without Cf nothing else would.
-        share = 0.0 if mode.startswith("mono") else float(settings.switch("filter.birth.vague_below"))
-        self._vague_below = round(self.in_view * share)
+        self._vague_below = round(self.in_view * float(settings.switch("filter.birth.vague_below")))
+        if mode.startswith("mono"):
+            # Features of unknown depth say little about the scale, and without Cf nothing else would: metres
+            # would be their guess.  An arbitrary unit drifts, which is less than not to know where one is.
+            least = 2 * int(settings["filter.lost.min_matches"])
+            self._vague_below = 0 if metric else min(least, self._vague_below)
 
     def missing(self, found: Found) -> int:
         """How many features the view lacks."""

@@ -127,6 +127,7 @@ class EngineParts:
             target=self._target_start,
             free=self._free_start,
             wheels=start == "odometry",
+            metric=metric,
         )
         self._doubts = Doubts(settings.section("filter"))
         self._monitor = StatusMonitor(settings.section("filter"), lost=start == "map")
