@@ -1342,8 +1342,9 @@ class CandidateReport:
     ----------
     born : (N,) int64
         Feature id of those that became features, -1 elsewhere.
-    dropped : (N,) bool
-        Those that were given up as they do not move as points at rest; the others wait on.
+    strayed : (N,) float64
+        Of those that were given up as they are where no point at rest would be: by how many times as much
+        as noise and the poses allow; 0 elsewhere.
     held : (N,) bool
         Those that wait where they were first seen, though a far point there would have moved.
     fixed : (N,) bool
@@ -1353,7 +1354,7 @@ class CandidateReport:
     @property
     def born(self) -> _Ids: ...
     @property
-    def dropped(self) -> _Mask: ...
+    def strayed(self) -> _Array: ...
     @property
     def held(self) -> _Mask: ...
     @property

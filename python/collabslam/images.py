@@ -58,15 +58,20 @@ def to_grey(image: Any, bits: int | None = None, *, order: str = "rgb") -> Image
     return np.asarray(cv2.cvtColor(grey, code), dtype=np.uint8)
 
 
+def _is_deep(image: Any) -> bool:
+    """Whether an array is of uint16, in either order of bytes."""
+    return bool(image.dtype.kind == "u" and image.dtype.itemsize == 2)
+
+
 def _in_8_bits(image: Any, bits: int | None) -> Image:
     """Each value of an array in 0..255."""
-    if image.dtype == np.uint16:
+    if _is_deep(image):
         if bits is None:
             raise InputError(
                 "A uint16 image may use 10, 12, 14 or 16 bits; say how many, as in to_grey(image, bits=12)."
             )
-        if not 8 <= bits <= 16:
-            raise InputError(f"A uint16 image uses 8 to 16 bits, not {bits}; see the camera's manual.")
+        if not (isinstance(bits, int | np.integer) and 8 <= bits <= 16):
+            raise InputError(f"A uint16 image uses 8 to 16 bits, not {bits!r}; see the camera's manual.")
         if int(image.max()) >= 1 << bits:
             raise InputError(
                 f"The image has values up to {image.max()}, more than {bits} bits; give more bits."
@@ -110,7 +115,7 @@ def check_grey(image: Any, camera: Camera, name: str) -> Image:
     if not isinstance(image, np.ndarray):
         raise InputError(f"The {name} is a {type(image).__name__}; give a (H, W) uint8 array, a grey image.")
     if image.ndim != 2 or image.dtype != np.uint8:
-        deep = image.dtype == np.uint16
+        deep = _is_deep(image)
         raise InputError(
             f"The {name} is {image.shape} {image.dtype}, not a (H, W) uint8 grey image; convert it"
             f"{' (with the bits that the camera uses)' if deep else ''}: "

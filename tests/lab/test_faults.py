@@ -22,7 +22,7 @@ from collabslam_lab.reliability.attacks.streams import STREAMS
 from collabslam_lab.reliability.faults import FAULTS, FaultyRecording, inject
 from collabslam_lab.reliability.table import FaultRow, faults_markdown, measure_faults
 
-PATCHES = {name: make for name, _, make in STREAMS if name in ("patch-moving", "hood")}
+PATCHES = {name: make for name, _, make in STREAMS if name in ("patch-moving", "patch-slow", "hood")}
 BY_NAME = {fault.name: fault for fault in FAULTS}
 
 
@@ -67,9 +67,10 @@ def _with_patch(walk: Recording, name: str) -> Recording:
     return PATCHES[name](walk, np.random.default_rng(0))
 
 
-def test_a_run_beside_a_moving_patch_is_doubted(walk: Recording) -> None:
-    """Over 30 % of the image, 5 px a frame: its points are taken for a scene that stands still."""
-    summary = run(_with_patch(walk, "patch-moving")).summary
+@pytest.mark.parametrize("name", ["patch-moving", "patch-slow"])
+def test_a_run_beside_a_moving_patch_is_doubted(walk: Recording, name: str) -> None:
+    """Over 30 % of the image, 5 or 2 px a frame: its points are taken for a scene that stands still."""
+    summary = run(_with_patch(walk, name)).summary
     assert summary["frames_doubtful"] > 0.3 * len(walk)
     assert set(summary["doubts"]) == {"moving"}
     assert summary["ok_but_wrong_share"] <= 0.02

@@ -50,9 +50,9 @@ def seen(*against: float) -> Overlaps:
     return Overlaps(tuple(o if o.refused else replace(o, worn=VIEW) for o in each))
 
 
-def born(strayed: int = 0) -> MapChange:
-    """Five candidates became features, others strayed."""
-    return MapChange(delayed={k: k for k in range(5)}, strayed=strayed)
+def born(strayed: int = 0, by: float = 1.0) -> MapChange:
+    """Five candidates became features, others strayed by so many times what is allowed."""
+    return MapChange(delayed={k: k for k in range(5)}, strayed=np.full(strayed, by))
 
 
 def verdict(frame: Callable[[int], tuple[Any, Overlaps, MapChange]]) -> str:
@@ -105,6 +105,17 @@ def test_what_one_view_refuses_has_one_cause() -> None:
     assert said([3, 2] * 15)[-1] == "cf_matches"
     judge = doubts()
     assert {judge.judge(report(refused=r), FOUND, Overlaps(), born()) for r in some} == {NOTHING}
+
+
+def test_who_strays_far_at_once_says_less_than_who_strays_slowly() -> None:
+    """Somebody who walks by leaves no landmarks; what moves slowly does, where it moves as a point at rest would."""
+    said = {}
+    for by in (1.1, 12.0):
+        judge = doubts()
+        for _ in range(60):
+            judge.judge(report(), FOUND, Overlaps(), born())
+        said[by] = [judge.judge(report(), FOUND, Overlaps(), born(strayed=4, by=by)) for _ in range(12)][-1]
+    assert said == {1.1: "moving", 12.0: NOTHING}
 
 
 def test_what_cf_showed_is_forgotten_where_it_shows_nothing_any_more() -> None:

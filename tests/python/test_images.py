@@ -30,6 +30,7 @@ def test_what_is_grey_stays_as_it_is(grey: Image) -> None:
 def test_16_bits_keep_their_brightness(grey: Image, bits: int) -> None:
     deep = (grey * (((1 << bits) - 1) / 255.0)).round().astype(np.uint16)
     np.testing.assert_array_equal(to_grey(deep, bits=bits), grey)
+    np.testing.assert_array_equal(to_grey(deep.astype(">u2"), bits=bits), grey)  # as PNM files have it
     dark = deep // 4  # no image is stretched to its own range
     assert to_grey(dark, bits=bits).max() <= 64
 
@@ -53,7 +54,9 @@ def test_colours_are_weighted_as_opencv_does(channels: int) -> None:
     ("image", "options", "words"),
     [
         (np.zeros((4, 5), np.uint16), {}, "bits=12"),
+        (np.zeros((4, 5), ">u2"), {}, "bits=12"),
         (np.zeros((4, 5), np.uint16), {"bits": 20}, "8 to 16"),
+        (np.zeros((4, 5), np.uint16), {"bits": "12"}, "8 to 16"),
         (np.full((4, 5), 5000, np.uint16), {"bits": 12}, "more than 12 bits"),
         (np.zeros((4, 5), np.uint8), {"bits": 12}, "leave bits out"),
         (np.full((4, 5), 255.0), {}, "from 0 to 1"),

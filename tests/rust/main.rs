@@ -4,6 +4,7 @@
 #![allow(clippy::print_stdout, reason = "a test may show its figures")]
 #![allow(clippy::needless_range_loop, reason = "indices stand for units")]
 
+mod at_rest;
 mod births;
 mod cameras;
 mod conditional_prediction;

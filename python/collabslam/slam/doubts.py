@@ -37,7 +37,7 @@ _LEVEL = 0.9999
 """Level of each test."""
 _NO_VIEWS: dict[str, Any] = {"against": np.empty(0), "matches": np.empty((0, 2)), "without": 0}
 _STRAYS = 0.01
-"""Share of new points that may stray from their lines in a scene that stands still, by a wrong match."""
+"""Share of new points that may stray in a scene that stands still, by a wrong match."""
 
 
 class Doubts(PersistentState):
@@ -109,8 +109,10 @@ class Doubts(PersistentState):
         refused = bearings.rejected_gate + bearings.rejected_batch + bearings.rejected_conditional
         self._matches = _last(self._matches, [refused, found], _LAST)
         self._noise = _last(self._noise, [report.nis, report.dof], _LAST)
-        strayed = change.strayed
-        self._births = _last(self._births, [strayed, len(change.delayed) + strayed], _LAST_BIRTHS)
+        # One that strays by x times what is allowed would have passed in one direction of x.
+        passed = float((1.0 / change.strayed).sum())
+        ended = len(change.delayed) + len(change.strayed)
+        self._births = _last(self._births, [passed, ended], _LAST_BIRTHS)
 
     def _take_worn(self, overlaps: list[tuple[Overlap, Outcomes | None]]) -> None:
         looked = {seen.number: (seen, outcomes) for seen, outcomes in overlaps if seen.points}

@@ -21,11 +21,11 @@ from collabslam.types import Array, Ids
 
 @dataclass(frozen=True)
 class _Observed:
-    """What became of candidates: the feature of each that became one, how many strayed, ids of those that are
-    held in their places (`CandidateReport`), and pixels of those that are fixed to the camera."""
+    """What became of candidates: the feature of each that became one, how far each strayed that did, ids of those
+    that are held in their places (`CandidateReport`), and pixels of those that are fixed to the camera."""
 
     delayed: dict[int, int]
-    strayed: int
+    strayed: Array
     held: Ids
     fixed: Array
 
@@ -145,9 +145,8 @@ class MapManager:
         rest = ~np.isin(found.candidates, used)
         ids, uv = found.candidates[rest], found.candidate_uv[rest]
         report = self._filter.observe_candidates(ids, uv)
-        return _Observed(
-            _by_candidate(ids, report.born), int(report.dropped.sum()), ids[report.held], uv[report.fixed]
-        )
+        strayed = report.strayed[report.strayed > 0.0]
+        return _Observed(_by_candidate(ids, report.born), strayed, ids[report.held], uv[report.fixed])
 
     def _promote_oldest(self, found: Found, held: Ids, count: int) -> dict[int, int]:
         """Where the view runs out of features, candidates that waited longest wait no longer.

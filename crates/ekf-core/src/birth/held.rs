@@ -1,9 +1,10 @@
 //! Candidates that the image holds where they were first seen (METHOD 5): far points of a camera that does not turn, points that
 //! a step to the side happens to hold there while it turns, or what is fixed to the camera.
 
+use super::at_rest::from_arc;
 use crate::camera::Camera;
 use crate::math::pose::Pose;
-use nalgebra::{Unit, Vector2, Vector3};
+use nalgebra::{Unit, Vector2};
 
 /// Why a point that the image holds in its place is no birth, though a far point there would have moved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,8 +17,7 @@ pub enum Held {
 
 /// Whether the image holds a point that it should not.
 ///
-/// A point at rest that was first seen along `b` is now seen on the arc from `b`, where a far one is, to the direction of the
-/// first view, where a near one is. `uv` and `first_uv` are pixels of now and of the first view, `first_in_c` maps points of
+/// `uv` and `first_uv` are pixels of now and of the first view, `first_in_c` maps points of
 /// the first view into C, `sigma` is a pixel's sd, and `gate` the angle, rad, beyond which nothing counts as noise. `None` if the
 /// point moves, a far one would not have moved either, or a pixel has no ray.
 pub fn held(
@@ -40,15 +40,4 @@ pub fn held(
         Some(near) if from_arc(&ray, &far, &near) > gate => Some(Held::ByTheCamera),
         _ => Some(Held::Perhaps),
     }
-}
-
-/// Distance of a direction from the arc between two others, unit vectors all, as a chord.
-fn from_arc(ray: &Vector3<f64>, far: &Vector3<f64>, near: &Vector3<f64>) -> f64 {
-    let Some(along) = Unit::try_new(near - far * far.dot(near), 1e-9) else {
-        return (ray - far).norm();
-    };
-    let (x, y) = (ray.dot(far), ray.dot(&along));
-    let end = near.dot(&along).atan2(near.dot(far));
-    let at = y.atan2(x).clamp(0.0, end);
-    (ray - far * at.cos() - along.into_inner() * at.sin()).norm()
 }

@@ -3,6 +3,7 @@
 use super::candidate::{Candidate, CandidateOutcome, FirstView};
 use super::ekf::Filter;
 use super::shutter::Unrolled;
+use crate::birth::at_rest::Leaving;
 use crate::birth::held::{Held, held};
 use crate::birth::new_feature::{FirstPoseCovariance, NewFeature};
 use crate::birth::two_view::TwoView;
@@ -172,8 +173,9 @@ impl Filter {
             translation: r_cw * (first.r - now.r),
         };
         let sigma = self.settings.pixel.sigma_cs;
-        // Four sigma of two pixels, and as much again for the poses.
-        let gate = 8.0 * std::f64::consts::SQRT_2 * sigma / self.camera.fx;
+        // Four sigma of two pixels, and as much again, at least, for the poses.
+        let pixels = 4.0 * std::f64::consts::SQRT_2 * sigma / self.camera.fx;
+        let gate = 2.0 * pixels;
         let has_baseline = (first.r - now.r).norm() >= birth.min_baseline;
         match held(&self.camera, uv, &candidate.uv, &first_in_c, sigma, gate) {
             Some(Held::ByTheCamera) if has_baseline => return CandidateOutcome::Fixed,
@@ -183,28 +185,28 @@ impl Filter {
         }
         let camera = &self.camera;
         let intersect = |uv, first_uv| TwoView::new(camera, uv, camera, first_uv, &first_in_c);
-        // How far it is says how much the shutter has moved it.
-        let Some(raw) = intersect(uv, &candidate.uv) else {
-            return CandidateOutcome::Waiting;
-        };
+        // How far it is says how much the shutter has moved it; rays that do not meet are those of a far point, if any.
+        let rho = intersect(uv, &candidate.uv).map_or(0.0, |raw| raw.rho);
         let Unrolled {
             uv,
             by_motion,
             noise,
-        } = self.unrolled(uv, raw.rho);
-        let (first_uv, first_by_motion) = self.first_pixel(candidate, raw.rho);
+        } = self.unrolled(uv, rho);
+        let (first_uv, first_by_motion) = self.first_pixel(candidate, rho);
+        let Some((ray, first_ray)) = camera.unproject(&uv).zip(camera.unproject(&first_uv)) else {
+            return CandidateOutcome::Waiting;
+        };
+        // What moves by itself may have no parallax, or a negative one, for as long as it likes.
+        let leaving = Leaving::new(&ray, &first_ray, &now, &first);
+        let allowed = pixels + pixels.max(4.0 * self.sd_by_poses(&leaving, &covariance));
+        if leaving.angle > allowed {
+            return CandidateOutcome::Strayed(leaving.angle / allowed);
+        }
         let Some(view) = intersect(&uv, &first_uv) else {
             return CandidateOutcome::Waiting;
         };
         if view.parallax < birth.min_parallax.to_radians() {
             return CandidateOutcome::Waiting;
-        }
-        let normal = first_in_c
-            .translation
-            .cross(&(view.rotation * view.other_ray));
-        let off_plane = view.ray.dot(&normal.normalize()).abs();
-        if off_plane > gate {
-            return CandidateOutcome::Dropped;
         }
         if view.rho_variance_from_pixels(sigma, sigma).sqrt() > birth.max_rho_ratio * view.rho {
             return CandidateOutcome::Waiting;
@@ -218,6 +220,19 @@ impl Filter {
         match self.append_feature(&new) {
             Some(block) => CandidateOutcome::Born(block.id),
             None => CandidateOutcome::Dropped,
+        }
+    }
+
+    /// Standard deviation, rad, of where a point at rest can be seen, by the poses of now and of its first view.
+    fn sd_by_poses(&self, leaving: &Leaving, first: &FirstPoseCovariance<'_>) -> f64 {
+        let p = &self.state.p;
+        match *first {
+            FirstPoseCovariance::InState(at) => {
+                leaving.sd(&p.block(0, 0), &p.block(0, at), &p.block(at, at))
+            }
+            FirstPoseCovariance::Independent(own) => {
+                leaving.sd(&p.block(0, 0), &SMatrix::zeros(), own)
+            }
         }
     }
 

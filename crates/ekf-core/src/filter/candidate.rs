@@ -131,7 +131,10 @@ pub enum CandidateOutcome {
     Waiting,
     /// It waits, where it was first seen: a far point there would have moved, one at some distance not.
     Held,
-    /// The two rays do not meet: it was dropped.
+    /// No point at rest would be there, at whatever distance: it was dropped. By how many times as much as noise and the poses
+    /// allow.
+    Strayed(f64),
+    /// Its first pose is gone, or it gives no feature: it was dropped.
     Dropped,
     /// It is where it was first seen, and no point at rest would be there: it is fixed to the camera, and was dropped.
     Fixed,

@@ -15,8 +15,9 @@ use pyo3::prelude::*;
 /// ----------
 /// born : (N,) int64
 ///     Feature id of those that became features, -1 elsewhere.
-/// dropped : (N,) bool
-///     Those that were given up as they do not move as points at rest; the others wait on.
+/// strayed : (N,) float64
+///     Of those that were given up as they are where no point at rest would be: by how many times as much
+///     as noise and the poses allow; 0 elsewhere.
 /// held : (N,) bool
 ///     Those that wait where they were first seen, though a far point there would have moved.
 /// fixed : (N,) bool
@@ -24,7 +25,7 @@ use pyo3::prelude::*;
 #[pyclass(module = "collabslam._core", frozen, get_all)]
 pub(crate) struct CandidateReport {
     born: Column<i64>,
-    dropped: Column<bool>,
+    strayed: Column<f64>,
     held: Column<bool>,
     fixed: Column<bool>,
 }
@@ -106,10 +107,14 @@ impl PyFilter {
             CandidateOutcome::Born(id) => Some(*id),
             _ => None,
         };
+        let strayed = |o: &CandidateOutcome| match o {
+            CandidateOutcome::Strayed(by) => *by,
+            _ => 0.0,
+        };
         let which = |outcome| column(py, outcomes.iter().map(|o| *o == outcome));
         Ok(CandidateReport {
             born: to_ids(py, outcomes.iter().map(born)),
-            dropped: which(CandidateOutcome::Dropped),
+            strayed: column(py, outcomes.iter().map(strayed)),
             held: which(CandidateOutcome::Held),
             fixed: which(CandidateOutcome::Fixed),
         })
