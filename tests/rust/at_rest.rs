@@ -89,12 +89,18 @@ fn the_poses_share_in_it_as_their_covariance_says() {
                 _ => leaving.sd(&none, &none, &own),
             };
             let wanted = numerical[i].abs();
-            assert!((sd - wanted).abs() < 2e-3 * (1.0 + wanted), "{k} {i}: {sd} {wanted}");
+            assert!(
+                (sd - wanted).abs() < 2e-3 * (1.0 + wanted),
+                "{k} {i}: {sd} {wanted}"
+            );
         }
         // Two poses that are wrong together count less, or more, than apart.
         let both = Covariance::identity();
         let wanted = (numerical.fixed_rows::<7>(0) + numerical.fixed_rows::<7>(7)).norm();
         let sd = leaving.sd(&both, &both, &both);
-        assert!((sd - wanted).abs() < 2e-3 * (1.0 + wanted), "{k}: {sd} {wanted}");
+        assert!(
+            (sd - wanted).abs() < 2e-3 * (1.0 + wanted),
+            "{k}: {sd} {wanted}"
+        );
     }
 }

@@ -109,8 +109,8 @@ class Doubts(PersistentState):
         refused = bearings.rejected_gate + bearings.rejected_batch + bearings.rejected_conditional
         self._matches = _last(self._matches, [refused, found], _LAST)
         self._noise = _last(self._noise, [report.nis, report.dof], _LAST)
-        # One that strays by x times what is allowed would have passed in one direction of x.
-        passed = float((1.0 / change.strayed).sum())
+        # What strays by x times what is allowed passes in one direction of x; a landmark has passed twice.
+        passed = float((change.strayed**-2.0).sum())
         ended = len(change.delayed) + len(change.strayed)
         self._births = _last(self._births, [passed, ended], _LAST_BIRTHS)
 

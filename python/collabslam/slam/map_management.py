@@ -21,8 +21,8 @@ from collabslam.types import Array, Ids
 
 @dataclass(frozen=True)
 class _Observed:
-    """What became of candidates: the feature of each that became one, how far each strayed that did, ids of those
-    that are held in their places (`CandidateReport`), and pixels of those that are fixed to the camera."""
+    """What became of candidates: the feature of each that became one, how far each strayed that did, ids of
+    those held in their places (`CandidateReport`), and pixels of those that are fixed to the camera."""
 
     delayed: dict[int, int]
     strayed: Array

@@ -57,9 +57,9 @@ impl Leaving {
             .fixed_columns_mut::<4>(3)
             .copy_from(&(turn * quat::tangent(&now.q)));
         by_first.fixed_columns_mut::<3>(0).copy_from(&(by_t * r_cw));
-        by_first.fixed_columns_mut::<4>(3).copy_from(
-            &(-by_far * rotation * quat::skew(first_ray) * quat::tangent(&first.q)),
-        );
+        by_first
+            .fixed_columns_mut::<4>(3)
+            .copy_from(&(-by_far * rotation * quat::skew(first_ray) * quat::tangent(&first.q)));
         Self {
             angle: off.norm(),
             by_now,
