@@ -229,6 +229,16 @@ def test_closed_pipes_are_quiet(words: list[str]) -> None:
         assert "Broken" not in f"{done.stdout}{done.stderr}"
 
 
+@pytest.mark.skipif(os.name != "posix", reason="needs a shell that closes descriptors")
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+def test_streams_that_were_closed_before_are_quiet(closed: str) -> None:
+    shell = ["sh", "-c", f'exec "$@" {closed}', "sh"]
+    for words, expected in ((["settings", "show"], 0), (["settings", "check", "/nowhere"], 2)):
+        done = subprocess.run([*shell, *PROGRAM, *words], capture_output=True, check=False, text=True)
+        assert done.returncode == expected, words
+        assert "Traceback" not in f"{done.stdout}{done.stderr}"
+
+
 @pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="needs a full device")
 def test_output_that_cannot_be_written_is_told() -> None:
     with open("/dev/full", "w") as full:

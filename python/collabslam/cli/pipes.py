@@ -57,20 +57,46 @@ class _Quiet:
             ) from error
 
 
+def _occupy() -> None:
+    """Lead descriptors 0 to 2 nowhere where whoever started the program has closed them.
+
+    The next file to be opened would be one of them, and take what others print.
+    """
+    for number, mode in enumerate((os.O_RDONLY, os.O_WRONLY, os.O_WRONLY)):
+        if _is_closed(number):
+            nothing = os.open(os.devnull, mode)  # the lowest that is free
+            if nothing != number:
+                os.dup2(nothing, number)
+                os.close(nothing)
+
+
+def _is_closed(number: int) -> bool:
+    try:
+        os.fstat(number)
+    except OSError:
+        return True
+    return False
+
+
 @contextlib.contextmanager
 def quiet_pipes() -> Iterator[None]:
     """Closed pipes are no error while the block runs: work goes on, and its exit status is its own.
+
+    Nor are standard streams that were closed before the program began, as ``>&-`` does.
 
     Raises
     ------
     DataError
         From printing, if standard output cannot be written for another reason; further output is dropped.
     """
+    _occupy()
     before = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = _Quiet(before[0], told=True), _Quiet(before[1], told=False)
-    try:
-        yield
-    finally:
-        for stream in (sys.stdout, sys.stderr):
-            stream.flush()
-        sys.stdout, sys.stderr = before
+    with open(os.devnull, "w", encoding="utf-8") as nothing:
+        sys.stdout = _Quiet(before[0] or nothing, told=True)
+        sys.stderr = _Quiet(before[1] or nothing, told=False)
+        try:
+            yield
+        finally:
+            for stream in (sys.stdout, sys.stderr):
+                stream.flush()
+            sys.stdout, sys.stderr = before
