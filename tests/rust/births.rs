@@ -503,7 +503,7 @@ fn a_match_off_the_plane_of_both_views_is_no_birth() {
         let (wrong, none) = outcomes(up);
         assert_eq!(none, 0, "{wrong:?}");
         for (right, wrong) in right.iter().zip(&wrong) {
-            let strayed = matches!(wrong, CandidateOutcome::Strayed(by) if *by > 2.0);
+            let strayed = matches!(wrong, CandidateOutcome::Strayed(by) if *by > 1.5);
             assert!(!is_born(right) || strayed, "{up} px: {wrong:?}");
         }
     }
@@ -531,7 +531,8 @@ fn what_moves_against_the_parallax_does_not_wait() {
     let strayed = |o: &CandidateOutcome| matches!(o, CandidateOutcome::Strayed(by) if *by > 1.0);
     assert!(against.iter().all(strayed), "{against:?}");
     // A little of it is noise.
-    assert!(outcomes(0.05).iter().all(CandidateOutcome::waits));
+    let little = outcomes(0.02);
+    assert!(little.iter().all(CandidateOutcome::waits), "{little:?}");
 }
 
 /// A point that is in its place in the image though the camera has turned is fixed to it, or may be: no birth either way.
