@@ -9,7 +9,8 @@ Cf lie on a point's epipolar line and in front of both cameras, and how wide tha
 4. a consensus: the correction of T_CF that most matches agree on, under the prior of its covariance;
 5. the same again for all points under the corrected pose, whose gate is far narrower; points of known depth
    are searched with their own patch where they must be;
-6. each match located to sub-pixel by correlating the warped patch, and the consensus once more with these;
+6. each match located to sub-pixel by correlating the warped patch, and the consensus once more with these,
+   but for those that what is known around them says are of something that looks the same (`plausible`);
 7. apart from all this, what the images say of the measured pose, matched once more without leaning on it.
 
 The corrected pose only vets the matches: the filter uses the measured one, or the images would count twice.
@@ -38,6 +39,7 @@ from collabslam.frontend.describe import DESCRIPTORS, Descriptors, describe
 from collabslam.frontend.detect import detect_corners, halves
 from collabslam.frontend.epipolar import inverse_ranges, skews
 from collabslam.frontend.patch import SIZE, inverse_maps, limits
+from collabslam.frontend.plausible import Seen, surface_around, unlike, well_inside
 from collabslam.frontend.search import FOUND, active_search, peak_test, search_around, search_window
 from collabslam.frontend.two_views import TwoViews, ViewedPoints, inside, whole
 from collabslam.frontend.worn_verdict import WIDE, Verdict, ask_images
@@ -72,11 +74,13 @@ class WornMatches:
     score : (M,) float64
         Correlation of the warped patch there.
     rejected : dict
-        Number of points without a match by reason: ``region`` (outside the region of interest), ``epipolar``
-        (no candidate in the gate), ``ratio`` (ambiguous or unlike), ``mutual``, ``score`` (low correlation),
-        ``consensus`` (against the pose that the others agree on).
+        Number of points without a match by reason: ``region`` (outside the region of interest, or not
+        expected in Cf's picture), ``epipolar`` (no candidate in the gate), ``ratio`` (ambiguous or unlike),
+        ``mutual``, ``score`` (low correlation), ``consensus`` (against the pose that the others agree on).
     corners : int
         Interest points found in Cf.
+    landmarks : int
+        Points of known depth that are expected in Cf's picture.
     verdict : Verdict or None
         What the images say of the measured pose.
     """
@@ -86,6 +90,7 @@ class WornMatches:
     score: Array
     rejected: dict[str, int]
     corners: int
+    landmarks: int = 0
     verdict: Verdict | None = field(default=None, repr=False)
 
 
@@ -148,10 +153,18 @@ class _Matcher:
         i, j, why = self._assign(points, rays_f, described, seeds.t_cf, seeds.covariance)
         rejected.update(why)
         index, place = points[i], uv_f[j]
-        index, place = self._add_known(points, index, place, seeds)
+        shown = self._shown(index, seeds)
+        rejected["region"] += int((~shown).sum())
+        index, place = index[shown], place[shown]
+        of_map = points[self.known[points]]
+        of_map = of_map[self._shown(of_map, seeds)]
+        index, place = self._add_known(of_map, index, place, seeds)
         tried = len(index)
         index, place, score = self._locate(index, place, seeds.t_cf)
         rejected["score"] = tried - len(index)
+        beyond = self._beyond_the_edge(index, place, seeds)
+        rejected["region"] += int(beyond.sum())
+        index, place, score = index[~beyond], place[~beyond], score[~beyond]
         if len(index) == 0:
             return self._none(rejected, corners)
         rays_f = self.camera_f.unproject(place)
@@ -161,11 +174,14 @@ class _Matcher:
         if keep.sum() < max(self.options.min_matches, self.options.min_share * tried):
             rejected["consensus"] = len(index)
             return self._none(rejected, corners)
-        return WornMatches(index[keep], place[keep], score[keep], rejected, corners, self.verdict)
+        matched = index[keep], place[keep], score[keep]
+        return WornMatches(*matched, rejected, corners, len(of_map), self.verdict)
 
     def _none(self, rejected: dict[str, int], corners: int) -> WornMatches:
         empty = np.empty(0)
-        return WornMatches(np.empty(0, np.int64), empty.reshape(0, 2), empty, rejected, corners, self.verdict)
+        return WornMatches(
+            np.empty(0, np.int64), empty.reshape(0, 2), empty, rejected, corners, verdict=self.verdict
+        )
 
     def _corners(self) -> Array:
         """Corners of Cf inside the region of interest."""
@@ -286,8 +302,8 @@ class _Matcher:
     def _add_known(
         self, points: Indices, index: Indices, place: Array, consensus: Consensus
     ) -> tuple[Indices, Array]:
-        """Points of known depth without a match, searched with their own patch in their predicted ellipse."""
-        rest = points[self.known[points] & ~np.isin(points, index)]
+        """Points of known depth without a match, searched with their own patch where they must be."""
+        rest = points[~np.isin(points, index)]
         if len(rest) == 0:
             return index, place
         uv, spread, ok = self._predict(rest, consensus)
@@ -342,6 +358,35 @@ class _Matcher:
         )
         found = result.code == FOUND
         return index[found], result.uv[found], result.score[found]
+
+    def _shown(self, index: Indices, consensus: Consensus) -> Mask:
+        """Which points may be in Cf's picture: of unknown depth, or expected inside."""
+        out = np.ones(len(index), np.bool_)
+        of_map = np.flatnonzero(self.known[index])
+        if len(of_map) > 0:
+            uv, _, ok = self._predict(index[of_map], consensus)
+            out[of_map] = ok & well_inside(uv, self.image_f.shape, SIZE // 2 + 1)
+        return out
+
+    def _beyond_the_edge(self, index: Indices, place: Array, consensus: Consensus) -> Mask:
+        """Which matches are of new points that Cf would not see, were they as far as what is around them.
+
+        Only those whose match says that they are not.
+        """
+        out = np.zeros(len(index), np.bool_)
+        free, of_map = np.flatnonzero(~self.known[index]), np.flatnonzero(self.known)
+        uv, rays = self.uv_s[index[free]], self.rays_s[index[free]]
+        landmarks = Seen(self.uv_s[of_map], self.rho[of_map], self.rho_sd[of_map])
+        around = surface_around(uv, landmarks, self.image_s.shape[1])
+        t = consensus.t_cf[:3, 3]
+        across = np.maximum(np.linalg.norm(np.cross(rays, t), axis=1), 1e-9)
+        angle = np.sqrt(np.trace(consensus.covariance[3:, 3:]) / 3.0 + (SIGMA / self.focal[1]) ** 2)
+        matched = inverse_ranges(rays, self.camera_f.unproject(place[free]), consensus.t_cf)
+        there = (rays - np.nan_to_num(around.rho)[:, None] * t) @ consensus.t_cf[:3, :3]
+        seen = self.camera_f.project(there)
+        inside_f = seen.visible & well_inside(seen.uv, self.image_f.shape, SIZE // 2 + 1)
+        out[free] = ~inside_f & unlike(Seen(uv, matched, angle / across), around)
+        return out
 
 
 def _focal(camera: Camera) -> float:

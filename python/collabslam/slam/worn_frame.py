@@ -306,10 +306,10 @@ class WornMatcher:
         """
         of_map = int(np.sum(matches.index < known))
         new = len(matches.index) - of_map
-        if known < MIN_POINTS or new < MIN_POINTS:
+        if matches.landmarks < MIN_POINTS or new < MIN_POINTS:
             return False
         min_share = _MIN_KNOWN * new / (tried - known)
-        return of_map < min_share * known
+        return of_map < min_share * matches.landmarks
 
     @staticmethod
     def _choose(ids: Ids, begun: Ids, matches: WornMatches, most: int) -> Ids:
