@@ -16,6 +16,7 @@ from collabslam.formats.landmarks import MapPoints, read_ply
 from collabslam.formats.trajectory import ARBITRARY, read_covariances
 from collabslam.runs.folder import is_result_folder
 from collabslam.runs.results import CORRECTED, COVARIANCE, FRAMES, MAP, SUMMARY, TRAJECTORY
+from collabslam.runs.worn_results import worn_files
 from collabslam.types import Array
 
 
@@ -39,13 +40,20 @@ class RunFolder:
 
     def trajectory(self) -> tuple[Array, Array, Array]:
         """Times (N,), poses ``T_WC`` (N, 4, 4) and covariances (N, 6, 6) of the valid frames."""
-        times, poses = read_track(self.path / TRAJECTORY)
-        _, covariances = read_covariances(self.path / COVARIANCE)
+        return self._track(TRAJECTORY, COVARIANCE)
+
+    def worn_trajectory(self, name: str = "") -> tuple[Array, Array, Array]:
+        """Of a person's worn camera: times of its views, ``T_WF``, covariances; "" is a single one's."""
+        return self._track(*worn_files(name))
+
+    def _track(self, poses_in: str, covariances_in: str) -> tuple[Array, Array, Array]:
+        times, poses = read_track(self.path / poses_in)
+        _, covariances = read_covariances(self.path / covariances_in)
         if len(covariances) == len(poses) + 1:  # killed between the two
             covariances = covariances[:-1]
         if len(covariances) != len(poses):
             raise DataError(
-                f"{self.path / COVARIANCE} has {len(covariances)} rows for {len(poses)} poses; run the "
+                f"{self.path / covariances_in} has {len(covariances)} rows for {len(poses)} poses; run the "
                 "recording again."
             )
         return times, poses, covariances
