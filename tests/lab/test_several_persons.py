@@ -31,6 +31,10 @@ def test_few_runs_and_one_way(
     assert 0 <= numbers["ways_better_than_second"] + numbers["ways_better_than_either"] <= 2
     either = np.hypot(numbers["error_m"]["1"], numbers["error_of_second_m"])
     assert 0.0 < numbers["two_less_mean_of_both_m"] < numbers["error_m"]["2"] + either
+    for count in ("1", "2", "3"):
+        parts = numbers["error_by_images_m"][count], numbers["error_by_t_cf_m"][count]
+        # Of two draws: each is the mean and half of the difference.
+        assert parts[0] ** 2 + 0.5 * parts[1] ** 2 == pytest.approx(numbers["error_m"][count] ** 2, rel=1e-6)
     matches = [numbers["rendered"][count]["matches"] for count in ("1", "2", "3")]
     assert 5.0 < matches[0] < matches[1] < matches[2]
     (row,) = csv.DictReader((tmp_path / "persons.csv").read_text().splitlines())

@@ -57,6 +57,8 @@ def make(*, seed: int, jobs: int, engine: Engine, quick: bool) -> Finding:
         "ways_better_than_either": int((errors[:, 1] < either).sum()),
         "error_of_second_m": _rms(second),
         "two_less_mean_of_both_m": _rms([_apart(way, draw) for way in ways for draw in range(draws)]),
+        "error_by_images_m": {count: _parts([way[group[count]] for way in ways])[0] for count in COUNTS},
+        "error_by_t_cf_m": {count: _parts([way[group[count]] for way in ways])[1] for count in COUNTS},
         "ways_better_with_three": int((errors[:, 2] < errors[:, 1]).sum()),
         "ways": len(ways),
         "ms": ms,
@@ -93,6 +95,22 @@ def _apart(way: dict[tuple[int, ...], list[Went]], draw: int) -> float:
     last = min(len(first), len(both), len(second))
     away = both[-last:] - 0.5 * (first[-last:] + second[-last:])
     return _rms(np.linalg.norm(away, axis=1))
+
+
+def _parts(ways: list[list[Went]]) -> tuple[float, float]:
+    """Of the position's error what all draws of a way share, the images' part, and what they do not, T_CF's.
+
+    RMS over frames and ways, metres.
+    """
+    shared, own = [], []
+    for went in ways:
+        last = min(len(one.errors) for one in went)
+        errors = np.array([one.errors[-last:] for one in went])
+        mean = errors.mean(axis=0)
+        shared.append(_rms(np.linalg.norm(mean, axis=1)))
+        free = len(went) / max(1, len(went) - 1)
+        own.append(np.sqrt(free) * _rms(np.linalg.norm(errors - mean, axis=2)))
+    return _rms(shared), _rms(own)
 
 
 def _among_points(runs: int, seed: int, jobs: int, engine: Engine) -> dict[tuple[str, int], list[Told]]:

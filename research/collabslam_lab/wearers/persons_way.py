@@ -1,8 +1,8 @@
 """Ways down the demo's corridor with up to three persons around the robot, who look where it goes.
 
-Each way begins elsewhere and has pictures of its own, and is gone six times.  The errors of T_CF of a person
-in the six are six vectors at right angles, as on the ways of `looking_way`: so that who helps is decided by
-what the persons see, not by what few free draws happen to be.
+Each way begins elsewhere and has pictures of its own, and is gone twelve times.  The errors of T_CF of a
+person in each six of them are six vectors at right angles, as on the ways of `looking_way`: so that who helps
+is decided by what the persons see, not by what few free draws happen to be.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ TURNS = (3.0, -4.0, 0.0)
 """About the axis y of C, degrees: a little towards each other."""
 EVERY = 5
 """Frames from one view of each person to the next."""
-DRAWS = 6
+DRAWS = 12
 STEP = 0.6
 """Seconds of the walk from where one way begins to where the next one does."""
 
