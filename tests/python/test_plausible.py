@@ -8,7 +8,7 @@ import pytest
 
 from collabslam._core import Camera
 from collabslam.frontend.detect import detect_corners
-from collabslam.frontend.plausible import Seen, surface_around, unlike, well_inside
+from collabslam.frontend.plausible import Seen, far_from, surface_around, unlike, well_inside
 from collabslam.frontend.two_views import TwoViews, ViewedPoints
 from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import se3_exp
@@ -80,3 +80,9 @@ def test_landmarks_that_are_far_off_or_of_no_one_surface_or_few_say_nothing() ->
 def test_what_is_inside_of_a_picture_keeps_off_its_edge() -> None:
     uv = np.array([[635.0, 240.0], [631.0, 240.0], [320.0, 5.0], [8.0, 471.0], [np.nan, 240.0]])
     assert well_inside(uv, (480, 640), 8.0).tolist() == [False, True, False, True, False]
+
+
+def test_far_is_said_in_standard_deviations_along_each_direction() -> None:
+    expected, spread = np.array([[100.0, 50.0]] * 3), np.tile(np.diag([100.0, 4.0]), (3, 1, 1))
+    found = expected + np.array([[19.0, 0.0], [21.0, 0.0], [0.0, 5.0]])
+    assert far_from(found, expected, spread).tolist() == [False, True, True]

@@ -17,6 +17,7 @@ _NEIGHBOURS = 3  # landmarks around a new point that say how far away it may be
 _AROUND = 0.25  # how far off they may be, as a share of the image's width
 _ALIKE = 1.25  # factor between their distances, up to which they are of one surface
 _GATE = 3.0
+_FAR = 2.0  # standard deviations at which a match counts as another place than the expected one
 
 
 class Seen(NamedTuple):
@@ -41,6 +42,20 @@ def well_inside(uv: Array, shape: tuple[int, int], border: float) -> Mask:
     """(N,) bool: which pixels lie in a picture of ``shape`` (height, width), ``border`` px off its edge."""
     last = np.array(shape[::-1]) - 1.0
     return np.asarray(np.all((uv >= border) & (uv <= last - border), axis=1))
+
+
+def far_from(place: Array, uv: Array, spread: Array) -> Mask:
+    """(N,) bool: which places are more than 2 standard deviations from where they are expected.
+
+    Parameters
+    ----------
+    place, uv : (N, 2) float64
+        Pixels found, and expected.
+    spread : (N, 2, 2) float64
+        Covariance of what is expected, px^2.
+    """
+    off = place - uv
+    return np.asarray(np.einsum("ni,ni->n", off, np.linalg.solve(spread, off[..., None])[..., 0]) > _FAR**2)
 
 
 def surface_around(uv: Array, known: Seen, width: int) -> Seen:

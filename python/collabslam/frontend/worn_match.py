@@ -39,7 +39,7 @@ from collabslam.frontend.describe import DESCRIPTORS, Descriptors, describe
 from collabslam.frontend.detect import detect_corners, halves
 from collabslam.frontend.epipolar import inverse_ranges, skews
 from collabslam.frontend.patch import SIZE, inverse_maps, limits
-from collabslam.frontend.plausible import Seen, surface_around, unlike, well_inside
+from collabslam.frontend.plausible import Seen, far_from, surface_around, unlike, well_inside
 from collabslam.frontend.search import FOUND, active_search, peak_test, search_around, search_window
 from collabslam.frontend.two_views import TwoViews, ViewedPoints, inside, whole
 from collabslam.frontend.worn_verdict import WIDE, Verdict, ask_images
@@ -153,12 +153,7 @@ class _Matcher:
         i, j, why = self._assign(points, rays_f, described, seeds.t_cf, seeds.covariance)
         rejected.update(why)
         index, place = points[i], uv_f[j]
-        shown = self._shown(index, seeds)
-        rejected["region"] += int((~shown).sum())
-        index, place = index[shown], place[shown]
-        of_map = points[self.known[points]]
-        of_map = of_map[self._shown(of_map, seeds)]
-        index, place = self._add_known(of_map, index, place, seeds)
+        index, place = self._add_known(points, index, place, seeds)
         tried = len(index)
         index, place, score = self._locate(index, place, seeds.t_cf)
         rejected["score"] = tried - len(index)
@@ -175,7 +170,8 @@ class _Matcher:
             rejected["consensus"] = len(index)
             return self._none(rejected, corners)
         matched = index[keep], place[keep], score[keep]
-        return WornMatches(*matched, rejected, corners, len(of_map), self.verdict)
+        landmarks = int(self._shown(points[self.known[points]], seeds).sum())
+        return WornMatches(*matched, rejected, corners, landmarks, self.verdict)
 
     def _none(self, rejected: dict[str, int], corners: int) -> WornMatches:
         empty = np.empty(0)
@@ -303,7 +299,7 @@ class _Matcher:
         self, points: Indices, index: Indices, place: Array, consensus: Consensus
     ) -> tuple[Indices, Array]:
         """Points of known depth without a match, searched with their own patch where they must be."""
-        rest = points[~np.isin(points, index)]
+        rest = points[self.known[points] & ~np.isin(points, index)]
         if len(rest) == 0:
             return index, place
         uv, spread, ok = self._predict(rest, consensus)
@@ -360,15 +356,21 @@ class _Matcher:
         return index[found], result.uv[found], result.score[found]
 
     def _shown(self, index: Indices, consensus: Consensus) -> Mask:
-        """Which points may be in Cf's picture: of unknown depth, or expected inside."""
-        out = np.ones(len(index), np.bool_)
-        of_map = np.flatnonzero(self.known[index])
-        if len(of_map) > 0:
-            uv, _, ok = self._predict(index[of_map], consensus)
-            out[of_map] = ok & well_inside(uv, self.image_f.shape, SIZE // 2 + 1)
-        return out
+        """Which points of known depth are expected in Cf's picture, where its corners are."""
+        uv, _, ok = self._predict(index, consensus)
+        return ok & well_inside(uv, self.image_f.shape, SIZE // 2 + 1)
 
     def _beyond_the_edge(self, index: Indices, place: Array, consensus: Consensus) -> Mask:
+        """Which matches are far from where their points are expected, beyond the edge of Cf's picture."""
+        out = self._new_beyond_the_edge(index, place, consensus)
+        of_map = np.flatnonzero(self.known[index])
+        if len(of_map) > 0:
+            uv, spread, _ = self._predict(index[of_map], consensus)
+            shown = self._shown(index[of_map], consensus)
+            out[of_map] = ~shown & far_from(place[of_map], uv, spread)
+        return out
+
+    def _new_beyond_the_edge(self, index: Indices, place: Array, consensus: Consensus) -> Mask:
         """Which matches are of new points that Cf would not see, were they as far as what is around them.
 
         Only those whose match says that they are not.
