@@ -159,18 +159,12 @@ class Uplink:
             return list(self._devices[name].arrivals) if name in self._devices else []
 
     def reports(self) -> dict[str, dict[str, float]]:
-        """Of each device: images received, their last age and the median of the last ten, milliseconds."""
+        """Of each device: images received, their last age and the median of the last ten, milliseconds.
+
+        One of which none has arrived is told so: it has to know that its way loses all.
+        """
         with self._lock:
-            return {
-                name: {
-                    "images": device.images_received,
-                    "age_ms": 1e3 * device.arrivals[-1].age,
-                    "age_median_ms": 1e3 * statistics.median(a.age for a in list(device.arrivals)[-10:]),
-                    "clock_drift_ppm": 1e6 * device.clock.drift,
-                }
-                for name, device in self._devices.items()
-                if device.arrivals
-            }
+            return {name: _report(device) for name, device in self._devices.items()}
 
     def take(self, key: str, payload: bytes) -> None:
         """A message of a device; never raises."""
@@ -299,3 +293,15 @@ def _allowed(device: _Device, part: str, now: float) -> bool:
 def _own(name: str, session: str) -> str:
     """A session's name: whatever a device calls it, it is the device's own."""
     return f"{name}/{session.rpartition('/')[2][:32]}"
+
+
+def _report(device: _Device) -> dict[str, float]:
+    if not device.arrivals:
+        return {"images": device.images_received}
+    ages = [1e3 * arrival.age for arrival in device.arrivals]
+    return {
+        "images": device.images_received,
+        "age_ms": ages[-1],
+        "age_median_ms": statistics.median(ages[-10:]),
+        "clock_drift_ppm": 1e6 * device.clock.drift,
+    }

@@ -171,6 +171,7 @@ class WornDevice:
             if own is not None:
                 images = float(own["images"])
                 self.way.report(self._clock.now(), self.sent, int(images))
-                self.pace.report(float(own["age_median_ms"]) / 1e3, images)
+                if "age_median_ms" in own:
+                    self.pace.report(float(own["age_median_ms"]) / 1e3, images)
         except (DataError, KeyError, ValueError):
             pass  # a robot of another version: the pace stays
