@@ -8,8 +8,8 @@ import pytest
 
 from collabslam._core import Camera
 from collabslam.frontend.detect import detect_corners
-from collabslam.frontend.plausible import Seen, far_from, surface_around, unlike, well_inside
-from collabslam.frontend.two_views import TwoViews, ViewedPoints
+from collabslam.frontend.plausible import Seen, far_from, surface_around, unlike
+from collabslam.frontend.two_views import TwoViews, ViewedPoints, inside
 from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import se3_exp
 from collabslam.settings.table import Settings
@@ -77,9 +77,9 @@ def test_landmarks_that_are_far_off_or_of_no_one_surface_or_few_say_nothing() ->
     assert len(surface_around(np.empty((0, 2)), _seen(around, 0.33, 0.0), 640).rho) == 0
 
 
-def test_what_is_inside_of_a_picture_keeps_off_its_edge() -> None:
+def test_what_is_inside_of_a_region_keeps_off_its_edge() -> None:
     uv = np.array([[635.0, 240.0], [631.0, 240.0], [320.0, 5.0], [8.0, 471.0], [np.nan, 240.0]])
-    assert well_inside(uv, (480, 640), 8.0).tolist() == [False, True, False, True, False]
+    assert inside(uv, (8, 8, 631, 471)).tolist() == [False, True, False, True, False]
 
 
 def test_far_is_said_in_standard_deviations_along_each_direction() -> None:

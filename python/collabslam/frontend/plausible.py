@@ -38,12 +38,6 @@ class Seen(NamedTuple):
     sd: Array
 
 
-def well_inside(uv: Array, shape: tuple[int, int], border: float) -> Mask:
-    """(N,) bool: which pixels lie in a picture of ``shape`` (height, width), ``border`` px off its edge."""
-    last = np.array(shape[::-1]) - 1.0
-    return np.asarray(np.all((uv >= border) & (uv <= last - border), axis=1))
-
-
 def far_from(place: Array, uv: Array, spread: Array) -> Mask:
     """(N,) bool: which places are more than 2 standard deviations from where they are expected.
 

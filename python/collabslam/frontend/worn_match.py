@@ -39,7 +39,7 @@ from collabslam.frontend.describe import DESCRIPTORS, Descriptors, describe
 from collabslam.frontend.detect import detect_corners, halves
 from collabslam.frontend.epipolar import inverse_ranges, skews
 from collabslam.frontend.patch import SIZE, inverse_maps, limits
-from collabslam.frontend.plausible import Seen, far_from, surface_around, unlike, well_inside
+from collabslam.frontend.plausible import Seen, far_from, surface_around, unlike
 from collabslam.frontend.search import FOUND, active_search, peak_test, search_around, search_window
 from collabslam.frontend.two_views import TwoViews, ViewedPoints, inside, whole
 from collabslam.frontend.worn_verdict import WIDE, Verdict, ask_images
@@ -118,6 +118,27 @@ class _Described(NamedTuple):
     of_f: Descriptors
 
 
+class _Expected(NamedTuple):
+    """Where points of known depth are expected in Cf.
+
+    Attributes
+    ----------
+    uv : (N, 2) float64
+        Pixels in Cf.
+    spread : (N, 2, 2) float64
+        Covariance from the depth, the pose and the pixels, px^2.
+    ahead : (N,) bool
+        Whether Cf looks towards them, so that they have a pixel at all.
+    shown : (N,) bool
+        Whether that is in Cf's picture, where its corners are.
+    """
+
+    uv: Array
+    spread: Array
+    ahead: Mask
+    shown: Mask
+
+
 class _Matcher:
     """The steps of :func:`match_worn` over their common data."""
 
@@ -153,11 +174,16 @@ class _Matcher:
         i, j, why = self._assign(points, rays_f, described, seeds.t_cf, seeds.covariance)
         rejected.update(why)
         index, place = points[i], uv_f[j]
-        index, place = self._add_known(points, index, place, seeds)
+        of_map = points[self.known[points]]
+        expected = self._expect(of_map, seeds)
+        index, place = self._add_known(of_map, expected, index, place, seeds.t_cf)
         tried = len(index)
         index, place, score = self._locate(index, place, seeds.t_cf)
         rejected["score"] = tried - len(index)
-        beyond = self._beyond_the_edge(index, place, seeds)
+        beyond = self._new_beyond_the_edge(index, place, seeds)
+        known = self.known[index]
+        at = np.searchsorted(of_map, index[known])
+        beyond[known] = ~expected.shown[at] & far_from(place[known], expected.uv[at], expected.spread[at])
         rejected["region"] += int(beyond.sum())
         index, place, score = index[~beyond], place[~beyond], score[~beyond]
         if len(index) == 0:
@@ -170,8 +196,7 @@ class _Matcher:
             rejected["consensus"] = len(index)
             return self._none(rejected, corners)
         matched = index[keep], place[keep], score[keep]
-        landmarks = int(self._shown(points[self.known[points]], seeds).sum())
-        return WornMatches(*matched, rejected, corners, landmarks, self.verdict)
+        return WornMatches(*matched, rejected, corners, int(expected.shown.sum()), self.verdict)
 
     def _none(self, rejected: dict[str, int], corners: int) -> WornMatches:
         empty = np.empty(0)
@@ -296,25 +321,22 @@ class _Matcher:
         return find_consensus(rays_s, rays_f, self.t_cf, self.covariance, noise, start)
 
     def _add_known(
-        self, points: Indices, index: Indices, place: Array, consensus: Consensus
+        self, of_map: Indices, expected: _Expected, index: Indices, place: Array, t_cf: Array
     ) -> tuple[Indices, Array]:
         """Points of known depth without a match, searched with their own patch where they must be."""
-        rest = points[self.known[points] & ~np.isin(points, index)]
+        here = expected.ahead & inside(expected.uv, self.roi_f) & ~np.isin(of_map, index)
+        rest = of_map[here]
         if len(rest) == 0:
             return index, place
-        uv, spread, ok = self._predict(rest, consensus)
-        ok &= inside(uv, self.roi_f)
-        rest, uv, spread = rest[ok], uv[ok], spread[ok]
-        if len(rest) == 0:
-            return index, place
-        affine = self._warps(rest, consensus.t_cf, np.maximum(self.rho[rest], 0.0))
+        affine = self._warps(rest, t_cf, np.maximum(self.rho[rest], 0.0))
         templates = self._templates(rest, affine)
+        uv, spread = expected.uv[here], expected.spread[here]
         result = active_search(self.image_f, templates, uv, spread, None, self.settings.search)
         found = result.code == FOUND
         return np.concatenate([index, rest[found]]), np.concatenate([place, result.uv[found]])
 
-    def _predict(self, index: Indices, consensus: Consensus) -> tuple[Array, Array, Mask]:
-        """Pixels in Cf of points of known depth; covariance from the depth, the pose and the pixels."""
+    def _expect(self, index: Indices, consensus: Consensus) -> _Expected:
+        """Where points of known depth are in Cf under a corrected pose and its covariance."""
         t_cf = consensus.t_cf
         rotation, t = t_cf[:3, :3], t_cf[:3, 3]
         rho = np.maximum(self.rho[index], 0.0)
@@ -331,8 +353,14 @@ class _Matcher:
         uv = self.camera_f.project(in_front.reshape(-1, 3)).uv.reshape(len(directions) + 1, len(index), 2)
         change = (uv[1:] - uv[0]) / 1e-3
         spread = np.einsum("kni,knj->nij", change, change) + SIGMA**2 * np.eye(2)
-        ok = front & np.all(np.isfinite(uv), axis=(0, 2))
-        return uv[0], spread, ok
+        ahead = front & np.all(np.isfinite(uv), axis=(0, 2))
+        return _Expected(uv[0], spread, ahead, ahead & self._in_picture(uv[0]))
+
+    def _in_picture(self, uv: Array) -> Mask:
+        """Which pixels of Cf are as far off the edge of its picture as its corners."""
+        edge = SIZE // 2 + 1
+        height, width = self.image_f.shape
+        return inside(uv, (edge, edge, width - 1 - edge, height - 1 - edge))
 
     def _templates(self, index: Indices, affine: Array) -> Image:
         side = SIZE
@@ -355,21 +383,6 @@ class _Matcher:
         found = result.code == FOUND
         return index[found], result.uv[found], result.score[found]
 
-    def _shown(self, index: Indices, consensus: Consensus) -> Mask:
-        """Which points of known depth are expected in Cf's picture, where its corners are."""
-        uv, _, ok = self._predict(index, consensus)
-        return ok & well_inside(uv, self.image_f.shape, SIZE // 2 + 1)
-
-    def _beyond_the_edge(self, index: Indices, place: Array, consensus: Consensus) -> Mask:
-        """Which matches are far from where their points are expected, beyond the edge of Cf's picture."""
-        out = self._new_beyond_the_edge(index, place, consensus)
-        of_map = np.flatnonzero(self.known[index])
-        if len(of_map) > 0:
-            uv, spread, _ = self._predict(index[of_map], consensus)
-            shown = self._shown(index[of_map], consensus)
-            out[of_map] = ~shown & far_from(place[of_map], uv, spread)
-        return out
-
     def _new_beyond_the_edge(self, index: Indices, place: Array, consensus: Consensus) -> Mask:
         """Which matches are of new points that Cf would not see, were they as far as what is around them.
 
@@ -386,8 +399,8 @@ class _Matcher:
         matched = inverse_ranges(rays, self.camera_f.unproject(place[free]), consensus.t_cf)
         there = (rays - np.nan_to_num(around.rho)[:, None] * t) @ consensus.t_cf[:3, :3]
         seen = self.camera_f.project(there)
-        inside_f = seen.visible & well_inside(seen.uv, self.image_f.shape, SIZE // 2 + 1)
-        out[free] = ~inside_f & unlike(Seen(uv, matched, angle / across), around)
+        shown = seen.visible & self._in_picture(seen.uv)
+        out[free] = ~shown & unlike(Seen(uv, matched, angle / across), around)
         return out
 
 
