@@ -60,6 +60,16 @@ def test_what_is_good_becomes_events(clip: Clip) -> None:
     assert up.counts() == {}
 
 
+def test_who_is_heard_without_its_images_is_told_so() -> None:
+    """Or a device whose images are all lost on the way would not know."""
+    up, _ = listening()
+    up.take(names.key("anna", names.EXCHANGE), good()[names.EXCHANGE])
+    send(up, "ben")
+    reports = up.reports()
+    assert reports["anna"] == {"images": 0}
+    assert reports["ben"]["images"] == 1
+
+
 @pytest.mark.parametrize("part", list(good()))
 def test_altered_messages_cost_only_themselves(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(uplink.RATES, part, 1e9)

@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from busy import busy
 from conftest import Clip
 
 pytest.importorskip("zenoh", reason="the extra live is not installed")
@@ -157,23 +158,13 @@ def test_a_broken_view_costs_its_sender_alone(clip: Clip, frames: list[Frame], f
 
 
 def test_who_floods_pushes_nobody_else_out(clip: Clip, frames: list[Frame]) -> None:
-    free, entered = threading.Event(), threading.Event()
-
-    def stuck(pose: LivePose) -> None:
-        entered.set()
-        free.wait(20.0)
-
-    live = LiveSlam(engine(clip), on_pose=stuck, same_clock=True)
-    live.push(robot(frames[0]))
-    assert entered.wait(20.0)
-    live.push(view(frames[0], "ben/1"))
-    for k in range(2 * BOUNDS[LiveView]):
-        live.push(view(frames[0], "anna/1", 1e-3 * k))
-    waiting = [event.session for event in live._events if isinstance(event, LiveView)]
+    with busy(engine(clip), robot(frames[0])) as live:
+        live.push(view(frames[0], "ben/1"))
+        for k in range(2 * BOUNDS[LiveView]):
+            live.push(view(frames[0], "anna/1", 1e-3 * k))
+        waiting = [event.session for event in live._events if isinstance(event, LiveView)]
     assert waiting.count("ben/1") == 1
     assert waiting.count("anna/1") == BOUNDS[LiveView]
-    free.set()
-    live.close(flush=False)
 
 
 def test_a_record_is_replayed_to_the_last_bit(clip: Clip, frames: list[Frame], tmp_path: Path) -> None:
