@@ -20,9 +20,12 @@ from collabslam.checks.calibration import check_calibration
 from collabslam.checks.mistakes import BODY_FROM_OPTICAL, OPTICAL_FROM_BODY, Eye, mirrored
 from collabslam.checks.trials import clock_trials
 from collabslam.cli import main as cli
+from collabslam.datasets.at_frames import AtFrames
+from collabslam.datasets.emulated.free_running import FreeRunning, WornClock
 from collabslam.datasets.poses import interpolate_track
-from collabslam.datasets.wrapped import WrappedRecording
+from collabslam.datasets.wrapped import FirstFrames, WrappedRecording
 from collabslam.demo import corridor_recording
+from collabslam.demo.demo_run import HeldRecording
 from collabslam.types import Array, Frame, Image, Recording
 
 FRAMES = 54
@@ -328,3 +331,50 @@ def test_without_true_poses_a_clock_may_be_a_focal_length() -> None:
         assert len(images) == 6
         assert all("0.10 s" in fault for fault in named)
         assert len(named) == (2 if alone else 0)
+
+
+@pytest.fixture(scope="module")
+def free_running() -> FreeRunning:
+    """Cf takes its views at 7 Hz, between frames; each comes 0.3 s late."""
+    recording = corridor_recording(length_m=6.0, glances=((0.0, np.inf),))
+    taken = cache(recording.worn_at)
+    return FreeRunning(HeldRecording(recording, progress=False), taken, WornClock(7.0, 0.04, 0.3))
+
+
+def test_a_worn_camera_with_a_clock_of_its_own_is_checked(free_running: FreeRunning) -> None:
+    report = check_calibration(free_running)
+    assert report.worn.agrees
+    assert report.worn.error is not None
+    assert report.worn.error.metres < 0.06  # its noise is 3 cm along each axis
+    assert report.findings == []
+    inverted = check_calibration(Inverted(free_running))
+    assert "T_CF is inverted" in inverted.findings[0]
+
+
+def test_without_true_poses_the_motion_to_the_nearest_frame_is_noise(free_running: FreeRunning) -> None:
+    without = FirstFrames(free_running, 30)
+    exact = AtFrames(without, without.truth)
+    without.truth = None
+    vague = AtFrames(without)
+    assert exact.free
+    told, untold = exact.frame(10).worn, vague.frame(10).worn
+    assert told is not None
+    assert untold is not None
+    assert told.t == untold.t
+    assert told.t is not None
+    off = abs(told.t - float(without.times[10]))
+    assert off > 0.01
+    assert np.linalg.norm(told.t_cf[:3, 3] - untold.t_cf[:3, 3]) == pytest.approx(1.5 * off, rel=0.3)
+    grown = np.sqrt(np.diag(untold.covariance - told.covariance))
+    assert np.all(grown[3:] == pytest.approx(0.5 * off))
+    assert np.all(grown[:3] >= off - 1e-9)
+    assert "clock of its own" in check_calibration(without).notes[-2]
+
+
+class Inverted(WrappedRecording):
+    """T_CF maps points of C into F."""
+
+    def frame(self, i: int) -> Frame:
+        frame = self._base.frame(i)
+        worn = frame.worn
+        return frame if worn is None else replace(frame, worn=replace(worn, t_cf=g.pose_inverse(worn.t_cf)))

@@ -14,8 +14,9 @@ from collabslam.checks.lengths import check_lengths
 from collabslam.checks.mistakes import Eye
 from collabslam.checks.robot import RobotReport, check_robot
 from collabslam.checks.worn import MOST_PX, WornReport, check_worn
+from collabslam.datasets.at_frames import AtFrames
 from collabslam.datasets.persons import check_alone
-from collabslam.datasets.wrapped import OnlyPersons, Together
+from collabslam.datasets.wrapped import OnlyPersons
 from collabslam.types import Recording, worn_cameras
 
 
@@ -75,7 +76,7 @@ def check_persons(recording: Recording) -> dict[str, CalibrationReport]:
     names = list(worn_cameras(recording))
     if len(names) < 2:
         return {name: check_calibration(recording) for name in names or [""]}
-    robot = check_robot(Together(recording))
+    robot = check_robot(recording)
     return {name: check_calibration(OnlyPersons(recording, [name]), robot) for name in names}
 
 
@@ -86,7 +87,7 @@ def check_calibration(recording: Recording, robot: RobotReport | None = None) ->
     ----------
     recording : Recording
         With true poses, recorded worn views, or both; without either its images alone are asked.  Views
-        that were taken more than 10 ms from their frame are not asked.
+        of another time than their frame's are asked beside the frame nearest to it; see `AtFrames`.
     robot : RobotReport, optional
         What is known of Cs already.
 
@@ -96,12 +97,17 @@ def check_calibration(recording: Recording, robot: RobotReport | None = None) ->
         If several persons wear a camera: see `check_persons`.
     """
     check_alone(recording)
-    recording = Together(recording)
     robot = robot or check_robot(recording)
-    worn = check_worn(recording, robot)
-    lengths = check_lengths(recording, robot, worn.undo)
+    with_views = AtFrames(recording, robot.poses)
+    worn = check_worn(with_views, robot)
+    lengths = check_lengths(with_views, robot, worn.undo)
     findings = robot.findings + worn.findings + lengths.findings
     notes = robot.notes + worn.notes + lengths.notes
+    if with_views.free and robot.poses is None:
+        notes.append(
+            "Cf has a clock of its own: without true poses nothing tells what Cs moved between a view and "
+            "the frame nearest to it, and that counts as noise of T_CF."
+        )
     alone = None
     if not robot.by_gap:
         alone = focal_range(recording.image, range(len(recording)), Eye(recording.camera))

@@ -55,9 +55,14 @@ def sample_views(recording: Recording) -> list[View]:
         block += not there
         block_of[i] = block
     views: list[View] = []
+    used: set[float] = set()
     for i in spread([i for i, there in asked.items() if there], VIEWS):
         worn = recording.frame(i).worn
         assert worn is not None
+        if worn.t is not None:  # one may be the nearest of several frames
+            if worn.t in used:
+                continue
+            used.add(worn.t)
         seen, found = _matched(of_robot(i), worn.image)
         if len(found.uv_a) < LEAST_MATCHES:
             continue
