@@ -21,11 +21,10 @@ from collabslam.checks.mistakes import BODY_FROM_OPTICAL, OPTICAL_FROM_BODY, Eye
 from collabslam.checks.trials import clock_trials
 from collabslam.cli import main as cli
 from collabslam.datasets.at_frames import AtFrames
-from collabslam.datasets.emulated.free_running import FreeRunning, WornClock
+from collabslam.datasets.emulated.free_running import FreeRunning, WornAt, WornClock
 from collabslam.datasets.poses import interpolate_track
 from collabslam.datasets.wrapped import FirstFrames, WrappedRecording
 from collabslam.demo import corridor_recording
-from collabslam.demo.demo_run import HeldRecording
 from collabslam.types import Array, Frame, Image, Recording
 
 FRAMES = 54
@@ -333,12 +332,16 @@ def test_without_true_poses_a_clock_may_be_a_focal_length() -> None:
         assert len(named) == (2 if alone else 0)
 
 
-@pytest.fixture(scope="module")
-def free_running() -> FreeRunning:
+@pytest.fixture
+def free_running(recorded: tuple[Recording, list[Frame]], walk: Walk) -> FreeRunning:
     """Cf takes its views at 7 Hz, between frames; each comes 0.3 s late."""
-    recording = corridor_recording(length_m=6.0, glances=((0.0, np.inf),))
-    taken = cache(recording.worn_at)
-    return FreeRunning(HeldRecording(recording, progress=False), taken, WornClock(7.0, 0.04, 0.3))
+    return FreeRunning(walk, _views_of(recorded[0]), WornClock(7.0, 0.04, 0.3))
+
+
+@cache
+def _views_of(recording: Any) -> WornAt:
+    """What Cf sees at any time, each picture drawn once."""
+    return cache(recording.worn_at)
 
 
 def test_a_worn_camera_with_a_clock_of_its_own_is_checked(free_running: FreeRunning) -> None:
