@@ -137,6 +137,19 @@ def test_an_uncertain_clock_makes_every_view_less_certain() -> None:
     assert vague.filter.scale_sd > 1.2 * started().filter.scale_sd
 
 
+def test_the_tolerance_says_which_views_count_as_taken_with_a_frame() -> None:
+    jitter = Settings.default().replace({"filter.worn.tolerance": 0.01})
+    strict, tolerant = started(), Slam(corridor().camera, corridor().worn_camera, settings=jitter)
+    for i in range(6):
+        step(tolerant, i, frame(i).worn)
+    after = worn(0.604)
+    assert rows(step(strict, 6, after)) == 0  # it waits for the frame after it
+    assert rows(step(tolerant, 6, after)) > 5
+    before = np.trace(after.covariance)
+    _, spread = tolerant.filter.carry_worn(after.t_cf, after.covariance, 0.604, 0.6, who=0)
+    assert np.trace(spread) > before  # by the motion in 4 ms
+
+
 def test_a_view_that_is_handed_in_needs_its_time() -> None:
     with pytest.raises(InputError, match="needs its time"):
         started(1).add_worn(frame(0).worn)
