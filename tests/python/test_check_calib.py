@@ -17,8 +17,14 @@ from collabslam._core import Camera
 from collabslam.checks import lengths, matching, robot, views
 from collabslam.checks.alone import focal_range
 from collabslam.checks.calibration import check_calibration
-from collabslam.checks.mistakes import BODY_FROM_OPTICAL, OPTICAL_FROM_BODY, Eye, mirrored
-from collabslam.checks.trials import clock_trials
+from collabslam.checks.mistakes import (
+    BODY_FROM_OPTICAL,
+    OPTICAL_FROM_BODY,
+    WORN_POSE_MISTAKES,
+    Eye,
+    mirrored,
+)
+from collabslam.checks.trials import Trial, clock_trials
 from collabslam.cli import main as cli
 from collabslam.datasets.at_frames import AtFrames
 from collabslam.datasets.emulated.free_running import FreeRunning, WornAt, WornClock
@@ -349,9 +355,29 @@ def test_a_worn_camera_with_a_clock_of_its_own_is_checked(free_running: FreeRunn
     assert report.worn.agrees
     assert report.worn.error is not None
     assert report.worn.error.metres < 0.06  # its noise is 3 cm along each axis
+    assert report.lengths == pytest.approx(1.0, abs=0.15)
     assert report.findings == []
-    inverted = check_calibration(Inverted(free_running))
-    assert "T_CF is inverted" in inverted.findings[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"), [(g.pose_inverse, "is inverted"), (turned, "along ROS body axes")]
+)
+def test_a_mistake_in_poses_between_frames(
+    free_running: FreeRunning, change: Callable[[Array], Array], said: str
+) -> None:
+    report = check_calibration(Changed(free_running, change))
+    assert said in report.findings[0]
+    assert len(report.findings) == 1
+    assert report.lengths == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_mistake_is_undone_in_what_was_given() -> None:
+    """Not in what was carried to the frame: who made the mistake did so before."""
+    given, moved = g.se3_exp([0.5, -0.2, 1.2, 0.1, -0.5, 0.2]), g.se3_exp([0.1, 0.0, 0.2, 0.0, 0.1, 0.0])
+    view = views.View(0, 0, {}, {0: given}, moved, np.eye(6))
+    for mistake in WORN_POSE_MISTAKES:
+        trial = Trial("", "", cast(Any, (None, None)), mistake=mistake)
+        assert np.allclose(trial.t_cf(view), moved @ mistake.undo(given))
 
 
 def test_without_true_poses_the_motion_to_the_nearest_frame_is_noise(free_running: FreeRunning) -> None:
@@ -363,21 +389,27 @@ def test_without_true_poses_the_motion_to_the_nearest_frame_is_noise(free_runnin
     told, untold = exact.frame(10).worn, vague.frame(10).worn
     assert told is not None
     assert untold is not None
-    assert told.t == untold.t
     assert told.t is not None
+    assert told.t == untold.t
+    assert np.array_equal(told.t_cf, untold.t_cf)
     off = abs(told.t - float(without.times[10]))
     assert off > 0.01
-    assert np.linalg.norm(told.t_cf[:3, 3] - untold.t_cf[:3, 3]) == pytest.approx(1.5 * off, rel=0.3)
+    assert np.linalg.norm(exact.moved(10)[:3, 3]) == pytest.approx(1.5 * off, rel=0.3)
+    assert np.array_equal(vague.moved(10), np.eye(4))
     grown = np.sqrt(np.diag(untold.covariance - told.covariance))
     assert np.all(grown[3:] == pytest.approx(0.5 * off))
     assert np.all(grown[:3] >= off - 1e-9)
     assert "clock of its own" in check_calibration(without).notes[-2]
 
 
-class Inverted(WrappedRecording):
-    """T_CF maps points of C into F."""
+class Changed(WrappedRecording):
+    """T_CF as somebody gives it by mistake."""
+
+    def __init__(self, base: Recording, change: Callable[[Array], Array]) -> None:
+        super().__init__(base)
+        self._change = change
 
     def frame(self, i: int) -> Frame:
         frame = self._base.frame(i)
         worn = frame.worn
-        return frame if worn is None else replace(frame, worn=replace(worn, t_cf=g.pose_inverse(worn.t_cf)))
+        return frame if worn is None else replace(frame, worn=replace(worn, t_cf=self._change(worn.t_cf)))

@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from collabslam.checks.matching import LEAST_MATCHES, Matches, describe, match_points
-from collabslam.checks.mistakes import Eye, PoseMistake
+from collabslam.checks.mistakes import Eye, PoseMistake, undone
 from collabslam.checks.robot import RobotReport
 from collabslam.checks.samples import CLEAR_GAIN, spread
+from collabslam.datasets.at_frames import AtFrames
 from collabslam.frontend.epipolar import inverse_ranges
 from collabslam.geometry import pose_inverse
 from collabslam.types import Array, Mask, Recording
@@ -56,12 +57,12 @@ class _Triple(NamedTuple):
     t_cl: Array
 
 
-def check_lengths(recording: Recording, robot: RobotReport, undo: PoseMistake | None) -> LengthReport:
+def check_lengths(recording: AtFrames, robot: RobotReport, undo: PoseMistake | None) -> LengthReport:
     """Hold the length of ``T_CF`` against that of the true poses, or of what is plausible.
 
     Parameters
     ----------
-    recording : Recording
+    recording : AtFrames
     robot : RobotReport
         What was found of Cs; its camera and its poses are used as mended there.
     undo : PoseMistake or None
@@ -113,7 +114,7 @@ def _plausible(recording: Recording) -> LengthReport:
     return LengthReport(None, [], [note] if lengths else [])
 
 
-def _triples(recording: Recording, robot: RobotReport, undo: PoseMistake | None) -> list[_Triple]:
+def _triples(recording: AtFrames, robot: RobotReport, undo: PoseMistake | None) -> list[_Triple]:
     poses, eyes = robot.poses, (robot.eye, Eye(recording.worn_camera or recording.camera))
     assert poses is not None
     known: Mask = np.asarray(np.isfinite(poses).all(axis=(1, 2)))
@@ -126,7 +127,7 @@ def _triples(recording: Recording, robot: RobotReport, undo: PoseMistake | None)
         pairs = _partners(match_points(here, there))
         if len(pairs) < LEAST_MATCHES:
             continue
-        t_cf = worn.t_cf if undo is None else undo.undo(worn.t_cf)
+        t_cf = recording.moved(i) @ undone(undo, worn.t_cf)
         for k in (i + way * gap for gap in _GAPS for way in (1, -1)):
             if not 0 <= k < len(recording) or not known[k]:
                 continue

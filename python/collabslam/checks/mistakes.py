@@ -31,6 +31,11 @@ class PoseMistake(NamedTuple):
     undo: Callable[[Array], Array]
 
 
+def undone(mistake: PoseMistake | None, t: Array) -> Array:
+    """The (4, 4) pose that was meant by the one that was given, if a mistake was made."""
+    return t if mistake is None else mistake.undo(t)
+
+
 def _reordered(order: tuple[int, ...]) -> Callable[[Array], Array]:
     def undo(t: Array) -> Array:
         quaternion = quaternion_wxyz(t[:3, :3])[list(order)]

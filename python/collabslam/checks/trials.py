@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from collabslam.checks.mistakes import FOCALS, MIRRORS, SIZES, WORN_POSE_MISTAKES, Eye, PoseMistake
+from collabslam.checks.mistakes import FOCALS, MIRRORS, SIZES, WORN_POSE_MISTAKES, Eye, PoseMistake, undone
 from collabslam.checks.robot import RobotReport
 from collabslam.checks.views import View
 from collabslam.geometry import pose_inverse
@@ -28,8 +28,8 @@ class Trial(NamedTuple):
     mistake: PoseMistake | None = None
 
     def t_cf(self, view: View) -> Array:
-        t_cf = view.poses[self.pose]
-        return t_cf if self.mistake is None else self.mistake.undo(t_cf)
+        """Where Cf was in the view, seen from Cs in its frame, if the mistake was made."""
+        return view.moved @ undone(self.mistake, view.poses[self.pose])
 
 
 def worn_trials(

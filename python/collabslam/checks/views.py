@@ -10,7 +10,8 @@ from collabslam.checks.matching import LEAST_MATCHES, Matches, Points, describe,
 from collabslam.checks.mistakes import mirrored
 from collabslam.checks.robot import CLOCK
 from collabslam.checks.samples import spread
-from collabslam.types import Array, Image, Recording
+from collabslam.datasets.at_frames import AtFrames
+from collabslam.types import Array, Image
 
 VIEWS = 12
 
@@ -27,7 +28,9 @@ class View:
     matches : dict of int to Matches
         Of Cs's image so many frames later with the view.
     poses : dict of int to (4, 4) array
-        ``T_CF`` measured so many frames later.
+        ``T_CF`` as it was given so many frames later.
+    moved : (4, 4) array
+        Cs at the view's own time in Cs at the frame: ``moved @ T_CF`` is where Cf was, seen from the frame.
     covariance : (6, 6) array
     """
 
@@ -35,10 +38,11 @@ class View:
     block: int
     matches: dict[int, Matches]
     poses: dict[int, Array]
+    moved: Array
     covariance: Array
 
 
-def sample_views(recording: Recording) -> list[View]:
+def sample_views(recording: AtFrames) -> list[View]:
     """Views of Cf that share points with Cs, spread over the recording, with the frames around them."""
     between = float(np.median(np.diff(recording.times))) if len(recording) > 1 else np.inf
     step = max(1, round(CLOCK / 3.0 / between)) if np.isfinite(between) else 1
@@ -69,7 +73,7 @@ def sample_views(recording: Recording) -> list[View]:
         around = [m for m in (step * n for n in range(-3, 4)) if 0 <= i + m < len(recording)]
         matches = {m: match_points(of_robot(i + m), seen) for m in around if m}
         poses = {m: w.t_cf for m in around if (w := recording.frame(i + m).worn) is not None}
-        views.append(View(i, block_of[i], {**matches, 0: found}, poses, worn.covariance))
+        views.append(View(i, block_of[i], {**matches, 0: found}, poses, recording.moved(i), worn.covariance))
     return views
 
 

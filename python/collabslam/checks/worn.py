@@ -21,9 +21,10 @@ from collabslam.checks.mistakes import Eye, PoseMistake
 from collabslam.checks.robot import RobotReport
 from collabslam.checks.trials import Trial, worn_trials
 from collabslam.checks.views import View, sample_views
+from collabslam.datasets.at_frames import AtFrames
 from collabslam.frontend.worn_verdict import Verdict, ask_images, contradicted
 from collabslam.geometry import pose_inverse, se3_log
-from collabslam.types import Array, Recording
+from collabslam.types import Array
 
 MOST_PX = 4.0
 """Median residual above which Cf is never said to agree."""
@@ -80,12 +81,12 @@ class WornReport:
         return self.residual is not None and not self.findings and self.residual <= MOST_PX
 
 
-def check_worn(recording: Recording, robot: RobotReport) -> WornReport:
+def check_worn(recording: AtFrames, robot: RobotReport) -> WornReport:
     """Hold ``T_CF`` against some of the views; nothing to say where there is no worn camera.
 
     Parameters
     ----------
-    recording : Recording
+    recording : AtFrames
     robot : RobotReport
         What was found of Cs: its camera is taken as mended there.
     """
@@ -242,7 +243,7 @@ def _expected(views: list[View], trial: Trial) -> float:
     focal = (trial.eyes[0].focal, trial.eyes[1].focal)
     for view in views:
         rays = _usable(view.matches[0], trial.eyes)
-        jacobian = _core.epipolar_residuals(*rays, view.poses[0], focal).jacobian
+        jacobian = _core.epipolar_residuals(*rays, trial.t_cf(view), focal).jacobian
         sizes.append(np.einsum("ni,ij,nj->n", jacobian, view.covariance, jacobian))
     return float(_HALF_NORMAL * np.median(np.sqrt(np.concatenate(sizes) + _SIGMA**2)))
 

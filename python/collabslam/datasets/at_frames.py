@@ -26,11 +26,12 @@ _KEPT = 32
 
 
 class AtFrames(WrappedRecording):
-    """A recording of one Cf whose frames carry the views nearest to them, with ``T_CF`` as it was there.
+    """A recording of one Cf whose frames have the views nearest to them.
 
     In the recording itself a view comes with the first frame after it, or a later one.  Here a frame has the
-    view nearest to it, whose pose is carried there along the poses of Cs; without these it stays, and its
-    covariance grows by the motion there may have been (`MOTION`).
+    view nearest to it, with ``T_CF`` as it was given, for the view's own time; `moved` tells how Cs moved
+    from the frame to then.  Where nothing tells that, the covariance of ``T_CF`` grows by what it may have
+    been (`MOTION`).
 
     Parameters
     ----------
@@ -61,11 +62,20 @@ class AtFrames(WrappedRecording):
         if not self.free:
             return frame
         worn = self._nearest(i)
-        return replace(frame, worn=None if worn is None else self._carried(worn, frame.t))
+        return replace(frame, worn=None if worn is None else self._at(worn, i))
+
+    def moved(self, i: int) -> Array:
+        """(4, 4) pose of Cs at the time of frame ``i``'s view in Cs at the frame.
+
+        The identity where both are of one time, where there is no view, and where no poses tell.
+        """
+        worn = self.frame(i).worn if self.free else None
+        moved = None if worn is None else self._between(worn, float(self.times[i]))
+        return np.eye(4) if moved is None else moved
 
     @staticmethod
     def _is_together(frame: Frame) -> bool:
-        return frame.worn is None or frame.worn.t is None or abs(frame.worn.t - frame.t) <= TOGETHER
+        return frame.worn is None or abs(_taken(frame.worn, frame.t) - frame.t) <= TOGETHER
 
     def _nearest(self, i: int) -> WornView | None:
         t, best = float(self.times[i]), None
@@ -75,7 +85,7 @@ class AtFrames(WrappedRecording):
             worn = self._read(j).worn
             if worn is None:
                 continue
-            taken = float(self.times[j]) if worn.t is None else worn.t
+            taken = _taken(worn, float(self.times[j]))
             off = abs(taken - t)
             if off <= self._reach and (best is None or off < abs(best[0] - t)):
                 best = taken, worn
@@ -83,14 +93,26 @@ class AtFrames(WrappedRecording):
                 break
         return None if best is None else replace(best[1], t=best[0])
 
-    def _carried(self, worn: WornView, t: float) -> WornView:
-        taken = t if worn.t is None else worn.t
-        if abs(taken - t) <= TOGETHER:
+    def _at(self, worn: WornView, i: int) -> WornView:
+        """The view as frame ``i`` has it: less certain where nothing tells how Cs moved between the two."""
+        t = float(self.times[i])
+        if self._between(worn, t) is not None:
             return worn
-        if len(self._stamps):
-            here, there = interpolate_track(self._stamps, self._poses, np.array([t, taken]))
-            if np.isfinite([here, there]).all():
-                return replace(worn, t_cf=pose_inverse(here) @ there @ worn.t_cf)
-        moved = np.repeat(MOTION, 3) * abs(taken - t)
+        sds = np.repeat(MOTION, 3) * abs(_taken(worn, t) - t)
         back = _core.adjoint(pose_inverse(worn.t_cf))
-        return replace(worn, covariance=worn.covariance + back @ np.diag(moved**2) @ back.T)
+        return replace(worn, covariance=worn.covariance + back @ np.diag(sds**2) @ back.T)
+
+    def _between(self, worn: WornView, t: float) -> Array | None:
+        """Cs at the time of a view in Cs at ``t``; None if nothing tells it."""
+        if abs(_taken(worn, t) - t) <= TOGETHER:
+            return np.eye(4)
+        if not len(self._stamps):
+            return None
+        here, there = interpolate_track(self._stamps, self._poses, np.array([t, _taken(worn, t)]))
+        moved: Array = pose_inverse(here) @ there
+        return moved if np.isfinite(moved).all() else None
+
+
+def _taken(worn: WornView, t: float) -> float:
+    """When a view was taken: with its frame, of time ``t``, if it does not say."""
+    return t if worn.t is None else worn.t
