@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from collabslam import InputError, RecordingWriter, open_recording
-from collabslam.checks.calibration import check_calibration
 from collabslam.datasets import write_recording
 from collabslam.datasets.emulated.free_running import FreeRunning, WornClock
 from collabslam.datasets.readers.stamped import LONGEST, own_time, views_of_frames
@@ -63,7 +62,3 @@ def test_a_view_is_written_once(walk: Recording, tmp_path: Path) -> None:
             writer.add(second.t, second.image, first.worn)
         writer.add(second.t, second.image, second.worn)
     assert len(list((tmp_path / "walk" / "cam1" / "data").iterdir())) == 2
-
-
-def test_what_was_not_taken_together_checks_no_calibration(walk: Recording) -> None:
-    assert check_calibration(walk).worn.residual is None
