@@ -10,6 +10,7 @@ import numpy as np
 from collabslam.geometry import pose_inverse
 from collabslam_lab.cli.main import main
 from collabslam_lab.hardware import clocks
+from collabslam_lab.hardware.offset_tables import found_table, offset_table
 from collabslam_lab.hardware.wrong_stamps import KNOWN, WrongStamps, side_by_side
 
 
@@ -61,6 +62,24 @@ def test_scores_are_pooled_over_frames() -> None:
     assert np.isnan(clocks.pooled([]).error)
 
 
+def test_the_page_says_what_an_offset_costs_and_whether_it_is_noticed() -> None:
+    row = {"way": "lively", "seed": 0, "t_cf": "1 cm", "frames": 4, "sum_variance_m2": 1.0, "sum_nees": 24.0}
+    right = {"offset_ms": 0.0, "told": False, "sum_square_m2": 4e-4, "ok_share": 1.0, "doubtful_share": 0.0}
+    wrong = {
+        "offset_ms": 50.0,
+        "told": False,
+        "sum_square_m2": 36e-4,
+        "ok_share": 0.25,
+        "doubtful_share": 0.5,
+    }
+    rows = [row | right, row | wrong, row | wrong | {"told": True, "sum_square_m2": 16e-4}]
+    table = offset_table(rows).markdown()
+    assert "| lively | 1 cm | 0 ms | 1.0 cm (1.00) | 6.0 | 100% | 0% | - | - | - | - |" in table
+    assert "| 50 ms | 3.0 cm (3.00) | 6.0 | 25% | 50% | 2.0 cm (2.00) |" in table
+    found = {"way": "lively", "seed": 0, "t_cf": "1 cm", "offset_ms": 50.0, "found_ms": 51.7, "sd_ms": 3.2}
+    assert "| 50 ms | 52 +- 3 ms |" in found_table([found]).markdown()
+
+
 def test_the_command_writes_its_page(tmp_path: Path) -> None:
     assert main(["clocks", "--quick", "--seeds", "0", "--out", str(tmp_path)]) == 0
     numbers = json.loads((tmp_path / "clocks.json").read_text())
@@ -69,5 +88,6 @@ def test_the_command_writes_its_page(tmp_path: Path) -> None:
     page = (tmp_path / "clocks.md").read_text()
     assert "| 7 Hz | 50 ms | - | - |" in page
     assert "| corridor | 5 mm, 0.2 degrees | 20 ms |" in page
+    assert "finds of it by a run and the views" in page
     assert (tmp_path / "clocks.png").read_bytes().startswith(b"\x89PNG")
     assert (tmp_path / "clocks.csv").read_text().count("\n") == 1 + len(numbers["clocks"])

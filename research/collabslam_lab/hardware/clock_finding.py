@@ -10,9 +10,18 @@ from typing import Any
 import numpy as np
 
 from collabslam_lab.figures.finding import Finding, Table, hand_over
-from collabslam_lab.figures.style import COLLAB, GREY, INK, MONO, RAMP, canvas, legend
+from collabslam_lab.figures.style import GREY, RAMP, canvas, legend
 from collabslam_lab.hardware import clocks as runs
-from collabslam_lab.hardware.clocks import SETTLED, TOGETHER, Pooled, Row, pooled
+from collabslam_lab.hardware.clocks import SETTLED, TOGETHER, Pooled, Row, of, pooled, values
+from collabslam_lab.hardware.offset_tables import draw_offsets, found_table, offset_table
+from collabslam_lab.hardware.offsets import (
+    FEW_OFFSETS_MS,
+    FEW_WAYS,
+    OFFSETS_MS,
+    WAYS,
+    found_rows,
+    offset_rows,
+)
 
 COLUMNS = ("seed", "rate_hz", "phase_s", "late_s", "frames", "ok_share", "error_m", "claimed_m", "nees")
 NOTE = (
@@ -41,43 +50,37 @@ def report(out: Path, seeds: Sequence[int], *, quick: bool) -> None:
     DataError
         If the folder cannot be written.
     """
-    if quick:
-        clocks = list(runs.clock_rows(seeds, runs.FEW_CLOCKS, QUICK_FRAMES))
-        offsets = list(runs.offset_rows(seeds, runs.WAYS[:1], runs.FEW_OFFSETS_MS, QUICK_FRAMES))
-    else:
-        clocks = list(runs.clock_rows(seeds, runs.CLOCKS))
-        offsets = list(runs.offset_rows(seeds, runs.WAYS, runs.OFFSETS_MS))
+    clocks = runs.FEW_CLOCKS if quick else runs.CLOCKS
+    ways, offsets = (FEW_WAYS, FEW_OFFSETS_MS) if quick else (WAYS, OFFSETS_MS)
+    frames = QUICK_FRAMES if quick else None
+    page = finding(
+        list(runs.clock_rows(seeds, clocks, frames)),
+        list(offset_rows(seeds, ways, offsets, frames)),
+        list(found_rows(ways[0], seeds[0], offsets, frames)),
+    )
     how = f"collabslam-lab clocks --seeds {','.join(map(str, seeds))}{' --quick' if quick else ''}"
-    hand_over(out, "clocks", finding(clocks, offsets), how)
+    hand_over(out, "clocks", page, how)
 
 
-def finding(clocks: Sequence[Row], offsets: Sequence[Row]) -> Finding:
-    """What `clock_rows` and `offset_rows` gave, as a page."""
+def finding(clocks: Sequence[Row], offsets: Sequence[Row], found: Sequence[Row]) -> Finding:
+    """What `clock_rows`, `offset_rows` and `found_rows` gave, as a page."""
     figure, panels = canvas(1, 2, (11.0, 4.2), "A worn camera with a clock of its own")
     _draw_lateness(panels[0, 0], clocks)
-    _draw_offsets(panels[0, 1], offsets)
+    draw_offsets(panels[0, 1], offsets)
     rows = [[*(row[key] for key in COLUMNS[:6]), *astuple(pooled([row]))] for row in clocks]
     return Finding(
         title="A worn camera with a clock of its own",
         figure=figure,
-        tables=[_clock_table(clocks), _offset_table(offsets)],
+        tables=[_clock_table(clocks), offset_table(offsets), found_table(found)],
         verdict=NOTE,
-        numbers={"clocks": list(clocks), "offsets": list(offsets)},
+        numbers={"clocks": list(clocks), "offsets": list(offsets), "found": list(found)},
         columns=COLUMNS,
         rows=rows,
     )
 
 
-def _values(rows: Sequence[Row], key: str) -> list[Any]:
-    return sorted({row[key] for row in rows})
-
-
-def _of(rows: Sequence[Row], **wanted: Any) -> list[Row]:
-    return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
-
-
 def _together(rows: Sequence[Row]) -> list[Row]:
-    return _of(rows, rate_hz=TOGETHER.rate, phase_s=TOGETHER.phase, late_s=TOGETHER.late)
+    return of(rows, rate_hz=TOGETHER.rate, phase_s=TOGETHER.phase, late_s=TOGETHER.late)
 
 
 def _form(rows: Sequence[Row], base: Pooled) -> str:
@@ -89,11 +92,11 @@ def _form(rows: Sequence[Row], base: Pooled) -> str:
 
 def _clock_table(rows: Sequence[Row]) -> Table:
     base = pooled(_together(rows))
-    late = _values(rows, "late_s")
+    late = values(rows, "late_s")
     kinds = sorted({(row["rate_hz"], row["phase_s"]) for row in rows})
     lines = [
         [f"{rate:g} Hz", f"{1e3 * phase:g} ms"]
-        + [_form(_of(rows, rate_hz=rate, phase_s=phase, late_s=t), base) for t in late]
+        + [_form(of(rows, rate_hz=rate, phase_s=phase, late_s=t), base) for t in late]
         for rate, phase in kinds
     ]
     return Table(
@@ -105,57 +108,14 @@ def _clock_table(rows: Sequence[Row]) -> Table:
     )
 
 
-def _offset_table(rows: Sequence[Row]) -> Table:
-    def cell(sel: Sequence[Row]) -> str:
-        if not sel:
-            return "-"
-        score = pooled(sel)
-        return f"{100 * score.error:.1f} cm ({score.nees:.1f})"
-
-    kinds = sorted({(row["way"], row["t_cf"], row["offset_ms"]) for row in rows})
-    lines = [
-        [way, known, f"{ms:g} ms"]
-        + [cell(_of(rows, way=way, t_cf=known, offset_ms=ms, told=told)) for told in (False, True)]
-        for way, known, ms in kinds
-    ]
-    return Table(
-        "Cf's clock is behind: error and NEES of the pose, without and with `worn.clock_sd` of that size:",
-        ["way", "T_CF is known to", "behind by", "not told", "told"],
-        lines,
-    )
-
-
 def _draw_lateness(axes: Any, rows: Sequence[Row]) -> None:
     base = pooled(_together(rows)).error
-    late = _values(rows, "late_s")
-    for rate, colour in zip(_values(rows, "rate_hz"), RAMP, strict=False):
-        errors = [pooled(_of(rows, rate_hz=rate, late_s=t)).error for t in late]
+    late = values(rows, "late_s")
+    for rate, colour in zip(values(rows, "rate_hz"), RAMP, strict=False):
+        errors = [pooled(of(rows, rate_hz=rate, late_s=t)).error for t in late]
         axes.plot(late, np.asarray(errors) / base, "o-", color=colour, label=f"{rate:g} Hz, all phases")
     axes.axhline(1.0, color=GREY, linewidth=1.0)
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("views come late by, s")
     axes.set_ylabel("error over that of views at frames' instants")
     legend(axes, "lower left")
-
-
-def _draw_offsets(axes: Any, rows: Sequence[Row]) -> None:
-    styles = {"corridor": "-"}
-    for way in dict.fromkeys(row["way"] for row in rows):
-        for known, colour in zip(
-            dict.fromkeys(row["t_cf"] for row in rows), (COLLAB, MONO, INK), strict=False
-        ):
-            sel = _of(rows, way=way, t_cf=known, told=False)
-            offsets = _values(sel, "offset_ms")
-            errors = [100 * pooled(_of(sel, offset_ms=ms)).error for ms in offsets]
-            axes.plot(
-                offsets,
-                errors,
-                styles.get(way, "--"),
-                marker="o",
-                color=colour,
-                label=f"{way}, T_CF to {known}",
-            )
-    axes.set_ylim(bottom=0.0)
-    axes.set_xlabel("Cf's clock is behind by, ms")
-    axes.set_ylabel("RMS position error, cm")
-    legend(axes)

@@ -1,4 +1,4 @@
-"""What a clock of Cf's own costs: views between frames, at other rates, late, or with wrong stamps."""
+"""What a clock of Cf's own costs: views between frames, at other rates, or late."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from collabslam import Settings, run
+from collabslam import run
 from collabslam.datasets.emulated.free_running import FreeRunning, WornAt, WornClock
 from collabslam.datasets.wrapped import FirstFrames
 from collabslam.demo import corridor_recording
@@ -18,7 +18,7 @@ from collabslam.demo.recording import DemoRecording
 from collabslam.evaluation.consistency import nees, pose_tangent_error
 from collabslam.runs.runner import RunResult
 from collabslam.types import Array
-from collabslam_lab.hardware.wrong_stamps import AHEAD, CORRIDOR, KNOWN, WrongStamps, side_by_side
+from collabslam_lab.hardware.wrong_stamps import AHEAD
 
 Row = dict[str, Any]
 
@@ -31,9 +31,6 @@ FEW_CLOCKS = (WornClock(10.0, 0.05), WornClock(7.0, 0.05, 0.95), WornClock(30.0,
 WAY_M = 9.0
 SETTLED = 1.5
 """Seconds from the first frame on from which errors count: by then every clock's first view has come."""
-OFFSETS_MS = (0.0, 10.0, 20.0, 50.0)
-FEW_OFFSETS_MS = (0.0, 20.0)
-WAYS = (CORRIDOR, "turn90-0")
 
 
 def clock_rows(seeds: Sequence[int], clocks: Sequence[WornClock], frames: int | None = None) -> Iterator[Row]:
@@ -59,7 +56,7 @@ def clock_rows(seeds: Sequence[int], clocks: Sequence[WornClock], frames: int | 
                 "rate_hz": clock.rate,
                 "phase_s": clock.phase,
                 "late_s": clock.late,
-                **_scores(result),
+                **scores_of(result),
             }
 
 
@@ -73,28 +70,15 @@ def _worn_of(world: DemoRecording) -> WornAt:
     return lambda t, _: taken(round(1e4 * t))
 
 
-def offset_rows(
-    seeds: Sequence[int], ways: Sequence[str], offsets_ms: Sequence[float], frames: int | None = None
-) -> Iterator[Row]:
-    """One row for each way, seed, certainty of T_CF, offset, and whether the filter is told of the offset."""
-    for way in ways:
-        for seed in seeds:
-            world = side_by_side(way, seed, frames)
-            for ms in offsets_ms:
-                for known, sds in KNOWN.items():
-                    for told in (False, True) if ms else (False,):
-                        changes = {"filter.worn.clock_sd": ms / 1e3} if told else {}
-                        wrong = WrongStamps(world, ms / 1e3, sds)
-                        result = run(wrong, start="worn", settings=Settings.default().replace(changes))
-                        row = {"way": way, "seed": seed, "t_cf": known, "offset_ms": ms, "told": told}
-                        yield row | _scores(result)
-
-
-def _scores(result: RunResult) -> Row:
-    """Sums over the frames that count: see `pooled`."""
+def scores_of(result: RunResult) -> Row:
+    """Sums over the frames that count, for `pooled`, and which share of all frames is OK and in doubt."""
     record, truth = result.record, result.truth
     sums = dict.fromkeys(("sum_square_m2", "sum_variance_m2", "sum_nees"), 0.0)
-    scores: Row = {"frames": 0, **sums, "ok_share": result.summary["ok_share"]}
+    shares = {
+        "ok_share": result.summary["ok_share"],
+        "doubtful_share": result.summary["frames_doubtful"] / max(1, result.summary["frames"]),
+    }
+    scores: Row = {"frames": 0, **sums, **shares}
     if truth is None:
         return scores
     use = truth.known & record.valid & (record.times >= record.times[0] + SETTLED)
@@ -133,3 +117,13 @@ def pooled(rows: Sequence[Row]) -> Pooled:
     sums = [sum(row[key] for row in rows) for key in ("sum_square_m2", "sum_variance_m2", "sum_nees")]
     square, variance, total = (x / frames if frames else float("nan") for x in sums)
     return Pooled(float(np.sqrt(square)), float(np.sqrt(variance)), total)
+
+
+def values(rows: Sequence[Row], key: str) -> list[Any]:
+    """What the rows have under a key, each once, in order."""
+    return sorted({row[key] for row in rows})
+
+
+def of(rows: Sequence[Row], **wanted: Any) -> list[Row]:
+    """The rows that have these values."""
+    return [row for row in rows if all(row[key] == value for key, value in wanted.items())]

@@ -12,12 +12,14 @@ from collabslam.demo.demo_run import HeldRecording
 from collabslam.demo.recording import POSITION_SD, ROTATION_SD, measured_pose
 from collabslam.geometry import pose_inverse
 from collabslam.types import Frame, Image, WornView
+from collabslam_lab.calibrated.ways import rendered
 from collabslam_lab.worlds import WorldRecording, world_recording
 
 Noise = tuple[float, tuple[float, float, float]]
 """Standard deviations of a measured T_CF: along each axis, metres, and about F's axes, degrees."""
 
-CORRIDOR = "corridor"
+CORRIDOR, LIVELY = "corridor", "lively"
+LIVELY_FRAMES = 80
 KNOWN: dict[str, Noise] = {
     "3 cm, 1 degree": (POSITION_SD, ROTATION_SD),
     "5 mm, 0.2 degrees": (0.005, (0.2, 0.2, 0.2)),
@@ -47,7 +49,13 @@ class SideBySide(HeldRecording):
 
 
 def side_by_side(way: str, seed: int, frames: int | None = None) -> SideBySide:
-    """The demo's corridor, 9 m of it, or a world of the lab by its name; ``seed`` governs the noise."""
+    """A way by its name; ``seed`` governs the noise.
+
+    The demo's corridor, 9 m of it; 8 s in it of a Cs that turns and a Cf that goes about; or a world of the
+    lab.
+    """
+    if way == LIVELY:
+        return SideBySide(rendered(LIVELY, LIVELY_FRAMES, seed), frames)
     if way == CORRIDOR:
         return SideBySide(corridor_recording(seed, length_m=9.0, glances=AHEAD), frames)
     return SideBySide(world_recording(way, seed), frames)
