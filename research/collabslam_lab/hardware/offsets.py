@@ -12,7 +12,7 @@ from collabslam_lab.hardware.wrong_stamps import CORRIDOR, KNOWN, LIVELY, WrongS
 
 OFFSETS_MS = (0.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 FEW_OFFSETS_MS = (0.0, 20.0)
-WAYS = (LIVELY, "turn90-0", CORRIDOR)
+WAYS = (LIVELY, "turn90-0")
 FEW_WAYS = (CORRIDOR,)
 
 
