@@ -1346,7 +1346,7 @@ class CandidateReport:
         Of those that were given up as they are where no point at rest would be: by how many times as much
         as noise and the poses allow; 0 elsewhere.
     held : (N,) bool
-        Those that wait where they were first seen, though a far point there would have moved.
+        Those that wait where they were first seen: they may be fixed to the camera.
     fixed : (N,) bool
         Those that were given up as they are fixed to the camera.
     """

@@ -155,5 +155,17 @@ def test_no_image_tells_of_feet_nor_of_both_focal_lengths(degrees: float) -> Non
     assert _against(pixels, t_cf, (682.0, 620.0)) > 1.0
 
 
+@pytest.mark.parametrize(("crop", "told"), [(1.0, False), (1.1, True)])
+def test_a_stabilised_camera_is_told_by_its_enlarged_image_alone(crop: float, told: bool) -> None:
+    """Turned by half a degree in pitch, and yaw, the calibration of Cs being that of the image as it was."""
+    points = np.random.default_rng(1).uniform((-2.0, -1.5, 5.0), (2.0, 1.5, 20.0), (80, 3))
+    t_cf = pose(np.eye(3), np.array([-0.74, -0.76, 0.19]))
+    turned = se3_exp([0.0, 0.0, 0.0, np.deg2rad(0.5), np.deg2rad(0.5), 0.0])
+    right = Camera("pinhole", 720, 480, (620.0, 620.0, 359.5, 239.5))
+    larger = Camera("pinhole", 720, 480, (620.0 * crop, 620.0 * crop, 359.5, 239.5))
+    pixels = [larger.project(points @ turned[:3, :3]).uv, right.project((points - t_cf[:3, 3])).uv]
+    assert (_against(pixels, t_cf, (620.0, 620.0)) > 1.0) == told
+
+
 def test_the_processes_run_this_python() -> None:
     assert performing.program(["m", "w"], {"n": 5})[-4:] == [sys.executable, "-m", "m", "w"]

@@ -125,8 +125,14 @@ def test_what_cf_showed_is_forgotten_where_it_shows_nothing_any_more() -> None:
     assert said[40:] == [NOTHING] * 10
     judge = doubts()
     for k in range(80):  # it comes back: what was said of T_CF still counts
-        judge.judge(report(), FOUND, seen(0.2 if k < 30 else 2.0) if k < 30 or k > 75 else Overlaps(), born())
+        judge.judge(report(), FOUND, seen(0.2 if k < 30 else 2.0) if k < 30 or k > 77 else Overlaps(), born())
     assert judge.judge(report(), FOUND, seen(2.0), born()) == NOTHING
+
+
+def test_a_calibration_that_goes_wrong_on_the_way_is_doubted() -> None:
+    judge = doubts()
+    said = [judge.judge(report(), FOUND, seen(0.2 if k < 40 else 2.0), born()) for k in range(50)]
+    assert said == [NOTHING] * 43 + ["t_cf"] * 7
 
 
 def test_a_jump_is_doubted_for_thirty_frames() -> None:

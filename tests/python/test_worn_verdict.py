@@ -10,7 +10,13 @@ import pytest
 from conftest import Clip
 
 from collabslam import Camera, Slam
-from collabslam.frontend.worn_verdict import LEAST_AGREEING, Verdict, ask_images, contradicted
+from collabslam.frontend.worn_verdict import (
+    LEAST_AGREEING,
+    Verdict,
+    ask_images,
+    contradicted,
+    contradicted_lately,
+)
 from collabslam.geometry import pose, se3_exp
 from collabslam.types import Array, Frame, Image, Status, WornView
 
@@ -94,6 +100,15 @@ def test_most_of_three_views_must_contradict() -> None:
     assert not contradicted([0.7, 0.7, 0.7])
     assert not contradicted([2.0, unsaid, 2.0])
     assert not contradicted([])
+
+
+def test_what_was_right_before_does_not_excuse_what_is_wrong_now() -> None:
+    before = [0.1] * 26
+    assert contradicted_lately([*before, 2.0, 2.0, float("nan"), 0.1, 2.0, 2.0])
+    assert not contradicted([*before, 2.0, 2.0, float("nan"), 0.1, 2.0, 2.0])
+    assert not contradicted_lately([*before, 2.0, 2.0, 2.0]), "some views may be wrong"
+    assert not contradicted_lately([*before, *[0.9] * 7]), "each by itself"
+    assert not contradicted_lately([2.0] * 6), "too few to speak of"
 
 
 def sideways(worn: WornView) -> WornView:

@@ -434,10 +434,7 @@ fn births_wait_for_parallax_and_the_clone_waits_with_them() {
     let size = warm.filter.map_size();
     let seen = see(&mut warm, &tracked);
     let outcomes = warm.filter.observe_candidates(&seen).expect("candidates");
-    assert!(
-        outcomes.iter().all(|o| *o == CandidateOutcome::Waiting),
-        "{outcomes:?}"
-    );
+    assert!(outcomes.iter().all(|o| o.waits()), "{outcomes:?}");
     assert_eq!(warm.filter.map_size(), size);
     assert_eq!(warm.filter.candidate_count(), tracked.len());
     for _ in 0..19 {
@@ -453,10 +450,7 @@ fn births_wait_for_parallax_and_the_clone_waits_with_them() {
     assert!(born >= 3);
     assert_eq!(warm.filter.map_size(), size + born);
     // One candidate keeps the clone alive; without any it goes.
-    let keep = seen
-        .iter()
-        .zip(&outcomes)
-        .find(|(_, o)| **o == CandidateOutcome::Waiting);
+    let keep = seen.iter().zip(&outcomes).find(|(_, o)| o.waits());
     let keep = keep.expect("a far one waits").0.0;
     let others: Vec<u64> = warm
         .filter
@@ -554,6 +548,26 @@ fn what_is_fixed_to_the_camera_is_no_birth() {
     assert_eq!(warm.filter.map_size(), size, "{outcomes:?}");
     assert!(held + fixed > 0, "{outcomes:?}");
     assert_eq!(warm.filter.candidate_count(), count - fixed);
+}
+
+/// What has not moved in the image yet may be fixed to the camera, whether or not the camera has turned.
+#[test]
+fn what_stands_in_the_image_is_held() {
+    let mut warm = warm(24, &[]);
+    warm.update(false);
+    let first = [Vector2::new(150.0, 120.0), Vector2::new(260.0, 200.0)];
+    let ids = warm.filter.add_candidates(&first).expect("started");
+    warm.next_frame();
+    warm.update(false);
+    let seen = [
+        (ids[0], first[0] + Vector2::new(4.0, -3.0)),
+        (ids[1], first[1] + Vector2::new(5.0, -3.0)),
+    ];
+    let outcomes = warm.filter.observe_candidates(&seen).expect("candidates");
+    assert_eq!(
+        outcomes,
+        [CandidateOutcome::Held, CandidateOutcome::Waiting]
+    );
 }
 
 /// Where a point at rest can be, from infinity to the place of the first view, and where none can.

@@ -24,6 +24,8 @@ LEAST_AGREEING = 8
 """Fewer matches that agree with each other say nothing: any five lie on the lines of some pose."""
 LEAST_VIEWS = 3
 """Fewer views that say something do not speak for a run."""
+_LAST = 7
+"""Views that together tell of a fault that has begun since."""
 _TOGETHER = 0.8
 """`Verdict.against` that counts where most views reach it: the level of each test is then 0.999."""
 _SIGMA, _LIMIT = 1.0, 3.0
@@ -97,6 +99,22 @@ def contradicted(against: Sequence[float] | Array) -> bool:
     told = np.asarray(against, np.float64)
     told = told[~np.isnan(told)]
     return len(told) >= LEAST_VIEWS and bool(np.mean(told > _TOGETHER) > 0.5)
+
+
+def contradicted_lately(against: Sequence[float] | Array) -> bool:
+    """Whether most of the last views that say something contradict T_CF, each by itself.
+
+    What was right before is no defence of a T_CF, or of a calibration, that is wrong from some time on: of a
+    camera that zooms.
+
+    Parameters
+    ----------
+    against : (N,) array
+        As of `contradicted`, in their order.
+    """
+    told = np.asarray(against, np.float64)
+    told = told[~np.isnan(told)][-_LAST:]
+    return len(told) == _LAST and bool(np.median(told) > 1.0)
 
 
 def _moved(t_cf: Array, pose: Array) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 
 from collabslam._core import Outcomes, UpdateReport, chi2_quantile
 from collabslam.formats.schema import Check, array, fields, table, whole
-from collabslam.frontend.worn_verdict import contradicted
+from collabslam.frontend.worn_verdict import contradicted, contradicted_lately
 from collabslam.geometry import pose_inverse, se3_log
 from collabslam.settings.setting import Value
 from collabslam.slam.map_change import MapChange
@@ -94,7 +94,9 @@ class Doubts(PersistentState):
         """What is doubted by the frames so far: a camera that is lost does not make its map any better."""
         doubted = {
             WORN: any(
-                one["without"] <= _LAST and contradicted(one["against"]) for one in self._worn.values()
+                one["without"] <= _LAST
+                and (contradicted(one["against"]) or contradicted_lately(one["against"]))
+                for one in self._worn.values()
             ),
             WORN_MATCHES: any(self._too_many_refused(one["matches"]) for one in self._worn.values()),
             JUMP: bool(self._jumps.any()),

@@ -151,7 +151,7 @@ class MapManager:
     def _promote_oldest(self, found: Found, held: Ids, count: int) -> dict[int, int]:
         """Where the view runs out of features, candidates that waited longest wait no longer.
 
-        Those that the image ``held`` in their places though the camera turned may be fixed to it.
+        Those that the image has ``held`` in their places may be fixed to the camera.
         """
         waiting = np.setdiff1d(np.intersect1d(found.candidates, self._filter.candidates), held)
         ids = waiting[: max(count, 0)]

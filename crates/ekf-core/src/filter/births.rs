@@ -85,7 +85,11 @@ impl Filter {
         let outcomes = seen
             .iter()
             .map(|(id, uv)| {
-                let outcome = self.try_delayed_birth(*id, uv);
+                let stands = self.stands(*id, uv);
+                let outcome = match self.try_delayed_birth(*id, uv) {
+                    CandidateOutcome::Waiting if stands => CandidateOutcome::Held,
+                    other => other,
+                };
                 if !outcome.waits() {
                     self.candidates.remove(id);
                 }
@@ -221,6 +225,14 @@ impl Filter {
             Some(block) => CandidateOutcome::Born(block.id),
             None => CandidateOutcome::Dropped,
         }
+    }
+
+    /// Whether the image has a candidate where it was first seen, within four sigma of two pixels.
+    fn stands(&self, id: u64, uv: &Vector2<f64>) -> bool {
+        let noise = 4.0 * std::f64::consts::SQRT_2 * self.settings.pixel.sigma_cs;
+        self.candidates
+            .get(&id)
+            .is_some_and(|candidate| (uv - candidate.uv).norm() <= noise)
     }
 
     /// Standard deviation, rad, of where a point at rest can be seen, by the poses of now and of its first view.

@@ -129,7 +129,7 @@ pub enum CandidateOutcome {
     Born(u64),
     /// Too little baseline or parallax yet: it waits.
     Waiting,
-    /// It waits, where it was first seen: a far point there would have moved, one at some distance not.
+    /// It waits, where it was first seen: it may be fixed to the camera, or far, or at a distance at which a turn is made up for.
     Held,
     /// No point at rest would be there, at whatever distance: it was dropped. By how many times as much as noise and the poses
     /// allow.

@@ -15,6 +15,7 @@ from collabslam._core import Camera
 from collabslam.geometry import se3_exp
 from collabslam.types import Array, Frame, Image, Indices, Recording, WornView
 from collabslam_lab.reliability.attacks.attack import HONEST, READ_OR_REFUSED, Attack
+from collabslam_lab.reliability.attacks.processed import stabilised, zoom
 from collabslam_lab.reliability.faults import FAULTS, FaultyRecording, Rng
 
 Make = Callable[[Recording, Rng], Recording]
@@ -128,6 +129,11 @@ def _patch(share: float, *, speed: float, seed: int = 4) -> Show:
         return out
 
     return show
+
+
+def _from(first: int, show: Show) -> Show:
+    """From a frame on."""
+    return lambda image, rng, i: show(image, rng, i) if i >= first else image
 
 
 def _hood(image: Image, rng: Rng, _: int) -> Image:
@@ -291,6 +297,18 @@ STREAMS: tuple[tuple[str, str, Make], ...] = (
     ("patch-walking", "a patch over 30 % of the image at 3 px a frame", _shown(_patch(0.3, speed=3.0))),
     ("patch-fifth", "a patch over 20 % of the image at 1 px a frame", _shown(_patch(0.2, speed=1.0))),
     ("patch-sixth", "a patch over 15 % of the image at 1 px a frame", _shown(_patch(0.15, speed=1.0))),
+    ("put-on-straight", "a sticker over 30 % of the lens, put on before the camera turns",
+     _shown(_from(10, _patch(0.3, speed=0.0)))),
+    ("put-on-turning", "a sticker over 30 % of the lens, put on while the camera turns",
+     _shown(_from(30, _patch(0.3, speed=0.0)))),
+    ("put-on-small", "a sticker over 15 % of the lens, put on while the camera turns",
+     _shown(_from(30, _patch(0.15, speed=0.0)))),
+    ("zoom-creeping", "a camera that zooms by 0.2 % a frame", _shown(zoom(lambda i: 1.0 + 0.002 * i))),
+    ("zoom-glide", "a camera that zooms by 20 % within two seconds",
+     _shown(zoom(lambda i: 1.0 + 0.2 * min(max((i - 40) / 20.0, 0.0), 1.0)))),
+    ("zoom-jump", "a camera that zooms by 15 % at once", _shown(zoom(lambda i: 1.15 if i >= 50 else 1.0))),
+    ("stabilised", "images that the camera stabilises and enlarges by 10 %", stabilised(1.1, 10)),
+    ("stabilised-whole", "images that the camera stabilises and does not enlarge", stabilised(1.0, 10)),
     ("patch-cf", "a moving patch over 30 % of Cf's image", _shown(None, _patch(0.3, speed=5.0))),
     ("dark", "black images throughout", _shown(_dark, _dark)),
     ("dark-cs", "black images of Cs throughout", _shown(_dark)),
@@ -318,7 +336,7 @@ STREAMS: tuple[tuple[str, str, Make], ...] = (
 )  # fmt: skip
 BY_NAME = {name: make for name, _, make in STREAMS}
 
-BEYOND = ("t-cf-feet", "focal-both")
+BEYOND = ("t-cf-feet", "focal-both", "stabilised-whole")
 """What no image tells: `tests/lab/test_attacks.py` holds the figures."""
 
 ATTACKS = tuple(
