@@ -163,7 +163,7 @@ def test_a_stabilised_camera_is_told_by_its_enlarged_image_alone(crop: float, to
     turned = se3_exp([0.0, 0.0, 0.0, np.deg2rad(0.5), np.deg2rad(0.5), 0.0])
     right = Camera("pinhole", 720, 480, (620.0, 620.0, 359.5, 239.5))
     larger = Camera("pinhole", 720, 480, (620.0 * crop, 620.0 * crop, 359.5, 239.5))
-    pixels = [larger.project(points @ turned[:3, :3]).uv, right.project((points - t_cf[:3, 3])).uv]
+    pixels = [larger.project(points @ turned[:3, :3]).uv, right.project(points - t_cf[:3, 3]).uv]
     assert (_against(pixels, t_cf, (620.0, 620.0)) > 1.0) == told
 
 

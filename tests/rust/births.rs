@@ -434,7 +434,7 @@ fn births_wait_for_parallax_and_the_clone_waits_with_them() {
     let size = warm.filter.map_size();
     let seen = see(&mut warm, &tracked);
     let outcomes = warm.filter.observe_candidates(&seen).expect("candidates");
-    assert!(outcomes.iter().all(|o| o.waits()), "{outcomes:?}");
+    assert!(outcomes.iter().all(CandidateOutcome::waits), "{outcomes:?}");
     assert_eq!(warm.filter.map_size(), size);
     assert_eq!(warm.filter.candidate_count(), tracked.len());
     for _ in 0..19 {
