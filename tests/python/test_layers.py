@@ -70,7 +70,7 @@ LAB_ALLOWED: dict[str, set[str]] = {
     "long_ways": {"processes", "worlds"},
     "calibrated": {"figures", "processes", "engines", "intervals"},
     "reliability": {"report", "processes", "benchmark"},
-    "hardware": {"figures", "report", "worlds"},
+    "hardware": {"calibrated", "figures", "report", "worlds"},
     "learned": {"report", "processes", "benchmark"},
     "real_people": {"report"},
     "cli": {
