@@ -1,4 +1,4 @@
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Protocol, final
 
 import numpy as np
@@ -1443,10 +1443,11 @@ class Edge:
     ----------
     pose : (4, 4) float64
         Of its end from its beginning, metres.
-    revised : (7,) float64
+    revised : (K,) float64
         By how much the estimate of what the beginning handed on has changed since.
-    covariance : (20, 20) float64
-        Joint, of the pose (right tangent, m and rad), what the beginning handed on and what the end hands on.
+    covariance : (6 + K + L, 6 + K + L) float64
+        Joint, of the pose (right tangent, m and rad), the K numbers that the beginning handed on
+        and the L that the end hands on, where it has ended.
     """
 
     @property
@@ -1468,15 +1469,16 @@ class Submap:
         T_WC where it ended, metres.
     pose_covariance : (6, 6) float64
         Right tangent, m^2 and rad^2.
-    handed_on : (7, 7) float64
-        Covariance of what it hands on: the logarithm of the scale, and the bias of T_CF.
+    handed_on : (K, K) float64
+        Covariance of what it hands on: the logarithm of the scale, and of each worn camera the
+        lasting error of T_CF, m and rad along the axes of C.
     ids : (N,) int64
         Landmarks in view.
     points : (N, 3) float64
         From the camera, metres.
     covariance : (3 N, 3 N) float64
         Their joint covariance as they stand to the camera, m^2.
-    with_handed_on : (3 N, 7) float64
+    with_handed_on : (3 N, K) float64
         Their covariance with what is handed on.
     slip : float
         Standard deviation of a slip while all that is in view is exchanged once, radians.
@@ -1538,10 +1540,11 @@ class Factor:
         Submap that is measured.
     pose : (4, 4) float64
         Of the second from the first, metres.
-    handed_on : (7,) float64
-        What the first was found to hand on.
-    weight : (K, 20) float64
-        Makes the residual white.
+    handed_on : (K,) float64
+        What the first was found to hand on; none where the factor does not speak of it.
+    weight : (R, 6 + K + L) float64
+        Makes the residual white: of the pose, of what the first handed on, and of the L numbers that
+        the second hands on, if the factor speaks of them.
 
     Raises
     ------
@@ -1601,7 +1604,7 @@ class Factor:
         Parameters
         ----------
         submap : int
-        covariance : (7, 7) float64
+        covariance : (K, K) float64
 
         Returns
         -------
@@ -1654,9 +1657,9 @@ class Placed:
     ----------
     pose : (4, 4) float64
         Metres.
-    handed_on : (7,) float64
+    handed_on : (K,) float64
         By how much what is handed on there is wrong.
-    covariance : (13, 13) float64
+    covariance : (6 + K, 6 + K) float64
         Joint, of the pose (right tangent, m and rad) and what is handed on.
 
     Raises
@@ -1685,6 +1688,8 @@ class Placed:
 
         Raises
         ------
+        InputError
+            If other numbers were handed on where the way begins.
         FilterError
             If the covariance of the way is none.
         """
@@ -1697,17 +1702,20 @@ class PoseGraph:
     ----------
     poses : (N, 4, 4) float64
         Of each submap in W, metres.
-    handed_on : (N, 7) float64
-        By how much what it handed on is wrong.
+    handed_on : sequence of N (K,) float64
+        By how much what each handed on is wrong, as many numbers as it handed on.
     factors : list of Factor
 
     Raises
     ------
     InputError
-        For wrong shapes, numbers that are not finite, or a factor of a submap that is not there.
+        For wrong shapes, numbers that are not finite, or a factor of a submap that is not there or hands
+        on other numbers.
     """
 
-    def __new__(cls, poses: ArrayLike, handed_on: ArrayLike, factors: list[Factor]) -> PoseGraph: ...
+    def __new__(
+        cls, poses: ArrayLike, handed_on: Iterable[ArrayLike], factors: list[Factor]
+    ) -> PoseGraph: ...
     def solved(self) -> PoseGraph:
         """The graph whose poses all factors agree with best.
 
@@ -1771,7 +1779,7 @@ class PoseGraph:
         Raises
         ------
         InputError
-            If it is of a submap that is not there.
+            If it is of a submap that is not there, or of other numbers than the submaps hand on.
         FilterError
             If a submap is tied to nothing.
         """
@@ -1779,8 +1787,8 @@ class PoseGraph:
     def poses(self) -> _Array:
         """(N, 4, 4) float64, see the class."""
     @property
-    def handed_on(self) -> _Array:
-        """(N, 7) float64, see the class."""
+    def handed_on(self) -> list[_Array]:
+        """List of N (K,) float64, see the class."""
 
 @final
 class SubmapLandmarks:

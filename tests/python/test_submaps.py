@@ -245,11 +245,40 @@ def test_an_engine_of_a_file_finds_the_same_loops_however_long_that_takes(
     for wrong, message in (
         ({"poses": np.empty((0, 4, 4))}, "as many poses as submaps"),
         ({"submaps": part["_chain"]["submaps"][:-1]}, "as many poses as submaps"),
-        ({"factors": [{**part["_chain"]["factors"][0], "weight": np.zeros((6, 19))}]}, "20 array"),
+        ({"factors": [{**part["_chain"]["factors"][0], "weight": np.zeros((6, 19))}]}, "submaps handed on"),
+        ({"factors": [{**part["_chain"]["factors"][1], "handed_on": np.zeros(6)}]}, "submaps handed on"),
+        ({"handed_on": [np.zeros(13), *part["_chain"]["handed_on"][1:]]}, "each submap handed on"),
+        ({"handed_on": np.zeros((len(part["_chain"]["submaps"]), 7))}, "a list"),
     ):
         bad = {**part, "_chain": {**part["_chain"], **wrong}}
         with pytest.raises(DataError, match=message):
             Slam.from_state({**state, "parts": {**state["parts"], "_submaps": bad}})
+
+
+def test_a_chain_of_other_worn_cameras_than_the_filter_has_is_refused(walk: Walk) -> None:
+    state = walk.slam.state()
+    part = state["parts"]["_submaps"]
+    placed = {**part["_placed"], "handed_on": np.zeros(13), "covariance": np.eye(19)}
+    bad = {**state, "parts": {**state["parts"], "_submaps": {**part, "_placed": placed}}}
+    with pytest.raises(DataError, match="as many worn cameras as the filter"):
+        Slam.from_state(bad)
+    placed = {**part["_placed"], "covariance": np.eye(14)}
+    bad = {**state, "parts": {**state["parts"], "_submaps": {**part, "_placed": placed}}}
+    with pytest.raises(DataError, match="13x13 array"):
+        Slam.from_state(bad)
+
+
+def test_of_two_persons_both_errors_are_handed_on(recording: DemoRecording) -> None:
+    slam = Slam(recording.camera, {"anna": recording.worn_camera, "ben": recording.worn_camera})
+    for i in range(3):
+        frame = recording.frame(i)
+        views = [] if frame.worn is None else [replace(frame.worn, who=who) for who in ("anna", "ben")]
+        slam.step(frame.t, frame.image, views)
+    submap = slam._submaps.chain().submaps[0]
+    assert submap.handed_on.shape == (13, 13)
+    assert submap.with_handed_on.shape == (3 * len(submap.ids), 13)
+    saved = slam.saved_map()
+    assert [len(numbers) for numbers in saved.submaps.handed_on] == [13]
 
 
 def test_work_beside_gives_what_it_gives_and_raises_what_it_raises() -> None:

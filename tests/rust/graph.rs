@@ -1,17 +1,19 @@
 //! The graph of poses: its solution and its covariances against brute force, and against chance.
 
 use ekf_core::EkfError;
-use ekf_core::graph::{Edge, Factor, HANDED_ON, HandedOn, NODE, Node, PoseGraph};
+use ekf_core::graph::{Edge, Factor, HandedOn, Node, PoseGraph};
 use ekf_core::math::pose::Pose;
-use nalgebra::{DMatrix, Matrix6, SMatrix, SVector, Vector3, Vector6};
+use nalgebra::{DMatrix, Matrix6, SVector, Vector3, Vector6};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
 
-type Joint = SMatrix<f64, 20, 20>;
+/// Numbers that a submap of one worn camera hands on, and numbers of its node.
+const HANDED_ON: usize = 7;
+const NODE: usize = 6 + HANDED_ON;
 
-fn draw<const N: usize>(rng: &mut Pcg64) -> SVector<f64, N> {
+pub(crate) fn draw<const N: usize>(rng: &mut Pcg64) -> SVector<f64, N> {
     SVector::from_fn(|_, _| StandardNormal.sample(rng))
 }
 
@@ -36,20 +38,20 @@ struct Measured {
     edges: Vec<Edge>,
     start: Vec<Node>,
     loops: Vec<(usize, usize, Pose)>,
-    last: SMatrix<f64, HANDED_ON, HANDED_ON>,
+    last: DMatrix<f64>,
 }
 
-const EDGE_SD: [f64; 6] = [0.005, 0.005, 0.005, 0.002, 0.002, 0.002];
+pub(crate) const EDGE_SD: [f64; 6] = [0.005, 0.005, 0.005, 0.002, 0.002, 0.002];
 const LOOP_SD: f64 = 0.005;
 const SCALE_SD: f64 = 0.05;
-/// Share of the scale's error that stays from one submap to the next.
-const STAYS: f64 = 0.995;
+/// Share of what is handed on that stays from one submap to the next.
+pub(crate) const STAYS: f64 = 0.995;
 
 fn measure(truth: &[Pose], loops: usize, rng: &mut Pcg64) -> Measured {
     let variance = SCALE_SD * SCALE_SD;
     let mut handed = SCALE_SD * draw::<1>(rng)[0];
     let mut edges = Vec::new();
-    let mut start = vec![Node::at(truth[0].clone())];
+    let mut start = vec![Node::at(truth[0].clone(), HANDED_ON)];
     for pair in truth.windows(2) {
         let exact = pair[0].inverse().compose(&pair[1]);
         let noise = Vector6::from(EDGE_SD).component_mul(&draw::<6>(rng));
@@ -59,7 +61,7 @@ fn measure(truth: &[Pose], loops: usize, rng: &mut Pcg64) -> Measured {
             .copy_from(&(exact.rotation.transpose() * exact.translation));
         // The truth is what was measured with its error appended.
         let pose = exact.compose(&Pose::exp(&(noise + by_scale * handed)).inverse());
-        let mut covariance = Joint::zeros();
+        let mut covariance = DMatrix::zeros(20, 20);
         let own = Matrix6::from_diagonal(&Vector6::from(EDGE_SD).map(|s| s * s));
         covariance
             .fixed_view_mut::<6, 6>(0, 0)
@@ -74,8 +76,11 @@ fn measure(truth: &[Pose], loops: usize, rng: &mut Pcg64) -> Measured {
         }
         covariance[(6, NODE)] = STAYS * variance;
         covariance[(NODE, 6)] = STAYS * variance;
-        start.push(Node::at(start[start.len() - 1].pose.compose(&pose)));
-        let revised = HandedOn::zeros();
+        start.push(Node::at(
+            start[start.len() - 1].pose.compose(&pose),
+            HANDED_ON,
+        ));
+        let revised = HandedOn::zeros(HANDED_ON);
         edges.push(Edge {
             pose,
             revised,
@@ -90,7 +95,7 @@ fn measure(truth: &[Pose], loops: usize, rng: &mut Pcg64) -> Measured {
         (from, from + lap, exact.retract(&(draw::<6>(rng) * LOOP_SD)))
     };
     let loops = (0..loops).map(close).collect();
-    let mut last = SMatrix::zeros();
+    let mut last = DMatrix::zeros(HANDED_ON, HANDED_ON);
     last[(0, 0)] = variance;
     Measured {
         edges,
@@ -117,7 +122,7 @@ fn graph(measured: &Measured, change: impl Fn(&mut Edge)) -> PoseGraph {
     PoseGraph::new(measured.start.clone(), factors).unwrap()
 }
 
-fn nees(estimate: &Pose, truth: &Pose, covariance: &Matrix6<f64>) -> f64 {
+pub(crate) fn nees(estimate: &Pose, truth: &Pose, covariance: &Matrix6<f64>) -> f64 {
     let error = estimate.inverse().compose(truth).log();
     error.dot(&covariance.cholesky().unwrap().solve(&error))
 }
@@ -162,7 +167,7 @@ fn monte_carlo(loops: usize, change: impl Fn(&mut Edge)) -> ([f64; 3], f64) {
 }
 
 /// Four standard deviations of the mean of 60 draws of chi-square with 6 degrees of freedom: sqrt(12 / 60) each.
-const BAND: std::ops::Range<f64> = 4.2..7.8;
+pub(crate) const BAND: std::ops::Range<f64> = 4.2..7.8;
 
 #[test]
 fn its_covariances_are_honest_with_and_without_loops() {
@@ -292,7 +297,7 @@ fn what_follows_a_node_is_corrected_by_what_the_node_handed_on_wrongly() {
         edges: head.to_vec(),
         start: measured.start[..19].to_vec(),
         loops: vec![(2, 12, truth[2].inverse().compose(&truth[12]))],
-        last: measured.last,
+        last: measured.last.clone(),
     };
     // A third lap would be needed for the scale; a pose known from outside does it at once.
     let mut graph = graph(&short, |_| {});
@@ -314,13 +319,13 @@ fn what_follows_a_node_is_corrected_by_what_the_node_handed_on_wrongly() {
     let same = longer.marginals().unwrap().placed(19);
     let off = same.node.pose.inverse().compose(&onward.node.pose).log();
     assert!(off.amax() < 1e-6, "{off}");
-    let off = same.node.handed_on - onward.node.handed_on;
+    let off = &same.node.handed_on - &onward.node.handed_on;
     assert!(off.amax() < 1e-6, "{off}");
     let sd = same.covariance.diagonal().map(f64::sqrt);
     // Of the pose and the scale: there is no bias here.
     for i in 0..7 {
         for j in 0..7 {
-            let off = (same.covariance - onward.covariance)[(i, j)] / (sd[i] * sd[j]);
+            let off = (&same.covariance - &onward.covariance)[(i, j)] / (sd[i] * sd[j]);
             assert!(off.abs() < 1e-3, "{i} {j}: {off:e}");
         }
     }
@@ -330,7 +335,7 @@ fn what_follows_a_node_is_corrected_by_what_the_node_handed_on_wrongly() {
 
 #[test]
 fn what_is_tied_to_nothing_and_factors_of_no_node_are_refused() {
-    let nodes = vec![Node::at(Pose::identity()); 2];
+    let nodes = vec![Node::at(Pose::identity(), HANDED_ON); 2];
     let tied = Factor::pose(None, 0, &Pose::identity(), &Matrix6::identity()).unwrap();
     let mut graph = PoseGraph::new(nodes.clone(), vec![tied.clone()]).unwrap();
     let refused = |e: EkfError| matches!(e, EkfError::NotPositiveDefinite { .. });
@@ -351,7 +356,7 @@ fn what_is_tied_to_nothing_and_factors_of_no_node_are_refused() {
     let graph = PoseGraph::new(nodes.clone(), vec![factor]);
     assert!(matches!(graph, Err(EkfError::NonFinite { .. })));
     let mut factor = tied;
-    factor.weight = DMatrix::zeros(6, 6);
+    factor.weight = DMatrix::zeros(6, 8);
     let graph = PoseGraph::new(nodes, vec![factor]);
     assert!(matches!(graph, Err(EkfError::InvalidInput { .. })));
     let none = Factor::pose(None, 0, &Pose::identity(), &(-Matrix6::identity()));

@@ -34,6 +34,7 @@ mod shutter;
 mod sight;
 mod snapshot;
 mod submaps;
+mod submaps_of_persons;
 mod threads;
 mod undo;
 mod update;

@@ -7,10 +7,6 @@ use crate::math::pose::Pose;
 use crate::math::quat;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6, SMatrix, SVector, Vector2, Vector3};
 
-/// Numbers that a submap hands on.
-const HANDED_ON: usize = 7;
-/// Numbers that a sight is about: the pose, and what the submap handed on.
-const ABOUT: usize = 6 + HANDED_ON;
 /// Directions of a slip: three translations, three turns and the size.
 const SLIP: usize = 7;
 /// Level of the tests of one match and of all together.
@@ -26,10 +22,10 @@ pub struct Landmarks<'a> {
     pub points: &'a [Vector3<f64>],
     /// `3n x 3n`, m^2.
     pub covariance: &'a DMatrix<f64>,
-    /// With what the submap handed on, `3n x 7`.
+    /// With what the submap handed on, `3n x k`.
     pub with_handed_on: &'a DMatrix<f64>,
-    /// Covariance of what it handed on.
-    pub handed_on: &'a SMatrix<f64, HANDED_ON, HANDED_ON>,
+    /// Covariance of what it handed on, `k x k`.
+    pub handed_on: &'a DMatrix<f64>,
 }
 
 /// By how much a match of an old landmark is off.
@@ -48,7 +44,7 @@ pub struct Sight {
     /// Pose of the camera in the frame of the submap's end.
     pub pose: Pose,
     /// What the matches say about the pose (right tangent) and about what the submap handed on.
-    pub information: SMatrix<f64, ABOUT, ABOUT>,
+    pub information: DMatrix<f64>,
     /// Which matches it rests on.
     pub accepted: Vec<bool>,
     /// Their squared residual against all noise, and its degrees of freedom.
@@ -121,18 +117,23 @@ fn check(
     matches: &[(usize, Vector2<f64>)],
     noise: Noise,
 ) -> Result<(), EkfError> {
-    let n = 3 * landmarks.points.len();
+    let (n, handed_on) = (3 * landmarks.points.len(), landmarks.handed_on.nrows());
     let shapes = [
-        ("covariance of the landmarks", landmarks.covariance, n),
+        ("covariance of the landmarks", landmarks.covariance, (n, n)),
         (
             "covariance of the landmarks with what is handed on",
             landmarks.with_handed_on,
-            HANDED_ON,
+            (n, handed_on),
+        ),
+        (
+            "covariance of what is handed on",
+            landmarks.handed_on,
+            (handed_on, handed_on),
         ),
     ];
-    for (what, matrix, columns) in shapes {
-        if matrix.shape() != (n, columns) {
-            let expected = format!("({n}, {columns})");
+    for (what, matrix, shape) in shapes {
+        if matrix.shape() != shape {
+            let expected = format!("{shape:?}");
             let got = format!("{:?}", matrix.shape());
             return Err(EkfError::BadShape {
                 what,
@@ -145,9 +146,7 @@ fn check(
         }
     }
     let numbers = landmarks.points.iter().flat_map(|p| p.iter());
-    let mut numbers = numbers
-        .chain(landmarks.handed_on.iter())
-        .chain(matches.iter().flat_map(|(_, uv)| uv.iter()));
+    let mut numbers = numbers.chain(matches.iter().flat_map(|(_, uv)| uv.iter()));
     let Noise { sigma, slip } = noise;
     let stated = sigma.is_finite() && sigma > 0.0 && slip.is_finite() && slip >= 0.0;
     let good = numbers.all(|v| v.is_finite()) && stated;
@@ -236,30 +235,27 @@ impl Rows {
     }
 
     /// What is said about the pose and what was handed on: the points by themselves are uncertain by what that leaves.
-    fn information(
-        &self,
-        landmarks: &Landmarks<'_>,
-        noise: Noise,
-    ) -> Option<SMatrix<f64, ABOUT, ABOUT>> {
-        let least = SMatrix::<f64, HANDED_ON, HANDED_ON>::identity() * 1e-12;
+    fn information(&self, landmarks: &Landmarks<'_>, noise: Noise) -> Option<DMatrix<f64>> {
+        let n = landmarks.handed_on.nrows();
+        let least = DMatrix::identity(n, n) * 1e-12;
         let handed_on = (landmarks.handed_on + least).cholesky()?;
         let with = landmarks.with_handed_on;
         let solved = handed_on.solve(&with.transpose());
         let own = landmarks.covariance - with * &solved;
         let noise = self.noise(&own, noise)?;
         let m = self.residual.len();
-        let mut by = DMatrix::<f64>::zeros(m, ABOUT);
+        let mut by = DMatrix::<f64>::zeros(m, 6 + n);
         by.columns_mut(0, 6).copy_from(&self.by_pose);
         for (k, (landmark, by_point)) in self.by_point.iter().enumerate() {
             let gain = solved.columns(3 * landmark, 3).transpose();
-            by.view_mut((2 * k, 6), (2, HANDED_ON))
+            by.view_mut((2 * k, 6), (2, n))
                 .copy_from(&(by_point * gain));
         }
         let information = by.transpose() * noise.solve(&by);
         let information = (&information + information.transpose()) * 0.5;
         let pose: Matrix6<f64> = information.fixed_view::<6, 6>(0, 0).into_owned();
         pose.cholesky()?;
-        Some(SMatrix::from_column_slice(information.as_slice()))
+        Some(information)
     }
 }
 

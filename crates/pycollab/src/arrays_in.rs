@@ -8,7 +8,7 @@ use crate::errors::{bad_shape, invalid, to_python};
 use ::frontend::Image;
 use ekf_core::EkfError;
 use ekf_core::math::pose::Pose;
-use nalgebra::{DMatrix, Matrix6, SMatrix, Vector2};
+use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, Vector2};
 use numpy::ndarray::{Dimension, Ix1, Ix2, Ix3};
 use numpy::{Element, PyReadonlyArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -183,6 +183,15 @@ pub(crate) fn finite<const R: usize, const C: usize>(
     Err(to_python(EkfError::NonFinite { what }))
 }
 
+/// `(N, N)` matrix of finite numbers.
+pub(crate) fn finite_square(what: &'static str, value: &Argument<'_>) -> PyResult<DMatrix<f64>> {
+    let matrix = square(what, value)?;
+    if matrix.iter().all(|x| x.is_finite()) {
+        return Ok(matrix);
+    }
+    Err(to_python(EkfError::NonFinite { what }))
+}
+
 /// `(K,)` finite numbers.
 pub(crate) fn vector<const K: usize>(
     what: &'static str,
@@ -201,6 +210,15 @@ pub(crate) fn vector<const K: usize>(
 pub(crate) fn numbers(what: &'static str, value: &Argument<'_>) -> PyResult<Vec<f64>> {
     let array = array::<f64, Ix1>(what, "(N,)", value)?;
     Ok(array.as_array().to_vec())
+}
+
+/// `(N,)` finite numbers.
+pub(crate) fn finite_numbers(what: &'static str, value: &Argument<'_>) -> PyResult<DVector<f64>> {
+    let numbers = numbers(what, value)?;
+    if numbers.iter().all(|x| x.is_finite()) {
+        return Ok(DVector::from_vec(numbers));
+    }
+    Err(to_python(EkfError::NonFinite { what }))
 }
 
 /// `(N,)` whole numbers.
@@ -281,16 +299,22 @@ pub(crate) fn matrix<const R: usize, const C: usize>(
     Ok(SMatrix::from_fn(|i, j| view[[i, j]]))
 }
 
-/// `(N, N)` matrix.
-pub(crate) fn square(what: &'static str, value: &Argument<'_>) -> PyResult<DMatrix<f64>> {
-    let array = array::<f64, Ix2>(what, "(N, N)", value)?;
+/// `(R, C)` matrix of any size.
+pub(crate) fn table(what: &'static str, value: &Argument<'_>) -> PyResult<DMatrix<f64>> {
+    let array = array::<f64, Ix2>(what, "(R, C)", value)?;
     let view = array.as_array();
-    if view.nrows() != view.ncols() {
-        return Err(bad_shape(what, "(N, N)", view.shape()));
-    }
     Ok(DMatrix::from_fn(view.nrows(), view.ncols(), |i, j| {
         view[[i, j]]
     }))
+}
+
+/// `(N, N)` matrix.
+pub(crate) fn square(what: &'static str, value: &Argument<'_>) -> PyResult<DMatrix<f64>> {
+    let matrix = table(what, value)?;
+    if !matrix.is_square() {
+        return Err(bad_shape(what, "(N, N)", &[matrix.nrows(), matrix.ncols()]));
+    }
+    Ok(matrix)
 }
 
 /// `(N, R, C)` stack of matrices.

@@ -2,7 +2,7 @@
 
 use crate::errors::invalid;
 use ekf_core::math::pose::Pose;
-use nalgebra::SMatrix;
+use nalgebra::{DMatrix, SMatrix};
 use numpy::ndarray::{Array2, Array3};
 use numpy::{Element, PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
@@ -40,6 +40,13 @@ pub(crate) fn to_matrix<const R: usize, const C: usize>(
 ) -> Table {
     let flat = by_row(std::iter::once(*m), 1);
     let array = Array2::from_shape_vec([R, C], flat).expect("R * C entries");
+    PyArray2::from_owned_array(py, array).unbind()
+}
+
+/// A matrix as a 2-D array.
+pub(crate) fn to_table(py: Python<'_>, m: &DMatrix<f64>) -> Table {
+    let flat = m.transpose().data.into();
+    let array = Array2::from_shape_vec([m.nrows(), m.ncols()], flat).expect("all entries");
     PyArray2::from_owned_array(py, array).unbind()
 }
 

@@ -1,35 +1,22 @@
 //! The graph of submaps' poses (METHOD 25).
 
-use crate::arrays_in::{Argument, finite, matrix, pose, rows, same_length, vector};
-use crate::arrays_out::{Column, Stack, Table, column, stacked, to_matrix, to_pose, vectors};
+use crate::arrays_in::{
+    Argument, finite, finite_numbers, finite_square, matrix, pose, same_length, table,
+};
+use crate::arrays_out::{Column, Stack, Table, column, stacked, to_matrix, to_pose, to_table};
 use crate::errors::{invalid, to_python};
 use crate::gate;
 use crate::submap::{PyEdge, PySight};
 use ekf_core::EkfError;
-use ekf_core::graph::{Factor, HANDED_ON, HandedOn, Marginals, NODE, Node, Placed, PoseGraph};
+use ekf_core::graph::{Factor, HandedOn, Marginals, Node, Placed, PoseGraph};
 use ekf_core::math::pose::Pose;
 use ekf_core::math::quat;
-use nalgebra::{DMatrix, SMatrix};
+use nalgebra::SMatrix;
 use pyo3::prelude::*;
 use std::sync::OnceLock;
 
-/// Numbers of a factor's residual.
-const RESIDUAL: usize = 6 + 2 * HANDED_ON;
 /// How far a matrix may be from a rotation.
 const ROUNDING: f64 = 1e-6;
-
-pub(crate) fn numbers<const K: usize>(py: Python<'_>, matrix: &DMatrix<f64>) -> Table {
-    let row = |i: usize| SMatrix::<f64, K, 1>::from_fn(|k, _| matrix[(i, k)]);
-    vectors(py, (0..matrix.nrows()).map(row))
-}
-
-pub(crate) fn table<const K: usize>(
-    what: &'static str,
-    value: &Argument<'_>,
-) -> PyResult<DMatrix<f64>> {
-    let rows = rows::<K>(what, value)?;
-    Ok(DMatrix::from_fn(rows.len(), K, |i, k| rows[i][k]))
-}
 
 pub(crate) fn rigid(what: &'static str, value: &Argument<'_>) -> PyResult<Pose> {
     let pose = pose(what, value)?;
@@ -50,10 +37,11 @@ pub(crate) fn rigid(what: &'static str, value: &Argument<'_>) -> PyResult<Pose> 
 ///     Submap that is measured.
 /// pose : (4, 4) float64
 ///     Of the second from the first, metres.
-/// handed_on : (7,) float64
-///     What the first was found to hand on.
-/// weight : (K, 20) float64
-///     Makes the residual white.
+/// handed_on : (K,) float64
+///     What the first was found to hand on; none where the factor does not speak of it.
+/// weight : (R, 6 + K + L) float64
+///     Makes the residual white: of the pose, of what the first handed on, and of the L numbers that
+///     the second hands on, if the factor speaks of them.
 ///
 /// Raises
 /// ------
@@ -76,8 +64,8 @@ impl PyFactor {
             first: usize::try_from(first).ok(),
             second,
             pose: rigid("pose", &pose)?,
-            handed_on: vector::<HANDED_ON>("handed_on", &handed_on)?,
-            weight: table::<RESIDUAL>("weight", &weight)?,
+            handed_on: finite_numbers("handed_on", &handed_on)?,
+            weight: table("weight", &weight)?,
         }))
     }
 
@@ -141,7 +129,7 @@ impl PyFactor {
     /// Parameters
     /// ----------
     /// submap : int
-    /// covariance : (7, 7) float64
+    /// covariance : (K, K) float64
     ///
     /// Returns
     /// -------
@@ -155,8 +143,7 @@ impl PyFactor {
     ///     If the covariance is none.
     #[staticmethod]
     fn of_handed_on(submap: usize, covariance: Argument<'_>) -> PyResult<Self> {
-        let what = "covariance";
-        let covariance = finite(what, matrix::<HANDED_ON, HANDED_ON>(what, &covariance)?)?;
+        let covariance = finite_square("covariance", &covariance)?;
         let made = Factor::handed_on(submap, &covariance);
         made.map(Self).map_err(to_python)
     }
@@ -203,7 +190,7 @@ impl PyFactor {
     }
     #[getter]
     fn weight(&self, py: Python<'_>) -> Table {
-        numbers::<RESIDUAL>(py, &self.0.weight)
+        to_table(py, &self.0.weight)
     }
 }
 
@@ -213,14 +200,15 @@ impl PyFactor {
 /// ----------
 /// poses : (N, 4, 4) float64
 ///     Of each submap in W, metres.
-/// handed_on : (N, 7) float64
-///     By how much what it handed on is wrong.
+/// handed_on : sequence of N (K,) float64
+///     By how much what each handed on is wrong, as many numbers as it handed on.
 /// factors : list of Factor
 ///
 /// Raises
 /// ------
 /// InputError
-///     For wrong shapes, numbers that are not finite, or a factor of a submap that is not there.
+///     For wrong shapes, numbers that are not finite, or a factor of a submap that is not there or hands
+///     on other numbers.
 #[pyclass(name = "PoseGraph", module = "collabslam._core", frozen)]
 pub(crate) struct PyPoseGraph {
     graph: PoseGraph,
@@ -259,12 +247,15 @@ impl PyPoseGraph {
         factors: Vec<PyRef<'_, PyFactor>>,
     ) -> PyResult<Self> {
         let poses = crate::arrays_in::stack::<4, 4>("poses", &poses)?;
-        let handed_on: Vec<HandedOn> = rows::<HANDED_ON>("handed_on", &handed_on)?;
+        let wrong = |_| invalid("handed_on", "a sequence of arrays is needed");
+        let handed_on = handed_on.try_iter().map_err(wrong)?;
+        let handed_on: Vec<HandedOn> = handed_on
+            .map(|one| finite_numbers("handed_on", &one?))
+            .collect::<PyResult<_>>()?;
         same_length("handed_on", poses.len(), handed_on.len())?;
         let node = |(m, handed_on): (&SMatrix<f64, 4, 4>, HandedOn)| {
             let rotation = m.fixed_view::<3, 3>(0, 0).into_owned();
-            let good = m.iter().chain(&handed_on).all(|v| v.is_finite())
-                && quat::is_rotation(&rotation, ROUNDING);
+            let good = m.iter().all(|v| v.is_finite()) && quat::is_rotation(&rotation, ROUNDING);
             let pose = Pose {
                 rotation,
                 translation: m.fixed_view::<3, 1>(0, 3).into_owned(),
@@ -313,10 +304,13 @@ impl PyPoseGraph {
         stacked(py, nodes.map(matrix))
     }
 
-    /// (N, 7) float64, see the class.
+    /// List of N (K,) float64, see the class.
     #[getter]
-    fn handed_on(&self, py: Python<'_>) -> Table {
-        vectors(py, self.graph.nodes().iter().map(|n| n.handed_on))
+    fn handed_on(&self, py: Python<'_>) -> Vec<Column<f64>> {
+        let nodes = self.graph.nodes().iter();
+        nodes
+            .map(|node| column(py, node.handed_on.iter().copied()))
+            .collect()
     }
 
     /// A submap in W, as all factors have it.
@@ -378,13 +372,11 @@ impl PyPoseGraph {
     /// Raises
     /// ------
     /// InputError
-    ///     If it is of a submap that is not there.
+    ///     If it is of a submap that is not there, or of other numbers than the submaps hand on.
     /// FilterError
     ///     If a submap is tied to nothing.
     fn distance(&self, py: Python<'_>, factor: &PyFactor) -> PyResult<f64> {
         let factor = &factor.0;
-        self.check(factor.second)?;
-        self.check(factor.first.unwrap_or(0))?;
         gate::enter(py, || self.graph.distance(factor, self.marginals()?))
     }
 }
@@ -395,9 +387,9 @@ impl PyPoseGraph {
 /// ----------
 /// pose : (4, 4) float64
 ///     Metres.
-/// handed_on : (7,) float64
+/// handed_on : (K,) float64
 ///     By how much what is handed on there is wrong.
-/// covariance : (13, 13) float64
+/// covariance : (6 + K, 6 + K) float64
 ///     Joint, of the pose (right tangent, m and rad) and what is handed on.
 ///
 /// Raises
@@ -417,10 +409,10 @@ impl PyPlaced {
     ) -> PyResult<Self> {
         let node = Node {
             pose: rigid("pose", &pose)?,
-            handed_on: finite("handed_on", vector::<HANDED_ON>("handed_on", &handed_on)?)?,
+            handed_on: finite_numbers("handed_on", &handed_on)?,
         };
-        let what = "covariance";
-        let covariance = finite(what, matrix::<NODE, NODE>(what, &covariance)?)?;
+        let covariance = finite_square("covariance", &covariance)?;
+        same_length("covariance", node.dim(), covariance.nrows())?;
         Ok(Self(Placed { node, covariance }))
     }
 
@@ -434,7 +426,7 @@ impl PyPlaced {
     }
     #[getter]
     fn covariance(&self, py: Python<'_>) -> Table {
-        to_matrix(py, &self.0.covariance)
+        to_table(py, &self.0.covariance)
     }
 
     /// Where the way from here ends, corrected by what the errors handed on here are now known to be.
@@ -449,6 +441,8 @@ impl PyPlaced {
     ///
     /// Raises
     /// ------
+    /// InputError
+    ///     If other numbers were handed on where the way begins.
     /// FilterError
     ///     If the covariance of the way is none.
     fn onward(&self, edge: &PyEdge) -> PyResult<Self> {

@@ -1,14 +1,16 @@
 //! Submaps, and an earlier one in sight (METHOD 25).
 
-use crate::arrays_in::{Argument, ids, matrix, pixels, rows, same_length, square};
-use crate::arrays_out::{Column, Table, column, symmetric, to_ids, to_matrix, to_pose, vectors};
+use crate::arrays_in::{Argument, ids, pixels, rows, same_length, square, table};
+use crate::arrays_out::{
+    Column, Table, column, symmetric, to_ids, to_matrix, to_pose, to_table, vectors,
+};
 use crate::camera::PyCamera;
 use crate::gate;
-use crate::graph::{numbers, rigid, table};
+use crate::graph::rigid;
 use ekf_core::Submap;
-use ekf_core::graph::{Edge, HANDED_ON};
+use ekf_core::graph::Edge;
 use ekf_core::sight::{Landmarks, Noise, Sight, sight as core_sight};
-use nalgebra::{DMatrix, SMatrix, Vector3};
+use nalgebra::{DMatrix, Vector3};
 use pyo3::prelude::*;
 
 /// The way from where a submap began, as the filter knows it; of :meth:`Filter.since_submap`.
@@ -17,10 +19,11 @@ use pyo3::prelude::*;
 /// ----------
 /// pose : (4, 4) float64
 ///     Of its end from its beginning, metres.
-/// revised : (7,) float64
+/// revised : (K,) float64
 ///     By how much the estimate of what the beginning handed on has changed since.
-/// covariance : (20, 20) float64
-///     Joint, of the pose (right tangent, m and rad), what the beginning handed on and what the end hands on.
+/// covariance : (6 + K + L, 6 + K + L) float64
+///     Joint, of the pose (right tangent, m and rad), the K numbers that the beginning handed on
+///     and the L that the end hands on, where it has ended.
 #[pyclass(name = "Edge", module = "collabslam._core", frozen)]
 pub(crate) struct PyEdge(pub(crate) Edge);
 
@@ -36,7 +39,7 @@ impl PyEdge {
     }
     #[getter]
     fn covariance(&self, py: Python<'_>) -> Table {
-        to_matrix(py, &self.0.covariance)
+        to_table(py, &self.0.covariance)
     }
 }
 
@@ -50,15 +53,16 @@ impl PyEdge {
 ///     T_WC where it ended, metres.
 /// pose_covariance : (6, 6) float64
 ///     Right tangent, m^2 and rad^2.
-/// handed_on : (7, 7) float64
-///     Covariance of what it hands on: the logarithm of the scale, and the bias of T_CF.
+/// handed_on : (K, K) float64
+///     Covariance of what it hands on: the logarithm of the scale, and of each worn camera the
+///     lasting error of T_CF, m and rad along the axes of C.
 /// ids : (N,) int64
 ///     Landmarks in view.
 /// points : (N, 3) float64
 ///     From the camera, metres.
 /// covariance : (3 N, 3 N) float64
 ///     Their joint covariance as they stand to the camera, m^2.
-/// with_handed_on : (3 N, 7) float64
+/// with_handed_on : (3 N, K) float64
 ///     Their covariance with what is handed on.
 /// slip : float
 ///     Standard deviation of a slip while all that is in view is exchanged once, radians.
@@ -82,11 +86,11 @@ impl PySubmap {
             edge: submap.edge.map(|e| Py::new(py, PyEdge(e))).transpose()?,
             pose: to_pose(py, &submap.pose),
             pose_covariance: to_matrix(py, &submap.pose_covariance),
-            handed_on: to_matrix(py, &submap.handed_on),
+            handed_on: to_table(py, &submap.handed_on),
             ids: to_ids(py, submap.ids.into_iter().map(Some)),
             points: vectors(py, submap.points.into_iter()),
             covariance: symmetric(py, submap.covariance.data.into(), n),
-            with_handed_on: numbers::<HANDED_ON>(py, &submap.with_handed_on),
+            with_handed_on: to_table(py, &submap.with_handed_on),
             slip: submap.slip,
         })
     }
@@ -143,7 +147,7 @@ pub(crate) struct PySubmapLandmarks {
     points: Vec<Vector3<f64>>,
     covariance: DMatrix<f64>,
     with_handed_on: DMatrix<f64>,
-    handed_on: SMatrix<f64, HANDED_ON, HANDED_ON>,
+    handed_on: DMatrix<f64>,
 }
 
 #[pymethods]
@@ -158,8 +162,8 @@ impl PySubmapLandmarks {
         Ok(Self {
             points: rows::<3>("points", &points)?,
             covariance: square("covariance", &covariance)?,
-            with_handed_on: table::<HANDED_ON>("with_handed_on", &with_handed_on)?,
-            handed_on: matrix::<HANDED_ON, HANDED_ON>("handed_on", &handed_on)?,
+            with_handed_on: table("with_handed_on", &with_handed_on)?,
+            handed_on: square("handed_on", &handed_on)?,
         })
     }
 

@@ -22,7 +22,7 @@ from collabslam.slam.state import PATCH, check_camera
 from collabslam.slam.submap_chain import Chain, Submap, check_chain
 from collabslam.types import Array, Ids
 
-KIND, VERSION = "map", 4
+KIND, VERSION = "map", 5
 CLASSES = (Loop, Patch, Submap)
 """Dataclasses that are in it."""
 CONTENT = fields(

@@ -36,8 +36,8 @@ class Submap:
     ids : (N,) int64
     points : (N, 3) float64
         Metres, in the frame of the camera.
-    covariance, with_handed_on, handed_on : (3 N, 3 N), (3 N, 7), (7, 7) float64
-        See `_core.Submap`.
+    covariance, with_handed_on, handed_on : (3 N, 3 N), (3 N, K), (K, K) float64
+        See `_core.Submap`; runs with different numbers of worn cameras differ in K.
     patches : list of N Patch
         Of the image there.
     descriptors : (N, 128) float32
@@ -84,7 +84,7 @@ class Submap:
             ids=self.ids[:0],
             points=np.empty((0, 3)),
             covariance=np.empty((0, 0)),
-            with_handed_on=np.empty((0, 7)),
+            with_handed_on=self.with_handed_on[:0],
             patches=[],
             descriptors=self.descriptors[:0],
             used=self.used[:0],
@@ -102,7 +102,7 @@ class Chain:
     loops : list of Loop
     poses : (N, 4, 4) float64
         T_WC where they ended.
-    handed_on : (N, 7) float64
+    handed_on : list of N (K,) float64
         By how much what each handed on is wrong.
     """
 
@@ -110,12 +110,12 @@ class Chain:
     factors: list[Factor]
     loops: list[Loop]
     poses: Array
-    handed_on: Array
+    handed_on: list[Array]
 
     @classmethod
     def empty(cls) -> Chain:
         """Without a submap."""
-        return cls([], [], [], np.empty((0, 4, 4)), np.empty((0, 7)))
+        return cls([], [], [], np.empty((0, 4, 4)), [])
 
     @cached_property
     def graph(self) -> PoseGraph:
@@ -152,7 +152,7 @@ class Chain:
             submaps=kept,
             factors=[*self.factors, *factors],
             poses=np.concatenate([self.poses, at[None]]),
-            handed_on=np.concatenate([self.handed_on, np.zeros((1, 7))]),
+            handed_on=[*self.handed_on, np.zeros(len(submap.handed_on))],
         )
 
     def closed(self, loop: Loop, factor: Factor, used: NDArray[np.bool_]) -> Chain:
@@ -236,12 +236,19 @@ class Chain:
     def of(cls, state: Mapping[str, Any]) -> Chain:
         """The chain of a `state` that passed `check_chain`; raises InputError for a factor that is none."""
         factors = [Factor(**numbers) for numbers in state["factors"]]
-        return cls(list(state["submaps"]), factors, list(state["loops"]), state["poses"], state["handed_on"])
+        handed_on = list(state["handed_on"])
+        return cls(list(state["submaps"]), factors, list(state["loops"]), state["poses"], handed_on)
 
 
 def _check_submap(value: Any, where: str) -> None:
     """A `Submap` whose parts fit together."""
-    instance(Submap, ids=array("<i8", None), descriptors=array("<f4", None, 128))(value, where)
+    sizes = instance(
+        Submap,
+        ids=array("<i8", None),
+        descriptors=array("<f4", None, 128),
+        handed_on=covariance(None),
+    )
+    sizes(value, where)
     n = len(value.ids)
     instance(
         Submap,
@@ -250,8 +257,7 @@ def _check_submap(value: Any, where: str) -> None:
         pose_covariance=covariance(6),
         points=array("<f8", n, 3),
         covariance=covariance(3 * n),
-        with_handed_on=array("<f8", 3 * n, 7),
-        handed_on=covariance(7),
+        with_handed_on=array("<f8", 3 * n, len(value.handed_on)),
         patches=items(PATCH, n),
         used=array("|b1", n),
     )(value, where)
@@ -277,14 +283,22 @@ _FIELDS = fields(
             first=whole(-1),
             second=whole(0),
             pose=pose,
-            handed_on=array("<f8", 7),
-            weight=array("<f8", None, 20),
+            handed_on=array("<f8", None),
+            weight=array("<f8", None, None),
         )
     ),
     loops=items(_LOOP),
     poses=array("<f8", None, 4, 4),
-    handed_on=array("<f8", None, 7),
+    handed_on=items(array("<f8", None)),
 )
+
+
+def _check_columns(factor: Mapping[str, Any], given: list[int], where: str) -> None:
+    """A factor of as many numbers as its submaps handed on, or of none of them."""
+    own = len(factor["handed_on"])
+    of_first = 0 if factor["first"] < 0 else given[factor["first"]]
+    if own not in (0, of_first) or factor["weight"].shape[1] - 6 - own not in (0, given[factor["second"]]):
+        refuse(where, "a factor of what its submaps handed on")
 
 
 def check_chain(value: Any, where: str) -> None:
@@ -298,5 +312,10 @@ def check_chain(value: Any, where: str) -> None:
     between = all(max(pair) < n for pair in ends)
     if len(value["poses"]) != n or len(value["handed_on"]) != n or not between:
         refuse(where, "as many poses as submaps, and factors and loops between them")
+    given = [len(submap.handed_on) for submap in value["submaps"]]
+    if [len(numbers) for numbers in value["handed_on"]] != given:
+        refuse(where, "what each submap handed on")
+    for k, factor in enumerate(value["factors"]):
+        _check_columns(factor, given, f"{where}.factors[{k}]")
     if not all(submap.described for submap in value["submaps"][:-1]):
         refuse(where, "a chain whose submaps but the last can be recognised")

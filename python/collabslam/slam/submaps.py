@@ -48,6 +48,12 @@ STILL_SEEN = 0.5
 """Share of a submap's landmarks that are in view at least while it lasts."""
 
 
+def _check_placed(value: Any, where: str) -> None:
+    """The numbers of a `Placed`, which fit together."""
+    fields(pose=pose, handed_on=array("<f8", None), covariance=covariance(None))(value, where)
+    covariance(6 + len(value["handed_on"]))(value["covariance"], f"{where}.covariance")
+
+
 class Submaps(PersistentState):
     """Ends submaps, has loops looked for, and says where the camera is in the map that they make.
 
@@ -66,7 +72,7 @@ class Submaps(PersistentState):
         "_wanted": optional(
             instance(Wanted, image=array("|u1", None, None), alive=array("<i8", None), slip=number(0.0))
         ),
-        "_placed": optional(fields(pose=pose, handed_on=array("<f8", 7), covariance=covariance(13))),
+        "_placed": optional(_check_placed),
         "_frames": whole(0),
         "_base": optional(whole(0)),
     }
@@ -98,6 +104,12 @@ class Submaps(PersistentState):
             refuse("Submaps", "a submap to be in")
         if self._wanted is not None and not self._chain.submaps:
             refuse("Submaps", "a search for the last submap")
+        way = self._core.since_submap()
+        if way is not None:
+            ends = [submap.handed_on for submap in self._chain.submaps[-1:]]
+            ends += [self._placed.handed_on] if self._placed is not None else []
+            if any(len(end) != len(way.revised) for end in ends):
+                refuse("Submaps", "of as many worn cameras as the filter")
         size = self._camera.height, self._camera.width
         if self._wanted is not None and self._wanted.image.shape != size:
             refuse("Submaps", f"an image of {size[1]}x{size[0]} pixels")
@@ -151,7 +163,7 @@ class Submaps(PersistentState):
         odometry, covariance = self._core.pose, self._core.pose_covariance
         if self._placed is None:
             return odometry, covariance
-        nothing = np.zeros((7, 7))
+        nothing = np.empty((0, 0))
         now = self._onward(self._placed, self._core.since_submap(), odometry, covariance, nothing)
         return now.pose, now.covariance[:6, :6]
 
@@ -210,10 +222,11 @@ class Submaps(PersistentState):
         else:
             relative, apart = self._chain.within(self._base, pose, pose_covariance)
         back = adjoint(pose_inverse(relative))
-        joint = np.zeros((13, 13))
+        n = len(handed_on)
+        joint = np.zeros((6 + n, 6 + n))
         joint[:6, :6] = apart + back @ placed.covariance[:6, :6] @ back.T
         joint[6:, 6:] = handed_on
-        return Placed(placed.pose @ relative, np.zeros(7), joint)
+        return Placed(placed.pose @ relative, np.zeros(n), joint)
 
     def _answer(self, wanted: Wanted) -> Answer:
         return self._beside.result(wanted, self._work(wanted))

@@ -49,13 +49,14 @@ def _in_w(submap: Submap, at: Placed) -> tuple[Array, Array]:
     What the graph knows of the errors that were handed on where the submap ended corrects the points, too.
     """
     n, rotation = len(submap.ids), at.pose[:3, :3]
-    handed_on = submap.handed_on + _LEAST_VARIANCE * np.eye(7)
+    k = len(submap.handed_on)
+    handed_on = submap.handed_on + _LEAST_VARIANCE * np.eye(k)
     try:
         gains = np.linalg.solve(handed_on, submap.with_handed_on.T).T
     except np.linalg.LinAlgError as error:
         raise FilterError(_SPOILT) from error
     points = submap.points + (gains @ at.handed_on).reshape(n, 3)
-    gains, with_handed_on = gains.reshape(n, 3, 7), submap.with_handed_on.reshape(n, 3, 7)
+    gains, with_handed_on = gains.reshape(n, 3, k), submap.with_handed_on.reshape(n, 3, k)
     blocks = submap.covariance.reshape(n, 3, n, 3)[np.arange(n), :, np.arange(n)]
     own = blocks - gains @ with_handed_on.transpose(0, 2, 1)
     turned = np.stack([-skew(point) for point in points])

@@ -75,7 +75,7 @@ impl Filter {
         let capacity = CAMERA_DIM + 6 * features + 64;
         let mut state = State::at_origin(capacity);
         if let Some(covariance) = settings.calibration.covariance() {
-            state.append::<6>(BlockKind::Calibration, &Vector6::zeros(), &[], &covariance);
+            state.append(BlockKind::Calibration, &Vector6::zeros(), &[], &covariance);
         }
         if let Some(readout) = settings.calibration.readout() {
             state.append_readout(readout);

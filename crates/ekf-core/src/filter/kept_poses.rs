@@ -81,9 +81,7 @@ impl Filter {
             matrix: identity.as_slice(),
         };
         let noise = SMatrix::zeros();
-        let block = self
-            .state
-            .append::<7>(BlockKind::Clone, &mean, &[part], &noise);
+        let block = self.state.append(BlockKind::Clone, &mean, &[part], &noise);
         block.id
     }
 

@@ -142,7 +142,7 @@ impl Filter {
             | BlockKind::Readout
             | BlockKind::OdometryScale
             | BlockKind::WornError(_)
-            | BlockKind::Submap
+            | BlockKind::Submap(_)
             | BlockKind::Auxiliary(_) => false,
         });
         for id in &gone {

@@ -261,7 +261,7 @@ impl Filter {
         check_pose(&Pose::identity(), covariance)?;
         self.changes();
         let mark = self.state.mark();
-        let error = self.state.append::<6>(
+        let error = self.state.append(
             BlockKind::WornError(Whose::Common),
             &Vector6::zeros(),
             &[],

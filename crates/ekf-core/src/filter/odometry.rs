@@ -121,7 +121,7 @@ impl Filter {
         let prior = self.settings.odometry.covariance();
         if let Some(prior) = prior.filter(|_| self.odometry_scale_at().is_none()) {
             let kind = BlockKind::OdometryScale;
-            self.state.append::<2>(kind, &Vector2::zeros(), &[], &prior);
+            self.state.append(kind, &Vector2::zeros(), &[], &prior);
         }
         let at = self.odometry_scale_at();
         let settings = &self.settings;

@@ -21,7 +21,7 @@ use crate::misfit::Misfit;
 use crate::observe::point::CameraPose;
 use crate::placed::Placed;
 use crate::settings::{Settings, Value};
-use crate::state::{Layout, State, StateImage};
+use crate::state::{Layout, State, StateImage, handed_on_dim};
 use crate::{guard, validate};
 use nalgebra::{Matrix6, Vector3};
 use serde::{Deserialize, Serialize};
@@ -189,6 +189,12 @@ impl Filter {
         let worn_cameras = worn_cameras.iter().map(CameraImage::camera);
         let worn_cameras = worn_cameras.collect::<Result<Vec<_>, _>>()?;
         let state = State::from_image(&state)?;
+        let handed_on = handed_on_dim(worn_cameras.len());
+        if state.layout.submap().is_some_and(|(_, n)| n != handed_on) {
+            return Err(EkfError::bad_snapshot(
+                "what its submap was handed is of other worn cameras",
+            ));
+        }
         let outside = outside
             .map(|outside| OutsideSet::from_image(outside, &state))
             .transpose()?;

@@ -1,25 +1,22 @@
 //! Submaps: what the filter knows about a stretch of the way by itself, taken out of it (METHOD 25).
 //!
 //! The pose at which a submap begins stays in the state as a clone, and beside it what the submap before handed on: by how
-//! much the scale and the bias of T_CF were estimated wrongly there. At the end, the way from the one pose to the other is
+//! much the scale and the lasting error of each T_CF were estimated wrongly there. At the end, the way from the one pose to the other is
 //! read off with its covariance, the landmarks in view are taken down as they stand to the camera, and the next submap begins.
 //! No estimate changes.
 
 use super::ekf::Filter;
 use crate::error::EkfError;
-use crate::graph::{Edge, HANDED_ON};
+use crate::graph::Edge;
 use crate::math::pose::{Pose, tangent_map};
 use crate::math::quat;
 use crate::observe::POSE_DIM;
 use crate::scale::by_state;
-use crate::state::{Block, BlockKind, LinearPart, SUBMAP_DIM, State};
-use nalgebra::{DMatrix, Matrix6, SMatrix, SVector, Vector3};
+use crate::state::{Block, BlockKind, LinearPart, State, handed_on_dim};
+use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, SVector, Vector3};
 
 /// Largest relative error of a landmark's range with which it is taken down.
 const MAX_RANGE_RATIO: f64 = 0.3;
-
-/// The worn camera whose bias is handed on; that of others counts by what it did to the scale.
-const FIRST: usize = 0;
 
 /// A submap that has ended.
 #[derive(Clone, Debug)]
@@ -30,15 +27,15 @@ pub struct Submap {
     pub pose: Pose,
     /// Its covariance, right tangent.
     pub pose_covariance: Matrix6<f64>,
-    /// Covariance of what it hands on: the scale's logarithm, and the bias of T_CF.
-    pub handed_on: SMatrix<f64, HANDED_ON, HANDED_ON>,
+    /// Covariance of what it hands on, see [`handed_on_dim`].
+    pub handed_on: DMatrix<f64>,
     /// Landmarks in view.
     pub ids: Vec<u64>,
     /// Their points from the camera, metres.
     pub points: Vec<Vector3<f64>>,
     /// Their joint covariance as they stand to the camera, `3n x 3n`, m^2.
     pub covariance: DMatrix<f64>,
-    /// Covariance of the points with what is handed on, `3n x 7`.
+    /// Covariance of the points with what is handed on, `3n` rows.
     pub with_handed_on: DMatrix<f64>,
     /// Standard deviation of a slip while all that is in view is exchanged once (METHOD 20), radians.
     pub slip: f64,
@@ -59,64 +56,69 @@ impl Filter {
         let then = self.begun();
         let now = self.begin_submap();
         let (rotation, translation) = self.pose();
-        let handed_on = now.offset + POSE_DIM;
+        let handed_on: Vec<usize> = now.range().skip(POSE_DIM).collect();
+        let p = &self.state.p;
         let mut submap = Submap {
-            edge: then.map(|then| edge(&self.state, &then, Some(handed_on))),
+            edge: then.map(|then| edge(&self.state, &then, &handed_on)),
             pose: Pose {
                 rotation,
                 translation,
             },
             pose_covariance: self.pose_covariance(),
-            handed_on: self.state.p.block(handed_on, handed_on),
+            handed_on: dense(&handed_on, &handed_on, |i, j| p.get(i, j)),
             ids: Vec::new(),
             points: Vec::new(),
             covariance: DMatrix::zeros(0, 0),
             with_handed_on: DMatrix::zeros(0, 0),
             slip: self.shared_error(),
         };
-        take_down(&self.state, seen, handed_on, &mut submap);
+        take_down(&self.state, seen, &handed_on, &mut submap);
         if let Some(then) = then {
             self.state.remove(|b| b.id == then.id);
         }
         Ok(submap)
     }
 
-    /// The way since the last submap ended, with the covariance of the pose and of what that submap handed on; zeros stand for what
-    /// the present one will. `None` where none has ended in this map.
+    /// The way since the last submap ended, with the covariance of the pose and of what that submap handed on; the present one
+    /// hands on nothing yet. `None` where none has ended in this map.
     pub fn since_submap(&self) -> Option<Edge> {
-        self.begun().map(|then| edge(&self.state, &then, None))
+        self.begun().map(|then| edge(&self.state, &then, &[]))
     }
 
     /// Where the present submap began.
     fn begun(&self) -> Option<Block> {
-        let mut blocks = self.state.layout.of_kind(BlockKind::Submap);
-        blocks.next().copied()
+        self.state.layout.submap().map(|(block, _)| block)
     }
 
-    /// Appends the present pose, and the present errors of the scale and of T_CF's bias, O(n).
+    /// Appends the present pose, and the present errors of the scale and of each T_CF, O(n).
     fn begin_submap(&mut self) -> Block {
         let state = &self.state;
-        let mut by_pose = vec![0.0; SUBMAP_DIM * POSE_DIM];
+        let kind = BlockKind::Submap(handed_on_dim(self.worn_cameras.len()));
+        let dim = kind.dim();
+        let mut by_pose = vec![0.0; dim * POSE_DIM];
         for k in 0..POSE_DIM {
-            by_pose[SUBMAP_DIM * k + k] = 1.0;
+            by_pose[dim * k + k] = 1.0;
         }
         let mut parts = vec![(0, POSE_DIM, by_pose)];
         if let Some(b) = by_state(state) {
             let stretches = state.layout.features().map(Block::range);
             for stretch in std::iter::once(0..3).chain(stretches) {
-                let mut matrix = vec![0.0; SUBMAP_DIM * stretch.len()];
-                for (column, i) in matrix.chunks_exact_mut(SUBMAP_DIM).zip(stretch.clone()) {
+                let mut matrix = vec![0.0; dim * stretch.len()];
+                for (column, i) in matrix.chunks_exact_mut(dim).zip(stretch.clone()) {
                     column[POSE_DIM] = b[i];
                 }
                 parts.push((stretch.start, stretch.len(), matrix));
             }
         }
-        for (offset, by) in state.lasting_error(FIRST) {
-            let mut matrix = vec![0.0; SUBMAP_DIM * 6];
-            for (column, by) in matrix.chunks_exact_mut(SUBMAP_DIM).zip(by.column_iter()) {
-                column[POSE_DIM + 1..].copy_from_slice(by.as_slice());
+        for who in 0..self.worn_cameras.len() {
+            let to = POSE_DIM + handed_on_dim(who);
+            for (offset, by) in state.lasting_error(who) {
+                let mut matrix = vec![0.0; dim * 6];
+                for (column, by) in matrix.chunks_exact_mut(dim).zip(by.column_iter()) {
+                    column[to..to + 6].copy_from_slice(by.as_slice());
+                }
+                parts.push((offset, 6, matrix));
             }
-            parts.push((offset, 6, matrix));
         }
         let parts: Vec<LinearPart<'_>> = parts
             .iter()
@@ -126,16 +128,21 @@ impl Filter {
                 matrix,
             })
             .collect();
-        let mut mean = SVector::<f64, SUBMAP_DIM>::zeros();
+        let mut mean = DVector::zeros(dim);
         mean.fixed_rows_mut::<POSE_DIM>(0)
             .copy_from(&self.state.part::<POSE_DIM>(0));
         self.state
-            .append::<SUBMAP_DIM>(BlockKind::Submap, &mean, &parts, &SMatrix::zeros())
+            .append(kind, &mean, &parts, &DMatrix::zeros(dim, dim))
     }
 }
 
+/// Entries of a matrix.
+fn dense(rows: &[usize], columns: &[usize], entry: impl Fn(usize, usize) -> f64) -> DMatrix<f64> {
+    DMatrix::from_fn(rows.len(), columns.len(), |i, j| entry(rows[i], columns[j]))
+}
+
 /// The way from where a submap began to the camera; `handed_on` is where the numbers are that the present one hands on.
-fn edge(state: &State, then: &Block, handed_on: Option<usize>) -> Edge {
+fn edge(state: &State, then: &Block, handed_on: &[usize]) -> Edge {
     let (from, to) = (state.pose_at(then.offset), state.camera_pose());
     let [first, second] = [&from, &to].map(|at| Pose::from_quat(at.r, &at.q));
     let pose = first.inverse().compose(&second);
@@ -147,30 +154,41 @@ fn edge(state: &State, then: &Block, handed_on: Option<usize>) -> Edge {
         .fixed_view_mut::<3, 3>(0, 3)
         .copy_from(&(back * quat::skew(&pose.translation)));
     by_first.fixed_view_mut::<3, 3>(3, 3).copy_from(&-back);
-    let mut by = SMatrix::<f64, { 6 + 2 * HANDED_ON }, { 4 * POSE_DIM }>::zeros();
+    let mut by = SMatrix::<f64, 6, { 2 * POSE_DIM }>::zeros();
     by.fixed_view_mut::<6, POSE_DIM>(0, 0)
         .copy_from(&(by_first * tangent_map(&from.q)));
     by.fixed_view_mut::<6, POSE_DIM>(0, POSE_DIM)
         .copy_from(&tangent_map(&to.q));
-    by.fixed_view_mut::<{ 2 * HANDED_ON }, { 2 * HANDED_ON }>(6, 2 * POSE_DIM)
-        .fill_with_identity();
-    let starts = [
-        Some(then.offset),
-        Some(0),
-        Some(then.offset + POSE_DIM),
-        handed_on,
-    ];
-    let row = |k: usize| starts[k / POSE_DIM].map(|start| start + k % POSE_DIM);
-    let entry = |i, j| match (row(i), row(j)) {
-        (Some(i), Some(j)) => state.p.get(i, j),
-        _ => 0.0,
-    };
-    let joint = SMatrix::<f64, { 4 * POSE_DIM }, { 4 * POSE_DIM }>::from_fn(entry);
-    let covariance = by * joint * by.transpose();
+    let starts = [then.offset, 0];
+    let ends = |k: usize| starts[k / POSE_DIM] + k % POSE_DIM;
+    let p = &state.p;
+    let poses =
+        SMatrix::<f64, { 2 * POSE_DIM }, { 2 * POSE_DIM }>::from_fn(|i, j| p.get(ends(i), ends(j)));
+    let way = by * poses * by.transpose();
+    let was_handed = then.range().skip(POSE_DIM);
+    let handed: Vec<usize> = was_handed
+        .clone()
+        .chain(handed_on.iter().copied())
+        .collect();
+    let n = 6 + handed.len();
+    let mut covariance = DMatrix::zeros(n, n);
+    covariance
+        .fixed_view_mut::<6, 6>(0, 0)
+        .copy_from(&((way + way.transpose()) * 0.5));
+    for (j, &at) in (6..n).zip(&handed) {
+        let with = by * SVector::<f64, { 2 * POSE_DIM }>::from_fn(|i, _| p.get(ends(i), at));
+        covariance.fixed_view_mut::<6, 1>(0, j).copy_from(&with);
+        covariance
+            .fixed_view_mut::<1, 6>(j, 0)
+            .copy_from(&with.transpose());
+    }
+    covariance
+        .view_mut((6, 6), (n - 6, n - 6))
+        .copy_from(&dense(&handed, &handed, |i, j| p.get(i, j)));
     Edge {
         pose,
-        revised: state.part::<HANDED_ON>(then.offset + POSE_DIM),
-        covariance: (covariance + covariance.transpose()) * 0.5,
+        revised: DVector::from_iterator(was_handed.len(), was_handed.map(|i| state.x[i])),
+        covariance,
     }
 }
 
@@ -235,15 +253,15 @@ impl Seen {
     }
 }
 
-/// Takes down the landmarks among `seen`, and their covariance with the seven numbers at `handed_on`.
-fn take_down(state: &State, seen: &[u64], handed_on: usize, submap: &mut Submap) {
+/// Takes down the landmarks among `seen`, and their covariance with the numbers at `handed_on`.
+fn take_down(state: &State, seen: &[u64], handed_on: &[usize], submap: &mut Submap) {
     let blocks = seen.iter().filter_map(|&id| state.layout.find(id));
     let landmarks: Vec<Seen> = blocks.filter_map(|b| Seen::of(state, b)).collect();
     let n = landmarks.len();
     submap.ids = landmarks.iter().map(|l| l.id).collect();
     submap.points = landmarks.iter().map(|l| l.point).collect();
     submap.covariance = DMatrix::zeros(3 * n, 3 * n);
-    submap.with_handed_on = DMatrix::zeros(3 * n, HANDED_ON);
+    submap.with_handed_on = DMatrix::zeros(3 * n, handed_on.len());
     let p = &state.p;
     for (i, one) in landmarks.iter().enumerate() {
         for (j, other) in landmarks.iter().enumerate().take(i + 1) {
@@ -260,18 +278,19 @@ fn take_down(state: &State, seen: &[u64], handed_on: usize, submap: &mut Submap)
                 .fixed_view_mut::<3, 3>(3 * j, 3 * i)
                 .copy_from(&block.transpose());
         }
-        let feature = SMatrix::<f64, 6, HANDED_ON>::from_fn(|r, c| {
-            if r < one.width {
-                p.get(one.offset + r, handed_on + c)
-            } else {
-                0.0
-            }
-        });
-        let with =
-            one.by_pose * p.block::<POSE_DIM, HANDED_ON>(0, handed_on) + one.by_feature * feature;
-        submap
-            .with_handed_on
-            .fixed_view_mut::<3, HANDED_ON>(3 * i, 0)
-            .copy_from(&with);
+        for (c, &at) in handed_on.iter().enumerate() {
+            let feature = SVector::<f64, 6>::from_fn(|r, _| {
+                if r < one.width {
+                    p.get(one.offset + r, at)
+                } else {
+                    0.0
+                }
+            });
+            let pose = SVector::<f64, POSE_DIM>::from_fn(|r, _| p.get(r, at));
+            submap
+                .with_handed_on
+                .fixed_view_mut::<3, 1>(3 * i, c)
+                .copy_from(&(one.by_pose * pose + one.by_feature * feature));
+        }
     }
 }

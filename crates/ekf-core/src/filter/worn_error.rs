@@ -78,7 +78,7 @@ impl Filter {
             let there = self.state.worn_error_block(Whose::Common).copied();
             let block = there.unwrap_or_else(|| {
                 let one = Matrix6::identity();
-                self.state.append::<6>(kind, &Vector6::zeros(), &[], &one)
+                self.state.append(kind, &Vector6::zeros(), &[], &one)
             });
             parts.push(LinearPart {
                 offset: block.offset,
@@ -88,7 +88,7 @@ impl Filter {
         }
         let kind = BlockKind::WornError(Whose::Of(worn.who));
         self.state
-            .append::<6>(kind, &Vector6::zeros(), &parts, &error.white);
+            .append(kind, &Vector6::zeros(), &parts, &error.white);
     }
 
     fn bias_covariance(&self, worn: &WornObservation) -> Matrix6<f64> {

@@ -27,7 +27,7 @@ pub fn directions(x: &[f64], layout: &Layout, out: &mut Vec<f64>) {
             BlockKind::Feature(Form::InverseDepth) => inverse_depth_feature(x, block, out),
             BlockKind::Feature(Form::Point) => position(x, block.offset, out),
             // What a submap hands on is no place: it stays.
-            BlockKind::Clone | BlockKind::Submap => {
+            BlockKind::Clone | BlockKind::Submap(_) => {
                 position(x, block.offset, out);
                 attitude(x, block.offset + 3, out);
             }

@@ -240,7 +240,7 @@ impl Gauge {
 fn carried_blocks<'a>(layout: &'a Layout, followed: &'a [u64]) -> impl Iterator<Item = &'a Block> {
     layout.blocks().iter().filter(|b| match b.kind {
         BlockKind::Feature(_) => followed.binary_search(&b.id).is_ok(),
-        BlockKind::Clone | BlockKind::Submap => true,
+        BlockKind::Clone | BlockKind::Submap(_) => true,
         BlockKind::WornBias(_)
         | BlockKind::Calibration
         | BlockKind::Readout

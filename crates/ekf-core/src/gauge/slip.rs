@@ -30,7 +30,7 @@ impl Gauge {
         self.from.resize(MOTIONS * rows, 0.0);
         let moved = |block: &Block| match block.kind {
             BlockKind::Feature(_) => block.id >= free,
-            BlockKind::Submap => false,
+            BlockKind::Submap(_) => false,
             _ => true,
         };
         let blocks = carried_blocks(&state.layout, &self.followed).filter(|b| moved(b));

@@ -1,14 +1,11 @@
 //! What was measured of two nodes.
 
-use super::{HANDED_ON, HandedOn, NODE, Node};
+use super::{HandedOn, Node, times};
 use crate::error::EkfError;
 use crate::math::pose::Pose;
 use crate::math::quat;
-use nalgebra::{Const, DMatrix, DVector, Dyn, Matrix6, OMatrix, SMatrix, SVector};
+use nalgebra::{DMatrix, DVector, Matrix6};
 
-/// Numbers of a factor's residual before it is weighted: of the relative pose, of what the first node handed on, and of what
-/// the second did.
-const RESIDUAL: usize = 6 + 2 * HANDED_ON;
 /// Standard deviation, metres, radians or of the logarithm of the scale, below which nothing is told apart: it is added
 /// where the filter says zero (what it does not estimate, or a camera that has not moved).
 const LEAST_SD: f64 = 1e-6;
@@ -20,8 +17,8 @@ pub struct Edge {
     pub pose: Pose,
     /// By how much its estimate of what the beginning handed on has changed since.
     pub revised: HandedOn,
-    /// Joint covariance of the pose (right tangent), of what the beginning handed on, and of what the end hands on.
-    pub covariance: SMatrix<f64, RESIDUAL, RESIDUAL>,
+    /// Joint covariance of the pose (right tangent), of what the beginning handed on, and of what the end hands on, if it does.
+    pub covariance: DMatrix<f64>,
 }
 
 /// A measurement of one or two nodes, weighted: `weight` times its residual is white with unit variance.
@@ -33,21 +30,17 @@ pub struct Factor {
     pub second: usize,
     /// Pose of the second from the first.
     pub pose: Pose,
-    /// What the first was found to hand on.
+    /// What the first was found to hand on; nothing where the factor does not speak of it.
     pub handed_on: HandedOn,
-    /// `k x 20`.
+    /// Columns: of the relative pose, of what the first handed on, and of what the second does, if the factor speaks of that.
     pub weight: DMatrix<f64>,
 }
-
-/// Derivatives of weighted residuals by a node.
-pub(super) type Rows = OMatrix<f64, Dyn, Const<NODE>>;
 
 /// A factor's weighted residual, and its derivatives by its nodes.
 pub(super) struct Linear {
     pub(super) residual: DVector<f64>,
-    /// `k x 13`.
-    pub(super) by_first: Rows,
-    pub(super) by_second: Rows,
+    pub(super) by_first: DMatrix<f64>,
+    pub(super) by_second: DMatrix<f64>,
 }
 
 impl Factor {
@@ -57,25 +50,26 @@ impl Factor {
     /// # Errors
     /// `NotPositiveDefinite` if the covariance is none.
     pub fn between(first: usize, second: usize, edge: &Edge) -> Result<Self, EkfError> {
-        let floor = |i: usize, j: usize| if i == j { LEAST_SD * LEAST_SD } else { 0.0 };
-        let p = edge.covariance + SMatrix::from_fn(floor);
-        let own = p.fixed_view::<NODE, NODE>(0, 0);
-        let with_end = p.fixed_view::<NODE, HANDED_ON>(0, NODE);
-        let end = p.fixed_view::<HANDED_ON, HANDED_ON>(NODE, NODE);
+        let (all, begin) = (edge.covariance.nrows(), 6 + edge.revised.len());
+        let after = all - begin;
+        let p = &edge.covariance + DMatrix::identity(all, all) * (LEAST_SD * LEAST_SD);
+        let own = p.view((0, 0), (begin, begin));
+        let with_end = p.view((0, begin), (begin, after));
+        let end = p.view((begin, begin), (after, after));
         let end = end.into_owned().cholesky().ok_or(NONE)?;
         let gain = end.solve(&with_end.transpose()).transpose();
-        let given = own - gain * with_end.transpose();
-        let given = ((given + given.transpose()) * 0.5).cholesky().ok_or(NONE)?;
-        let mut rows = SMatrix::<f64, NODE, RESIDUAL>::identity();
-        rows.fixed_view_mut::<NODE, HANDED_ON>(0, NODE)
-            .copy_from(&-gain);
-        given.l_dirty().solve_lower_triangular_mut(&mut rows);
+        let given = own - times(&gain, &with_end.transpose());
+        let given = (&given + given.transpose()) * 0.5;
+        let given = given.cholesky().ok_or(NONE)?;
+        let mut weight = DMatrix::identity(begin, all);
+        weight.columns_mut(begin, after).copy_from(&-gain);
+        given.l_dirty().solve_lower_triangular_mut(&mut weight);
         Ok(Self {
             first: Some(first),
             second,
             pose: edge.pose.clone(),
-            handed_on: edge.revised,
-            weight: DMatrix::from_column_slice(NODE, RESIDUAL, rows.as_slice()),
+            handed_on: edge.revised.clone(),
+            weight,
         })
     }
 
@@ -89,15 +83,16 @@ impl Factor {
         pose: &Pose,
         covariance: &Matrix6<f64>,
     ) -> Result<Self, EkfError> {
-        let given = floored(covariance).cholesky().ok_or(NONE)?;
-        let mut rows = SMatrix::<f64, 6, RESIDUAL>::identity();
-        given.l_dirty().solve_lower_triangular_mut(&mut rows);
+        let covariance = DMatrix::from_column_slice(6, 6, covariance.as_slice());
+        let given = floored(&covariance).cholesky().ok_or(NONE)?;
+        let mut weight = DMatrix::identity(6, 6);
+        given.l_dirty().solve_lower_triangular_mut(&mut weight);
         Ok(Self {
             first,
             second,
             pose: pose.clone(),
-            handed_on: HandedOn::zeros(),
-            weight: DMatrix::from_column_slice(6, RESIDUAL, rows.as_slice()),
+            handed_on: HandedOn::zeros(0),
+            weight,
         })
     }
 
@@ -105,21 +100,18 @@ impl Factor {
     ///
     /// # Errors
     /// `NotPositiveDefinite` if the covariance is none.
-    pub fn handed_on(
-        node: usize,
-        covariance: &SMatrix<f64, HANDED_ON, HANDED_ON>,
-    ) -> Result<Self, EkfError> {
+    pub fn handed_on(node: usize, covariance: &DMatrix<f64>) -> Result<Self, EkfError> {
         let given = floored(covariance).cholesky().ok_or(NONE)?;
-        let mut rows = SMatrix::<f64, HANDED_ON, RESIDUAL>::zeros();
-        rows.fixed_view_mut::<HANDED_ON, HANDED_ON>(0, NODE)
-            .fill_with_identity();
-        given.l_dirty().solve_lower_triangular_mut(&mut rows);
+        let n = covariance.nrows();
+        let mut weight = DMatrix::zeros(n, 6 + n);
+        weight.columns_mut(6, n).fill_with_identity();
+        given.l_dirty().solve_lower_triangular_mut(&mut weight);
         Ok(Self {
             first: None,
             second: node,
             pose: Pose::identity(),
-            handed_on: HandedOn::zeros(),
-            weight: DMatrix::from_column_slice(HANDED_ON, RESIDUAL, rows.as_slice()),
+            handed_on: HandedOn::zeros(0),
+            weight,
         })
     }
 
@@ -132,7 +124,7 @@ impl Factor {
         first: usize,
         second: usize,
         pose: &Pose,
-        information: &SMatrix<f64, NODE, NODE>,
+        information: &DMatrix<f64>,
     ) -> Result<Self, EkfError> {
         if !information.iter().all(|v| v.is_finite()) {
             let what = "information of a loop";
@@ -141,13 +133,13 @@ impl Factor {
         // Numbers of different units are compared in units of their own information.
         let scale = information.diagonal().map(|d| d.max(0.0).sqrt());
         let over = scale.map(|s| if s > 0.0 { 1.0 / s } else { 0.0 });
-        let scaled =
-            SMatrix::<f64, NODE, NODE>::from_fn(|i, j| information[(i, j)] * over[i] * over[j]);
+        let n = information.nrows();
+        let scaled = DMatrix::from_fn(n, n, |i, j| information[(i, j)] * over[i] * over[j]);
         let eigen = scaled.symmetric_eigen();
-        let mut weight = DMatrix::zeros(NODE, RESIDUAL);
-        for k in 0..NODE {
+        let mut weight = DMatrix::zeros(n, n);
+        for k in 0..n {
             let root = eigen.eigenvalues[k].max(0.0).sqrt();
-            for i in 0..NODE {
+            for i in 0..n {
                 weight[(k, i)] = root * eigen.eigenvectors[(i, k)] * scale[i];
             }
         }
@@ -155,34 +147,62 @@ impl Factor {
             first: Some(first),
             second,
             pose: pose.clone(),
-            handed_on: HandedOn::zeros(),
+            handed_on: HandedOn::zeros(n - 6),
             weight,
         })
     }
 
-    /// Linearised where its nodes are.
+    /// Whether it is of two of these nodes and of what they hand on; if not, what it is instead.
+    pub(super) fn fits(&self, nodes: &[Node]) -> Result<(), String> {
+        let (first, second) = (self.first, self.second);
+        let dim = |i: usize| nodes.get(i).map(Node::dim);
+        let (from, to) = (first.map_or(Some(6), dim), dim(second));
+        let (Some(from), Some(to), false) = (from, to, first == Some(second)) else {
+            let count = nodes.len();
+            return Err(format!(
+                "is of the nodes {first:?} and {second}; give two of {count}"
+            ));
+        };
+        let own = 6 + self.handed_on.len();
+        let with_end = [own, own + to - 6];
+        if [6, from].contains(&own) && with_end.contains(&self.weight.ncols()) {
+            return Ok(());
+        }
+        Err(format!(
+            "speaks of {} numbers that were handed on and has a weight of {} columns; \
+             its nodes hand on {} and {}, the columns are 6 and one for each of those that it speaks of",
+            own - 6,
+            self.weight.ncols(),
+            from - 6,
+            to - 6,
+        ))
+    }
+
+    /// Linearised where its nodes are, which it [fits](Self::fits).
     pub(super) fn linear(&self, nodes: &[Node]) -> Linear {
-        let origin = Node::at(Pose::identity());
+        let origin = Node::at(Pose::identity(), 0);
         let first = self.first.map_or(&origin, |i| &nodes[i]);
         let second = &nodes[self.second];
         let between = first.pose.inverse().compose(&second.pose);
         let error = self.pose.inverse().compose(&between);
         let xi = error.log();
-        let mut residual = SVector::<f64, RESIDUAL>::zeros();
+        let (all, of_first) = (self.weight.ncols(), self.handed_on.len());
+        let of_second = all - 6 - of_first;
+        let mut residual = DVector::zeros(all);
         residual.fixed_rows_mut::<6>(0).copy_from(&xi);
-        residual
-            .fixed_rows_mut::<HANDED_ON>(6)
-            .copy_from(&(first.handed_on - self.handed_on));
-        residual
-            .fixed_rows_mut::<HANDED_ON>(NODE)
-            .copy_from(&second.handed_on);
+        for k in 0..of_first {
+            residual[6 + k] = first.handed_on[k] - self.handed_on[k];
+        }
+        for k in 0..of_second {
+            residual[6 + of_first + k] = second.handed_on[k];
+        }
         let turn = xi.fixed_rows::<3>(3).into_owned();
         let jacobian = quat::right_jacobian(&turn);
         // Beyond half a turn there is none; the residual never is.
         let inverse = jacobian.try_inverse().unwrap_or_default();
         let back = self.pose.rotation.transpose();
-        let mut by_first = SMatrix::<f64, RESIDUAL, NODE>::zeros();
-        let mut by_second = SMatrix::<f64, RESIDUAL, NODE>::zeros();
+        let mut by_first = DMatrix::zeros(all, first.dim());
+        let mut by_second = DMatrix::zeros(all, second.dim());
         if self.first.is_some() {
             by_first.fixed_view_mut::<3, 3>(0, 0).copy_from(&-back);
             by_first
@@ -192,7 +212,7 @@ impl Factor {
                 .fixed_view_mut::<3, 3>(3, 3)
                 .copy_from(&(-inverse * between.rotation.transpose()));
             by_first
-                .fixed_view_mut::<HANDED_ON, HANDED_ON>(6, 6)
+                .view_mut((6, 6), (of_first, of_first))
                 .fill_with_identity();
         }
         by_second
@@ -200,7 +220,7 @@ impl Factor {
             .copy_from(&error.rotation);
         by_second.fixed_view_mut::<3, 3>(3, 3).copy_from(&inverse);
         by_second
-            .fixed_view_mut::<HANDED_ON, HANDED_ON>(NODE, 6)
+            .view_mut((6 + of_first, 6), (of_second, of_second))
             .fill_with_identity();
         Linear {
             residual: &self.weight * residual,
@@ -215,14 +235,18 @@ const NONE: EkfError = EkfError::NotPositiveDefinite {
     pivot: 0,
 };
 
-fn floored<const N: usize>(p: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
-    (p + p.transpose()) * 0.5 + SMatrix::identity() * (LEAST_SD * LEAST_SD)
+fn floored(p: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = p.nrows();
+    (p + p.transpose()) * 0.5 + DMatrix::identity(n, n) * (LEAST_SD * LEAST_SD)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use nalgebra::Vector6;
+
+    /// Of the two nodes: of runs with one worn camera and with two.
+    const HANDED_ON: [usize; 2] = [7, 13];
 
     fn wave(i: usize) -> f64 {
         ((i * 7919 + 13) % 101) as f64 / 101.0 - 0.5
@@ -231,18 +255,18 @@ mod tests {
     fn nodes() -> Vec<Node> {
         let node = |k: usize| Node {
             pose: Pose::exp(&Vector6::from_fn(|i, _| 2.0 * wave(11 * k + i))),
-            handed_on: HandedOn::from_fn(|i, _| 0.1 * wave(5 * k + i)),
+            handed_on: HandedOn::from_fn(HANDED_ON[k], |i, _| 0.1 * wave(5 * k + i)),
         };
         (0..2).map(node).collect()
     }
 
-    fn factor(first: Option<usize>) -> Factor {
+    fn factor(first: Option<usize>, of_first: usize, of_second: usize) -> Factor {
         Factor {
             first,
             second: 1,
             pose: Pose::exp(&Vector6::new(0.4, -0.1, 1.0, 0.3, 0.2, -0.6)),
-            handed_on: HandedOn::from_fn(|i, _| 0.05 * wave(i)),
-            weight: DMatrix::from_fn(9, RESIDUAL, |i, j| wave(3 * i + 7 * j)),
+            handed_on: HandedOn::from_fn(of_first, |i, _| 0.05 * wave(i)),
+            weight: DMatrix::from_fn(9, 6 + of_first + of_second, |i, j| wave(3 * i + 7 * j)),
         }
     }
 
@@ -261,11 +285,22 @@ mod tests {
     #[test]
     fn its_derivatives_are_those_of_finite_differences() {
         let nodes = nodes();
-        for first in [Some(0), None] {
-            let factor = factor(first);
+        let [of_first, of_second] = HANDED_ON;
+        for (first, of_first, of_second) in [
+            (Some(0), of_first, of_second),
+            (Some(0), of_first, 0),
+            (Some(0), 0, 0),
+            (None, 0, of_second),
+        ] {
+            let factor = factor(first, of_first, of_second);
+            factor.fits(&nodes).expect("of these nodes");
             let linear = factor.linear(&nodes);
-            for (which, by) in [(0, &linear.by_first), (1, &linear.by_second)] {
-                for k in 0..NODE {
+            let sides = [(first, &linear.by_first), (Some(1), &linear.by_second)];
+            for (which, by) in sides
+                .into_iter()
+                .filter_map(|(i, by)| i.map(|which| (which, by)))
+            {
+                for k in 0..nodes[which].dim() {
                     let e = 1e-6;
                     let [to, from] =
                         [e, -e].map(|e| factor.linear(&moved(&nodes, which, k, e)).residual);
@@ -278,13 +313,31 @@ mod tests {
 
     #[test]
     fn a_sight_weighs_as_its_information_says_and_leaves_open_what_it_cannot_tell() {
-        let rows =
-            SMatrix::<f64, 5, NODE>::from_fn(|i, j| wave(i + 5 * j) * 10f64.powi(j as i32 % 4));
+        let rows = DMatrix::from_fn(5, 13, |i, j| wave(i + 5 * j) * 10f64.powi(j as i32 % 4));
         let information = rows.transpose() * rows;
         let factor = Factor::sight(0, 1, &Pose::identity(), &information).expect("finite");
-        let again = factor.weight.columns(0, NODE).into_owned();
-        let off = (again.transpose() * again - information).amax() / information.amax();
+        let again = factor.weight.transpose() * &factor.weight;
+        let off = (again - &information).amax() / information.amax();
         assert!(off < 1e-10, "{off:e}");
-        assert_eq!(factor.weight.columns(NODE, HANDED_ON).amax(), 0.0);
+        assert_eq!(factor.handed_on, HandedOn::zeros(7));
+    }
+
+    #[test]
+    fn a_factor_of_other_numbers_than_its_nodes_hand_on_is_told() {
+        let nodes = nodes();
+        for (first, of_first, of_second) in [(Some(0), 6, 13), (Some(0), 7, 7), (None, 7, 0)] {
+            let why = factor(first, of_first, of_second)
+                .fits(&nodes)
+                .expect_err("of others");
+            assert!(why.contains("hand on"), "{why}");
+        }
+        let mut short = factor(Some(0), 7, 0);
+        short.weight = DMatrix::zeros(9, 6);
+        assert!(
+            short
+                .fits(&nodes)
+                .expect_err("of others")
+                .contains("6 columns")
+        );
     }
 }

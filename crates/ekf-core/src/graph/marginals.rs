@@ -1,19 +1,18 @@
 //! Covariances of nodes.
 
-use super::normal::{Factored, Normal};
-use super::{NODE, Node, Placed, PoseGraph};
+use super::normal::{Factored, Normal, starts};
+use super::{Node, Placed, PoseGraph};
 use crate::error::EkfError;
 use crate::math::pose::Pose;
 use nalgebra::{DMatrix, Matrix6, SMatrix};
-
-/// Covariance of a node: of its pose (right tangent), then of what it hands on.
-pub type NodeCovariance = SMatrix<f64, NODE, NODE>;
 
 /// The factored information of a graph, from which covariances are read when they are asked for.
 #[derive(Debug)]
 pub struct Marginals {
     factored: Factored,
     nodes: Vec<Node>,
+    /// Where the numbers of each node begin.
+    starts: Vec<usize>,
 }
 
 impl Marginals {
@@ -22,25 +21,27 @@ impl Marginals {
         Ok(Self {
             factored: normal.factored(&normal.pattern()?, 0.0)?,
             nodes: graph.nodes().to_vec(),
+            starts: starts(graph.nodes()),
         })
     }
 
-    /// Joint covariance of some nodes, 13 rows each, in their order.
+    /// Joint covariance of some nodes in their order, of each its pose (right tangent), then what it hands on.
     ///
     /// # Panics
     /// If there is no such node.
     pub fn of_nodes(&self, which: &[usize]) -> DMatrix<f64> {
-        let (n, k) = (NODE * self.nodes.len(), NODE * which.len());
-        let mut columns = DMatrix::zeros(n, k);
-        for (b, &i) in which.iter().enumerate() {
+        let rows = which.iter().flat_map(|&i| {
             assert!(i < self.nodes.len(), "there is no node {i}");
-            for c in 0..NODE {
-                columns[(NODE * i + c, NODE * b + c)] = 1.0;
-            }
+            self.starts[i]..self.starts[i] + self.nodes[i].dim()
+        });
+        let rows: Vec<usize> = rows.collect();
+        let (n, k) = (self.nodes.iter().map(Node::dim).sum(), rows.len());
+        let mut columns = DMatrix::zeros(n, k);
+        for (c, &row) in rows.iter().enumerate() {
+            columns[(row, c)] = 1.0;
         }
         self.factored.solve(&mut columns);
-        let row = |r: usize| NODE * which[r / NODE] + r % NODE;
-        let p = DMatrix::from_fn(k, k, |r, c| columns[(row(r), c)]);
+        let p = DMatrix::from_fn(k, k, |r, c| columns[(rows[r], c)]);
         (&p + p.transpose()) * 0.5
     }
 
@@ -48,9 +49,8 @@ impl Marginals {
     ///
     /// # Panics
     /// If there is no such node.
-    pub fn of_node(&self, node: usize) -> NodeCovariance {
-        let p = self.of_nodes(&[node]);
-        SMatrix::from_column_slice(p.as_slice())
+    pub fn of_node(&self, node: usize) -> DMatrix<f64> {
+        self.of_nodes(&[node])
     }
 
     /// A node, and its covariance.
@@ -77,15 +77,17 @@ impl Marginals {
             return (pose, Matrix6::zeros());
         }
         let p = self.of_nodes(&[from, to]);
-        let mut by = SMatrix::<f64, 6, { 2 * NODE }>::zeros();
+        let second = self.nodes[from].dim();
+        let row = |k: usize| if k < 6 { k } else { second + k - 6 };
+        let p = SMatrix::<f64, 12, 12>::from_fn(|i, j| p[(row(i), row(j))]);
+        let mut by = SMatrix::<f64, 6, 12>::zeros();
         // d = A^-1 B: a moves it by -Ad(d^-1) a, b by b; METHOD 1's tangent keeps both halves apart.
         let back = pose.rotation.transpose();
         by.fixed_view_mut::<3, 3>(0, 0).copy_from(&-back);
         by.fixed_view_mut::<3, 3>(0, 3)
             .copy_from(&(back * crate::math::quat::skew(&pose.translation)));
         by.fixed_view_mut::<3, 3>(3, 3).copy_from(&-back);
-        by.fixed_view_mut::<6, 6>(0, NODE).fill_with_identity();
-        let p: SMatrix<f64, { 2 * NODE }, { 2 * NODE }> = SMatrix::from_column_slice(p.as_slice());
+        by.fixed_view_mut::<6, 6>(0, 6).fill_with_identity();
         let p = by * p * by.transpose();
         (pose, (p + p.transpose()) * 0.5)
     }

@@ -12,15 +12,22 @@ mod placed;
 mod poses;
 
 pub use factor::{Edge, Factor};
-pub use marginals::{Marginals, NodeCovariance};
+pub use marginals::Marginals;
 pub use placed::Placed;
 pub use poses::{Node, PoseGraph, Solved};
 
-use nalgebra::SVector;
+use nalgebra::{DMatrix, DVector};
 
-/// Numbers that a submap hands on: the logarithm of the scale, and the bias of T_CF (right tangent, metres and radians).
-pub const HANDED_ON: usize = 7;
-/// Numbers of a node: the right tangent of its pose, and what it hands on.
-pub const NODE: usize = 6 + HANDED_ON;
-/// By how much the filter's estimates of what is handed on are wrong where the submap ends.
-pub type HandedOn = SVector<f64, HANDED_ON>;
+/// By how much the filter's estimates of what is handed on are wrong where the submap ends: the logarithm of the scale, and the
+/// lasting error of each T_CF, metres and radians. A graph does not ask what they are; nodes of different runs differ in number.
+pub type HandedOn = DVector<f64>;
+
+/// `a b`, column by column. Other products of large matrices sum in blocks, as the processor at hand likes them: the last bit
+/// of a pose would depend on it.
+fn times(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut product = DMatrix::zeros(a.nrows(), b.ncols());
+    for (mut to, column) in product.column_iter_mut().zip(b.column_iter()) {
+        to.gemv(1.0, a, &column, 0.0);
+    }
+    product
+}

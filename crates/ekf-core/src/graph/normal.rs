@@ -1,13 +1,23 @@
 //! The normal equations of a graph, and their sparse factor.
 
 use super::factor::Linear;
-use super::{NODE, PoseGraph};
+use super::{Node, PoseGraph};
 use crate::error::EkfError;
 use faer::MatMut;
 use faer::linalg::solvers::Solve;
 use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
 use faer::sparse::{Argsort, Pair, SparseColMat, SymbolicSparseColMat};
-use nalgebra::{DMatrix, DVector, SMatrix};
+use nalgebra::{DMatrix, DVector};
+
+/// Where the numbers of each node begin among those of all.
+pub(super) fn starts(nodes: &[Node]) -> Vec<usize> {
+    let dims = nodes.iter().map(Node::dim);
+    let ends = dims.scan(0, |end, dim| {
+        *end += dim;
+        Some(*end - dim)
+    });
+    ends.collect()
+}
 
 /// `J^T J` as blocks below the diagonal, `-J^T r`, and `r^T r`.
 pub(super) struct Normal {
@@ -20,7 +30,10 @@ pub(super) struct Normal {
 
 impl Normal {
     pub(super) fn of(graph: &PoseGraph) -> Self {
-        let n = NODE * graph.nodes().len();
+        let (starts, n) = (
+            starts(graph.nodes()),
+            graph.nodes().iter().map(Node::dim).sum(),
+        );
         let mut normal = Self {
             places: Vec::new(),
             entries: Vec::new(),
@@ -36,11 +49,11 @@ impl Normal {
             } = factor.linear(graph.nodes());
             normal.cost += residual.norm_squared();
             let sides = [
-                factor.first.map(|i| (i, &by_first)),
-                Some((factor.second, &by_second)),
+                factor.first.map(|i| (starts[i], &by_first)),
+                Some((starts[factor.second], &by_second)),
             ];
             for (i, rows) in sides.iter().flatten() {
-                let mut down = normal.downhill.rows_mut(NODE * i, NODE);
+                let mut down = normal.downhill.rows_mut(*i, rows.ncols());
                 down -= rows.tr_mul(&residual);
                 for (j, columns) in sides.iter().flatten().filter(|(j, _)| j <= i) {
                     normal.add(*i, *j, &rows.tr_mul(*columns));
@@ -50,11 +63,11 @@ impl Normal {
         normal
     }
 
-    fn add(&mut self, i: usize, j: usize, block: &SMatrix<f64, NODE, NODE>) {
-        for c in 0..NODE {
-            for r in if i == j { c } else { 0 }..NODE {
-                let (row, column) = (NODE * i + r, NODE * j + c);
-                self.places.push(Pair::new(row, column));
+    /// The block whose first entry is at this row and column.
+    fn add(&mut self, row: usize, column: usize, block: &DMatrix<f64>) {
+        for c in 0..block.ncols() {
+            for r in if row == column { c } else { 0 }..block.nrows() {
+                self.places.push(Pair::new(row + r, column + c));
                 self.entries.push(block[(r, c)]);
             }
         }

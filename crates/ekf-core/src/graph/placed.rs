@@ -1,9 +1,9 @@
 //! A pose in the map that a graph makes, and how it goes on from there by what the filter knows (METHOD 25).
 
-use super::{Edge, HANDED_ON, HandedOn, NODE, Node, NodeCovariance};
+use super::{Edge, Node, times};
 use crate::error::EkfError;
 use crate::math::quat;
-use nalgebra::SMatrix;
+use nalgebra::DMatrix;
 
 /// Variance below which what is handed on is taken to be known.
 const LEAST_VARIANCE: f64 = 1e-12;
@@ -14,7 +14,7 @@ pub struct Placed {
     /// The pose, and by how much what is handed on there is wrong.
     pub node: Node,
     /// Joint covariance of both, the pose's on the right tangent.
-    pub covariance: NodeCovariance,
+    pub covariance: DMatrix<f64>,
 }
 
 impl Placed {
@@ -22,38 +22,48 @@ impl Placed {
     /// filter does, and corrects the way and what its end hands on.
     ///
     /// # Errors
-    /// `NotPositiveDefinite` if the covariance of the way is none.
+    /// `BadShape` if the way begins with other numbers handed on, `NotPositiveDefinite` if its covariance is none.
     pub fn onward(&self, edge: &Edge) -> Result<Self, EkfError> {
+        let begin = edge.revised.len();
+        let node = self.covariance.nrows();
+        if node != 6 + begin {
+            return Err(EkfError::BadShape {
+                what: "way from a submap on",
+                expected: format!("{} numbers handed on", node - 6),
+                got: begin.to_string(),
+            });
+        }
         // Of the end, given what was handed on at the beginning.
-        let place = |k: usize| if k < 6 { k } else { HANDED_ON + k };
+        let place = |k: usize| if k < 6 { k } else { begin + k };
         let p = &edge.covariance;
-        let end = SMatrix::<f64, NODE, NODE>::from_fn(|i, j| p[(place(i), place(j))]);
-        let with = SMatrix::<f64, NODE, HANDED_ON>::from_fn(|i, j| p[(place(i), 6 + j)]);
-        let mut handed = p.fixed_view::<HANDED_ON, HANDED_ON>(6, 6).into_owned();
-        handed += SMatrix::<f64, HANDED_ON, HANDED_ON>::identity() * LEAST_VARIANCE;
+        let n = p.nrows() - begin;
+        let end = DMatrix::from_fn(n, n, |i, j| p[(place(i), place(j))]);
+        let with = DMatrix::from_fn(n, begin, |i, j| p[(place(i), 6 + j)]);
+        let handed = p.view((6, 6), (begin, begin));
+        let handed = handed + DMatrix::identity(begin, begin) * LEAST_VARIANCE;
         let stage = "covariance of the way from a submap on";
         let handed = handed
             .cholesky()
             .ok_or(EkfError::NotPositiveDefinite { stage, pivot: 0 })?;
         let gain = handed.solve(&with.transpose()).transpose();
-        let own = end - gain * with.transpose();
-        let revised = gain * (self.node.handed_on - edge.revised);
+        let own = end - times(&gain, &with.transpose());
+        let revised = &gain * (&self.node.handed_on - &edge.revised);
         let moved = edge.pose.retract(&revised.fixed_rows::<6>(0).into_owned());
         let back = moved.rotation.transpose();
-        let mut by = SMatrix::<f64, NODE, NODE>::zeros();
+        let mut by = DMatrix::zeros(n, node);
         by.fixed_view_mut::<3, 3>(0, 0).copy_from(&back);
         by.fixed_view_mut::<3, 3>(0, 3)
             .copy_from(&-(back * quat::skew(&moved.translation)));
         by.fixed_view_mut::<3, 3>(3, 3).copy_from(&back);
-        by.fixed_view_mut::<NODE, HANDED_ON>(0, 6).copy_from(&gain);
-        let covariance = by * self.covariance * by.transpose() + own;
+        by.columns_mut(6, begin).copy_from(&gain);
+        let covariance = times(&times(&by, &self.covariance), &by.transpose()) + own;
         let node = Node {
             pose: self.node.pose.compose(&moved),
-            handed_on: HandedOn::from(revised.fixed_rows::<HANDED_ON>(6)),
+            handed_on: revised.rows(6, n - 6).into_owned(),
         };
         Ok(Self {
             node,
-            covariance: (covariance + covariance.transpose()) * 0.5,
+            covariance: (&covariance + covariance.transpose()) * 0.5,
         })
     }
 }

@@ -1,8 +1,8 @@
 //! The graph and its solution.
 
 use super::factor::Factor;
-use super::normal::Normal;
-use super::{HandedOn, Marginals, NODE};
+use super::normal::{Normal, starts};
+use super::{HandedOn, Marginals};
 use crate::error::EkfError;
 use crate::math::pose::Pose;
 use nalgebra::{DMatrix, DVector};
@@ -26,10 +26,15 @@ pub struct Node {
 }
 
 impl Node {
-    /// At a pose, with nothing wrong.
-    pub fn at(pose: Pose) -> Self {
-        let handed_on = HandedOn::zeros();
+    /// At a pose, with nothing wrong of so many numbers that it hands on.
+    pub fn at(pose: Pose, handed_on: usize) -> Self {
+        let handed_on = HandedOn::zeros(handed_on);
         Self { pose, handed_on }
+    }
+
+    /// Numbers of it: the right tangent of its pose, and what it hands on.
+    pub fn dim(&self) -> usize {
+        6 + self.handed_on.len()
     }
 }
 
@@ -53,23 +58,13 @@ impl PoseGraph {
     /// Of these nodes and factors.
     ///
     /// # Errors
-    /// `InvalidInput` if a factor is of a node that is not there, or of one and the same, or its weight is not `k x 20`;
-    /// `NonFinite`.
+    /// `InvalidInput` if a factor is of a node that is not there, or of one and the same, or of other numbers than the nodes
+    /// hand on; `NonFinite`.
     pub fn new(nodes: Vec<Node>, factors: Vec<Factor>) -> Result<Self, EkfError> {
         let what = "factors";
         for (k, factor) in factors.iter().enumerate() {
-            let (first, second) = (factor.first, factor.second);
-            if second >= nodes.len() || first.is_some_and(|i| i >= nodes.len() || i == second) {
-                let count = nodes.len();
-                let why = format!(
-                    "factor {k} is of the nodes {first:?} and {second}; give two of {count}"
-                );
-                return Err(EkfError::InvalidInput { what, why });
-            }
-            if factor.weight.ncols() != NODE + super::HANDED_ON {
-                let why = format!("the weight of factor {k} has {} columns, not 20", {
-                    factor.weight.ncols()
-                });
+            if let Err(why) = factor.fits(&nodes) {
+                let why = format!("factor {k} {why}");
                 return Err(EkfError::InvalidInput { what, why });
             }
             let numbers = factor.weight.iter().chain(&factor.handed_on);
@@ -144,15 +139,10 @@ impl PoseGraph {
     }
 
     fn moved(&self, step: &DVector<f64>) -> Vec<Node> {
-        let nodes = self.nodes.iter().enumerate();
-        let moved = |(i, node): (usize, &Node)| Node {
-            pose: node
-                .pose
-                .retract(&step.fixed_rows::<6>(NODE * i).into_owned()),
-            handed_on: node.handed_on
-                + step
-                    .fixed_rows::<{ super::HANDED_ON }>(NODE * i + 6)
-                    .into_owned(),
+        let nodes = self.nodes.iter().zip(starts(&self.nodes));
+        let moved = |(node, start): (&Node, usize)| Node {
+            pose: node.pose.retract(&step.fixed_rows::<6>(start).into_owned()),
+            handed_on: &node.handed_on + step.rows(start + 6, node.handed_on.len()),
         };
         nodes.map(moved).collect()
     }
@@ -168,21 +158,23 @@ impl PoseGraph {
     /// Chi-square of a factor before it is believed: its residual against its own noise and that of its nodes.
     ///
     /// # Errors
-    /// `NotPositiveDefinite` if a node is tied to nothing.
+    /// `InvalidInput` if it is of no nodes of this graph, `NotPositiveDefinite` if a node is tied to nothing.
     pub fn distance(&self, factor: &Factor, marginals: &Marginals) -> Result<f64, EkfError> {
+        if let Err(why) = factor.fits(&self.nodes) {
+            let (what, why) = ("factor", format!("it {why}"));
+            return Err(EkfError::InvalidInput { what, why });
+        }
         let linear = factor.linear(&self.nodes);
         let (by, p) = match factor.first {
             Some(first) => {
-                let mut by = DMatrix::zeros(linear.residual.len(), 2 * NODE);
-                by.columns_mut(0, NODE).copy_from(&linear.by_first);
-                by.columns_mut(NODE, NODE).copy_from(&linear.by_second);
+                let own = linear.by_first.ncols();
+                let both = own + linear.by_second.ncols();
+                let mut by = DMatrix::zeros(linear.residual.len(), both);
+                by.columns_mut(0, own).copy_from(&linear.by_first);
+                by.columns_mut(own, both - own).copy_from(&linear.by_second);
                 (by, marginals.of_nodes(&[first, factor.second]))
             }
-            None => {
-                let mut by = DMatrix::zeros(linear.residual.len(), NODE);
-                by.copy_from(&linear.by_second);
-                (by, marginals.of_nodes(&[factor.second]))
-            }
+            None => (linear.by_second, marginals.of_nodes(&[factor.second])),
         };
         let s = DMatrix::identity(by.nrows(), by.nrows()) + &by * p * by.transpose();
         let stage = "distance of a loop";

@@ -142,7 +142,7 @@ fn rows_are_sane(
         ) {
             continue;
         }
-        turned |= matches!(block.kind, BlockKind::Clone | BlockKind::Submap)
+        turned |= matches!(block.kind, BlockKind::Clone | BlockKind::Submap(_))
             && norm(block.offset + 3) < LEAST_QUATERNION;
         if !block.range().all(is_good) {
             let (kind, id) = (block.kind, block.id);

@@ -11,7 +11,8 @@ mod rounding;
 
 use super::CAMERA_DIM;
 use crate::kernel::{self, Aligned, LINE, Panels, Product, Stored};
-use nalgebra::{DMatrix, SMatrix, SVector};
+use nalgebra::allocator::Allocator;
+use nalgebra::{Const, DMatrix, DefaultAllocator, Dim, OMatrix, OVector, SMatrix, SVector};
 use std::ops::Range;
 
 /// Rows of a feature's anchor, which come first.
@@ -301,36 +302,39 @@ impl Covariance {
     /// `G P G^T + noise` (Eq. 8). O(n), amortised: capacity doubles.
     ///
     /// With `anchor`, the first three rows of `y` are those of P from there on, and are not stored again.
-    pub(crate) fn augment<const K: usize>(
+    pub(crate) fn augment<K: Dim>(
         &mut self,
         parts: &[LinearPart<'_>],
-        noise: &SMatrix<f64, K, K>,
+        noise: &OMatrix<f64, K, K>,
         anchor: Option<usize>,
-    ) {
-        let n = self.n;
+    ) where
+        DefaultAllocator: Allocator<K> + Allocator<K, K>,
+    {
+        let (dim, _) = noise.shape_generic();
+        let (n, k) = (self.n, dim.value());
         let known = if anchor.is_some() { ANCHOR } else { 0 };
-        self.reserve(n + K - known);
-        self.n = n + K - known;
+        self.reserve(n + k - known);
+        self.n = n + k - known;
         for j in 0..n {
-            let mut column = [0.0; K];
+            let mut column = OVector::<f64, K>::zeros_generic(dim, Const::<1>);
             for part in parts {
                 for w in 0..part.width {
                     let p = self.stored_entry(self.slots[part.offset + w], j);
-                    for (k, entry) in column.iter_mut().enumerate() {
-                        *entry += part.matrix[k + w * K] * p;
+                    for (entry, by) in column.iter_mut().zip(&part.matrix[w * k..]) {
+                        *entry += by * p;
                     }
                 }
             }
             let to = n + j * self.ld;
-            self.data[to..to + K - known].copy_from_slice(&column[known..]);
+            self.data[to..to + k - known].copy_from_slice(&column.as_slice()[known..]);
         }
-        let mut own = *noise;
+        let mut own = noise.clone();
         for part in parts {
             for w in 0..part.width {
                 let from = n + self.slots[part.offset + w] * self.ld;
-                for c in known..K {
-                    for r in known..K {
-                        own[(r, c)] += part.matrix[c + w * K] * self.data[from + r - known];
+                for c in known..k {
+                    for r in known..k {
+                        own[(r, c)] += part.matrix[c + w * k] * self.data[from + r - known];
                     }
                 }
             }
@@ -339,9 +343,9 @@ impl Covariance {
             self.slots.extend_from_within(anchor..anchor + known);
         }
         self.slots.extend(n..self.n);
-        let at = self.dim() - K;
-        for c in known..K {
-            for r in known..K {
+        let at = self.dim() - k;
+        for c in known..k {
+            for r in known..k {
                 self.set(at + r, at + c, (own[(r, c)] + own[(c, r)]) * 0.5);
             }
         }

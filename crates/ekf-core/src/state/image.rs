@@ -90,8 +90,11 @@ impl State {
         let mut ids = std::collections::BTreeSet::new();
         for &(id, kind) in blocks {
             let is_auxiliary = matches!(kind, BlockKind::Auxiliary(_));
-            let only_once = matches!(kind, BlockKind::Submap | BlockKind::WornBias(_));
-            let again = |b: &Block| only_once && b.kind == kind;
+            let again = |b: &Block| match kind {
+                BlockKind::Submap(_) => matches!(b.kind, BlockKind::Submap(_)),
+                BlockKind::WornBias(_) => b.kind == kind,
+                _ => false,
+            };
             if matches!(kind, BlockKind::WornError(_))
                 || state.layout.blocks().iter().any(again)
                 || (!is_auxiliary && (id >= *next_id || !ids.insert(id)))
@@ -183,6 +186,6 @@ fn in_order(kind: BlockKind, slots: &[usize]) -> bool {
         | BlockKind::Readout
         | BlockKind::OdometryScale
         | BlockKind::WornError(_)
-        | BlockKind::Submap => side_by_side(slots),
+        | BlockKind::Submap(_) => side_by_side(slots),
     }
 }

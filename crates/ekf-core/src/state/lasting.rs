@@ -73,7 +73,7 @@ impl State {
     pub(crate) fn begin_lasting(&mut self, lasting: Lasting) {
         let kind = BlockKind::WornBias(lasting.whose);
         if self.layout.of_kind(kind).next().is_none() {
-            self.append::<6>(kind, &Vector6::zeros(), &[], &lasting.stationary);
+            self.append(kind, &Vector6::zeros(), &[], &lasting.stationary);
             self.lasting.push(lasting);
         }
     }

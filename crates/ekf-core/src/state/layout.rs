@@ -6,8 +6,11 @@ use serde::{Deserialize, Serialize};
 /// Dimension of the camera's block `[r(3) q(4) v(3) w(3)]` (METHOD 2).
 pub const CAMERA_DIM: usize = 13;
 
-/// Numbers of the beginning of a submap.
-pub const SUBMAP_DIM: usize = POSE_DIM + 7;
+/// Numbers that a submap hands on with this many worn cameras: the logarithm of the scale, and the lasting error of each one's
+/// T_CF, metres and radians along the axes of C.
+pub const fn handed_on_dim(worn_cameras: usize) -> usize {
+    1 + 6 * worn_cameras
+}
 
 /// Whose error of T_CF a block of the state is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -35,9 +38,9 @@ pub enum BlockKind {
     OdometryScale,
     /// The error of one frame's T_CF, tangent, 6 numbers; lives for that frame only.
     WornError(Whose),
-    /// Where the present submap began: the camera's pose there `[r(3) q(4)]`, and by how much the scale's logarithm and the bias
-    /// of T_CF were estimated wrongly, 7 numbers.
-    Submap,
+    /// Where the present submap began: the camera's pose there `[r(3) q(4)]`, and by how much what it hands on was estimated
+    /// wrongly, that many numbers.
+    Submap(usize),
     /// Auxiliary rows of the local update; only a working state has them, never the state that is shown.
     Auxiliary(usize),
 }
@@ -47,7 +50,7 @@ impl BlockKind {
     pub const fn dim(self) -> usize {
         match self {
             Self::Clone => POSE_DIM,
-            Self::Submap => SUBMAP_DIM,
+            Self::Submap(handed_on) => POSE_DIM.saturating_add(handed_on),
             Self::Auxiliary(rows) => rows,
             Self::Feature(form) => form.dim(),
             Self::Readout => 1,
@@ -71,7 +74,7 @@ impl BlockKind {
             Self::Readout => "Readout",
             Self::OdometryScale => "OdometryScale",
             Self::WornError(_) => "WornError",
-            Self::Submap => "Submap",
+            Self::Submap(_) => "Submap",
             Self::Auxiliary(_) => "Auxiliary",
         }
     }
@@ -134,6 +137,14 @@ impl Layout {
     /// The blocks of one kind, in state order.
     pub fn of_kind(&self, kind: BlockKind) -> impl Iterator<Item = &Block> {
         self.blocks.iter().filter(move |b| b.kind == kind)
+    }
+
+    /// Where the present submap began, and how many numbers were handed on there.
+    pub(crate) fn submap(&self) -> Option<(Block, usize)> {
+        self.blocks.iter().find_map(|b| match b.kind {
+            BlockKind::Submap(handed_on) => Some((*b, handed_on)),
+            _ => None,
+        })
     }
 
     /// The landmarks, in state order.

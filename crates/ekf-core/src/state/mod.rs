@@ -1,7 +1,7 @@
 //! The state vector, its layout and its covariance.
 //!
 //! ```text
-//! x = [ r(3) q(4) v(3) w(3) | bias(6) ... | readout(1)? | odometry scale(2)? | feature(6 or 3) ... | clone(7) ... | submap(14)? | worn error(6) ... ]
+//! x = [ r(3) q(4) v(3) w(3) | bias(6) ... | readout(1)? | odometry scale(2)? | feature(6 or 3) ... | clone(7) ... | submap(8 + 6 n)? | worn error(6) ... ]
 //!       camera, always 13     blocks in order of birth, each with an id
 //! ```
 
@@ -17,12 +17,15 @@ pub(crate) use cov::Rest;
 pub use cov::{Covariance, LinearPart};
 pub(crate) use image::StateImage;
 pub(crate) use lasting::{Lasting, LastingImage, root};
-pub use layout::{Block, BlockKind, CAMERA_DIM, Layout, SUBMAP_DIM, Whose};
+pub use layout::{Block, BlockKind, CAMERA_DIM, Layout, Whose, handed_on_dim};
 
 use crate::math::quat;
 use crate::observe::point::CameraPose;
 use crate::observe::{FeatureState, Form, POSE_DIM};
-use nalgebra::{SMatrix, SVector, Vector3, Vector4, Vector6};
+use nalgebra::allocator::Allocator;
+use nalgebra::{
+    DefaultAllocator, Dim, OMatrix, OVector, SMatrix, SVector, Vector3, Vector4, Vector6,
+};
 use std::ops::Range;
 
 /// Mean, covariance and layout, always of the same dimension.
@@ -139,9 +142,9 @@ impl State {
 
     /// Where the rows of the present submap's beginning are stored, if there is one.
     pub(crate) fn submap_rows(&self) -> Option<Range<usize>> {
-        let block = self.layout.of_kind(BlockKind::Submap).next()?;
+        let (block, _) = self.layout.submap()?;
         let first = self.p.stored().slots[block.offset];
-        Some(first..first + SUBMAP_DIM)
+        Some(first..first + block.kind.dim())
     }
 
     /// Where the rows of the auxiliary blocks are stored, increasing.
@@ -198,14 +201,17 @@ impl State {
     }
 
     /// Appends a block whose value is linear in the state plus noise. O(n).
-    pub(crate) fn append<const K: usize>(
+    pub(crate) fn append<K: Dim>(
         &mut self,
         kind: BlockKind,
-        mean: &SVector<f64, K>,
+        mean: &OVector<f64, K>,
         parts: &[LinearPart<'_>],
-        noise: &SMatrix<f64, K, K>,
-    ) -> Block {
-        debug_assert_eq!(kind.dim(), K);
+        noise: &OMatrix<f64, K, K>,
+    ) -> Block
+    where
+        DefaultAllocator: Allocator<K> + Allocator<K, K>,
+    {
+        debug_assert_eq!(kind.dim(), mean.len());
         self.p.augment(parts, noise, None);
         self.x.extend_from_slice(mean.as_slice());
         self.reference.extend_from_slice(mean.as_slice());
@@ -363,7 +369,7 @@ impl State {
         self.normalise_quaternion_at(3);
         for i in 0..self.layout.blocks().len() {
             let block = self.layout.blocks()[i];
-            if matches!(block.kind, BlockKind::Clone | BlockKind::Submap) {
+            if matches!(block.kind, BlockKind::Clone | BlockKind::Submap(_)) {
                 self.normalise_quaternion_at(block.offset + 3);
             }
         }

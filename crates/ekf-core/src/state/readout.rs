@@ -12,6 +12,6 @@ impl State {
     /// Appends it: estimate and standard deviation, seconds.
     pub(crate) fn append_readout(&mut self, (readout, sd): (f64, f64)) {
         let (mean, variance) = (SMatrix::from([[readout]]), SMatrix::from([[sd * sd]]));
-        self.append::<1>(BlockKind::Readout, &mean, &[], &variance);
+        self.append(BlockKind::Readout, &mean, &[], &variance);
     }
 }
