@@ -88,6 +88,45 @@ def test_a_second_run_is_found_in_one_of_them(recording: DemoRecording, file: Pa
     assert not any(bare.step(0.1 * k, recording.image(i)).valid for k, i in enumerate(AGAIN[:3]))
 
 
+def test_two_runs_with_a_worn_camera_each_end_in_one_frame(
+    first: Slam, recording: DemoRecording, file: Path, tmp_path: Path
+) -> None:
+    # Another person, whose measured poses err in another way, looks ahead at other times.
+    other = corridor_recording(seed=7, glances=((0.5, 0.9), (1.3, 1.6)))
+    frames = list(reversed(AGAIN))
+    second = Slam(other.camera, other.worn_camera, start="map", map=_upside_down(SavedMap.load(file)))
+    before, used = len(first.submaps().poses), 0
+    for k, i in enumerate(frames):
+        frame = other.frame(i)
+        step = second.step(0.1 * k, frame.image, frame.worn)
+        used += step.diagnostics["overlap"]
+        if k == 9:
+            second.save(tmp_path / "engine")
+            chain = second._submaps.chain()
+            second = Slam.load(tmp_path / "engine")
+            again = second._submaps.chain()
+            assert len(again.submaps) == len(chain.submaps) >= before
+            assert again.poses.tobytes() == chain.poses.tobytes()
+            assert len(again.factors) == len(chain.factors)
+    assert 2 <= used < len(frames) - 2
+    assert step.status is Status.OK
+    way = second.submaps()
+    assert len(way.poses) > before
+    # Submaps of both runs, in the frame of the first: there, and from one another.
+    where = {t: k for k, t in enumerate(np.round(recording.times[:FIRST], 6).tolist())}
+    ends = [where[round(t, 6)] for t in way.times[:before]]
+    ends += [frames[round(10.0 * t)] for t in way.times[before:]]
+    truth = [pose_inverse(recording.truth[0]) @ recording.truth[i] for i in ends]
+    for k in range(before, len(ends)):
+        off = se3_log(pose_inverse(way.poses[k]) @ truth[k])
+        assert np.linalg.norm(off[:3]) < 0.1
+        assert off @ np.linalg.solve(way.covariances[k], off) < 22.5  # 99.9 % of six numbers
+        for early in range(before):
+            pose, covariance = second.between_submaps(early, k)
+            off = se3_log(pose_inverse(pose) @ pose_inverse(truth[early]) @ truth[k])
+            assert off @ np.linalg.solve(covariance, off) < 22.5
+
+
 def test_another_camera_has_its_own_views_of_them(file: Path) -> None:
     other = Camera("radtan", 640, 400, (500.0, 505.0, 322.0, 199.0), (-0.04, 0.01, 0.0, 0.0005))
     known = SavedMap.load(file)
