@@ -145,7 +145,11 @@ impl Sway {
         let pairs = self.pixels(number).into_iter().enumerate().map(|(i, uv)| {
             let seen = self.pose().inverse().apply(&self.points[i]) - t_cf.translation;
             let uv_f = self.camera.project(&seen).expect("in front");
-            WornPair { id: None, uv, uv_f }
+            WornPair {
+                id: None,
+                uv: Some(uv),
+                uv_f,
+            }
         });
         WornObservation {
             who: 0,

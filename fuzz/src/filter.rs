@@ -236,7 +236,7 @@ impl Life {
                 let uv_f = near(bytes, &uv_f, 2.0);
                 pairs.push(WornPair {
                     id: Some(b.id),
-                    uv: b.uv,
+                    uv: Some(b.uv),
                     uv_f,
                 });
             }
@@ -248,7 +248,11 @@ impl Life {
             };
             if let Some(uv_f) = self.worn.project(&inverse.apply(&(ray * depth))) {
                 let uv_f = near(bytes, &uv_f, 1.0);
-                pairs.push(WornPair { id: None, uv, uv_f });
+                pairs.push(WornPair {
+                    id: None,
+                    uv: Some(uv),
+                    uv_f,
+                });
             }
         }
         WornObservation {

@@ -937,13 +937,25 @@ class Filter:
         -------
         Landmarks
         """
-    def manage_map(self) -> _Ids:
-        """Deletes failing features, candidates that are too old, and clones nobody needs.
+    def manage_map(self, keep: ArrayLike | None = None) -> _Ids:
+        """Deletes failing features, the longest unseen of too many, candidates that are too old, and clones
+        nobody needs.
+
+        Parameters
+        ----------
+        keep : (K,) int64, optional
+            Features that stay, however long they were not seen, if they do not fail: landmarks that are known
+            again for certain. They do not count for ``map.max_features``.
 
         Returns
         -------
         (N,) int64
             The deleted features.
+
+        Raises
+        ------
+        InputError
+            For a wrong shape, or ids that are none.
         """
     def remove_features(self, ids: ArrayLike) -> None:
         """Removes features.
@@ -1132,7 +1144,8 @@ class OverlapPrediction:
 
 @final
 class WornMeasurement:
-    """The worn camera's part of a frame: its measured pose, and points that both cameras see.
+    """The worn camera's part of a frame: its measured pose, points that both cameras see, and features
+    that it sees alone.
 
     Parameters
     ----------
@@ -1143,7 +1156,8 @@ class WornMeasurement:
     ids : (M,) int64
         Feature of each pair, -1 for a new point.
     uv, uv_f : (M, 2) float64
-        Its pixels in Cs and in Cf.
+        Its pixels in Cs and in Cf. NaN in ``uv`` are features that Cf alone sees, as the corners of a
+        printed tag: the mode ``collab-tight`` measures them.
     bias : (6, 6) float64, optional
         The part of the covariance that lasts from frame to frame; ``worn.bias_share`` of it if left
         out.

@@ -116,7 +116,8 @@ fn instant(errors: &str) -> (Warm, WornObservation, Vec<u64>) {
     let mut worn = all.worn.expect("a worn frame");
     let camera = &warm.scene.camera;
     worn.pairs.retain(|pair| {
-        TwoView::new(camera, &pair.uv, camera, &pair.uv_f, &worn.t_cf)
+        let uv = pair.uv.expect("a new point");
+        TwoView::new(camera, &uv, camera, &pair.uv_f, &worn.t_cf)
             .is_some_and(|view| view.parallax > 5.0_f64.to_radians())
     });
     worn.pairs.truncate(4);
@@ -153,7 +154,8 @@ fn instant_births_share_the_error_of_the_worn_camera() {
             let t_cf = worn.t_cf.retract(&(chol * normals::<6>(&mut rng)));
             let mut out: Vec<f64> = x.rows(7, 3).iter().copied().collect();
             for WornPair { uv, uv_f, .. } in &worn.pairs {
-                let (uv, uv_f) = (uv + normals::<2>(&mut rng), uv_f + normals::<2>(&mut rng));
+                let uv = uv.expect("a new point") + normals::<2>(&mut rng);
+                let uv_f = uv_f + normals::<2>(&mut rng);
                 let view = TwoView::new(camera, &uv, camera, &uv_f, &t_cf).expect("rays meet");
                 out.extend(feature_of(&pose, &view).iter());
             }
@@ -192,13 +194,14 @@ fn triangulated_points() {
         let at = |uv: &Vector2<f64>, uv_f: &Vector2<f64>, t_cf: &Pose| {
             TwoView::new(camera, uv, camera, uv_f, t_cf).expect("rays meet")
         };
-        let view = at(&pair.uv, &pair.uv_f, &worn.t_cf);
+        let pair_uv = pair.uv.expect("a new point");
+        let view = at(&pair_uv, &pair.uv_f, &worn.t_cf);
         let j = view.point_by_tangent();
         let stated = view.point_noise(sigma, sigma_f) + j * worn.covariance * j.transpose();
         let mut draw = |linear: bool| -> Vec<DVector<f64>> {
             (0..SAMPLES)
                 .map(|_| {
-                    let uv = pair.uv + normals::<2>(&mut rng) * sigma;
+                    let uv = pair_uv + normals::<2>(&mut rng) * sigma;
                     let uv_f = pair.uv_f + normals::<2>(&mut rng) * sigma_f;
                     let sample = at(
                         &uv,

@@ -37,7 +37,7 @@ fn view(
     let mut seen = Vec::new();
     for (mut pair, point) in worn.pairs.into_iter().zip(points) {
         if let Some(uv) = scene.pixel(&frame_pose, point) {
-            (pair.id, pair.uv) = (of_point.get(&point).copied(), uv);
+            (pair.id, pair.uv) = (of_point.get(&point).copied(), Some(uv));
             kept.push(pair);
             seen.push(point);
         }

@@ -1,6 +1,7 @@
 //! Upkeep of the map: which features go.
 
 use crate::scene::{Warm, warm};
+use ekf_core::settings::Value;
 use ekf_core::{Bearing, DepthObservation, Measurements, Outcome};
 
 /// A feature must be found in 40 % of its searches, once there were eight (METHOD 7).
@@ -66,4 +67,18 @@ fn a_feature_that_is_searched_in_vain_is_deleted() {
     assert!(!is_deleted(MIN_SEARCHES, 4));
     assert!(!is_deleted(MIN_SEARCHES - 1, 0));
     assert!(is_deleted(MIN_SEARCHES, 0));
+}
+
+#[test]
+fn of_too_many_features_the_longest_unseen_go_but_those_to_keep() {
+    let few = ("map.max_features", Value::Int(8));
+    let mut warm = warm(72, &[few]);
+    let all: Vec<u64> = warm.known.keys().copied().collect();
+    assert!(all.len() > 9, "{} features", all.len());
+    let mut plain = warm.filter.clone();
+    let gone = plain.manage_map();
+    assert_eq!(gone.len(), all.len() - 8);
+    let kept = warm.filter.manage_map_keeping(&gone[..1]);
+    assert_eq!(kept, gone[1..], "what is kept does not count");
+    warm.filter.check().expect("sound");
 }

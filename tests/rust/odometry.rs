@@ -253,6 +253,38 @@ fn scales_are_estimated_from_what_is_seen() {
 }
 
 #[test]
+fn the_noise_of_wheels_that_stand_says_nothing_of_their_scales() {
+    let mut scene = Scene::new(8, 120);
+    let camera = scene.camera.clone();
+    let mut filter = Filter::new(settings(&[]), camera.clone(), Some(camera));
+    let (mut known, mut rng) = (BTreeMap::new(), rng(4));
+    let sd = covariance().diagonal().map(f64::sqrt);
+    for k in 0..100 {
+        let t = 0.05 * f64::from(k);
+        let twist = sd.component_mul(&normals::<6>(&mut rng));
+        filter.add_odometry(t, &twist, &covariance()).expect("good");
+        filter.predict(t).expect("in order");
+        let (z, points) = scene.measure(0.0, &known, k % 10 < 5);
+        let report = filter.update(&z).expect("good measurements");
+        for (outcome, point) in report.pairs.iter().zip(&points) {
+            if let ekf_core::Outcome::Born(id) = outcome {
+                known.insert(*id, *point);
+            }
+        }
+        for id in filter.manage_map() {
+            known.remove(&id);
+        }
+    }
+    // Where nothing moves, a scale of zero would explain all that the wheels tell.
+    let (scale, p) = filter.odometry_scale().expect("a scale");
+    assert!(scale.abs().max() < 1e-12, "{scale}");
+    for k in 0..2 {
+        assert!((p[(k, k)].sqrt() - 0.05).abs() < 1e-3, "{p}");
+    }
+    filter.check().expect("sound");
+}
+
+#[test]
 fn wheels_that_slip_are_distrusted_for_that_frame() {
     let mut scene = Scene::new(5, 100);
     let camera = scene.camera.clone();

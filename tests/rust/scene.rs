@@ -170,7 +170,7 @@ impl Scene {
                     (Some(_), None) => None,
                     (None, _) => self.rolling_pixel(t, point),
                 };
-                if let (Some(uv), Some(uv_f)) = (uv, self.pixel(&worn_pose, point)) {
+                if let (Some(_), Some(uv_f)) = (uv, self.pixel(&worn_pose, point)) {
                     pairs.push(WornPair { id, uv, uv_f });
                     pair_points.push(point);
                 }

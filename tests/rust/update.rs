@@ -251,7 +251,8 @@ pub(crate) fn units(
             Outcome::Depth => {
                 let predicted = PointInCamera::metric(&pose, &y).expect("rho > 0").value;
                 let t_cf = worn.t_cf.retract(&error);
-                let view = TwoView::new(camera, &pair.uv, camera, &pair.uv_f, &t_cf)
+                let uv = pair.uv.expect("seen by both");
+                let view = TwoView::new(camera, &uv, camera, &pair.uv_f, &t_cf)
                     .expect("rays meet")
                     .at_point(&predicted);
                 let j = view.point_by_tangent();
@@ -493,6 +494,11 @@ fn a_failed_update_changes_nothing() {
             &non_finite,
         ),
         (
+            "Cf's pixel of a new point",
+            worn(&|w| (w.pairs[0].id, w.pairs[0].uv) = (None, None)),
+            &invalid,
+        ),
+        (
             "T_CF",
             worn(&|w| w.t_cf.translation.x = f64::NAN),
             &non_finite,
@@ -630,6 +636,33 @@ fn a_wrong_worn_pair_falls_back_to_its_bearing() {
             .expect("seen");
         assert_eq!(report.bearings[bearing], Outcome::Pixel, "{mode}");
         assert!(count(&report.pairs, used) >= 2, "{mode}: {report:?}");
+    }
+}
+
+#[test]
+fn a_feature_that_cf_alone_sees_is_measured_in_the_tight_form_alone() {
+    for (mode, outcome) in [
+        ("collab", Outcome::NotVisible),
+        ("collab-tight", Outcome::Pixel),
+    ] {
+        let mut warm = with_clone(3, &[("estimator.mode", name(mode))]);
+        let mut z = measure(&mut warm, true);
+        let pairs = &mut z.worn.as_mut().expect("a worn frame").pairs;
+        pairs.truncate(8);
+        let ids: Vec<Option<u64>> = pairs.iter().map(|pair| pair.id).collect();
+        z.bearings.retain(|b| !ids.contains(&Some(b.id)));
+        let mut none = z.clone();
+        none.worn.as_mut().expect("a worn frame").pairs.clear();
+        for pair in &mut z.worn.as_mut().expect("a worn frame").pairs {
+            pair.uv = None;
+        }
+        let mut without = warm.filter.clone();
+        without.update(&none).expect("good measurements");
+        let report = warm.filter.update(&z).expect("good measurements");
+        assert_eq!(count(&report.pairs, outcome), 8, "{mode}: {report:?}");
+        let [alone, more] = [&without, &warm.filter].map(|f| f.pose_covariance().trace());
+        assert_eq!(more < alone, outcome == Outcome::Pixel, "{mode}");
+        warm.filter.check().expect("sound");
     }
 }
 

@@ -79,7 +79,7 @@ fn realised(filter: &mut Filter, view: &CandidateView, bias: Option<Matrix6<f64>
         let uv_f = camera.project(&view.t_cf.inverse().apply(&in_c))?;
         camera.in_image(&uv_f, 0.0).then_some(WornPair {
             id: Some(landmark.id),
-            uv,
+            uv: Some(uv),
             uv_f,
         })
     });

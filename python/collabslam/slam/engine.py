@@ -40,7 +40,7 @@ from collabslam.slam.starts import check_start
 from collabslam.slam.tracks import Found
 from collabslam.slam.view import PlacedCamera, PlacedViews, View
 from collabslam.slam.whole_map import whole_way
-from collabslam.slam.worn_frame import Overlap
+from collabslam.slam.worn_tags import overlaps
 from collabslam.types import Array, Board, Image, Status, Tag, Target, WornView
 
 
@@ -290,7 +290,8 @@ class Slam(EngineParts):
         expected, found, slipped = self._search(view, expected, followed=followed)
         times.done("search")
         missing = 0 if view.lost else self._map.missing(found)
-        overlap = Overlaps() if view.lost else self._overlaps(view, found, missing)
+        parts = self._late, self._worn, self._printed
+        overlap = Overlaps() if view.lost else overlaps(*parts, view, found, missing)
         times.done("cf")
         depths = self._depth.take(view, found, overlap.ids, missing)
         report = self._update(found, overlap, depths)
@@ -392,14 +393,6 @@ class Slam(EngineParts):
         if self._fixed.is_there:
             hiding.append(self._fixed.hides)
         return hidden_by_any(hiding)
-
-    def _overlaps(self, view: View, found: Found, missing: int) -> Overlaps:
-        """What each worn camera sees of this frame, or of the one nearest to its view (METHOD 7.4)."""
-        each: list[Overlap] = []
-        for _, placed in view.worn:
-            there = self._late.beside(view, placed, found)
-            each.append(self._worn.match(*there, missing, each))
-        return Overlaps(tuple(each))
 
     def _expected(self, view: View) -> Prediction:
         """Features to search, with their predicted pixels (METHOD 7.2)."""

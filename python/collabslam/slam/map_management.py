@@ -87,7 +87,7 @@ class MapManager:
         self._filter.drop_candidates(np.concatenate([found.lost, used]))
         observed = self._observe(found, used)
         delayed = observed.delayed
-        deleted = self._filter.manage_map()
+        deleted = self._filter.manage_map(self._printed.kept())
         instant = instant.with_more(self._printed.births() if self._filter.started else ImagePoints())
         matched = report.bearings.accepted.sum() + len(instant) + len(earlier) + len(measured) + len(delayed)
         promoted = self._promote_oldest(found, observed.held, self._vague_below - int(matched))

@@ -51,13 +51,13 @@ class Overlaps:
 
     @property
     def pixels(self) -> Array:
-        """(M, 4) float64: pixels in Cs and in Cf of all matches."""
-        return np.concatenate([np.empty((0, 4)), *(np.hstack([o.uv, o.uv_f]) for o in self.each)])
+        """(M, 4) float64: pixels in Cs and in Cf of what both see."""
+        return np.concatenate([np.empty((0, 4)), *(o.pixels for o in self.each)])
 
     @property
     def names(self) -> list[str]:
-        """Whose worn camera each of those matches is of."""
-        return [o.worn.who for o in self.each if o.worn is not None for _ in range(len(o.uv))]
+        """Whose worn camera each of those is of."""
+        return [o.worn.who for o in self.each if o.worn is not None for _ in o.pixels]
 
     def with_outcomes(self, report: UpdateReport) -> list[tuple[Overlap, Outcomes | None]]:
         """Each with what the filter did with its matches; None where it was not measured."""

@@ -18,7 +18,7 @@ from collabslam.slam.state import PersistentState
 from collabslam.slam.tracks import Found
 from collabslam.slam.view import View
 from collabslam.targets.printed import Sighting, printed_corners, sighting
-from collabslam.types import Array, Board, Ids, Tag
+from collabslam.types import Array, Board, Ids, Image, Tag
 
 SIZE_SD = 0.005
 """Of each corner from its place, as a share of a target's size: measured, printed and flattened so well."""
@@ -26,6 +26,8 @@ MOST = 100
 """Targets, at most."""
 _LEAST_HELD = 3
 """Corners by which a target is still where it was; with fewer it is added anew."""
+_KEPT = 10
+"""Targets whose corners stay in the map however long they were out of view."""
 _BOARD_EVERY = 10  # frames from one search for boards in the map to the next: each takes long
 
 
@@ -150,7 +152,8 @@ class PrintedTargets(PersistentState):
             ids = self._features.get(str(target))
             if ids is not None:
                 found = _with_corners(found, expected, ids, _as_expected(target, uv, ids, expected))
-        return found
+        unread = [ids for name, ids in self._features.items() if _parse(name) not in self._corners]
+        return _without_missed(found, np.concatenate([np.empty(0, np.int64), *unread]))
 
     def best(self) -> Sighting | None:
         """Of the targets in this frame the one that tells the camera's pose best; None if there is none."""
@@ -194,11 +197,38 @@ class PrintedTargets(PersistentState):
             if str(target) in known and (isinstance(target, Tag) or target.has_direction)
         ]
 
+    def kept(self) -> Ids:
+        """Features that the map keeps though they are out of view: four corners of each of the first targets.
+
+        They are where the camera, or a worn one, finds out how far it has drifted.
+        """
+        first = list(self._features.items())[:_KEPT]
+        corners = [features[_outermost(_parse(name))] for name, features in first]
+        ids = np.concatenate([np.empty(0, np.int64), *corners])
+        return ids[ids >= 0]
+
+    def in_worn(self, image: Image) -> ImagePoints:
+        """Features that are corners of tags in a picture of Cf, and their pixels there (METHOD 10).
+
+        Boards are not looked for: it takes long, and each view of Cf would have to wait for it.
+        """
+        tags = [tag for tag in map(_parse, self._features) if isinstance(tag, Tag)]
+        if not tags:
+            return ImagePoints()
+        corners = printed_corners(image, tags)
+        seen = ImagePoints()
+        for tag, uv in corners.items():
+            seen = seen.with_more(ImagePoints(self._features[str(tag)], uv))
+        return seen.without(np.setdiff1d(seen.ids, self._held()))
+
+    def _held(self) -> list[int]:
+        return [block.id for block in self._core.blocks if block.kind == "Feature"]
+
     def births(self) -> ImagePoints:
         """Adds the corners of targets in this frame that the map does not hold, or hardly any of."""
         if not self._corners:
             return ImagePoints()
-        held = [block.id for block in self._core.blocks if block.kind == "Feature"]
+        held = self._held()
         born = ImagePoints()
         for target, uv in self._corners.items():
             ids = self._features.get(str(target), np.empty(0, np.int64))
@@ -228,6 +258,14 @@ class PrintedTargets(PersistentState):
         return targets
 
 
+def _outermost(target: Tag | Board) -> list[int]:
+    """Four corners that are far apart, by their place among all of a target's."""
+    if isinstance(target, Tag):
+        return [0, 1, 2, 3]
+    last = target.columns * target.rows - 1
+    return [0, target.columns - 1, last - target.columns + 1, last]
+
+
 def _alike(a: Tag | Board, b: Tag | Board) -> bool:
     """Whether an image cannot tell two targets apart."""
     if isinstance(a, Tag) and isinstance(b, Tag):
@@ -245,6 +283,22 @@ def _as_expected(target: Tag | Board, uv: Array, ids: Ids, expected: Prediction)
     at = np.array([int(np.flatnonzero(ids == i)[0]) for i in expected.ids[rows]], dtype=np.int64)
     off = [np.linalg.norm(corners[at] - expected.uv[rows], axis=1).sum() for corners in (uv, uv[::-1])]
     return uv if off[0] <= off[1] else uv[::-1]
+
+
+def _without_missed(found: Found, ids: Ids) -> Found:
+    """The search's outcome, as if those of these features that it missed had not been looked for.
+
+    A target too near, half out of the image or blurred is not gone: its corners stay in the map.
+    """
+    kept = found.hit | ~np.isin(found.searched, ids)
+    result = found.result
+    return replace(
+        found,
+        searched=found.searched[kept],
+        result=SearchResult(result.uv[kept], result.score[kept], result.second[kept], result.code[kept]),
+        rho=found.rho[kept],
+        rho_sd=found.rho_sd[kept],
+    )
 
 
 def _with_corners(found: Found, expected: Prediction, ids: Ids, uv: Array) -> Found:

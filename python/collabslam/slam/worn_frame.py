@@ -38,7 +38,7 @@ class Overlap:
     candidates : (M,) int64
         Candidate that the new point was until now, -1 for none.
     uv, uv_f : (M, 2) float64
-        Pixels in Cs and Cf.
+        Pixels in Cs and Cf; NaN in Cs for corners of tags.
     worn : WornView or None
         None where there is no overlap, or it was refused.
     matches : WornMatches or None
@@ -53,6 +53,8 @@ class Overlap:
         The frame that the matches are of, where the view of Cf was taken at another time than the frame's.
     at : float
         Time of the frame of Cs that the matches are of, seconds.
+    tag_corners : int
+        How many of the pairs, the last ones, are corners of the map's printed tags, read off in Cf.
     """
 
     number: int = 0
@@ -68,6 +70,13 @@ class Overlap:
     baseline: float = float("nan")
     view: View | None = None
     at: float = float("nan")
+    tag_corners: int = 0
+
+    @property
+    def pixels(self) -> Array:
+        """(K, 4) float64: pixels in Cs and in Cf of what both see."""
+        both = len(self.ids) - self.tag_corners
+        return np.hstack([self.uv[:both], self.uv_f[:both]])
 
     @property
     def observation(self) -> WornMeasurement | None:
@@ -108,7 +117,7 @@ class Overlap:
         verdict = self.matches.verdict if self.matches else None
         correction = np.full(6, np.nan) if verdict is None else verdict.correction
         return {
-            "overlap": int(self.worn is not None),
+            "overlap": int(self.worn is not None and not np.isnan(self.baseline)),
             "baseline_m": self.baseline,
             "cf_refused": int(self.refused),
             "t_cf_correction_m": float(np.linalg.norm(correction[:3])),
@@ -116,6 +125,7 @@ class Overlap:
             "t_cf_against": self.against,
             "cf_points": self.points,
             "cf_matches": len(self.ids),
+            "cf_tag_corners": self.tag_corners,
             "cf_rejected_region": rejected.get("region", 0),
             "cf_rejected_ratio": rejected.get("ratio", 0) + rejected.get("mutual", 0),
             "cf_rejected_epipolar": rejected.get("epipolar", 0) + rejected.get("consensus", 0),
@@ -176,6 +186,8 @@ class WornMatcher:
         mode = str(settings["filter.estimator.mode"])
         self._only_start = mode.startswith("mono")
         self._only_births = mode == "collab-init"
+        self.measures_pixels = mode == "collab-tight"
+        """Whether features are measured by their pixel in Cf, so that Cs need not see them."""
 
     @property
     def is_there(self) -> bool:

@@ -87,8 +87,19 @@ impl Filter {
         let further = || z.further.iter().flat_map(|worn| &worn.pairs);
         let pixels = z.bearings.iter().map(|b| &b.uv);
         let all_pairs = pairs.iter().chain(further());
-        let pixels = pixels.chain(all_pairs.flat_map(|p| [&p.uv, &p.uv_f]));
+        let pixels = pixels.chain(all_pairs.flat_map(|p| p.uv.iter().chain([&p.uv_f])));
         check_pixels(pixels.chain(z.depths.iter().map(|d| &d.uv)))?;
+        if pairs
+            .iter()
+            .chain(further())
+            .any(|p| p.id.or(p.uv.map(|_| 0)).is_none())
+        {
+            return Err(EkfError::InvalidInput {
+                what: "worn pair",
+                why: "a new point has no pixel in Cs; give both pixels, or the feature that it is"
+                    .into(),
+            });
+        }
         let bearings = || z.bearings.iter().map(|b| b.id);
         let depths = z.depths.iter().filter_map(|d| d.id);
         let others = || pairs.iter().filter_map(|p| p.id).chain(depths.clone());

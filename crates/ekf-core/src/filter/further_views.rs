@@ -4,9 +4,10 @@ use super::ekf::Filter;
 use super::measurements::{Measurements, Outcome, UpdateReport, WornObservation};
 use super::sources::Scratch;
 use crate::math::pose::Pose;
+use nalgebra::Vector2;
 
 /// A new point that a view before gave: time of its frame, pixel there, and the feature that it became.
-type Born = (Option<f64>, [f64; 2], u64);
+type Born = (Option<f64>, Vector2<f64>, u64);
 
 impl Filter {
     /// Measures the views of `z.further`, each with what all before it have told; a view that would break the filter is
@@ -66,7 +67,7 @@ impl Filter {
         let (mut worn, frame) = (worn.clone(), self.frame_of(worn));
         for pair in worn.pairs.iter_mut().filter(|pair| pair.id.is_none()) {
             let same = born.iter().find(|(at, uv, id)| {
-                (*at, *uv) == (frame, [pair.uv.x, pair.uv.y]) && self.known(*id).is_ok()
+                (*at, Some(*uv)) == (frame, pair.uv) && self.known(*id).is_ok()
             });
             pair.id = same.map(|(_, _, id)| *id);
         }
@@ -76,8 +77,8 @@ impl Filter {
     fn list_born(&self, worn: &WornObservation, pairs: &[Outcome], born: &mut Vec<Born>) {
         let frame = self.frame_of(worn);
         for (pair, outcome) in worn.pairs.iter().zip(pairs) {
-            if let Outcome::Born(id) = outcome {
-                born.push((frame, [pair.uv.x, pair.uv.y], *id));
+            if let (Outcome::Born(id), Some(uv)) = (outcome, pair.uv) {
+                born.push((frame, uv, *id));
             }
         }
     }

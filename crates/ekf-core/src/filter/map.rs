@@ -92,6 +92,12 @@ impl Filter {
     /// `map.max_features`, candidates that are too old and clones that nobody needs. Makes points of features that have
     /// converged, with `map.linearity_index`. Returns the ids of deleted features.
     pub fn manage_map(&mut self) -> Vec<u64> {
+        self.manage_map_keeping(&[])
+    }
+
+    /// As [`Self::manage_map`]; the features of `keep` are not too many, however long they were not seen, and do not count for
+    /// `map.max_features`. What keeps failing goes all the same.
+    pub fn manage_map_keeping(&mut self, keep: &[u64]) -> Vec<u64> {
         let map = &self.settings.map;
         let now = self.time.unwrap_or(0.0);
         let mut gone: Vec<u64> = Vec::new();
@@ -109,7 +115,7 @@ impl Filter {
                 && (record.found as f64) < MIN_FOUND_SHARE * record.searched as f64;
             if failing || feature.point().is_none() {
                 gone.push(block.id);
-            } else {
+            } else if !keep.contains(&block.id) {
                 kept.push((record.last_found, block.id));
             }
         }

@@ -13,13 +13,14 @@ pub struct Bearing {
     pub uv: Vector2<f64>,
 }
 
-/// A point seen by both cameras.
+/// A point seen by both cameras, or a feature that Cf alone sees.
 #[derive(Clone, Copy, Debug)]
 pub struct WornPair {
     /// The feature it is, or `None` for a new point.
     pub id: Option<u64>,
-    /// Its pixel in Cs.
-    pub uv: Vector2<f64>,
+    /// Its pixel in Cs; `None` for a feature whose pixel in Cf says by itself which it is: the tight form measures it, others
+    /// do not.
+    pub uv: Option<Vector2<f64>>,
     /// Its pixel in Cf.
     pub uv_f: Vector2<f64>,
 }

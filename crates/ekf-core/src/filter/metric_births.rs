@@ -42,27 +42,25 @@ impl Filter {
         let sigma = self.settings.pixel.sigma_cs;
         let mut newborn = Vec::new();
         for (i, pair) in worn.pairs.iter().enumerate() {
-            if pair.id.is_some() {
+            let (None, Some(uv)) = (pair.id, pair.uv) else {
                 continue;
-            }
-            let new = self
-                .intersect(&beside, &pair.uv, &pair.uv_f)
-                .and_then(|view| {
-                    let sd = TIGHT_RHO_RATIO * view.rho;
-                    let camera = &self.camera;
-                    // How the camera moved in an earlier frame is not known any more.
-                    let unrolled = (frame == 0).then(|| self.unrolled(&pair.uv, view.rho));
-                    let uv = unrolled.as_ref().map_or(pair.uv, |unrolled| unrolled.uv);
-                    let mut new =
-                        NewFeature::with_prior_depth(camera, &pose, &uv, sigma, view.rho, sd)?;
-                    if let Some(unrolled) = &unrolled {
-                        new.share_motion(unrolled.by_motion, &unrolled.noise);
-                    }
-                    if frame > 0 {
-                        new.seen_from_first_pose(FirstPoseCovariance::InState(frame));
-                    }
-                    Some(new)
-                });
+            };
+            let new = self.intersect(&beside, &uv, &pair.uv_f).and_then(|view| {
+                let sd = TIGHT_RHO_RATIO * view.rho;
+                let camera = &self.camera;
+                // How the camera moved in an earlier frame is not known any more.
+                let unrolled = (frame == 0).then(|| self.unrolled(&uv, view.rho));
+                let uv = unrolled.as_ref().map_or(uv, |unrolled| unrolled.uv);
+                let mut new =
+                    NewFeature::with_prior_depth(camera, &pose, &uv, sigma, view.rho, sd)?;
+                if let Some(unrolled) = &unrolled {
+                    new.share_motion(unrolled.by_motion, &unrolled.noise);
+                }
+                if frame > 0 {
+                    new.seen_from_first_pose(FirstPoseCovariance::InState(frame));
+                }
+                Some(new)
+            });
             report.pairs[i] = Outcome::NotVisible;
             if let Some(Block { id, .. }) = new.and_then(|new| self.append_feature(&new)) {
                 newborn.push((i, id));

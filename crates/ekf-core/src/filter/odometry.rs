@@ -19,6 +19,19 @@ const LONGEST_SLIP: f64 = 1.0;
 /// Degrees of freedom of a motion.
 const MOTION: f64 = 6.0;
 
+/// How often its noise a way or a turn between two frames must be to say something of a scale: what the noise itself takes off
+/// the scale is one over the square of it.
+const CLEAR: f64 = 10.0;
+
+/// What odometry tells of the time between two frames.
+pub(super) struct Told {
+    pub(super) motion: Motion,
+    /// For how long it does, seconds.
+    seconds: f64,
+    /// See [`Wheels::unclear`].
+    unclear: [bool; 2],
+}
+
 impl Filter {
     /// Says where Cs sits: `t_bc` maps points of C into the odometry's frame, metres. The identity to begin with.
     ///
@@ -82,14 +95,14 @@ impl Filter {
         block.map(|b| b.offset)
     }
 
-    /// The motion between two times as far as odometry tells it, the rest at constant velocity, and for how long it does,
-    /// seconds; `None` where it tells nothing.
-    pub(super) fn told_motion(&self, last: f64, t: f64, longest: f64) -> Option<(Motion, f64)> {
+    /// The motion between two times as far as odometry tells it, the rest at constant velocity; `None` where it tells nothing.
+    pub(super) fn told_motion(&self, last: f64, t: f64, longest: f64) -> Option<Told> {
         let process = &self.settings.process;
         let before: CameraMatrix = self.state.p.block(0, 0);
         let scale = self.odometry_scale().map_or(Vector2::zeros(), |(s, _)| s);
         let mut motion = Motion::new(camera_of(&self.state));
         let (mut now, mut left, mut told) = (last, longest, 0.0);
+        let (mut way, mut noise) = (Vector6::zeros(), Matrix6::zeros());
         let mut drift = |motion: &mut Motion, dt: f64| {
             let dt = dt.min(left);
             if dt > 0.0 {
@@ -105,18 +118,26 @@ impl Filter {
             drift(&mut motion, from - now);
             let reading = self.odometry.reading(sample, until - from);
             motion.follow(until - from, &reading, &scale, &before, process);
+            way += sample.twist * (until - from);
+            noise += sample.covariance * ((sample.t - sample.from) * (until - from));
             (now, told) = (until, told + until - from);
         }
         drift(&mut motion, t - now);
-        (told > 0.0).then_some((motion, told))
+        (told > 0.0).then(|| Told {
+            motion,
+            seconds: told,
+            unclear: [0, 3].map(|at| !stands_out(&way, &noise, at)),
+        })
     }
 
-    /// Moves camera and P along a motion of `dt` seconds, `told` of which are odometry's.
-    pub(super) fn follow_odometry(&mut self, motion: &Motion, dt: f64, told: f64) {
+    /// Moves camera and P along a motion of `dt` seconds.
+    pub(super) fn follow_odometry(&mut self, told: &Told, dt: f64) {
+        let motion = &told.motion;
         self.wheels = Wheels {
-            followed: told >= 0.5 * dt,
+            followed: told.seconds >= 0.5 * dt,
             slip: (dt <= LONGEST_SLIP).then(|| self.slip_of(motion, dt)),
             trusted: None,
+            unclear: told.unclear,
         };
         let prior = self.settings.odometry.covariance();
         if let Some(prior) = prior.filter(|_| self.odometry_scale_at().is_none()) {
@@ -212,7 +233,28 @@ impl Filter {
 
     /// Forgets what was known of a slip: the motion has been measured.
     pub(super) fn settle_odometry(&mut self) {
-        self.wheels = Wheels::default();
+        self.wheels = Wheels {
+            unclear: self.wheels.unclear,
+            ..Wheels::default()
+        };
+    }
+
+    /// The scales that this frame is not to estimate, each by its row, mean and variance: they are considered.
+    pub(super) fn considered_scales(&self) -> [Option<(usize, f64, f64)>; 2] {
+        let at = self.odometry_scale_at();
+        std::array::from_fn(|k| {
+            let row = at.filter(|_| self.wheels.unclear[k])? + k;
+            Some((row, self.state.x[row], self.state.p.get(row, row)))
+        })
+    }
+
+    /// Restores these scales after an update: all else was corrected with them in mind, and stays correlated with them.
+    pub(super) fn keep_scales(&mut self, scales: [Option<(usize, f64, f64)>; 2]) {
+        for (row, mean, variance) in scales.into_iter().flatten() {
+            self.state.x[row] = mean;
+            let variance = SMatrix::<f64, 1, 1>::new(variance);
+            self.state.p.set_block(row, row, &variance);
+        }
     }
 
     /// Whether mean and covariance stay within all bounds along a motion.
@@ -220,6 +262,14 @@ impl Filter {
         let covariance = motion.covariance(&self.state.p.block(0, 0));
         guard::moved_is_sane(&motion.x, &covariance)
     }
+}
+
+/// Whether the three numbers of a motion at `at` are [`CLEAR`] times their noise.
+fn stands_out(way: &Vector6<f64>, noise: &Matrix6<f64>, at: usize) -> bool {
+    let way = way.fixed_rows::<3>(at).into_owned();
+    let noise = noise.fixed_view::<3, 3>(at, at).into_owned();
+    let size = noise.cholesky().map(|noise| way.dot(&noise.solve(&way)));
+    size.is_some_and(|size| size > CLEAR * CLEAR)
 }
 
 fn camera_of(state: &State) -> [f64; CAMERA_DIM] {

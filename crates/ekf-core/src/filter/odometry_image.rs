@@ -18,6 +18,7 @@ pub(super) struct OdometryImage {
     followed: bool,
     slip: Option<Vec<f64>>,
     trusted: Option<Vec<f64>>,
+    unclear: [bool; 2],
 }
 
 impl OdometryImage {
@@ -31,6 +32,7 @@ impl OdometryImage {
             followed,
             slip,
             trusted,
+            unclear,
         } = wheels;
         let entries = |m: &Option<CameraMatrix>| m.as_ref().map(|m| m.as_slice().to_vec());
         Self {
@@ -49,6 +51,7 @@ impl OdometryImage {
             followed: *followed,
             slip: entries(slip),
             trusted: entries(trusted),
+            unclear: *unclear,
         }
     }
 
@@ -80,6 +83,7 @@ impl OdometryImage {
             followed: self.followed,
             slip: matrix(self.slip)?,
             trusted: matrix(self.trusted)?,
+            unclear: self.unclear,
         };
         Ok((odometry, wheels))
     }

@@ -53,10 +53,10 @@ impl Filter {
                 if t - last > LONGEST_GAP {
                     return Err(EkfError::LongGap { t, last });
                 }
-                if let Some((motion, told)) = self.told_motion(last, t, LONGEST_MOTION) {
-                    self.check_motion(&motion)?;
+                if let Some(told) = self.told_motion(last, t, LONGEST_MOTION) {
+                    self.check_motion(&told.motion)?;
                     self.changes();
-                    self.follow_odometry(&motion, t - last, told);
+                    self.follow_odometry(&told, t - last);
                 } else {
                     let dt = (t - last).min(LONGEST_MOTION);
                     guard::prediction(&self.state, dt, &self.settings.process)?;
@@ -140,13 +140,36 @@ impl Filter {
                 back |= !followed;
             }
         }
+        drop(seen);
         stay.sort_unstable();
-        back &= self.carries();
+        self.follow(stay, back);
+    }
+
+    /// What Cf alone sees is measured out of Cs's view: it is followed, too, as what came back into view, until it has been
+    /// measured. Returns what was not followed before.
+    pub(super) fn follow_too(&mut self, ids: impl Iterator<Item = u64>) -> Vec<u64> {
+        let mut more: Vec<u64> = ids.filter(|&id| !self.gauge.follows(id)).collect();
+        if !more.is_empty() {
+            more.sort_unstable();
+            more.dedup(); // several Cf may see one of them
+            let mut all = std::mem::take(&mut self.in_view);
+            all.clear();
+            all.extend_from_slice(self.gauge.followed());
+            all.extend_from_slice(&more);
+            all.sort_unstable();
+            self.follow(all, true);
+        }
+        more
+    }
+
+    /// Follows these features, increasing, and no others; with some that were not followed, P is carried to the present mean.
+    fn follow(&mut self, mut ids: Vec<u64>, back: bool) {
+        let back = back && self.carries();
         if back {
             self.gauge.prepare(&self.state);
         }
-        self.gauge.swap_followed(&mut stay);
-        self.in_view = stay;
+        self.gauge.swap_followed(&mut ids);
+        self.in_view = ids;
         if back {
             let change = self.gauge.change(&self.state, None);
             self.state.p.downdate(&Panels::default(), Some(change));

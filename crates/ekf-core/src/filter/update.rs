@@ -69,10 +69,29 @@ impl Filter {
     ) -> Result<(), EkfError> {
         self.changes();
         self.fetch(z, &mut scratch.ids);
+        let further = z.further.iter().flat_map(|worn| &worn.pairs);
+        let pairs = z.pairs().iter().chain(further);
+        let out_of_view = self.follow_too(pairs.filter_map(|pair| pair.id));
+        let done = self.measure_all(z, carried, report, scratch);
+        self.gauge.unfollow(&out_of_view);
+        if done? {
+            self.choose_working_set(&z.searched);
+        }
+        Ok(())
+    }
+
+    /// False if too little of the frame passes the tests.
+    fn measure_all(
+        &mut self,
+        z: &Measurements,
+        carried: Option<&Carried>,
+        report: &mut UpdateReport,
+        scratch: &mut Scratch,
+    ) -> Result<bool, EkfError> {
         let mut used = Vec::new();
         if !self.measure_view(z, carried, &mut used, report, scratch)? {
             report.reject_all(z);
-            return Ok(());
+            return Ok(false);
         }
         self.settle_odometry();
         self.measure_further(z, &mut used, report, scratch);
@@ -87,8 +106,7 @@ impl Filter {
             report.worn_poses.extend(poses);
         }
         self.state.end_worn_errors();
-        self.choose_working_set(&z.searched);
-        Ok(())
+        Ok(true)
     }
 
     /// One batch: what Cs found and the view of `z.worn`, whose worn camera then joins those `used`. False, with the state
@@ -197,8 +215,10 @@ impl Filter {
         let carries = self.carries() && report.dof > 0;
         self.batch
             .solve(&self.state, carries.then_some(&mut self.gauge))?;
+        let scales = self.considered_scales();
         let gauge = carries.then_some(&mut self.gauge);
         self.batch.apply(&mut self.state, gauge);
+        self.keep_scales(scales);
         self.misfit.add(report.nis, report.dof);
         self.state.normalise_quaternions();
         if carries {
@@ -218,6 +238,13 @@ impl Filter {
         for (bearing, _) in found.filter(|(_, accepted)| *accepted) {
             if let Some(record) = self.records.get_mut(&bearing.id) {
                 record.found += 1;
+                record.last_found = now;
+            }
+        }
+        // What Cf alone sees is in use, too.
+        let pairs = z.pairs().iter().zip(&report.pairs);
+        for (pair, _) in pairs.filter(|(pair, is)| pair.uv.is_none() && is.is_accepted()) {
+            if let Some(record) = pair.id.and_then(|id| self.records.get_mut(&id)) {
                 record.last_found = now;
             }
         }

@@ -1,8 +1,8 @@
-//! Whether the wheels may have slipped since the last frame (METHOD 23).
+//! What is known of the wheels since the last frame (METHOD 23).
 
 use crate::predict::CameraMatrix;
 
-/// What is known of a slip of the wheels between the last two frames.
+/// Whether the wheels may have slipped between the last two frames, and what the frame may tell of them.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Wheels {
     /// Whether odometry told at least half of the time since.
@@ -11,4 +11,6 @@ pub(super) struct Wheels {
     pub(super) slip: Option<CameraMatrix>,
     /// The camera's covariance before that was added, if it was.
     pub(super) trusted: Option<CameraMatrix>,
+    /// Whether the way, and the turn, that they told are too little beside their noise to say anything of their scales.
+    pub(super) unclear: [bool; 2],
 }

@@ -159,8 +159,9 @@ impl Filter {
         worn: &WornObservation,
         pair: &WornPair,
     ) -> Option<(TwoView, Unrolled)> {
-        let raw = self.intersect(worn, &pair.uv, &pair.uv_f)?;
-        let unrolled = self.unrolled(&pair.uv, raw.rho);
+        let uv = pair.uv?;
+        let raw = self.intersect(worn, &uv, &pair.uv_f)?;
+        let unrolled = self.unrolled(&uv, raw.rho);
         if unrolled.by_motion.is_none() {
             return Some((raw, unrolled));
         }

@@ -66,6 +66,11 @@ impl Gauge {
         self.followed.push(id);
     }
 
+    /// These are not followed any more.
+    pub(crate) fn unfollow(&mut self, ids: &[u64]) {
+        self.followed.retain(|id| !ids.contains(id));
+    }
+
     /// Features that were born with this id or a later one were taken back.
     pub(crate) fn forget_from(&mut self, id: u64) {
         let kept = self.followed.partition_point(|&other| other < id);

@@ -65,14 +65,28 @@ impl PyFilter {
         })
     }
 
-    /// Deletes failing features, candidates that are too old, and clones nobody needs.
+    /// Deletes failing features, the longest unseen of too many, candidates that are too old, and clones
+    /// nobody needs.
+    ///
+    /// Parameters
+    /// ----------
+    /// keep : (K,) int64, optional
+    ///     Features that stay, however long they were not seen, if they do not fail: landmarks that are known
+    ///     again for certain. They do not count for ``map.max_features``.
     ///
     /// Returns
     /// -------
     /// (N,) int64
     ///     The deleted features.
-    fn manage_map(&self, py: Python<'_>) -> PyResult<Column<i64>> {
-        let gone = self.write(py, |f| Ok(f.manage_map()))?;
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For a wrong shape, or ids that are none.
+    #[pyo3(signature = (keep = None))]
+    fn manage_map(&self, py: Python<'_>, keep: Option<Argument<'_>>) -> PyResult<Column<i64>> {
+        let keep = keep.map_or_else(|| Ok(Vec::new()), |keep| ids("keep", &keep))?;
+        let gone = self.write(py, |f| Ok(f.manage_map_keeping(&keep)))?;
         Ok(to_ids(py, gone.into_iter().map(Some)))
     }
 

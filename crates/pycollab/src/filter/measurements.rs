@@ -6,7 +6,8 @@ use crate::arrays_in::{
 use ekf_core::{Bearing, Capture, DepthObservation, WornObservation, WornPair};
 use pyo3::prelude::*;
 
-/// The worn camera's part of a frame: its measured pose, and points that both cameras see.
+/// The worn camera's part of a frame: its measured pose, points that both cameras see, and features
+/// that it sees alone.
 ///
 /// Parameters
 /// ----------
@@ -17,7 +18,8 @@ use pyo3::prelude::*;
 /// ids : (M,) int64
 ///     Feature of each pair, -1 for a new point.
 /// uv, uv_f : (M, 2) float64
-///     Its pixels in Cs and in Cf.
+///     Its pixels in Cs and in Cf. NaN in ``uv`` are features that Cf alone sees, as the corners of a
+///     printed tag: the mode ``collab-tight`` measures them.
 /// bias : (6, 6) float64, optional
 ///     The part of the covariance that lasts from frame to frame; ``worn.bias_share`` of it if left
 ///     out.
@@ -61,7 +63,11 @@ impl PyWornMeasurement {
             bias: bias.map(|b| covariance6("bias of T_CF", &b)).transpose()?,
             capture: capture.map(|(t, frame)| Capture { t, frame }),
             pairs: pairs
-                .map(|((id, uv), uv_f)| WornPair { id, uv, uv_f })
+                .map(|((id, uv), uv_f)| {
+                    let alone = id.is_some() && uv.iter().all(|x| x.is_nan());
+                    let uv = (!alone).then_some(uv);
+                    WornPair { id, uv, uv_f }
+                })
                 .collect(),
         }))
     }

@@ -1,0 +1,59 @@
+"""What the worn cameras see of a frame: what both see, and the map's printed tags, which Cf may see alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from collabslam.slam.late_views import LateViews
+from collabslam.slam.map_change import ImagePoints
+from collabslam.slam.overlaps import Overlaps
+from collabslam.slam.printed_targets import PrintedTargets
+from collabslam.slam.tracks import Found
+from collabslam.slam.view import PlacedWorn, View
+from collabslam.slam.worn_frame import Overlap, WornMatcher
+
+
+def overlaps(
+    late: LateViews, matcher: WornMatcher, printed: PrintedTargets, view: View, found: Found, missing: int
+) -> Overlaps:
+    """What each worn camera sees of a frame, or of the one nearest to its view (METHOD 7.4 and 10).
+
+    Parameters
+    ----------
+    late, matcher, printed
+        Parts of the engine.
+    view : View
+    found : Found
+        What the frame's search has found.
+    missing : int
+        Features that the frame lacks.
+    """
+    each: list[Overlap] = []
+    for _, placed in view.worn:
+        there, beside, seen = late.beside(view, placed, found)
+        overlap = matcher.match(there, beside, seen, missing, each)
+        if matcher.measures_pixels and view.started and not overlap.refused:
+            overlap = _with_tags(overlap, there, beside, printed.in_worn(beside.worn.image))
+        each.append(overlap)
+    return Overlaps(tuple(each))
+
+
+def _with_tags(overlap: Overlap, view: View, placed: PlacedWorn, corners: ImagePoints) -> Overlap:
+    """The overlap with corners of tags, features and their pixels in Cf, whatever Cs sees of them."""
+    count = len(corners)
+    if not count:
+        return overlap
+    others = ~np.isin(overlap.ids, corners.ids)  # read off is better than found by likeness
+    return replace(
+        overlap,
+        ids=np.concatenate([overlap.ids[others], corners.ids]),
+        candidates=np.concatenate([overlap.candidates[others], np.full(count, -1)]),
+        uv=np.concatenate([overlap.uv[others], np.full((count, 2), np.nan)]),
+        uv_f=np.concatenate([overlap.uv_f[others], corners.uv]),
+        worn=placed.captured or placed.worn,
+        view=None if placed.captured is None else view,
+        at=view.t,
+        tag_corners=count,
+    )
