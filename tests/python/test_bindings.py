@@ -111,8 +111,14 @@ CALLS: dict[str, tuple[Callable[[Filter], object], str]] = {
         lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(covariance=-SIGMA)),
         "covariance of T_CF",
     ),
-    "worn uv nan": (
-        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(ids=_one(f), uv=NAN_UV, uv_f=ONE_UV)),
+    "worn uv half nan": (
+        lambda f: f.update(
+            NO_IDS, NO_IDS, NO_UV, worn=_worn(ids=_one(f), uv=np.array([[np.nan, 100.0]]), uv_f=ONE_UV)
+        ),
+        "pixel",
+    ),
+    "worn uv nan of a new point": (
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(ids=np.array([-1]), uv=NAN_UV, uv_f=ONE_UV)),
         "pixel",
     ),
     "worn uv_f nan": (
