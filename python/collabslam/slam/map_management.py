@@ -99,9 +99,10 @@ class MapManager:
             known, here = int(report.bearings.accepted.sum()), np.concatenate(taken)
             others = self._target.others(view, here, self.in_view - len(here), known)
             instant, taken = instant.with_more(others), [here, others.uv]
-        undelayed, candidates = self._begin_others(view, np.concatenate(taken))
-        if not self._filter.started:
-            instant = self._start(view, instant)
+        if self._filter.started:
+            undelayed, candidates = self._begin_others(view, np.concatenate(taken))
+        else:
+            undelayed, instant, candidates = self._start(view, instant)
         return MapChange(
             instant,
             measured,
@@ -115,16 +116,29 @@ class MapManager:
             observed.fixed,
         )
 
-    def _start(self, view: View, instant: ImagePoints) -> ImagePoints:
-        """The first features, if what the map is to begin with is seen."""
+    def _start(self, view: View, instant: ImagePoints) -> tuple[ImagePoints, ImagePoints, ImagePoints]:
+        """What the map begins with, if it is seen: vague features, others, and candidates."""
+        none = ImagePoints()
         if self._target is not None:
-            return self._target.start(view.image, self.in_view)
+            return none, self._target.start(view.image, self.in_view), none
         if self._free is not None:
-            return self._free.start(view, self.in_view)
+            return none, self._free.start(view, self.in_view), none
         if self._wheels and self._filter.odometry_time is not None:
-            uv = view.corners.pick(np.empty((0, 2)), self.in_view)
-            return ImagePoints.born(self._filter.add_undelayed(uv), uv)
-        return instant
+            return self._start_on_wheels(view)
+        return none, instant, none
+
+    def _start_on_wheels(self, view: View) -> tuple[ImagePoints, ImagePoints, ImagePoints]:
+        """One vague feature, which starts the filter, and candidates, whose depth the wheels' way will tell.
+
+        Many vague ones would put what their depths lack down to the wheels (METHOD 23).
+        """
+        uv = view.corners.pick(np.empty((0, 2)), self.in_view)
+        vague = len(uv) if self._undelayed else 1
+        first = ImagePoints.born(self._filter.add_undelayed(uv[:vague]), uv[:vague])
+        if not self._filter.started:
+            return ImagePoints(), ImagePoints(), ImagePoints()
+        rest = uv[vague:]
+        return first, ImagePoints(), ImagePoints(self._filter.add_candidates(rest), rest)
 
     def begin(self, view: View, overlap: Overlaps, report: UpdateReport) -> MapChange:
         """After a restart: the features that the new map begins with, and candidates beside them."""
@@ -159,8 +173,6 @@ class MapManager:
 
     def _begin_others(self, view: View, taken: Array) -> tuple[ImagePoints, ImagePoints]:
         """Undelayed features, or else candidates, where the view lacks points besides those ``taken``."""
-        if not self._filter.started:
-            return ImagePoints(), ImagePoints()
         wait = not self._undelayed
         lacking = self.in_view + (self._reserve if wait else 0) - len(taken)
         if lacking < self.in_view // 8:
