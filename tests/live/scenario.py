@@ -98,10 +98,12 @@ class Outcome:
 
     @property
     def unused(self) -> Array:
-        """Times of frames that were done alone although a fresh image had come: there may be none."""
+        """Times of frames that were done alone although an image had come that was fresh: there may be none.
+
+        One that was on its way for long is no longer fresh soon after it has come.
+        """
         alone = self.frames[~self.collab]
-        fresh = self.came[self.ages < 0.8]
-        return np.array([t for t in alone if ((fresh > t - 0.8) & (fresh < t - 0.3)).any()])
+        return np.array([t for t in alone if ((self.taken > t - 0.8) & (self.came < t - 0.3)).any()])
 
 
 def walk(recording: Recording, folder: Path) -> Walk:
