@@ -1,6 +1,6 @@
 //! The filter guards itself: what would break it is refused, and leaves no trace.
 
-use crate::scene::{Scene, name, settings};
+use crate::scene::{Scene, adopt, name, settings};
 use ekf_core::DepthObservation;
 use ekf_core::math::pose::Pose;
 use ekf_core::settings::Value;
@@ -19,11 +19,7 @@ fn warm(changes: &[(&str, Value)]) -> (Filter, Measurements) {
         filter.predict(t).expect("time goes on");
         let (z, points) = scene.measure(t, &known, true);
         let report = filter.update(&z).expect("good measurements");
-        for (outcome, point) in report.pairs.iter().zip(points) {
-            if let Outcome::Born(id) = outcome {
-                known.insert(*id, point);
-            }
-        }
+        adopt(&mut known, &report, &points);
     }
     filter.predict(0.4).expect("time goes on");
     (filter, scene.measure(0.4, &known, true).0)

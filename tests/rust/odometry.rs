@@ -1,10 +1,10 @@
 //! Odometry in place of constant velocity (METHOD 23): where it takes the camera, how sure that is, what is refused.
 
-use crate::scene::{Scene, normal, normals, rng, settings};
+use crate::scene::{Scene, adopt, normal, normals, rng, settings};
 use ekf_core::math::pose::Pose;
 use ekf_core::math::quat;
 use ekf_core::settings::Value;
-use ekf_core::{EkfError, Filter};
+use ekf_core::{EkfError, Filter, Measurements, UpdateReport};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use std::collections::BTreeMap;
 
@@ -20,6 +20,21 @@ fn started(changes: &[(&str, Value)]) -> Filter {
     filter.update(&z).expect("good measurements");
     assert!(filter.started());
     filter
+}
+
+/// Updates it with what a scene gave it, and manages its map; keeps which feature is which point.
+fn measure(
+    filter: &mut Filter,
+    known: &mut BTreeMap<u64, usize>,
+    z: &Measurements,
+    points: &[usize],
+) -> UpdateReport {
+    let report = filter.update(z).expect("good measurements");
+    adopt(known, &report, points);
+    for id in filter.manage_map() {
+        known.remove(&id);
+    }
+    report
 }
 
 /// Forward is x, left is y, up is z, as on a robot; the camera sits ahead of the axle.
@@ -232,15 +247,7 @@ fn scales_are_estimated_from_what_is_seen() {
         }
         filter.predict(t).expect("in order");
         let (z, points) = scene.measure(t, &known, k % 10 < 5);
-        let report = filter.update(&z).expect("good measurements");
-        for (outcome, point) in report.pairs.iter().zip(&points) {
-            if let ekf_core::Outcome::Born(id) = outcome {
-                known.insert(*id, *point);
-            }
-        }
-        for id in filter.manage_map() {
-            known.remove(&id);
-        }
+        measure(&mut filter, &mut known, &z, &points);
     }
     let (scale, p) = filter.odometry_scale().expect("a scale");
     let sd = p[(0, 0)].sqrt();
@@ -265,15 +272,7 @@ fn the_noise_of_wheels_that_stand_says_nothing_of_their_scales() {
         filter.add_odometry(t, &twist, &covariance()).expect("good");
         filter.predict(t).expect("in order");
         let (z, points) = scene.measure(0.0, &known, k % 10 < 5);
-        let report = filter.update(&z).expect("good measurements");
-        for (outcome, point) in report.pairs.iter().zip(&points) {
-            if let ekf_core::Outcome::Born(id) = outcome {
-                known.insert(*id, *point);
-            }
-        }
-        for id in filter.manage_map() {
-            known.remove(&id);
-        }
+        measure(&mut filter, &mut known, &z, &points);
     }
     // Where nothing moves, a scale of zero would explain all that the wheels tell.
     let (scale, p) = filter.odometry_scale().expect("a scale");
@@ -313,16 +312,8 @@ fn wheels_that_slip_are_distrusted_for_that_frame() {
             assert_eq!(filter.pose_covariance(), before);
             filter.distrust_odometry();
         }
-        let report = filter.update(&z).expect("good measurements");
+        let report = measure(&mut filter, &mut known, &z, &points);
         assert!(report.accepted || !filter.started());
-        for (outcome, point) in report.pairs.iter().zip(&points) {
-            if let ekf_core::Outcome::Born(id) = outcome {
-                known.insert(*id, *point);
-            }
-        }
-        for id in filter.manage_map() {
-            known.remove(&id);
-        }
     }
     assert_eq!(contradicted, [20]);
     let (rotation, translation) = filter.pose();

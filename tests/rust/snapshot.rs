@@ -1,9 +1,9 @@
 //! A filter saved and restored goes on bit for bit; bytes that were spoilt are refused, whatever was done to them.
 
-use crate::scene::{Scene, name, rng, settings};
+use crate::scene::{Scene, adopt, name, rng, settings};
 use ekf_core::filter::snapshot::{VERSION, open, seal};
 use ekf_core::settings::Value;
-use ekf_core::{EkfError, Filter, Measurements, Outcome};
+use ekf_core::{EkfError, Filter, Measurements};
 use nalgebra::Vector2;
 use rand::Rng;
 use std::collections::BTreeMap;
@@ -42,11 +42,7 @@ impl Walk {
         self.filter.predict(t).expect("time goes on");
         let (z, points) = self.frame(k);
         let report = self.filter.update(&z).expect("good measurements");
-        for (outcome, point) in report.pairs.iter().zip(&points) {
-            if let Outcome::Born(id) = outcome {
-                self.known.insert(*id, *point);
-            }
-        }
+        adopt(&mut self.known, &report, &points);
         if self.filter.started() {
             self.candidates(k);
         }
