@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import cv2
@@ -11,9 +12,11 @@ import yaml
 from conftest import Clip
 
 import collabslam
-from collabslam import DataError, InputError, RecordingWriter, WornView, open_recording
+from collabslam import DataError, InputError, RecordingWriter, SettingsError, WornView, open_recording
+from collabslam.datasets import attach_worn, write_recording
 from collabslam.datasets.calibration import sensor_mapping
 from collabslam.datasets.recording_writer import stable_quaternion
+from collabslam.types import worn_cameras
 
 
 def test_what_is_written_in_a_loop_reads_and_runs(clip: Clip, tmp_path: Path) -> None:
@@ -160,6 +163,62 @@ def test_two_videos_with_lists_are_a_recording(videos: Path, clip: Clip) -> None
     assert collabslam.run(videos).summary["frames_ok"] == 7  # the first view comes with the second frame
 
 
+@pytest.fixture
+def persons(videos: Path) -> Path:
+    """The same of two persons; Ben takes his views 1 ms before Anna, and his pose is less certain."""
+    worn = videos / "worn" / "anna"
+    worn.mkdir(parents=True)
+    for name in ("cam1.mp4", "cam1.yaml", "cam1.csv", "t_cf.csv"):
+        (videos / name).rename(worn / name)
+    ben = Path(shutil.copytree(worn, worn.with_name("ben")))
+    for name in ("cam1.csv", "t_cf.csv"):
+        moved = _later((ben / name).read_text().replace(",0.03,1.0", ",0.06,2.0"), -0.001)
+        (ben / name).write_text(moved)
+    return videos
+
+
+def test_videos_of_several_persons_are_a_recording(persons: Path, clip: Clip, tmp_path: Path) -> None:
+    read = open_recording(persons)
+    assert list(worn_cameras(read)) == ["anna", "ben"]
+    for frame in clip.frames[:8]:
+        views = read.frame(frame.index).views
+        assert [view.who for view in views] == ([] if frame.worn is None else ["anna", "ben"])
+        for view, later, sd in zip(views, (0.004, 0.003), (0.03, 0.06), strict=True) if frame.worn else ():
+            assert view.t == pytest.approx(frame.t + later, abs=1e-6)
+            assert np.sqrt(view.covariance[0, 0]) == pytest.approx(sd)
+            np.testing.assert_allclose(view.t_cf, frame.worn.t_cf, atol=1e-6)
+    copied = open_recording(write_recording(read, tmp_path / "copied"))
+    assert [view.who for view in copied.frame(1).views] == ["anna", "ben"]
+    told = {of["name"]: of for of in collabslam.run(persons).summary["worn"]}
+    assert told["anna"]["measured"] > 0
+    assert told["ben"]["measured"] > 0
+
+
+def test_faults_of_the_persons_videos_are_named(persons: Path) -> None:
+    ben = persons / "worn" / "ben"
+    for name, message in (
+        ("t_cf.csv", r"ben.*no measured poses.*t_cf=tag"),
+        ("cam1.yaml", r"ben.*no calibration"),
+        ("cam1.mp4", r"ben holds no video cam1"),
+    ):
+        (ben / name).rename(persons / "aside")
+        with pytest.raises(DataError, match=message):
+            open_recording(persons)
+        (persons / "aside").rename(ben / name)
+    with pytest.raises(SettingsError, match=r"'clara'.*'anna', 'ben'"):
+        attach_worn(open_recording(persons), "recorded:clara")
+    (ben / "cam1.csv").write_text(_later((ben / "cam1.csv").read_text()))
+    with pytest.raises(DataError, match="taken together"):
+        open_recording(persons, topics={"t_cf": "tag:36h11:3=0.16"})
+    shutil.copy(persons / "worn" / "anna" / "cam1.mp4", persons / "cam1.mp4")
+    with pytest.raises(DataError, match="move the files of cam1"):
+        open_recording(persons)
+    (persons / "cam1.mp4").unlink()
+    ben.rename(ben.with_name("ben and anna"))
+    with pytest.raises(DataError, match="cannot be called 'ben and anna'"):
+        open_recording(persons)
+
+
 def test_faults_of_two_videos_are_named(videos: Path) -> None:
     poses = videos / "t_cf.csv"
     good = poses.read_text()
@@ -183,6 +242,6 @@ def test_faults_of_two_videos_are_named(videos: Path) -> None:
         open_recording(videos)
 
 
-def _later(text: str) -> str:
-    rows = [line.split(",", 1) for line in text.splitlines()]
-    return "".join(f"{float(t) + 1000.0},{rest}\n" for t, rest in rows)
+def _later(text: str, seconds: float = 1000.0) -> str:
+    rows = [line.partition(",") for line in text.splitlines() if not line.startswith("#")]
+    return "".join(f"{float(t) + seconds:.9f}{comma}{rest}\n" for t, comma, rest in rows)

@@ -1,4 +1,4 @@
-"""Two videos with lists of stamps and poses beside them: what two phones, or any two devices, can deliver.
+"""Videos with lists of stamps and poses beside them: what two phones, or any devices, can deliver.
 
 ::
 
@@ -6,6 +6,9 @@
     cam1.mp4  cam1.yaml  cam1.csv      Cf: the same; left out where there is none
     t_cf.csv                           measured T_CF: stamp, position, quaternion w x y z, covariance
     truth.csv                          optional T_WC of Cs: stamp, position, quaternion w x y z
+
+Of several persons each has a folder with what a Cf has, ``worn/anna/cam1.mp4``, ``cam1.yaml``, ``cam1.csv``
+and ``t_cf.csv``, and is called as the folder is.
 
 Videos may end in any of `video.SUFFIXES`.  Stamps are seconds or integer nanoseconds, on one clock; without a
 list they are the container's.  The covariance of a row of ``t_cf.csv`` is two standard deviations, metres and
@@ -16,7 +19,8 @@ degrees, or 21 numbers as in `collab`.  A view of Cf comes with the first frame 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +28,7 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.datasets.calibration import load_camera
 from collabslam.datasets.overrides import Given
+from collabslam.datasets.persons import person_name
 from collabslam.datasets.poses import (
     NANOSECONDS,
     check_position,
@@ -39,11 +44,12 @@ from collabslam.datasets.readers.video import SUFFIXES, Video, read_stamps
 from collabslam.datasets.stream import StreamRecording
 from collabslam.errors import DataError
 from collabslam.geometry import pose_from_quaternion
-from collabslam.types import Array, Board, Tag, WornView
+from collabslam.types import Array, WornView
 
 LAYOUT = "two videos (cam0.mp4, cam0.yaml, cam1.mp4, cam1.yaml, t_cf.csv)"
 POSE = "stamp, position, quaternion w x y z"
 _TOLERANCE = 10_000_000
+Pair = Callable[[list[int], list[int], int], Mapping[int, int]]
 
 
 def _video_of(path: Path, name: str) -> Path | None:
@@ -124,23 +130,71 @@ def open(path: Path, given: Given) -> StreamRecording:
     if truth.is_file():
         stamps, track, _ = _rows(truth, (0,))
         recording = replace(recording, truth=interpolate_track(stamps, track, times))
-    if _video_of(path, "cam1") is None:
+    folders = _persons(path)
+    targets = printed_source(given.topics.get("t_cf"))
+    if not folders:
         return recording
-    return _with_worn(recording, path, printed_source(given.topics.get("t_cf")))
-
-
-def _with_worn(recording: StreamRecording, path: Path, targets: list[Tag | Board]) -> StreamRecording:
-    video, times = _read(path, "cam1")
-    frames, others = np.argsort(recording.times), np.argsort(times)
-    of_cs, of_cf = _nanoseconds(recording.times[frames]), _nanoseconds(times[others])
-    pair = match_stamps if targets else views_of_frames
-    together = {int(frames[i]): int(others[k]) for i, k in pair(of_cs, of_cf, _TOLERANCE).items()}
-    camera = _lens(path, "cam1")
     if targets:
-        return with_printed_poses(recording, {"": Unposed(camera, together, video.read)}, targets)
-    stamps, track, covariances = _rows(path / "t_cf.csv", (2, 21))
+        unposed = {name: _unposed(recording, folder) for name, folder in folders.items()}
+        return with_printed_poses(recording, unposed, targets)
+    worn = {name: _worn(recording, folder) for name, folder in folders.items()}
+
+    def read_views(i: int) -> list[WornView]:
+        return [replace(of.view(i), who=name) for name, of in worn.items() if i in of.views]
+
+    return replace(
+        recording, worn_cameras={name: of.camera for name, of in worn.items()}, read_views=read_views
+    )
+
+
+def _persons(path: Path) -> dict[str, Path]:
+    """Where the files of each Cf are, by name; those of a single one, "", are beside those of Cs."""
+    alone = {"": path} if _video_of(path, "cam1") is not None else {}
+    worn = path / "worn"
+    if not worn.is_dir():
+        return alone
+    persons = {person_name(of.name, DataError): of for of in sorted(worn.iterdir()) if of.is_dir()}
+    if alone and persons:
+        raise DataError(
+            f"{path} has cam1 and persons in {worn}, of whom each has a folder; move the files of cam1 into "
+            "one there, too."
+        )
+    for folder in persons.values():
+        if _video_of(folder, "cam1") is None:
+            raise DataError(f"{folder} holds no video cam1 ({', '.join(SUFFIXES)}); put the person's there.")
+    return alone or persons
+
+
+@dataclass(frozen=True)
+class _Worn:
+    """A Cf: of each frame with a view of it, the view's number, T_CF, its covariance, and its own time."""
+
+    camera: Camera
+    video: Video
+    views: Mapping[int, tuple[int, Array, Array, float | None]]
+
+    def view(self, frame: int) -> WornView:
+        k, t_cf, covariance, t = self.views[frame]
+        return WornView(self.video.read(k), t_cf, covariance, t=t)
+
+
+def _unposed(recording: StreamRecording, folder: Path) -> Unposed:
+    video, times = _read(folder, "cam1")
+    together = _together(match_stamps, recording.times, times)
+    return Unposed(_lens(folder, "cam1"), together, video.read)
+
+
+def _worn(recording: StreamRecording, folder: Path) -> _Worn:
+    video, times = _read(folder, "cam1")
+    poses = folder / "t_cf.csv"
+    if not poses.is_file():
+        raise DataError(
+            f"The video {folder / 'cam1'} has no measured poses; put {poses} there, or give a printed target "
+            "that both cameras see, as --topics t_cf=tag:36h11:3=0.16."
+        )
+    stamps, track, covariances = _rows(poses, (2, 21))
     views: dict[int, tuple[int, Array, Array, float | None]] = {}
-    for frame, view in together.items():
+    for frame, view in _together(views_of_frames, recording.times, times).items():
         t = times[view]
         t_cf = interpolate_track(stamps, track, np.asarray([t]))[0]
         own = own_time(*_nanoseconds(np.asarray([t, recording.times[frame]])))
@@ -148,14 +202,14 @@ def _with_worn(recording: StreamRecording, path: Path, targets: list[Tag | Board
             views[frame] = view, t_cf, covariances[int(np.argmin(np.abs(stamps - t)))], own
     if not views:
         raise DataError(
-            f"No frame of cam1 in {path} is between two rows of t_cf.csv, with one of cam0 within the second "
-            "after it; put all three on the same clock."
+            f"No frame of cam1 in {folder} is between two rows of t_cf.csv, with one of cam0 within the "
+            "second after it; put all three on the same clock."
         )
+    return _Worn(_lens(folder, "cam1"), video, views)
 
-    def read_views(i: int) -> list[WornView]:
-        if i not in views:
-            return []
-        k, t_cf, covariance, t = views[i]
-        return [WornView(video.read(k), t_cf, covariance, t=t)]
 
-    return replace(recording, worn_cameras={"": camera}, read_views=read_views)
+def _together(pair: Pair, times: Array, others: Array) -> dict[int, int]:
+    """Frames of Cs with the views that come with them, both by number in their videos."""
+    frames, views = np.argsort(times), np.argsort(others)
+    pairs = pair(_nanoseconds(times[frames]), _nanoseconds(others[views]), _TOLERANCE)
+    return {int(frames[i]): int(views[k]) for i, k in pairs.items()}
