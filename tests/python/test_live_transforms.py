@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import sys
 import time
-import types
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +12,7 @@ from conftest import Clip
 
 pytest.importorskip("rosbags", reason="the extra ros is not installed")
 
+from rosless import Node, stand_in
 from test_odometry import COVARIANCE, T_BC, tf, wheels
 
 from collabslam import DataError, Settings, SettingsError
@@ -21,8 +20,9 @@ from collabslam.datasets.odometry import OdometryGiven
 from collabslam.datasets.ros.sensors import ESTIMATED, WornSensors, write_sensors
 from collabslam.datasets.ros.transform_tree import FRAMES, GAP, KEPT, TransformTree
 from collabslam.geometry import pose, pose_inverse, rotation_exp
-from collabslam.live import messages, ros, ros_types
+from collabslam.live import messages, ros
 from collabslam.live.ros import RosNode, RosTopics
+from collabslam.live.ros_worn import TF, WornTopics
 from collabslam.live.transforms import WaitingStamps
 from collabslam.live.wheels import WheelSamples, WheelTopic
 from collabslam.types import Array
@@ -79,58 +79,34 @@ def test_a_ring_and_too_much_of_all_end() -> None:
 
 
 def test_images_wait_for_their_pose() -> None:
-    stamps = WaitingStamps((0.03, 1.0))
+    tree = TransformTree()
+    stamps = WaitingStamps((0.03, 1.0), tree)
     stamps.add(5.0, "cf")
     stamps.add(5.05, "cf")
     assert stamps.known("cs") == []
-    stamps.tree.take(tf(("cs", "cf", 4.95, C), ("cs", "cf", 5.02, C)), static=False)
+    tree.take(tf(("cs", "cf", 4.95, C), ("cs", "cf", 5.02, C)), static=False)
     ((stamp, t_cf, covariance),) = stamps.known("cs")
     assert stamp == 5.0
     np.testing.assert_allclose(t_cf, C, atol=1e-9)
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), [0.03] * 3 + [np.deg2rad(1.0)] * 3)
-    stamps.tree.take(tf(("cs", "cf", 5.1, C)), static=False)
+    tree.take(tf(("cs", "cf", 5.1, C)), static=False)
     assert [t for t, _, _ in stamps.known("cs")] == [5.05]
     with pytest.raises(SettingsError, match="above 0"):
-        WaitingStamps((0.0, 1.0))
-
-
-class Node:
-    """Of rclpy, without ROS."""
-
-    def __init__(self) -> None:
-        self.takes: dict[str, Any] = {}
-        self.sent: dict[str, list[bytes]] = {}
-
-    def create_subscription(self, kind: Any, topic: str, take: Any, qos: Any, *, raw: bool) -> None:
-        self.takes[topic] = take
-
-    def create_publisher(self, kind: Any, topic: str, depth: int) -> Any:
-        sent = self.sent.setdefault(topic, [])
-        return types.SimpleNamespace(publish=sent.append)
+        WaitingStamps((0.0, 1.0), tree)
 
 
 @pytest.fixture
 def without_ros(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a `RosNode` needs of rclpy."""
-    qos = types.ModuleType("rclpy.qos")
-    vars(qos).update(
-        qos_profile_sensor_data=0,
-        QoSProfile=lambda **_: 1,
-        DurabilityPolicy=types.SimpleNamespace(TRANSIENT_LOCAL=2),
-    )
-    monkeypatch.setitem(sys.modules, "rclpy", types.ModuleType("rclpy"))
-    monkeypatch.setitem(sys.modules, "rclpy.qos", qos)
-    for module in (ros, ros_types):
-        monkeypatch.setattr(module, "message_class", lambda kind: kind)
+    stand_in(monkeypatch)
 
 
 @pytest.mark.usefixtures("without_ros")
 def test_a_node_finds_the_worn_camera_by_tf(clip: Clip) -> None:
-    topics = RosTopics("/cs", "/cs_info", "/cf", "/cf_info", ros.TF)
+    topics = RosTopics("/cs", "/cs_info", {"": WornTopics("/cf", "/cf_info", TF)})
     with pytest.raises(SettingsError, match="--t-cf-sd"):
         RosNode(Node(), topics, Settings.default())
     node = Node()
-    topics = RosTopics("/cs", "/cs_info", "/cf", "/cf_info", ros.TF, (0.03, 1.0))
+    topics = RosTopics("/cs", "/cs_info", {"": WornTopics("/cf", "/cf_info", TF, (0.03, 1.0))})
     running = RosNode(node, topics, Settings.default())
     node.takes["/cs_info"](messages.camera_info(0.0, "cs", clip.recording.camera))
     node.takes["/cf_info"](messages.camera_info(0.0, "cf", clip.recording.worn_camera))
@@ -142,11 +118,11 @@ def test_a_node_finds_the_worn_camera_by_tf(clip: Clip) -> None:
         node.takes["/cf"](messages.raw_image(t, "cf", worn.image))
         told = tf(("odom", "cf", t - 0.01, A @ worn.t_cf), ("odom", "cf", t + 0.01, A @ worn.t_cf))
         node.takes["/cs"](messages.raw_image(t, "cs", frame.image))
-        node.takes[ros.TF](messages.encoded(messages.TRANSFORMS, told))
+        node.takes[TF](messages.encoded(messages.TRANSFORMS, told))
         end = time.monotonic() + 20.0
         while len(node.sent["/collabslam/pose"]) < count - 1 and time.monotonic() < end:
             time.sleep(0.005)
-    node.takes[ros.TF](b"no message")
+    node.takes[TF](b"no message")
     running.close()
     assert len(node.sent["/collabslam/pose"]) >= 8
     last = messages.status_from(node.sent["/diagnostics"][-1])["robot"]
@@ -163,7 +139,8 @@ def test_a_node_hears_the_sensors_that_a_file_names(tmp_path: Path) -> None:
     scans = {name: f"/scan_{name}" for name in WornPoseConfig().scanners}
     write_sensors(tmp_path / "sensors.yaml", WornSensors(WornPoseConfig(), scans, topics))
     node, poses = Node(), f"{ESTIMATED}{tmp_path / 'sensors.yaml'}"
-    running = RosNode(node, RosTopics("/cs", "/cs_info", "/cf", "/cf_info", poses), Settings.default())
+    worn = {"": WornTopics("/cf", "/cf_info", poses)}
+    running = RosNode(node, RosTopics("/cs", "/cs_info", worn), Settings.default())
     assert {*topics.values(), *scans.values()} < node.takes.keys()
     for topic in (*topics.values(), *scans.values()):
         node.takes[topic](b"no message")

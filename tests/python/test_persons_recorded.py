@@ -125,6 +125,12 @@ def test_one_of_them_is_chosen(folder: Path, tmp_path: Path) -> None:
         attach_worn(open_recording(folder), "recorded:ben,clara")
 
 
+def test_a_calibration_is_given_to_each_once(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    twice = [word for file in ("a.yaml", "b.yaml") for word in ("--worn-calibration", f"anna={file}")]
+    assert cli.main(["run", str(folder), *twice]) == 2
+    assert "twice for anna" in capsys.readouterr().err
+
+
 def test_two_see_more_than_one(finished: Path, folder: Path) -> None:
     both = RunFolder(finished).trajectory()[2][-1]
     alone = runner.run(attach_worn(open_recording(folder), "recorded:ben")).record.covariances[-1]

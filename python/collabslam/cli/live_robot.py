@@ -17,7 +17,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--worn-camera",
         metavar="[NAME=]FILE",
-        type=options.of_person,
+        type=options.of_person(Path),
         action="append",
         default=[],
         help="calibration of Cf; without it the run begins when a worn camera has told its own; of several "
@@ -84,6 +84,7 @@ def main(arguments: argparse.Namespace) -> int:
     keys = link.keys_of(arguments.keys, insecure=arguments.insecure)
     default = "127.0.0.1" if keys is None else "0.0.0.0"
     address = link.Address.parse(arguments.listen or default)
+    worn_cameras = options.by_person("--worn-camera", arguments.worn_camera)
     asked = RobotOptions(
         arguments.out,
         options.read_settings(arguments),
@@ -91,7 +92,7 @@ def main(arguments: argparse.Namespace) -> int:
         start=arguments.start,
         targets=(*arguments.tag, *arguments.board),
         persons=arguments.persons,
-        worn_cameras={name: load_camera(file) for name, file in arguments.worn_camera},
+        worn_cameras={name: load_camera(file) for name, file in worn_cameras.items()},
         sensors=None if arguments.sensors is None else read_sensors(arguments.sensors),
         record=arguments.record,
         checkpoint_every=max(1, arguments.checkpoint_every),

@@ -3,30 +3,43 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
+from typing import TYPE_CHECKING
 
 from collabslam.cli import OK, options
 from collabslam.cli.live_options import add_wheels, wheels_of
 from collabslam.errors import SettingsError
 from collabslam.settings.modes import MODES
 
+if TYPE_CHECKING:
+    from collabslam.live.ros_worn import WornTopics
+
+NEEDED = {"--cf": "cf", "--cf-info": "cf_info", "--t-cf": "t_cf"}
+"""Options that each worn camera needs, and what argparse calls them."""
+
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options."""
     parser.add_argument("--cs", metavar="TOPIC", required=True, help="images of Cs, Image or CompressedImage")
     parser.add_argument("--cs-info", metavar="TOPIC", required=True, help="CameraInfo of Cs")
-    parser.add_argument("--cf", metavar="TOPIC", help="images of Cf")
-    parser.add_argument("--cf-info", metavar="TOPIC", help="CameraInfo of Cf")
-    parser.add_argument(
+    worn = parser.add_argument_group(
+        "worn camera Cf", "of several persons each option is NAME=... and given for each of them"
+    )
+    person = partial(worn.add_argument, action="append", default=[])
+    person("--cf", metavar="[NAME=]TOPIC", type=options.of_person(str), help="images of Cf")
+    person("--cf-info", metavar="[NAME=]TOPIC", type=options.of_person(str), help="CameraInfo of Cf")
+    person(
         "--t-cf",
-        metavar="TOPIC",
+        metavar="[NAME=]TOPIC",
+        type=options.of_person(str),
         help="T_CF as PoseWithCovarianceStamped, with the stamps of Cf's images; or /tf, which tells it "
         "between the frames that both cameras' images name; or sensors:FILE, which says how the scanners "
         "and AHRSs are mounted from which it is estimated",
     )
-    parser.add_argument(
+    person(
         "--t-cf-sd",
-        metavar="METRES,DEGREES",
-        type=_deviations,
+        metavar="[NAME=]METRES,DEGREES",
+        type=options.of_person(_deviations),
         help="with --t-cf /tf, which tells none: standard deviations of T_CF's coordinates and angles",
     )
     add_wheels(parser)
@@ -51,16 +64,11 @@ def main(arguments: argparse.Namespace) -> int:
     from collabslam.live.ros import NAME, RosNode, RosTopics
     from collabslam.live.ros_types import rclpy_of
 
-    worn = (arguments.cf, arguments.cf_info, arguments.t_cf)
-    if any(worn) and not all(worn):
-        raise SettingsError("A worn camera needs --cf, --cf-info and --t-cf; give all three or none.")
+    worn, wheels = worn_topics(arguments), wheels_of(arguments)
     rclpy = rclpy_of()
-    wheels = wheels_of(arguments)
-    topics = RosTopics(
-        arguments.cs, arguments.cs_info, *worn, t_cf_sd=arguments.t_cf_sd, wheels=wheels, out=arguments.out
-    )
+    topics = RosTopics(arguments.cs, arguments.cs_info, worn, wheels, arguments.out)
     alone = "scale-free" if wheels is None else "odometry"
-    mode, start = (arguments.mode, "worn") if arguments.cf else (arguments.mode or "mono", alone)
+    mode, start = (arguments.mode, "worn") if worn else (arguments.mode or "mono", alone)
     rclpy.init(args=[])
     node = rclpy.create_node(NAME)
     live = RosNode(node, topics, options.read_settings(arguments), mode=mode, start=start)
@@ -73,3 +81,30 @@ def main(arguments: argparse.Namespace) -> int:
         rclpy.try_shutdown()
     live.close()
     return OK
+
+
+def worn_topics(arguments: argparse.Namespace) -> dict[str, WornTopics]:
+    """The topics of each worn camera, by the name of whoever wears it; "" is that of a single one.
+
+    Raises
+    ------
+    SettingsError
+        If a name cannot be one, is given twice, or lacks an option.
+    """
+    from collabslam.live.names import device_name
+    from collabslam.live.ros_worn import WornTopics
+
+    needed = {of: options.by_person(of, getattr(arguments, key)) for of, key in NEEDED.items()}
+    deviations = options.by_person("--t-cf-sd", arguments.t_cf_sd)
+    names = dict.fromkeys(name for values in (*needed.values(), deviations) for name in values)
+    if "" in names and len(names) > 1:
+        raise SettingsError("Of several worn cameras each is a person's; give every option as NAME=... then.")
+    for name in names:
+        whose = f"The worn camera of {device_name(name)}" if name else "A worn camera"
+        missing = [of for of, values in needed.items() if name not in values]
+        if missing:
+            raise SettingsError(
+                f"{whose} needs {', '.join(needed)} and has no {', '.join(missing)}; give all three or none."
+            )
+    images, infos, poses = needed.values()
+    return {n: WornTopics(images[n], infos[n], poses[n], deviations.get(n)) for n in names}

@@ -6,9 +6,9 @@ import argparse
 import contextlib
 import dataclasses
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from collabslam.errors import CollabslamError, SettingsError
 
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from collabslam.runs.runner import Watch
     from collabslam.settings.table import Settings
     from collabslam.types import Board, Recording, Tag
+
+T = TypeVar("T")
 
 OUT_HELP = "result folder (default: %(default)s)"
 KEPT_HELP = "; an earlier run's results are kept: a numbered folder beside it is taken then"
@@ -120,7 +122,7 @@ def add_worn(parser: argparse.ArgumentParser) -> None:
     worn.add_argument(
         "--worn-calibration",
         metavar="[NAME=]FILE",
-        type=of_person,
+        type=of_person(Path),
         action="append",
         help="corrects T_CF and the stamps of Cf, as `collabslam check-calib --write FILE` found it; of "
         "several persons NAME's, and may be repeated",
@@ -232,7 +234,7 @@ def source_with_worn(arguments: argparse.Namespace) -> Source:
         seed=arguments.seed,
         bias_per_block=arguments.worn_bias_per_block,
     )
-    corrected = dict(arguments.worn_calibration or [])
+    corrected = by_person("--worn-calibration", arguments.worn_calibration or [])
     return dataclasses.replace(source_of(arguments), worn=worn, worn_calibrations=corrected)
 
 
@@ -299,12 +301,27 @@ def mount(text: str) -> tuple[float, ...] | tuple[str, str]:
     return base, camera
 
 
-def of_person(text: str) -> tuple[str, Path]:
-    """``anna=FILE`` as a name and a path; a FILE alone is nobody's, ""."""
-    name, equals, file = text.partition("=")
-    if not equals:
-        return "", Path(text)
-    return name, Path(file)
+def of_person(read: Callable[[str], T]) -> Callable[[str], tuple[str, T]]:
+    """Reads ``anna=VALUE`` as a name and a value; a VALUE alone, as ``/a=b/file``, is nobody's, ""."""
+
+    def read_pair(text: str) -> tuple[str, T]:
+        name, equals, value = text.partition("=")
+        if not equals or {"/", ":"} & set(name):
+            return "", read(text)
+        return name, read(value)
+
+    return read_pair
+
+
+def by_person(option: str, pairs: Sequence[tuple[str, T]]) -> dict[str, T]:
+    """The values of an option by name, as `of_person` reads them; SettingsError if a name is given twice."""
+    out: dict[str, T] = {}
+    for name, value in pairs:
+        if name in out:
+            whose = f" for {name}" if name else ""
+            raise SettingsError(f"{option} was given twice{whose}; give it once, of each person as NAME=...")
+        out[name] = value
+    return out
 
 
 def topics(text: str) -> dict[str, str]:

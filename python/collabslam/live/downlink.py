@@ -69,13 +69,10 @@ class Downlink:
 
     def _place(self, pose: LivePose) -> None:
         """Where the worn cameras were whose views were measured."""
-        for name, place in pose.step.worn.items():
-            if not (place.measured and pose.step.valid):
-                continue
+        for name, place in worn_poses(pose).items():
             if name not in self._worn:
-                key = f"{names.WORN_POSE}/{name}" if name else names.WORN_POSE
-                self._worn[name] = link.publisher(self._session, key)
-            self._worn[name].put(messages.robot_pose(place.t, place.pose, place.covariance))
+                self._worn[name] = link.publisher(self._session, names.of_person(names.WORN_POSE, name))
+            self._worn[name].put(place)
 
     def _wanted(self, key: str) -> bool:
         return bool(self._out[key].matching_status.matching)
@@ -86,6 +83,17 @@ class Downlink:
             return False
         self._due[key] = now
         return True
+
+
+def worn_poses(pose: LivePose) -> dict[str, bytes]:
+    """Where the worn cameras were whose views were measured, as messages, by the name of each wearer."""
+    if not pose.step.valid:
+        return {}
+    return {
+        name: messages.robot_pose(place.t, place.pose, place.covariance)
+        for name, place in pose.step.worn.items()
+        if place.measured
+    }
 
 
 def status_of(

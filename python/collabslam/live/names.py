@@ -18,7 +18,7 @@ POSE, POSE_MAP, ODOMETRY, STATUS, MAP, CLOCK, VIEW = (
 )
 """What the robot writes; ``clock`` answers questions."""
 WORN_POSE = f"{ROBOT}/worn_pose"
-"""Where a worn camera is; of several persons the name follows."""
+"""Where a worn camera is; of several persons the name follows, as `of_person` has it."""
 IMAGE, CAMERA_INFO, T_CF, EXCHANGE, BEAT = "image", "camera_info", "pose", "clock", "beat"
 ATTITUDE, ROBOT_ATTITUDE, SCAN, OWN = "imu", "robot_imu", "scan", "own_pose"
 PARTS = (IMAGE, CAMERA_INFO, T_CF, EXCHANGE, BEAT, ATTITUDE, ROBOT_ATTITUDE, SCAN, OWN)
@@ -41,6 +41,11 @@ def device_name(name: str) -> str:
 def key(device: str, part: str) -> str:
     """The key of a device's ``part``."""
     return f"{WORN}/{device}/{part}"
+
+
+def of_person(key: str, name: str) -> str:
+    """What the robot writes of one of several persons, who has a name, or of the only one, who has none."""
+    return f"{key}/{name}" if name else key
 
 
 def device_of(expression: str) -> tuple[str, str]:

@@ -20,6 +20,8 @@ class WaitingStamps:
     sd : tuple of float
         Standard deviations of T_CF as tf has it: of each coordinate (metres), and about each axis (degrees).
         tf tells none.
+    tree : TransformTree
+        What tf has told; several may wait for one tree.
 
     Raises
     ------
@@ -27,10 +29,10 @@ class WaitingStamps:
         If they are not positive.
     """
 
-    def __init__(self, sd: tuple[float, float]) -> None:
+    def __init__(self, sd: tuple[float, float], tree: TransformTree) -> None:
         if not all(0.0 < s < np.inf for s in sd):
             raise SettingsError(f"The standard deviations of T_CF are {sd}; give metres and degrees above 0.")
-        self.tree = TransformTree()
+        self._tree = tree
         self._covariance = np.diag([sd[0] ** 2] * 3 + [np.deg2rad(sd[1]) ** 2] * 3)
         self._waiting: deque[tuple[float, str]] = deque(maxlen=WAITING)
 
@@ -42,7 +44,7 @@ class WaitingStamps:
         """Stamp, T_CF (4, 4) and covariance (6, 6) of each instant that tf tells by now; the others wait."""
         found = []
         for stamp, frame in list(self._waiting):
-            t_cf = self.tree.between(robot_frame, frame, stamp)
+            t_cf = self._tree.between(robot_frame, frame, stamp)
             if t_cf is not None:
                 found.append((stamp, t_cf, self._covariance))
                 self._waiting.remove((stamp, frame))

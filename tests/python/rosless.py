@@ -1,0 +1,40 @@
+"""A node of ROS 2 without ROS: tests call what it subscribed with, and see what it published."""
+
+from __future__ import annotations
+
+import sys
+import types
+from typing import Any
+
+import pytest
+
+from collabslam.live import ros, ros_types
+
+
+class Node:
+    """Of rclpy, without ROS."""
+
+    def __init__(self) -> None:
+        self.takes: dict[str, Any] = {}
+        self.sent: dict[str, list[bytes]] = {}
+
+    def create_subscription(self, kind: Any, topic: str, take: Any, qos: Any, *, raw: bool) -> None:
+        self.takes[topic] = take
+
+    def create_publisher(self, kind: Any, topic: str, depth: int) -> Any:
+        sent = self.sent.setdefault(topic, [])
+        return types.SimpleNamespace(publish=sent.append)
+
+
+def stand_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Puts what a `RosNode` needs of rclpy in its place."""
+    qos = types.ModuleType("rclpy.qos")
+    vars(qos).update(
+        qos_profile_sensor_data=0,
+        QoSProfile=lambda **_: 1,
+        DurabilityPolicy=types.SimpleNamespace(TRANSIENT_LOCAL=2),
+    )
+    monkeypatch.setitem(sys.modules, "rclpy", types.ModuleType("rclpy"))
+    monkeypatch.setitem(sys.modules, "rclpy.qos", qos)
+    for module in (ros, ros_types):
+        monkeypatch.setattr(module, "message_class", lambda kind: kind)
