@@ -152,6 +152,20 @@ fn quaternions() {
     }
 }
 
+/// Where the closed form would lose its digits, `d(sin(a/2)/a)/da / a` is its limit but for a share of a^2 / 40.
+#[test]
+fn a_small_turns_curvature_keeps_its_digits() {
+    for angle in [1e-6, 1e-5, 9.9e-5] {
+        let w = Vector3::new(0.6, 0.8, 0.0) * angle;
+        let curvature = quat::exp_jacobian(&w)[(1, 1)] / (w.x * w.y);
+        let off = -24.0 * curvature - 1.0;
+        assert!(
+            (off + angle * angle / 40.0).abs() < 1e-12,
+            "{angle}: {off:e}"
+        );
+    }
+}
+
 #[test]
 fn hamilton_products() {
     let (i, j, k) = (
