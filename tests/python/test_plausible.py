@@ -66,6 +66,19 @@ def test_a_new_point_is_compared_with_the_surface_around_it() -> None:
         assert bool(unlike(_seen(here, rho, sd), wall)[0]) is told
 
 
+def test_where_landmarks_are_far_off_more_of_them_have_to_agree() -> None:
+    here = np.array([[320.0, 210.0]])
+    angles = np.radians(np.arange(0.0, 360.0, 40.0))
+    ring = here + 200.0 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    wall = surface_around(here, _seen(ring, 0.33, 0.02), 640)
+    assert wall.rho[0] == pytest.approx(0.33)
+    for rho, told in ((0.33, False), (0.1, True)):
+        assert bool(unlike(_seen(here, rho, 0.02), wall)[0]) is told
+    corner = Seen(ring, np.array([0.33] * 8 + [0.5]), np.full(9, 0.02))
+    for landmarks in (_seen(ring[:8], 0.33, 0.02), _seen(here + 1.7 * (ring - here), 0.33, 0.02), corner):
+        assert np.isnan(surface_around(here, landmarks, 640).rho[0])
+
+
 def test_landmarks_that_are_far_off_or_of_no_one_surface_or_few_say_nothing() -> None:
     here = np.array([[320.0, 210.0]])
     around = np.array([[300.0, 200.0], [340.0, 200.0], [320.0, 230.0]])

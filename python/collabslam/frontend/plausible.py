@@ -13,8 +13,9 @@ import numpy as np
 
 from collabslam.types import Array, Mask
 
-_NEIGHBOURS = 3  # landmarks around a new point that say how far away it may be
-_AROUND = 0.25  # how far off they may be, as a share of the image's width
+_AROUND = ((3, 0.25), (9, 0.5))
+"""Landmarks around a new point that say how far away it may be: how many, and how far off they may be, as a
+share of the image's width.  The farther off, the more of them have to agree."""
 _ALIKE = 1.25  # factor between their distances, up to which they are of one surface
 _GATE = 3.0
 _FAR = 2.0  # standard deviations at which a match counts as another place than the expected one
@@ -53,7 +54,9 @@ def far_from(place: Array, uv: Array, spread: Array) -> Mask:
 
 
 def surface_around(uv: Array, known: Seen, width: int) -> Seen:
-    """How far away points are if they are on the surface of the three landmarks nearest to them.
+    """How far away points are if they are on the surface of the landmarks around them.
+
+    That is of the three nearest, or, where one of these is far off, of the nine nearest (`_AROUND`).
 
     Parameters
     ----------
@@ -67,18 +70,23 @@ def surface_around(uv: Array, known: Seen, width: int) -> Seen:
     Returns
     -------
     Seen
-        NaN where there are no three landmarks near, or these are of no one surface.
+        NaN where there are not as many landmarks near, or these are of no one surface.
     """
-    none = np.full(len(uv), np.nan)
-    if len(known.uv) < _NEIGHBOURS:
-        return Seen(uv, none, none)
+    rho, sd = np.full(len(uv), np.nan), np.full(len(uv), np.nan)
     apart = np.linalg.norm(uv[:, None] - known.uv[None], axis=2)
-    nearest = np.argsort(apart, axis=1, kind="stable")[:, :_NEIGHBOURS]
-    low, high = known.rho[nearest].min(axis=1), known.rho[nearest].max(axis=1)
-    near = np.take_along_axis(apart, nearest, axis=1)[:, -1] < _AROUND * width
-    one = near & (low > 0.0) & (high < _ALIKE * low)
-    sd = known.sd[nearest].max(axis=1) + (high - low) / (2.0 * _GATE)
-    return Seen(uv, np.where(one, 0.5 * (low + high), none), np.where(one, sd, none))
+    order = np.argsort(apart, axis=1, kind="stable")
+    asked = np.zeros(len(uv), np.bool_)
+    for count, share in _AROUND:
+        if len(known.uv) < count:
+            break
+        nearest = order[:, :count]
+        near = np.take_along_axis(apart, nearest, axis=1)[:, -1] < share * width
+        low, high = known.rho[nearest].min(axis=1), known.rho[nearest].max(axis=1)
+        one = near & ~asked & (low > 0.0) & (high < _ALIKE * low)
+        rho[one] = 0.5 * (low + high)[one]
+        sd[one] = (known.sd[nearest].max(axis=1) + (high - low) / (2.0 * _GATE))[one]
+        asked |= near
+    return Seen(uv, rho, sd)
 
 
 def unlike(new: Seen, around: Seen) -> Mask:
