@@ -152,6 +152,11 @@ impl Loop {
         }
     }
 
+    /// Notes that these features are gone from the map.
+    pub fn forget(&mut self, gone: &[u64]) {
+        self.known.retain(|id, _| !gone.contains(id));
+    }
+
     /// Number of features in the map.
     pub fn known(&self) -> usize {
         self.known.len()

@@ -106,6 +106,38 @@ fn local(features: usize) -> Case {
     Box::new(move || frame(&mut corridor, &mut filters, dt))
 }
 
+/// A walk through a map of `features` with a working set alone: the times of a whole frame and of its parts (prediction, pixels
+/// expected, update, upkeep of the map), and how many features were measured.
+fn walk(features: usize) -> Case {
+    let mut corridor = Loop::new(features);
+    let mut filter = corridor.start(&[LOCAL]);
+    let mut dt = 0.1;
+    let mut one = move |dt: f64| {
+        let t = corridor.walk(dt);
+        let z = corridor.measure();
+        let predict = timed(|| filter.predict(t).expect("later stamp"));
+        let pixels = timed(|| {
+            black_box(filter.predict_pixels());
+        });
+        let start = Instant::now();
+        let report = filter.update(&z).expect("valid measurements");
+        let update = start.elapsed().as_nanos() as u64;
+        let start = Instant::now();
+        let gone = filter.manage_map();
+        let upkeep = start.elapsed().as_nanos() as u64;
+        corridor.learn(&report, &z);
+        corridor.forget(&gone);
+        let parts = [predict, pixels, update, upkeep];
+        let whole = parts.iter().sum();
+        let times = [whole].into_iter().chain(parts);
+        let seen = z.bearings.len() as u64;
+        (times.chain([seen]).collect(), corridor.closed())
+    };
+    while !one(dt).1 {}
+    dt = 1.0 / 30.0;
+    Box::new(move || one(dt).0)
+}
+
 /// A map whose features have converged, left in inverse depth and made points of, by turns: the times of an update in
 /// both, and the numbers of both states.
 fn points(features: usize, seen: usize, at_once: usize) -> Case {
@@ -218,6 +250,7 @@ fn make(words: &[&str]) -> Case {
         "hohct" => hohct(number(1), number(2)),
         "dense" => dense(number(1), number(2)),
         "local" => local(number(1)),
+        "walk" => walk(number(1)),
         "points" => points(number(1), number(2), number(3)),
         "replay" => replay(number(1), number(2)),
         other => panic!("there is no case {other}"),

@@ -30,6 +30,7 @@ impl Filter {
             wheels,
             gauge,
             outside,
+            buffers,
             undo,
             // What never changes, buffers, and what is worked out again when it is asked for.
             settings: _,
@@ -38,7 +39,6 @@ impl Filter {
             test: _,
             in_view: _,
             scratch: _,
-            buffers: _,
             shown: _,
         } = self;
         let mut copy = match undo.kept.take() {
@@ -46,7 +46,12 @@ impl Filter {
             None => State::at_origin(0),
         };
         copy.copy_from(state);
-        undo.given_up = None;
+        if let Some(given_up) = undo.given_up.take() {
+            buffers.take_set(given_up);
+        }
+        if let Some(outside) = outside {
+            outside.settle(buffers);
+        }
         undo.kept = Some(Box::new(Kept {
             state: copy,
             time: *time,

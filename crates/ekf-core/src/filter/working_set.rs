@@ -7,10 +7,13 @@ use crate::state::{Block, State};
 
 impl Filter {
     /// Chooses a working set where the map is large enough for it to pay, and anew once too many auxiliary rows have
-    /// accumulated.
+    /// accumulated; brings a share of what is outside of it up to date. Call it once in a frame.
     pub(super) fn choose_working_set(&mut self, searched: &[u64]) {
         let features = self.map_size();
         let large = features >= self.settings.map.local_from;
+        if let Some(outside) = &mut self.outside {
+            outside.advance(&self.state, &mut self.buffers);
+        }
         let choose = match &self.outside {
             Some(outside) => outside.is_full(&self.state),
             None => large && self.started && (4..features / 3).contains(&searched.len()),
@@ -28,24 +31,40 @@ impl Filter {
         working.sort_unstable();
         let (state, buffers) = (State::at_origin(0), &mut self.buffers);
         let state = std::mem::replace(&mut self.state, state);
-        let whole = match self.outside.take() {
-            Some(outside) if self.undo.needs_outside() => {
-                let whole = outside.assemble(&state, buffers);
-                self.undo.put_by(outside);
-                whole
+        let (state, outside) = match self.outside.take() {
+            Some(mut outside) => {
+                // What is outside now comes in by itself when it is measured.
+                let mut inside: Vec<u64> = state.layout.features().map(|b| b.id).collect();
+                inside.sort_unstable();
+                inside.retain(|id| working.binary_search(id).is_ok());
+                let is_working = |block: &Block| inside.binary_search(&block.id).is_ok();
+                outside.finish(buffers);
+                let needed = self.undo.needs_outside();
+                if !needed {
+                    outside.settle(buffers);
+                }
+                let chosen = outside.renew(&state, is_working, buffers);
+                if needed {
+                    self.undo.put_by(outside);
+                } else {
+                    buffers.take_set(outside);
+                }
+                buffers.take_working(state);
+                chosen
             }
-            Some(outside) => outside.into_whole(state, buffers),
-            None => state,
+            None => {
+                let is_working = |block: &Block| working.binary_search(&block.id).is_ok();
+                OutsideSet::split(state, is_working, buffers)
+            }
         };
-        let is_working = |block: &Block| working.binary_search(&block.id).is_ok();
-        let (state, outside) = OutsideSet::split(whole, is_working, buffers);
         (self.state, self.outside) = (state, Some(outside));
     }
 
     /// Gives up the working set: the filter holds the whole state again.
     pub(super) fn make_whole(&mut self) {
         self.changes();
-        if let Some(outside) = self.outside.take() {
+        if let Some(mut outside) = self.outside.take() {
+            outside.finish(&mut self.buffers);
             self.state = outside.assemble(&self.state, &mut self.buffers);
             self.undo.put_by(outside);
         }

@@ -1,19 +1,21 @@
 //! From a working state and its outside set to the whole state, and back.
 
-use super::enter::product;
 use super::outside_set::{Auxiliary, OutsideFeature, OutsideSet, place};
+use super::renewal::Renewal;
 use crate::kernel::LINE;
 use crate::state::{Block, BlockKind, CAMERA_DIM, Covariance, State};
-use faer::linalg::matmul::triangular::{self, BlockStructure};
-use faer::{Accum, MatMut, MatRef, Par};
+use std::ops::Range;
+use std::sync::Arc;
 
-/// The storage of the previous working set, megabytes whose pages are mapped already.
+/// Storage of before, megabytes whose pages are mapped already. Every entry is written before it is read.
 #[derive(Debug, Default)]
 pub(crate) struct Buffers {
     whole: Option<Covariance>,
     working: Option<Covariance>,
+    /// `R`, and that of a renewal.
     r: Vec<f64>,
-    products: Products,
+    kept_r: Vec<f64>,
+    pub(super) psi_r: Vec<f64>,
 }
 
 impl Clone for Buffers {
@@ -23,19 +25,50 @@ impl Clone for Buffers {
     }
 }
 
-/// Factors and products of an assembly; every entry is written before it is read.
-#[derive(Debug, Default)]
-struct Products {
-    r: Vec<f64>,
-    phi: Vec<f64>,
-    psi: Vec<f64>,
-    psi_r: Vec<f64>,
+impl Buffers {
+    /// Takes back the covariance of a working state that is not needed any more.
+    pub(crate) fn take_working(&mut self, working: State) {
+        self.working = Some(working.p);
+    }
+
+    /// Takes back what is an outside set's own.
+    pub(crate) fn take_set(&mut self, mut outside: OutsideSet) {
+        outside.settle(self);
+        self.r = outside.r;
+    }
+
+    fn take_whole(&mut self, whole: Arc<State>) {
+        if let Some(State { p, .. }) = Arc::into_inner(whole) {
+            self.whole = Some(p);
+        }
+    }
 }
 
 impl OutsideSet {
     /// Takes the features for which `is_working` holds, and all that is no feature, out of a whole state as working state.
     pub(crate) fn split(
         whole: State,
+        is_working: impl Fn(&Block) -> bool,
+        buffers: &mut Buffers,
+    ) -> (State, Self) {
+        Self::around(whole, None, is_working, buffers)
+    }
+
+    /// Chooses a new working set, features that are all inside now. All of P that is not inside is left to be written by
+    /// [`Self::advance`]; of this set everything must be written.
+    pub(crate) fn renew(
+        &self,
+        working: &State,
+        is_working: impl Fn(&Block) -> bool,
+        buffers: &mut Buffers,
+    ) -> (State, Self) {
+        let (whole, renewal) = self.begin(working, buffers);
+        Self::around(whole, Some(renewal), is_working, buffers)
+    }
+
+    fn around(
+        whole: State,
+        renewal: Option<Renewal>,
         is_working: impl Fn(&Block) -> bool,
         buffers: &mut Buffers,
     ) -> (State, Self) {
@@ -58,43 +91,92 @@ impl OutsideSet {
             column[row] = Some(k);
         }
         let reference = stored_rows(&whole, stays);
-        let first = reference.len();
-        let ld = 2 * first;
+        let ld = 2 * reference.len();
         let mut r = std::mem::take(&mut buffers.r);
-        r.resize(ld * columns.len(), 0.0);
-        // Some columns at a time: they lie side by side in P's cache lines.
-        for (k, some) in columns.chunks(LINE).enumerate() {
-            for (i, &a) in reference.iter().enumerate() {
-                for (c, &b) in some.iter().enumerate() {
-                    r[(k * LINE + c) * ld + i] = whole.p.stored_entry(a, b);
-                }
-            }
+        if r.capacity() < ld * columns.len() {
+            // Zeros of the system's, which cost nothing before they are written over.
+            r = vec![0.0; ld * (columns.len() + columns.len() / 8)];
         }
-        let outside = Self {
-            then: whole,
+        r.resize(ld * columns.len(), 0.0);
+        let written = renewal.as_ref().map_or(n, |renewal| renewal.inside);
+        let mut outside = Self {
+            then: Arc::new(whole),
             features: outside,
             age: 0,
             column,
             columns,
             r,
             ld,
-            first,
+            reference,
+            renewal,
             clear_at: None,
         };
+        outside.fill_columns(0..written);
         (working, outside)
     }
 
-    /// The whole state as it is now; what it was put together from is kept to be written over.
-    pub(crate) fn into_whole(self, working: State, buffers: &mut Buffers) -> State {
-        let whole = self.assemble(&working, buffers);
-        buffers.whole = Some(self.then.p);
-        buffers.working = Some(working.p);
-        buffers.r = self.r;
-        whole
+    /// Writes the rows of `then` that are a frame's share, as long as there are some.
+    pub(crate) fn advance(&mut self, working: &State, buffers: &mut Buffers) {
+        if let Some(renewal) = &self.renewal {
+            self.write(renewal.share(self.filled(working)), buffers);
+        }
+    }
+
+    /// Writes all rows of `then`.
+    pub(crate) fn finish(&mut self, buffers: &mut Buffers) {
+        if let Some(renewal) = &self.renewal {
+            self.write(renewal.rows.len(), buffers);
+        }
+    }
+
+    fn write(&mut self, end: usize, buffers: &mut Buffers) {
+        if let Some(renewal) = &mut self.renewal
+            && renewal.done < end
+        {
+            let rows = renewal.inside + renewal.done..renewal.inside + end;
+            renewal.write(&mut Arc::make_mut(&mut self.then).p, end, buffers);
+            self.fill_columns(rows);
+        }
+    }
+
+    /// Copies the columns of `R` of these rows of `then` out of it.
+    fn fill_columns(&mut self, rows: Range<usize>) {
+        let place = |row: usize| self.columns.partition_point(|&b| b < row);
+        let (first, end) = (place(rows.start), place(rows.end));
+        // Some columns at a time: they lie side by side in P's cache lines.
+        for (k, some) in self.columns[first..end].chunks(LINE).enumerate() {
+            let at = first + k * LINE;
+            for (i, &a) in self.reference.iter().enumerate() {
+                for (c, &b) in some.iter().enumerate() {
+                    self.r[(at + c) * self.ld + i] = self.then.p.stored_entry(a, b);
+                }
+            }
+        }
+    }
+
+    /// Gives up what a finished renewal needed.
+    pub(crate) fn settle(&mut self, buffers: &mut Buffers) {
+        if let Some(renewal) = self.renewal.take_if(|renewal| renewal.is_done()) {
+            buffers.kept_r = renewal.r;
+            buffers.take_whole(renewal.before);
+        }
     }
 
     /// The whole state as it is now; its covariance is written over a buffer if there is one.
     pub(crate) fn assemble(&self, working: &State, buffers: &mut Buffers) -> State {
+        if self.renewal.as_ref().is_some_and(|renewal| !renewal.is_done()) {
+            let mut finished = self.clone();
+            finished.finish(buffers);
+            return finished.assemble(working, buffers);
+        }
+        let (mut whole, mut renewal) = self.begin(working, buffers);
+        renewal.write(&mut whole.p, renewal.rows.len(), buffers);
+        buffers.kept_r = renewal.r;
+        whole
+    }
+
+    /// The whole state as it is now, but for the rows outside of its covariance.
+    fn begin(&self, working: &State, buffers: &mut Buffers) -> (State, Renewal) {
         let is_auxiliary = |b: &Block| matches!(b.kind, BlockKind::Auxiliary(_));
         let auxiliary = Auxiliary::of(working);
         let depth = auxiliary.rows.len();
@@ -123,55 +205,37 @@ impl OutsideSet {
             place_outside[row] = Some(a + k);
         }
         let b = outside_rows.len();
-        let capacity = self.then.p.stored().ld;
+        let (stored, n) = (self.then.p.stored().ld, a + b);
+        // With room to grow, so that a map that grows does not need other pages each time.
+        let capacity = if n > stored { n + n / 8 } else { stored };
         let mut whole =
-            working.camera_alone(Covariance::of_stored(a + b, capacity, buffers.whole.take()));
-        let p = &mut whole.p;
-        p.copy_stored(0, &working.p, &working_rows);
-        p.copy_stored(a, &self.then.p, &outside_rows);
-        // R of the rows outside, and M's auxiliary columns.
-        let Products { r, phi, psi, psi_r } = &mut buffers.products;
+            working.camera_alone(Covariance::of_stored(n, capacity, buffers.whole.take()));
+        whole.p.copy_rows(0, &working.p, &working_rows, 0..a);
+        let mut r = std::mem::take(&mut buffers.kept_r);
         r.clear();
         for &row in &outside_rows {
             r.extend_from_slice(self.column(row, depth));
         }
-        let r = MatRef::from_column_major_slice(r, depth, b);
-        let phi = room(phi, depth * a);
-        for (k, &row) in working_rows.iter().enumerate() {
-            for (value, &d) in phi[k * depth..].iter_mut().zip(&auxiliary.rows) {
-                *value = working.p.stored_entry(row, d);
-            }
-        }
-        let psi = room(psi, depth * depth);
-        for (k, &row) in auxiliary.rows.iter().enumerate() {
-            for (value, &d) in psi[k * depth..].iter_mut().zip(&auxiliary.rows) {
-                *value = working.p.stored_entry(row, d);
-            }
-        }
-        let psi_r = room(psi_r, depth * b);
-        product(
-            MatMut::from_column_major_slice_mut(psi_r, depth, b),
-            MatRef::from_column_major_slice(psi, depth, depth),
+        // M's auxiliary columns.
+        let along = |rows: &[usize]| {
+            let entries = rows.iter().flat_map(|&row| {
+                let of = auxiliary.rows.iter();
+                of.map(move |&d| working.p.stored_entry(row, d))
+            });
+            entries.collect::<Vec<f64>>()
+        };
+        let renewal = Renewal {
+            before: Arc::clone(&self.then),
+            inside: a,
+            rows: outside_rows,
+            done: 0,
+            depth,
             r,
-        );
-        let (entries, ld) = p.entries();
-        let all = MatMut::from_column_major_slice_with_stride_mut(entries, a + b, a + b, ld);
-        let (_, _, cross, outside) = all.split_at_mut(a, a);
-        let phi = MatRef::from_column_major_slice(phi, depth, a);
-        product(cross, r.transpose(), phi);
-        triangular::matmul(
-            outside,
-            BlockStructure::TriangularLower,
-            Accum::Add,
-            r.transpose(),
-            BlockStructure::Rectangular,
-            MatRef::from_column_major_slice(psi_r, depth, b),
-            BlockStructure::Rectangular,
-            1.0,
-            Par::Seq,
-        );
+            phi: along(&working_rows),
+            psi: along(&auxiliary.rows),
+        };
         self.join(&mut whole, working, place_working, &place_outside);
-        whole
+        (whole, renewal)
     }
 
     /// Puts the blocks of the working state and of the outside set into the whole state, in the order of their ids.
@@ -220,7 +284,7 @@ fn working_state(
     let rows = stored_rows(whole, &stays);
     let a = rows.len();
     let mut working = whole.camera_alone(Covariance::of_stored(2 * a, 4 * a, buffers));
-    working.p.copy_stored(0, &whole.p, &rows);
+    working.p.copy_rows(0, &whole.p, &rows, 0..a);
     working.p.clear_auxiliary(a);
     let place = |row: usize| rows.partition_point(|&r| r < row);
     for block in whole.layout.blocks().iter().filter(|b| stays(b)) {
@@ -248,10 +312,4 @@ fn stored_rows(state: &State, chosen: impl Fn(&Block) -> bool) -> Vec<usize> {
         }
     }
     (0..stored.n).filter(|&row| used[row]).collect()
-}
-
-/// `len` entries of the buffer, with whatever they hold.
-fn room(buffer: &mut Vec<f64>, len: usize) -> &mut [f64] {
-    buffer.resize(len, 0.0);
-    buffer
 }

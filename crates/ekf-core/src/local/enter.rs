@@ -1,7 +1,7 @@
 //! Features that leave the outside set: into the working state, or for good.
 
 use super::outside_set::{Auxiliary, OutsideSet, anchored};
-use crate::kernel::dot;
+use super::renewal::RowsOfThen;
 use crate::state::{Block, BlockKind, State};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
@@ -16,11 +16,8 @@ impl OutsideSet {
         }
         self.features.retain(|o| !wanted(o.block.id));
         let auxiliary = Auxiliary::of(working);
-        let (depth, n, theta) = (
-            auxiliary.rows.len(),
-            working.p.stored().n,
-            auxiliary.theta(working),
-        );
+        let (depth, n) = (auxiliary.rows.len(), working.p.stored().n);
+        let moved = self.moved(working);
         // Rows of `then` that enter, and where each feature's rows will be stored.
         let mut rows: Vec<usize> = Vec::new();
         let mut means: Vec<f64> = Vec::new();
@@ -36,8 +33,7 @@ impl OutsideSet {
                     (_, Some(at)) => n + at,
                     _ => {
                         rows.push(row);
-                        let moved = dot(&theta, self.column(row, depth));
-                        means.push(self.then.x[block.offset + k] + moved);
+                        means.push(self.then.x[block.offset + k] + moved.of(row));
                         n + rows.len() - 1
                     }
                 };
@@ -45,10 +41,7 @@ impl OutsideSet {
             slots.push(own);
         }
         let width = rows.len();
-        let mut of_rows = Vec::with_capacity(depth * width);
-        for &row in &rows {
-            of_rows.extend_from_slice(self.column(row, depth));
-        }
+        let of_rows = self.columns_of(&rows, depth);
         let mut by_auxiliary = vec![0.0; n * depth];
         for (column, &d) in by_auxiliary.chunks_exact_mut(n).zip(&auxiliary.rows) {
             working.p.stored_column(d, column);
@@ -60,22 +53,26 @@ impl OutsideSet {
             MatRef::from_column_major_slice(&by_auxiliary, n, depth),
             MatRef::from_column_major_slice(&of_rows, depth, width),
         );
-        // R's new rows: as they were.
-        self.make_room(depth + width, depth);
-        for (column, &b) in self.r.chunks_exact_mut(self.ld).zip(&self.columns) {
-            for (value, &row) in column[depth..].iter_mut().zip(&rows) {
-                *value = self.then.p.stored_entry(row, b);
-            }
-        }
+        let then = RowsOfThen::new(&self.then.p, self.renewal.as_ref(), &rows, true);
         let own = |i: usize, j: usize| {
             let moved = auxiliary
                 .rows
                 .iter()
                 .zip(&of_rows[i * depth..(i + 1) * depth]);
             let moved: f64 = moved.map(|(&d, r)| r * with_auxiliary[j * n + d]).sum();
-            self.then.p.stored_entry(rows[i], rows[j]) + moved
+            then.entry(i, rows[j]) + moved
         };
         working.p.append_stored(&with_auxiliary, own, width);
+        // R's new rows: as they were.
+        let mut new_rows = Vec::with_capacity(width * self.columns.len());
+        for &b in &self.columns {
+            new_rows.extend((0..width).map(|i| then.entry(i, b)));
+        }
+        self.make_room(depth + width, depth);
+        let new_rows = new_rows.chunks_exact(width.max(1));
+        for (column, values) in self.r.chunks_exact_mut(self.ld).zip(new_rows) {
+            column[depth..depth + width].copy_from_slice(values);
+        }
         for (block, slots) in entering.iter().zip(&slots) {
             let mate = self.mate(&mates, block);
             let value = |(k, slot): (usize, &usize)| match (slot.checked_sub(n), mate) {

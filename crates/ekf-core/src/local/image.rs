@@ -1,10 +1,12 @@
 //! The outside set in a snapshot: as it is, not assembled into a whole state, which would round.
 
 use super::outside_set::{Auxiliary, OutsideFeature, OutsideSet};
+use super::renewal::Renewal;
 use crate::error::EkfError;
 use crate::state::{State, StateImage};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 #[derive(Serialize, Deserialize)]
 pub(crate) struct OutsideSetImage {
@@ -15,7 +17,84 @@ pub(crate) struct OutsideSetImage {
     columns: Vec<usize>,
     /// `R`, a row for each auxiliary row, column-major.
     r: Vec<f64>,
-    first: usize,
+    reference: Vec<usize>,
+    renewal: Option<RenewalImage>,
+}
+
+/// What is left to be written; those rows of `then` and columns of `r` are zeros.
+#[derive(Serialize, Deserialize)]
+struct RenewalImage {
+    before: StateImage,
+    inside: usize,
+    rows: Vec<usize>,
+    done: usize,
+    depth: usize,
+    r: Vec<f64>,
+    phi: Vec<f64>,
+    psi: Vec<f64>,
+}
+
+impl RenewalImage {
+    fn of(renewal: &Renewal) -> Self {
+        let Renewal {
+            before,
+            inside,
+            rows,
+            done,
+            depth,
+            r,
+            phi,
+            psi,
+        } = renewal;
+        Self {
+            before: before.image(),
+            inside: *inside,
+            rows: rows.clone(),
+            done: *done,
+            depth: *depth,
+            r: r.clone(),
+            phi: phi.clone(),
+            psi: psi.clone(),
+        }
+    }
+
+    /// The renewal of a `then` of `n` stored rows, if there can be such a one.
+    fn renewal(self, n: usize) -> Result<Option<Renewal>, EkfError> {
+        let Self {
+            before,
+            inside,
+            rows,
+            done,
+            depth,
+            r,
+            phi,
+            psi,
+        } = self;
+        let before = State::from_image(&before)?;
+        let increasing = rows.windows(2).all(|w| w[0] < w[1]);
+        let within = rows
+            .last()
+            .is_some_and(|&row| row < before.p.stored().n);
+        let sized = depth > 0
+            && inside.checked_add(rows.len()) == Some(n)
+            && rows.len().checked_mul(depth) == Some(r.len())
+            && inside.checked_mul(depth) == Some(phi.len())
+            && depth.checked_mul(depth) == Some(psi.len());
+        let finite = r.iter().chain(&phi).chain(&psi).all(|v| v.is_finite());
+        if !(increasing && within && sized && finite && done < rows.len()) {
+            return Ok(None);
+        }
+        Ok(Some(Renewal {
+            before: Arc::new(before),
+            inside,
+            rows,
+            done,
+            depth,
+            r,
+            phi,
+            psi,
+        }))
+    }
 }
 
 impl OutsideSet {
@@ -28,21 +107,34 @@ impl OutsideSet {
             columns,
             r,
             ld,
-            first,
+            reference,
+            renewal,
             clear_at: _, // saves looking again
         } = self;
         let depth = Auxiliary::of(working).rows.len();
+        let renewal = renewal.as_ref().filter(|renewal| !renewal.is_done());
+        let lacks = |row: usize| renewal.is_some_and(|renewal| renewal.lacks(row));
+        let mut then = then.image();
+        if let Some(renewal) = renewal {
+            then.clear_from(renewal.inside + renewal.done);
+        }
+        let mut used = Vec::with_capacity(depth * columns.len());
+        for (column, &row) in r.chunks_exact(*ld).zip(columns) {
+            let at = used.len();
+            used.extend_from_slice(&column[..depth]);
+            if lacks(row) {
+                used[at..at + reference.len()].fill(0.0);
+            }
+        }
         let outside = features.iter().map(|o| (o.block.id, o.last_point.into()));
         OutsideSetImage {
-            then: then.image(),
+            then,
             outside: outside.collect(),
             age: *age,
             columns: columns.clone(),
-            r: r.chunks_exact(*ld)
-                .flat_map(|c| &c[..depth])
-                .copied()
-                .collect(),
-            first: *first,
+            r: used,
+            reference: reference.clone(),
+            renewal: renewal.map(RenewalImage::of),
         }
     }
 
@@ -55,8 +147,16 @@ impl OutsideSet {
         let within = image.columns.last().is_none_or(|&row| row < n);
         let entries = image.columns.len().checked_mul(depth);
         let finite = image.r.iter().all(|v| v.is_finite());
-        let sized = depth > 0 && (1..=depth).contains(&image.first);
-        if !(increasing && within && finite && sized && entries == Some(image.r.len())) {
+        let renewal = match image.renewal {
+            Some(renewal) => Some(renewal.renewal(n)?.ok_or_else(wrong)?),
+            None => None,
+        };
+        let inside = renewal.as_ref().map_or(n, |renewal| renewal.inside);
+        let reference = image.reference;
+        let chosen = (1..=depth).contains(&reference.len())
+            && reference.windows(2).all(|w| w[0] < w[1])
+            && reference.last().is_some_and(|&row| row < inside);
+        if !(increasing && within && finite && chosen && entries == Some(image.r.len())) {
             return Err(wrong());
         }
         let mut column = vec![None; n];
@@ -80,14 +180,15 @@ impl OutsideSet {
             to[..depth].copy_from_slice(from);
         }
         Ok(Self {
-            then,
+            then: Arc::new(then),
             features: outside,
             age: image.age,
             column,
             columns: image.columns,
             r,
             ld,
-            first: image.first,
+            reference,
+            renewal,
             clear_at: None,
         })
     }

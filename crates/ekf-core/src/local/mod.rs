@@ -21,13 +21,20 @@
 //! *A feature `J` of `B` that comes into view* joins `A` alone. Its rows of `P(then)` become rows of `R`, copied as they
 //! are, and it brings auxiliary rows of its own: what `P_JB = P_JB(then) - R_J^T Psi R` says are its rows
 //! `[-R_J^T Psi, I]` of `Phi`, with `Psi = 0` for the new rows. That is O(n) a feature, where writing all of `P_BB` is
-//! O(n^2). When auxiliary rows have become too many, [`OutsideSet::assemble`] writes the whole state once and a new working set is
-//! chosen.
+//! O(n^2).
+//!
+//! *When auxiliary rows have become too many* a new working set is chosen among what is inside. All of `P(then)` changes
+//! with that, `n_B^2` entries times the number of auxiliary rows: too much for one frame. So [`OutsideSet::renew`] keeps
+//! `R`, `Phi`, `Psi` and `P(then)` of before, [`OutsideSet::advance`] writes some rows of the new `P(then)` and the columns
+//! of the new `R` in each frame, and what is asked for earlier, a feature that comes back meanwhile, is worked out for
+//! itself, see [`renewal`].
 
 mod assemble;
 mod enter;
 mod image;
+mod moved;
 mod outside_set;
+mod renewal;
 
 pub(crate) use assemble::Buffers;
 pub(crate) use image::OutsideSetImage;

@@ -1,16 +1,18 @@
 //! The outside set, and the present means and covariances of its features.
 
+use super::renewal::{Renewal, RowsOfThen};
 use crate::kernel::dot;
 use crate::observe::point::CameraPose;
 use crate::observe::{FeatureState, Form};
 use crate::state::{Block, BlockKind, Covariance, State};
 use nalgebra::{SMatrix, Vector3};
+use std::sync::Arc;
 
 /// What is outside of the working set.
 #[derive(Clone, Debug)]
 pub(crate) struct OutsideSet {
     /// The whole state as it was when the working set was chosen.
-    pub(super) then: State,
+    pub(super) then: Arc<State>,
     /// Features of `then` that are outside, by id.
     pub(super) features: Vec<OutsideFeature>,
     /// Frames since their points were last worked out.
@@ -22,8 +24,10 @@ pub(crate) struct OutsideSet {
     /// `R`, a row for each auxiliary row, column-major with leading dimension `ld`.
     pub(super) r: Vec<f64>,
     pub(super) ld: usize,
-    /// Auxiliary rows at first.
-    pub(super) first: usize,
+    /// Rows of `then` that were inside when the working set was chosen, increasing: the first rows of `R`.
+    pub(super) reference: Vec<usize>,
+    /// What rows of `then`, and columns of `R`, are not written yet.
+    pub(super) renewal: Option<Renewal>,
     /// Where the camera was when no feature outside was in view.
     pub(super) clear_at: Option<CameraPose>,
 }
@@ -42,6 +46,8 @@ pub(super) struct OutsideFeature {
 pub(crate) struct OutsideMark {
     features: Vec<OutsideFeature>,
     age: usize,
+    /// Rows that a renewal had written.
+    written: usize,
     clear_at: Option<CameraPose>,
 }
 
@@ -100,7 +106,15 @@ impl OutsideSet {
 
     /// Whether the working state has grown so much that writing the whole state pays.
     pub(crate) fn is_full(&self, working: &State) -> bool {
-        2 * working.p.stored().n > 5 * self.first + 128
+        let (now, room) = self.filled(working);
+        now > room
+    }
+
+    /// Rows that the working state has gained, and how many may be.
+    pub(super) fn filled(&self, working: &State) -> (usize, usize) {
+        let first = self.reference.len();
+        let gained = working.p.stored().n.saturating_sub(2 * first);
+        (gained, first / 2 + 64)
     }
 
     /// Where it stands now, for [`Self::go_back`].
@@ -108,19 +122,21 @@ impl OutsideSet {
         let Self {
             features,
             age,
+            renewal,
             clear_at,
             // As the working set was chosen, for good; rows that R has gained belong to auxiliary rows that the working
-            // state of before does not have.
+            // state of before does not have, and what a renewal has written since is not read before it is written again.
             then: _,
             column: _,
             columns: _,
             r: _,
             ld: _,
-            first: _,
+            reference: _,
         } = self;
         OutsideMark {
             features: features.clone(),
             age: *age,
+            written: renewal.as_ref().map_or(0, |renewal| renewal.done),
             clear_at: *clear_at,
         }
     }
@@ -130,10 +146,14 @@ impl OutsideSet {
         let OutsideMark {
             features,
             age,
+            written,
             clear_at,
         } = mark;
         self.features.clone_from(features);
         self.age = *age;
+        if let Some(renewal) = &mut self.renewal {
+            renewal.done = *written;
+        }
         self.clear_at = *clear_at;
     }
 
@@ -167,19 +187,18 @@ impl OutsideSet {
         working: &State,
         may_be: impl Fn(&Vector3<f64>) -> bool,
     ) -> impl Iterator<Item = (Block, FeatureState)> {
-        let theta = Auxiliary::of(working).theta(working);
         let mates = self.mates(working);
         let some = self.features.iter().filter(move |o| may_be(&o.last_point));
-        let moved = move |row| dot(&theta, self.column(row, theta.len()));
+        let moved = self.moved(working);
+        let moved = move |row| moved.of(row);
         some.map(move |o| (o.block, self.mean(working, &mates, &o.block, &moved)))
     }
 
     /// Present means of all features outside, in their order.
     pub(crate) fn means(&self, working: &State) -> Vec<(Block, FeatureState)> {
-        let theta = Auxiliary::of(working).theta(working);
+        let moved = self.moved(working);
         // R^T theta at once: features that share an anchor share its columns.
-        let columns = self.r.chunks_exact(self.ld).take(self.columns.len());
-        let moved: Vec<f64> = columns.map(|column| dot(&theta, column)).collect();
+        let moved: Vec<f64> = self.columns.iter().map(|&row| moved.of(row)).collect();
         let moved = |row: usize| moved[self.column[row].expect("a row outside has a column")];
         let mates = self.mates(working);
         let all = self.features.iter().map(|o| &o.block);
@@ -216,7 +235,9 @@ impl OutsideSet {
         let dim = block.kind.dim();
         let row = |k: usize| self.then.p.slot(block.offset + k.min(dim - 1));
         let rows: [usize; 6] = std::array::from_fn(row);
-        let columns = rows.map(|row| self.column(row, auxiliary.len()));
+        let columns = self.columns_of(&rows, auxiliary.len());
+        let columns: Vec<&[f64]> = columns.chunks_exact(auxiliary.len()).collect();
+        let then = RowsOfThen::new(&self.then.p, self.renewal.as_ref(), &rows, false);
         // An anchor that a feature inside has as well is stored there.
         let mate = self.mate(&self.mates(working), block);
         let inside = |k: usize| mate.filter(|_| k < 3).map(|mate| working.p.slot(mate + k));
@@ -234,9 +255,7 @@ impl OutsideSet {
                 own[(i, c)] = match (inside(i), inside(c)) {
                     (Some(slot), _) => with(slot, c),
                     (None, Some(slot)) => with(slot, i),
-                    (None, None) => {
-                        self.then.p.stored_entry(rows[i], rows[c]) + dot(columns[i], &column)
-                    }
+                    (None, None) => then.entry(i, rows[c]) + dot(columns[i], &column),
                 };
             }
         }
@@ -253,6 +272,9 @@ impl OutsideSet {
         block: &Block,
     ) -> SMatrix<f64, 6, 6> {
         let auxiliary = Auxiliary::of(working).rows;
+        let depth = auxiliary.len();
+        let slots = block.range().map(|i| self.then.p.slot(i));
+        let columns = self.columns_of(&slots.collect::<Vec<_>>(), depth);
         let mate = self.mate(&self.mates(working), block);
         SMatrix::from_fn(|i, c| {
             if c >= block.kind.dim() {
@@ -262,8 +284,7 @@ impl OutsideSet {
             if let Some(mate) = mate.filter(|_| c < 3) {
                 return working.p.stored_entry(row, working.p.slot(mate + c));
             }
-            let column = self.column(self.then.p.slot(block.offset + c), auxiliary.len());
-            let along = auxiliary.iter().zip(column);
+            let along = auxiliary.iter().zip(&columns[c * depth..]);
             along
                 .map(|(&d, r)| working.p.stored_entry(row, d) * r)
                 .sum()
@@ -284,6 +305,7 @@ impl OutsideSet {
         reference
     }
 
+    /// Column of `R` of a row of `then` that is written.
     pub(super) fn column(&self, row: usize, auxiliary: usize) -> &[f64] {
         let k = self.column[row].expect("a row outside has a column");
         &self.r[k * self.ld..k * self.ld + auxiliary]

@@ -167,22 +167,29 @@ impl Covariance {
         }
     }
 
-    /// Copies the stored rows `rows` of another matrix (increasing), among themselves, to those from `at` on.
-    pub(crate) fn copy_stored(&mut self, at: usize, from: &Self, rows: &[usize]) {
-        let ends = |j: usize| j + 1 == rows.len() || rows[j + 1] != rows[j] + 1;
-        let ends: Vec<usize> = (0..rows.len()).filter(|&j| ends(j)).collect();
+    /// Copies stored rows of another matrix, `rows[range]` with those of `rows` up to themselves (increasing), to the places in
+    /// `rows` from `at` on.
+    pub(crate) fn copy_rows(
+        &mut self,
+        at: usize,
+        from: &Self,
+        rows: &[usize],
+        range: Range<usize>,
+    ) {
+        let ends = |i: usize| i + 1 == range.end || rows[i + 1] != rows[i] + 1;
+        let ends: Vec<usize> = range.clone().filter(|&i| ends(i)).collect();
         let mut run = 0;
-        for (j, &column) in rows.iter().enumerate() {
+        for (j, &column) in rows[..range.end].iter().enumerate() {
             debug_assert!(j == 0 || rows[j - 1] < column);
             let from = &from.data[column * from.ld..][..from.n];
-            let to = &mut self.data[at + (at + j) * self.ld..][..rows.len()];
+            let to = &mut self.data[at + (at + j) * self.ld..][..range.end];
             // Stretch after stretch of rows that follow one another.
-            let mut first = j;
+            let mut first = j.max(range.start);
             for &last in &ends[run..] {
                 to[first..=last].copy_from_slice(&from[rows[first]..=rows[last]]);
                 first = last + 1;
             }
-            if j == ends[run] {
+            if ends.get(run) == Some(&j) {
                 run += 1;
             }
         }

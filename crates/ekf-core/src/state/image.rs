@@ -19,6 +19,19 @@ pub(crate) struct StateImage {
     triangle: Vec<f64>,
 }
 
+impl StateImage {
+    /// Makes the entries of the stored rows from `row` on zero.
+    pub(crate) fn clear_from(&mut self, row: usize) {
+        let n = self.slots.iter().max().map_or(0, |last| last + 1);
+        let mut rest = self.triangle.as_mut_slice();
+        for j in 0..n {
+            let (column, after) = rest.split_at_mut(n - j);
+            column[row.saturating_sub(j).min(n - j)..].fill(0.0);
+            rest = after;
+        }
+    }
+}
+
 impl State {
     pub(crate) fn image(&self) -> StateImage {
         let Self {
