@@ -27,7 +27,7 @@ const JUMP: f64 = 0.02;
 
 /// When a feature in view joins the working set, those join with it that are no farther than this outside of the image,
 /// pixels.
-const SOON: f64 = 60.0;
+pub(super) const SOON: f64 = 60.0;
 
 impl Filter {
     /// Predicts to time `t`, seconds. Before the start this only sets the time. A gap of more than 20 s is predicted as

@@ -2,6 +2,8 @@
 
 use super::ekf::Filter;
 use super::measurements::Measurements;
+use super::prediction::SOON;
+use super::visibility::visibility;
 use crate::local::OutsideSet;
 use crate::state::{Block, State};
 
@@ -12,7 +14,7 @@ impl Filter {
         let features = self.map_size();
         let large = features >= self.settings.map.local_from;
         if let Some(outside) = &mut self.outside {
-            outside.advance(&self.state, &mut self.buffers);
+            outside.advance(&mut self.buffers);
         }
         let choose = match &self.outside {
             Some(outside) => outside.is_full(&self.state),
@@ -25,7 +27,15 @@ impl Filter {
             self.make_whole();
             return;
         }
-        let mut working: Vec<u64> = self.predict_pixels().iter().map(|f| f.id).collect();
+        // What is about to come into view would be in again with the first one that does.
+        let pose = self.state.camera_pose();
+        let seen = visibility(&self.camera, &pose);
+        let soon = |b: &&Block| {
+            let point = self.state.feature(b).point();
+            point.is_some_and(|point| seen(&point, -SOON))
+        };
+        let soon = self.state.layout.features().filter(soon).map(|b| b.id);
+        let mut working: Vec<u64> = soon.collect();
         working.extend_from_slice(searched);
         working.extend_from_slice(self.followed());
         working.sort_unstable();
@@ -38,7 +48,6 @@ impl Filter {
                 inside.sort_unstable();
                 inside.retain(|id| working.binary_search(id).is_ok());
                 let is_working = |block: &Block| inside.binary_search(&block.id).is_ok();
-                outside.finish(buffers);
                 let needed = self.undo.needs_outside();
                 if !needed {
                     outside.settle(buffers);

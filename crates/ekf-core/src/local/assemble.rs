@@ -116,9 +116,9 @@ impl OutsideSet {
     }
 
     /// Writes the rows of `then` that are a frame's share, as long as there are some.
-    pub(crate) fn advance(&mut self, working: &State, buffers: &mut Buffers) {
+    pub(crate) fn advance(&mut self, buffers: &mut Buffers) {
         if let Some(renewal) = &self.renewal {
-            self.write(renewal.share(self.filled(working)), buffers);
+            self.write(renewal.share(), buffers);
         }
     }
 
@@ -164,7 +164,11 @@ impl OutsideSet {
 
     /// The whole state as it is now; its covariance is written over a buffer if there is one.
     pub(crate) fn assemble(&self, working: &State, buffers: &mut Buffers) -> State {
-        if self.renewal.as_ref().is_some_and(|renewal| !renewal.is_done()) {
+        if self
+            .renewal
+            .as_ref()
+            .is_some_and(|renewal| !renewal.is_done())
+        {
             let mut finished = self.clone();
             finished.finish(buffers);
             return finished.assemble(working, buffers);

@@ -72,9 +72,7 @@ impl RenewalImage {
         } = self;
         let before = State::from_image(&before)?;
         let increasing = rows.windows(2).all(|w| w[0] < w[1]);
-        let within = rows
-            .last()
-            .is_some_and(|&row| row < before.p.stored().n);
+        let within = rows.last().is_some_and(|&row| row < before.p.stored().n);
         let sized = depth > 0
             && inside.checked_add(rows.len()) == Some(n)
             && rows.len().checked_mul(depth) == Some(r.len())

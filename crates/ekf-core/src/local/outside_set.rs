@@ -104,17 +104,10 @@ impl OutsideSet {
             .is_ok()
     }
 
-    /// Whether the working state has grown so much that writing the whole state pays.
+    /// Whether the working state has grown so much that a new working set pays, and `then` is there for it.
     pub(crate) fn is_full(&self, working: &State) -> bool {
-        let (now, room) = self.filled(working);
-        now > room
-    }
-
-    /// Rows that the working state has gained, and how many may be.
-    pub(super) fn filled(&self, working: &State) -> (usize, usize) {
-        let first = self.reference.len();
-        let gained = working.p.stored().n.saturating_sub(2 * first);
-        (gained, first / 2 + 64)
+        let grown = 2 * working.p.stored().n > 5 * self.reference.len() + 128;
+        grown && self.renewal.as_ref().is_none_or(Renewal::is_done)
     }
 
     /// Where it stands now, for [`Self::go_back`].

@@ -36,8 +36,8 @@ pub(super) struct Renewal {
     pub(super) psi: Vec<f64>,
 }
 
-/// Frames in which a whole state is written, if the working set does not fill up earlier.
-pub(super) const FRAMES: usize = 24;
+/// Frames in which a whole state is written. A working set lasts longer, as a rule; one that is full earlier waits.
+const FRAMES: usize = 32;
 
 /// Rows that are multiplied at a time: their share of the columns of P stays in the cache.
 const PIECE: usize = 96;
@@ -69,13 +69,9 @@ impl Renewal {
         rows * (self.depth + self.inside) + rows * rows.saturating_sub(1) / 2
     }
 
-    /// Up to which row a frame writes: one part in [`FRAMES`] of the whole cost, and at least as large a part of it all as
-    /// the working set is full, `filled`.
-    pub(super) fn share(&self, filled: (usize, usize)) -> usize {
-        let all = self.cost(self.rows.len());
-        let fair = self.cost(self.done) + all.div_ceil(FRAMES);
-        let due = (all as u128 * filled.0 as u128).div_ceil(filled.1.max(1) as u128);
-        let wanted = fair.max(due.min(all as u128) as usize);
+    /// Up to which row a frame writes: one part in [`FRAMES`] of the whole cost.
+    pub(super) fn share(&self) -> usize {
+        let wanted = self.cost(self.done) + self.cost(self.rows.len()).div_ceil(FRAMES);
         let rest = self.done..self.rows.len();
         let more = rest.take_while(|&row| self.cost(row) < wanted).count();
         self.done + more
@@ -163,7 +159,9 @@ impl<'a> RowsOfThen<'a> {
         let renewal = renewal.filter(|renewal| !renewal.is_done());
         let factors = renewal.map_or_else(Vec::new, |renewal| renewal.factors(rows));
         let mut products = Vec::new();
-        if let Some(Renewal { r, depth, rows: b, .. }) = renewal
+        if let Some(Renewal {
+            r, depth, rows: b, ..
+        }) = renewal
             && all
         {
             products.resize(rows.len() * b.len(), 0.0);
@@ -204,5 +202,47 @@ impl<'a> RowsOfThen<'a> {
             before.stored_entry(renewal.rows[row], renewal.rows[at])
         });
         base + along
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn renewal(inside: usize, outside: usize, depth: usize) -> Renewal {
+        Renewal {
+            before: Arc::new(State::at_origin(0)),
+            inside,
+            rows: (0..outside).collect(),
+            done: 0,
+            depth,
+            r: Vec::new(),
+            phi: Vec::new(),
+            psi: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn no_frame_writes_more_than_its_share_and_all_are_written_in_time() {
+        for (inside, outside, depth) in [(400, 3300, 600), (60, 300, 90), (20, 7, 20), (20, 0, 20)]
+        {
+            let mut renewal = renewal(inside, outside, depth);
+            let all = renewal.cost(outside);
+            let mut frames = 0;
+            while !renewal.is_done() {
+                let end = renewal.share();
+                assert!(
+                    end > renewal.done,
+                    "{outside} rows: one frame writes nothing"
+                );
+                // A row more, at most, than one part of all.
+                let last = renewal.cost(end) - renewal.cost(end - 1);
+                let cost = renewal.cost(end) - renewal.cost(renewal.done);
+                assert!(cost < all.div_ceil(FRAMES) + last);
+                renewal.done = end;
+                frames += 1;
+            }
+            assert!(frames <= FRAMES, "{outside} rows: {frames} frames");
+        }
     }
 }
