@@ -108,7 +108,7 @@ const FILTER: Table = &[
     ("submap", &["ekf"]),
     ("restart", &["measurements", "sources", "known_map", "ekf"]),
     ("validation", &["measurements", "ekf"]),
-    ("working_set", &["measurements", "ekf"]),
+    ("working_set", &["measurements", "visibility", "ekf"]),
     ("other_time", &["measurements", "ekf"]),
     (
         "worn_error",

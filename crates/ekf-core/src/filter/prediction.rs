@@ -1,7 +1,7 @@
 //! Prediction (METHOD 3), the features that it brings into view, and what the map hands on.
 
 use super::ekf::Filter;
-use super::visibility::{MAYBE, appearance, visibility};
+use super::visibility::{MAYBE, SOON, appearance, visibility};
 use super::wheels::Wheels;
 use crate::error::EkfError;
 use crate::guard::LAST_TIME;
@@ -24,10 +24,6 @@ const LONGEST_MOTION: f64 = 20.0;
 /// Step of the camera in one update, metres or quaternion entries, beyond which the remembered points of features outside
 /// of the working set are worked out anew: the map may have moved as well.
 const JUMP: f64 = 0.02;
-
-/// When a feature in view joins the working set, those join with it that are no farther than this outside of the image,
-/// pixels.
-pub(super) const SOON: f64 = 60.0;
 
 impl Filter {
     /// Predicts to time `t`, seconds. Before the start this only sets the time. A gap of more than 20 s is predicted as

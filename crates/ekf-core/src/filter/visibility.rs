@@ -10,6 +10,10 @@ use nalgebra::{SMatrix, Vector2, Vector3};
 /// may be in view.
 pub(super) const MAYBE: f64 = 200.0;
 
+/// When a feature in view joins the working set, those join with it that are no farther than this outside of the image,
+/// pixels.
+pub(super) const SOON: f64 = 60.0;
+
 /// A feature in view: its point in C, its pixel, and the pixel's derivative by that point.
 pub(super) struct Appearance {
     pub(super) point: PointInCamera,

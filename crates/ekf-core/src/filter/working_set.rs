@@ -2,8 +2,7 @@
 
 use super::ekf::Filter;
 use super::measurements::Measurements;
-use super::prediction::SOON;
-use super::visibility::visibility;
+use super::visibility::{SOON, visibility};
 use crate::local::OutsideSet;
 use crate::state::{Block, State};
 
