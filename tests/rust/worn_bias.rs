@@ -1,11 +1,13 @@
-//! The lasting part of T_CF's error between two overlaps (METHOD 6): it forgets, and is as large as before.
+//! The lasting part of T_CF's error (METHOD 6): between two overlaps it forgets, and is as large as before; and it leaves the
+//! scale alone.
 
-use crate::scene::name;
+use crate::scene::{DT, Scene, adopt, name, settings, worn_covariance};
 use crate::update::{measure, with_clone};
 use ekf_core::Filter;
 use ekf_core::settings::Value;
 use ekf_core::state::{BlockKind, Whose};
-use nalgebra::{DMatrix, SMatrix};
+use nalgebra::{DMatrix, Matrix6, SMatrix, Vector6};
+use std::collections::BTreeMap;
 
 /// Covariance of the bias, and its cross-covariance with the map.
 fn of_bias(filter: &Filter) -> (SMatrix<f64, 6, 6>, DMatrix<f64>) {
@@ -50,4 +52,40 @@ fn what_decays_of_the_bias_is_replaced_by_fresh_noise() {
         off < 1e-12 * shared.abs().max(),
         "its share is off by {off:e}"
     );
+}
+
+/// Logarithm of a way's length over the true one after ten seconds with Cf fixed to Cs, with a lasting error stated that is not
+/// there.
+fn scale_with_stated_bias(seed: u64) -> f64 {
+    let mut scene = Scene::new(seed, 40);
+    scene.worn_covariance = worn_covariance() * 0.1;
+    let (shift, turn) = (0.03, 1.0_f64.to_radians());
+    let sds = Vector6::new(shift, shift, shift, turn, turn, turn);
+    let bias = Matrix6::from_diagonal(&sds.component_mul(&sds));
+    let mut filter = scene.filter(settings(&[("worn.bias_time", Value::Float(1e5))]));
+    let mut known = BTreeMap::new();
+    let mut t = 0.0;
+    for k in 0..100 {
+        t = DT * f64::from(k);
+        filter.predict(t).expect("increasing time");
+        let (mut z, points) = scene.measure(t, &known, true);
+        let worn = z.worn.as_mut().expect("a worn view");
+        worn.covariance += bias;
+        worn.bias = Some(bias);
+        let report = filter.update(&z).expect("good measurements");
+        adopt(&mut known, &report, &points);
+        for id in filter.manage_map() {
+            known.remove(&id);
+        }
+    }
+    filter.check().expect("sound");
+    (filter.pose().1.norm() / scene.pose(t).translation.norm()).ln()
+}
+
+#[test]
+fn a_stated_bias_that_is_not_there_leaves_the_scale_alone() {
+    let draws = 8;
+    let scale = (0..draws).map(scale_with_stated_bias).sum::<f64>() / draws as f64;
+    // The derivative by the range taken at the measured baseline makes it 0.14.
+    assert!(scale.abs() < 0.06, "ways are too long by {scale}");
 }

@@ -31,6 +31,7 @@ mod pose_ring;
 mod predicted_features;
 mod prediction;
 mod record;
+mod relinearised;
 mod relocalisation;
 mod restart;
 mod scale;
