@@ -30,6 +30,7 @@ pub(crate) fn measure(warm: &mut Warm, with_worn: bool) -> Measurements {
 }
 
 /// Mean and covariance as plain dense matrices, the frame's error of T_CF at the end where there is one.
+#[derive(Clone)]
 pub(crate) struct Dense {
     pub(crate) x: DVector<f64>,
     pub(crate) p: DMatrix<f64>,
@@ -204,6 +205,9 @@ fn point_at_depth(
     (point, noise)
 }
 
+/// Rows, where their feature is, and where the six numbers are that they share.
+type Unit = (Rows, usize, Option<usize>);
+
 /// The rows of the accepted measurements, each built from the prior mean.
 pub(crate) fn units(
     warm: &Warm,
@@ -271,6 +275,32 @@ pub(crate) fn units(
     units
 }
 
+/// The rows again, those of Cf linearised at the error of T_CF that all of them give.
+fn told(
+    warm: &Warm,
+    before: &Filter,
+    dense: &Dense,
+    z: &Measurements,
+    report: &UpdateReport,
+    units_before: &[Unit],
+) -> Vec<Unit> {
+    let mut there = dense.clone();
+    there.update(units_before);
+    let step = there.error();
+    let mut there = dense.clone();
+    if let Some(worn) = there.worn {
+        there.x.fixed_rows_mut::<6>(worn).copy_from(&step);
+    }
+    let mut again = units(warm, before, &there, z, report);
+    for (rows, _, shared) in &mut again {
+        if let (Some(by_error), true) = (rows.by_shared, shared.is_some() && *shared == dense.worn)
+        {
+            rows.innovation += by_error * step;
+        }
+    }
+    again
+}
+
 fn against_dense(seed: u64, changes: &[(&str, Value)], worn: bool, depths: bool) -> UpdateReport {
     let mut all = vec![
         ("validate.test", name("none")),
@@ -300,6 +330,15 @@ fn against_dense(seed: u64, changes: &[(&str, Value)], worn: bool, depths: bool)
         report.dof,
         units.iter().map(|(rows, _, _)| rows.count).sum::<usize>()
     );
+    let units = match before
+        .state()
+        .layout()
+        .of_kind(BlockKind::WornBias(Whose::Of(0)))
+        .next()
+    {
+        Some(_) => told(&warm, &before, &dense, &z, &report, &units),
+        None => units,
+    };
     dense.update(&units);
     dense.normalise(&quaternions(&before));
     dense.compare(&warm.filter, &before);
