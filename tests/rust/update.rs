@@ -336,8 +336,11 @@ fn against_dense(seed: u64, changes: &[(&str, Value)], worn: bool, depths: bool)
         .of_kind(BlockKind::WornBias(Whose::Of(0)))
         .next()
     {
-        Some(_) => told(&warm, &before, &dense, &z, &report, &units),
-        None => units,
+        // Only the tight form measures pixels of Cf.
+        Some(_) if count(&report.pairs, Outcome::Depth) == 0 => {
+            told(&warm, &before, &dense, &z, &report, &units)
+        }
+        _ => units,
     };
     dense.update(&units);
     dense.normalise(&quaternions(&before));
