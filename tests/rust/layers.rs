@@ -102,6 +102,7 @@ const FILTER: Table = &[
     ("handover", &["handed", "ekf"]),
     ("odometry", &["measurements", "sources", "ekf", "wheels"]),
     ("prediction", &["visibility", "ekf", "wheels"]),
+    ("relinearised", &["measurements", "sources", "ekf"]),
     ("relocalisation", &["measurements", "sources", "ekf"]),
     ("scale", &["ekf"]),
     ("where_to_look", &["ekf"]),
