@@ -198,6 +198,18 @@ def walk(program: Path, frames: int, processes: int) -> dict[str, float]:
     }
 
 
+def crowd(program: Path, frames: int) -> dict[str, float]:
+    """A walk through 1000 landmarks: milliseconds of a whole frame, prediction to upkeep."""
+    with Rounds(program) as rounds:
+        times = np.array(rounds.run("walk 1000", frames), float)[:, 0] / 1e6
+    return {
+        "walk_n1000_median_ms": float(np.median(times)),
+        "walk_n1000_p99_ms": float(np.percentile(times, 99.0)),
+        "walk_n1000_worst_ms": float(times.max()),
+        "walk_n1000_frames": float(frames),
+    }
+
+
 def allocations(said: Path | None) -> int | None:
     """Heap allocations of warm steps."""
     found = re.search(r"warm_step_allocations (\d+)", said.read_text()) if said else None
@@ -223,6 +235,7 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=12, help="that replay, of each kind")
     parser.add_argument("--walk", type=int, default=600, help="frames of the walk through 400 features")
     parser.add_argument("--walks", type=int, default=3, help="processes that go it")
+    parser.add_argument("--crowd", type=int, default=500, help="frames of the walk through 1000 landmarks")
     parser.add_argument("--hardest", type=int, default=2400, help="frames of HOHCT's hardest case")
     parser.add_argument("--out", type=Path, default=Path("results/bench.json"))
     args = parser.parse_args()
@@ -247,6 +260,8 @@ def main() -> None:
     result |= shrunk(rounds, 4 * args.rounds)
     if args.walk:
         result |= walk(args.program, args.walk, args.walks)
+    if args.crowd:
+        result |= crowd(args.program, args.crowd)
     result["blas"] = blas_in_use()
     result["medians_ms"] = median
     result |= tails(samples)

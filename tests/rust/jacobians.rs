@@ -10,7 +10,8 @@ use ekf_core::observe::{FeatureState, Form, PointInCamera, Rows, Shutter, WornVi
 use ekf_core::predict;
 use ekf_core::settings::{MotionModel, ProcessSettings};
 use nalgebra::{
-    DMatrix, DVector, Matrix3, Matrix6, SMatrix, SVector, Vector2, Vector3, Vector4, Vector6,
+    DMatrix, DVector, Matrix2, Matrix3, Matrix6, SMatrix, SVector, Vector2, Vector3, Vector4,
+    Vector6,
 };
 use rand::Rng;
 use rand_pcg::Pcg64;
@@ -301,6 +302,18 @@ fn random_worn(rng: &mut Pcg64) -> Pose {
     Pose {
         rotation: quat::rotation(&quat::exp(&(normals::<3>(rng) * 0.15))),
         translation: Vector3::new(0.6, -0.2, 0.1) + normals::<3>(rng) * 0.1,
+    }
+}
+
+#[test]
+fn a_pixel_is_as_noisy_as_is_said() {
+    let (pose, feature) = random_view(&mut rng(6), FORMS[0]);
+    for sigma in [0.3, 2.0] {
+        let rows = Rows::bearing(&camera(), &pose, &feature, &Vector2::zeros(), sigma, None);
+        let noise = rows.expect("visible").noise;
+        assert!(
+            (noise.fixed_view::<2, 2>(0, 0) - Matrix2::identity() * sigma.powi(2)).amax() < 1e-15
+        );
     }
 }
 
