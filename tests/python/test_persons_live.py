@@ -286,6 +286,8 @@ def test_a_robot_waits_for_the_calibration_of_each(clip: Clip) -> None:
     assert found(one, worn_cameras={"clara": given}) == {"clara": given}
     with pytest.raises(SettingsError, match="one person alone"):
         found(both, sensors=object())
+    with pytest.raises(SettingsError, match=r"of 'clara', --persons of 'ben'; give both the same names"):
+        found(both, persons=("ben",), worn_cameras={"clara": given})
 
 
 @pytest.mark.parametrize("text", ["anna,Ben", "anna,robot", "anna,", "anna,anna"])

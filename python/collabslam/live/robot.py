@@ -221,13 +221,19 @@ def worn_calibrations(options: RobotOptions, camera: LiveCamera, uplink: Uplink)
     Raises
     ------
     SettingsError
-        If sensors are to tell T_CF of several persons.
+        If sensors are to tell T_CF of several persons, or a calibration is given of somebody else.
     """
     played = worn_cameras(camera.recording) if isinstance(camera, PlayedRecording) else {}
     known = {**played, **options.worn_cameras}
     if not known and not options.persons and _is_alone(options):
         return {}
     names = tuple(options.persons or options.worn_cameras or played or ("",))
+    strangers = [name for name in options.worn_cameras if name not in names]
+    if strangers:
+        there, absent = (", ".join(map(repr, some)) for some in (names, strangers))
+        raise SettingsError(
+            f"--worn-camera tells of {absent}, --persons of {there}; give both the same names."
+        )
     if options.sensors is not None and len(names) > 1:
         raise SettingsError("Scans and attitudes tell T_CF of one person alone; leave --sensors out.")
     waited = [name for name in names if name not in known]
