@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -19,6 +20,7 @@ from collabslam.live.keys import Keys
 from collabslam.live.robot import RobotNode, RobotOptions
 from collabslam.live.sending import send_all
 from collabslam.live.steady import SteadyClock
+from collabslam.live.views import LiveView
 from collabslam.live.worn import WornDevice
 
 
@@ -66,11 +68,15 @@ def worn(asked: dict[str, Any]) -> dict[str, Any]:
 
 
 class Timed(LiveCore):
-    """Keeps how long each frame took, and how long the thread that did it worked."""
+    """Keeps how long each frame took, how long its thread worked on it, and when views were given to it."""
 
     frames: ClassVar[list[tuple[float, float]]] = []
+    views: ClassVar[list[tuple[float, float]]] = []
+    now: ClassVar[Callable[[], float]]
 
     def handle(self, event: Event) -> LivePose | None:
+        if isinstance(event, LiveView):
+            self.views.append((event.stamp, type(self).now()))
         began = time.perf_counter(), time.thread_time()
         pose = super().handle(event)
         if pose is not None:
@@ -85,6 +91,7 @@ def robot(asked: dict[str, Any]) -> dict[str, Any]:
     options = RobotOptions(Path(asked["out"]), collabslam.Settings.default(), record=record)
     exchanges: list[tuple[float, float]] = []
     slam.LiveCore = Timed  # type: ignore[misc]
+    Timed.now = camera.clock.now
     with link.open_robot(link.Address.parse(asked["host"]), Keys.read(Path(asked["keys"]))) as session:
         node = RobotNode(session, camera, options)
         take = node.uplink.take
@@ -100,6 +107,7 @@ def robot(asked: dict[str, Any]) -> dict[str, Any]:
     return {
         "summary": summary,
         "arrivals": [(a.stamp, a.taken + offset, a.came + offset) for a in node.uplink.arrivals("anna")],
+        "given": [(stamp, t + offset) for stamp, t in Timed.views],
         "exchanges": [(t + offset, delay) for t, delay in exchanges],
         "offset": offset,
         "frames": Timed.frames,

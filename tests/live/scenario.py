@@ -58,6 +58,8 @@ class Outcome:
         Mean position error, metres.
     taken, came : (N,) array
         When images were taken, and when they came.
+    given : (K, 2) array
+        When views, images with their T_CF, were taken, and when the filter was given them.
     clock, clock_bound : (N,) array
         Errors of their stamps in the robot's time, seconds; and by how much the questions that were answered
         until then can be wrong.
@@ -79,6 +81,7 @@ class Outcome:
     error: float
     taken: Array
     came: Array
+    given: Array
     clock: Array
     clock_bound: Array
     rate: float
@@ -98,12 +101,13 @@ class Outcome:
 
     @property
     def unused(self) -> Array:
-        """Times of frames that were done alone although an image had come that was fresh: there may be none.
+        """Times of frames that were done alone although there was a view that was fresh: there may be none.
 
-        One that was on its way for long is no longer fresh soon after it has come.
+        One that was on its way for long is no longer fresh soon after it has come, and an image whose T_CF
+        was lost is no view.
         """
-        alone = self.frames[~self.collab]
-        return np.array([t for t in alone if ((self.taken > t - 0.8) & (self.came < t - 0.3)).any()])
+        alone, (taken, given) = self.frames[~self.collab], self.given.T
+        return np.array([t for t in alone if ((taken > t - 0.8) & (given < t - 0.3)).any()])
 
 
 def walk(recording: Recording, folder: Path) -> Walk:
@@ -280,6 +284,7 @@ def _outcome(walk: Walk, folder: Path, counts: w.Counts, began: float, ended: fl
         error=position_error(folder / "out", walk.times, walk.truth),
         taken=taken,
         came=came,
+        given=np.array([(true[stamp], t) for stamp, t in robot["given"] if stamp in true]).reshape(-1, 2),
         clock=told - taken,
         clock_bound=np.array([_clock_bound(robot["exchanges"], t) for t in came]),
         rate=counts.sent[1] / (max(true.values()) - min(true.values()) + 0.1),
