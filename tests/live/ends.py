@@ -71,12 +71,12 @@ class Timed(LiveCore):
     """Keeps how long each frame took, how long its thread worked on it, and when views were given to it."""
 
     frames: ClassVar[list[tuple[float, float]]] = []
-    views: ClassVar[list[tuple[float, float]]] = []
+    given: ClassVar[list[tuple[float, float]]] = []
     now: ClassVar[Callable[[], float]]
 
     def handle(self, event: Event) -> LivePose | None:
         if isinstance(event, LiveView):
-            self.views.append((event.stamp, type(self).now()))
+            self.given.append((event.stamp, type(self).now()))
         began = time.perf_counter(), time.thread_time()
         pose = super().handle(event)
         if pose is not None:
@@ -107,7 +107,7 @@ def robot(asked: dict[str, Any]) -> dict[str, Any]:
     return {
         "summary": summary,
         "arrivals": [(a.stamp, a.taken + offset, a.came + offset) for a in node.uplink.arrivals("anna")],
-        "given": [(stamp, t + offset) for stamp, t in Timed.views],
+        "given": [(stamp, t + offset) for stamp, t in Timed.given],
         "exchanges": [(t + offset, delay) for t, delay in exchanges],
         "offset": offset,
         "frames": Timed.frames,
