@@ -29,7 +29,9 @@ def test_a_short_way(
     assert (tmp_path / "calibration.md").read_text() in capsys.readouterr().out
     assert (tmp_path / "calibration.png").read_bytes().startswith(b"\x89PNG")
     numbers = json.loads((tmp_path / "calibration.json").read_text())
-    assert {"as it is", "views alone", "true poses"} == set(numbers["error_over_calibrated"]["lively"])
+    assert {"as it is", "while running", "views alone", "true poses"} == set(
+        numbers["error_over_calibrated"]["lively"]
+    )
     assert numbers["nees"]["lively"]["calibrated"] > 0.0
     rows = {
         row["kind"]: row for row in csv.DictReader((tmp_path / "calibration.csv").read_text().splitlines())

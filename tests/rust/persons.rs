@@ -18,12 +18,16 @@ fn tight(share: f64) -> Vec<(&'static str, Value)> {
     all
 }
 
-/// The frame's measurements with views of worn cameras 0 to `count - 1`, of which each has its own noise.
-fn frame(warm: &mut Warm, count: usize) -> Measurements {
+/// The frame's measurements with views of worn cameras 0 to `count - 1`. They are at the same place; each has its own noise, and
+/// its own error of T_CF unless that is `common` to all.
+fn frame(warm: &mut Warm, count: usize, common: bool) -> Measurements {
     let mut z = measure(warm, true);
     for who in 1..count {
         let mut other = measure(warm, true).worn.expect("a worn view");
         other.who = who;
+        if let (true, Some(first)) = (common, &z.worn) {
+            other.t_cf = first.t_cf.clone();
+        }
         let found = |id: &u64| z.bearings.iter().any(|b| b.id == *id);
         other.pairs.retain(|p| p.id.as_ref().is_some_and(found));
         z.further.push(other);
@@ -35,7 +39,7 @@ fn frame(warm: &mut Warm, count: usize) -> Measurements {
 fn each_person_tells_more_and_less_where_their_errors_are_one() {
     let sd_after = |share: f64, count: usize| {
         let mut warm = warm(4, &tight(share));
-        let z = frame(&mut warm, count);
+        let z = frame(&mut warm, count, share > 0.0);
         let report = warm.filter.update(&z).expect("good measurements");
         assert_eq!(report.worn_poses.len(), count);
         assert_eq!(report.further.len(), count - 1);
@@ -60,7 +64,7 @@ fn each_person_tells_more_and_less_where_their_errors_are_one() {
 fn each_has_its_own_lasting_error_and_the_frames_errors_go_with_it() {
     for share in [0.0, 0.4] {
         let mut warm = warm(4, &tight(share));
-        let z = frame(&mut warm, 3);
+        let z = frame(&mut warm, 3, false);
         warm.filter.update(&z).expect("good measurements");
         let layout = warm.filter.state().layout();
         let has = |kind| layout.of_kind(kind).count() == 1;
@@ -109,7 +113,7 @@ fn a_new_point_of_two_views_is_one() {
 #[test]
 fn a_view_that_would_break_the_filter_is_refused_by_itself() {
     let mut warm = warm(4, &tight(0.0));
-    let mut z = frame(&mut warm, 3);
+    let mut z = frame(&mut warm, 3, false);
     for pair in &mut z.further[0].pairs {
         pair.uv_f.x += 1e5;
     }
@@ -123,7 +127,7 @@ fn a_view_that_would_break_the_filter_is_refused_by_itself() {
     warm.filter.check().expect("sound");
     // Numbers that no covariance has are a mistake of the caller's, and change nothing.
     assert!(refused.is_err());
-    let mut twice = frame(&mut warm, 3);
+    let mut twice = frame(&mut warm, 3, false);
     twice.further[1].who = 1;
     assert!(warm.filter.update(&twice).is_err(), "one view of each");
     twice.further[1].who = 3;
@@ -133,7 +137,7 @@ fn a_view_that_would_break_the_filter_is_refused_by_itself() {
 #[test]
 fn where_a_worn_camera_is_is_known_better_once_it_is_measured() {
     let mut warm = warm(4, &tight(0.3));
-    let z = frame(&mut warm, 3);
+    let z = frame(&mut warm, 3, false);
     let views: Vec<WornObservation> = z.worn.iter().chain(&z.further).cloned().collect();
     let stated: Vec<_> = views
         .iter()

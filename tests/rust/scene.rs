@@ -66,6 +66,8 @@ pub(crate) struct Scene {
     pub(crate) readout: f64,
     /// Whether the camera is at rest at 0.
     pub(crate) from_rest: bool,
+    /// Whether Cf goes about, instead of being fixed to Cs.
+    pub(crate) goes_about: bool,
     rng: Pcg64,
 }
 
@@ -88,6 +90,7 @@ impl Scene {
             worn_covariance: worn_covariance(),
             readout: 0.0,
             from_rest: false,
+            goes_about: false,
             rng,
         }
     }
@@ -148,9 +151,18 @@ impl Scene {
         }
         let mut pair_points = Vec::new();
         if with_worn {
+            let about = if self.goes_about {
+                Vector3::new(
+                    0.5 * (0.8 * t).cos() - 0.5,
+                    0.3 * (1.1 * t).sin(),
+                    0.2 * (0.6 * t).sin(),
+                )
+            } else {
+                Vector3::zeros()
+            };
             let t_cf = Pose {
                 rotation: quat::rotation(&quat::exp(&Vector3::new(0.0, -0.08, 0.02))),
-                translation: Vector3::new(0.5, -0.3, 0.1),
+                translation: Vector3::new(0.5, -0.3, 0.1) + about,
             };
             let chol = self.worn_covariance.cholesky().expect("positive definite");
             let error = chol.l() * normals::<6>(&mut self.rng);

@@ -9,7 +9,7 @@ use crate::guard;
 use crate::kernel::{self, Panels};
 use crate::observe::POSE_DIM;
 use crate::observe::block::MeasurementBlock;
-use crate::state::{Considered, State};
+use crate::state::{Considered, Learned, State};
 use crate::validate::{Batch, Blocks};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor;
@@ -37,7 +37,7 @@ pub struct Workspace {
     g: Vec<f64>,
     noise: Vec<Matrix3<f64>>,
     y: Vec<f64>,
-    considered: Vec<Considered>,
+    considered: Considered,
     scratch: Option<MemBuffer>,
     scratch_dim: usize,
 }
@@ -313,7 +313,12 @@ impl Workspace {
 
     /// Makes the update, `x += V y`, `P -= V V^T`, with the same gauge as [`Self::solve`]. The caller normalises the
     /// quaternions afterwards.
-    pub(crate) fn apply(&mut self, state: &mut State, gauge: Option<&mut Gauge>) {
+    pub(crate) fn apply(
+        &mut self,
+        state: &mut State,
+        gauge: Option<&mut Gauge>,
+        learned: &Learned,
+    ) {
         if self.rows() == 0 {
             return;
         }
@@ -326,7 +331,7 @@ impl Workspace {
         let change = gauge.map(|gauge| gauge.change(state, Some(&moved[n..])));
         state.p.downdate(&self.pht, change);
         state.p.round_up(&self.squares);
-        state.keep_considered(&self.considered);
+        state.keep_considered(&self.considered, learned);
     }
 
     /// Appends `C` to `y`.

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from collabslam import attach_worn, open_recording
+from collabslam import Settings, attach_worn, open_recording
 from collabslam.checks.worn_bias.recorded import LastingError, lasting_error
 from collabslam.datasets.worn_calibration import CalibratedWorn
 from collabslam.runs.runner import run
 from collabslam.types import Array, Recording
-from collabslam_lab.calibrated.ways import Erring, Untrue, drawn_error, rendered
+from collabslam_lab.calibrated.ways import SECONDS, Erring, Stated, Untrue, drawn_error, rendered
 from collabslam_lab.processes import use_one_thread
 
 LAGS = {"hololens_000": "lag:0.7", "scenes7_redkitchen": "lag:2.0", "euroc_v101": "views:stereo_keyframes"}
@@ -20,6 +20,10 @@ LAGS = {"hololens_000": "lag:0.7", "scenes7_redkitchen": "lag:2.0", "euroc_v101"
 EVEN = ("even", "one axis")
 FRAMES, QUICK_FRAMES = 100, 40
 """Of a rendered way."""
+
+
+LASTS = {"filter.worn.bias_time": 1e5, "filter.worn.clock_sd": SECONDS}
+"""Of the runs in which the filter learns of the error: how long it lasts, how wrong the clock may be."""
 
 
 @dataclass
@@ -48,9 +52,9 @@ class Drawn:
     sd: dict[str, Array] = field(default_factory=dict)
     untold: dict[str, int] = field(default_factory=dict)
 
-    def score(self, kind: str, recording: Recording) -> None:
+    def score(self, kind: str, recording: Recording, settings: Settings | None = None) -> None:
         """Run the filter."""
-        summary = run(recording).summary
+        summary = run(recording, settings=settings).summary
         self.ate[kind], self.nees[kind] = (
             float("nan") if summary[key] is None else float(summary[key])
             for key in ("ate_rmse_m", "nees_mean")
@@ -79,6 +83,7 @@ def go(way: str, seed: int, data: Path | None, quick: bool) -> Drawn:
     out.score("calibrated", base)
     wrong = Erring(base, error, clock)
     out.score("as it is", wrong)
+    out.score("while running", Stated(wrong), Settings.default().replace(LASTS))
     out.correct("views alone", wrong, lasting_error(Untrue(wrong)))
     out.correct("true poses", wrong, lasting_error(wrong))
     return out

@@ -142,6 +142,23 @@ class Erring(WrappedRecording):
         return replace(frame, worn=replace(frame.worn, t_cf=moved))
 
 
+class Stated(WrappedRecording):
+    """A recording whose views say that T_CF may have an error of that size that lasts."""
+
+    def image(self, i: int) -> Image:
+        """The image of Cs."""
+        return self._base.image(i)
+
+    def frame(self, i: int) -> Frame:
+        """Frame ``i``."""
+        frame = self._base.frame(i)
+        if frame.worn is None:
+            return frame
+        lasting = np.diag(np.repeat([METRES, np.radians(DEGREES)], 3) ** 2 / 3.0)
+        worn = replace(frame.worn, covariance=frame.worn.covariance + lasting, bias=lasting)
+        return replace(frame, worn=worn)
+
+
 class Untrue(WrappedRecording):
     """A recording whose true poses nobody knows."""
 

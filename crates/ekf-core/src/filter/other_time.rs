@@ -8,7 +8,7 @@ use crate::guard::check_pose;
 use crate::math::between::Between;
 use crate::math::pose::{Pose, tangent_map};
 use crate::observe::point::CameraPose;
-use nalgebra::{Matrix3, Matrix6, SMatrix, Vector6};
+use nalgebra::{Matrix6, SMatrix, Vector6};
 
 /// Standard deviation of each component of Cs's velocity before the start, when nothing is known of it: m/s.
 const UNKNOWN_SPEED: f64 = 1.0;
@@ -21,8 +21,8 @@ const UNKNOWN_TURN: f64 = 0.5;
 pub(super) struct Carried {
     /// Maps points of F, at the time of the view, into C at that of the frame.
     pub(super) t_cf: Pose,
-    /// Rotation of the measured T_CF: from F into C when the view was taken.
-    pub(super) taken: Matrix3<f64>,
+    /// The measured T_CF: from F into C when the view was taken.
+    pub(super) taken: Pose,
     /// Derivatives by poses of the state, `[r q]` at these offsets.
     pub(super) parts: Vec<(usize, SMatrix<f64, 6, 7>)>,
     /// Covariance of the motion that no pose of the state tells.
@@ -82,7 +82,7 @@ impl Filter {
             let noise = self.of_unknown_motion(gap);
             return Ok(Carried {
                 t_cf: t_cf.clone(),
-                taken: t_cf.rotation,
+                taken: t_cf.clone(),
                 parts: Vec::new(),
                 noise: into_f * noise * into_f.transpose(),
             });
@@ -99,7 +99,7 @@ impl Filter {
             + twist * twist.transpose() * self.settings.worn.clock_sd.powi(2);
         let mut carried = Carried {
             t_cf: motion.compose(t_cf),
-            taken: t_cf.rotation,
+            taken: t_cf.clone(),
             parts: Vec::with_capacity(3),
             noise: into_f * noise * into_f.transpose(),
         };

@@ -1,6 +1,7 @@
 //! The match behind each measurement block of a frame, and the lists that an update works with.
 
 use super::measurements::{Outcome, UpdateReport};
+use crate::state::Learned;
 
 /// Where in [`Measurements`] a block of the batch comes from, and which form it takes.
 #[derive(Clone, Copy, Debug)]
@@ -55,6 +56,8 @@ pub(crate) struct Scratch {
     /// Blocks that a test rejected.
     pub(super) gone: Vec<usize>,
     pub(super) ids: Vec<u64>,
+    /// What the update may learn of the view's lasting error.
+    pub(super) learned: Learned,
 }
 
 impl Clone for Scratch {

@@ -134,6 +134,10 @@ impl Filter {
             WornForm::Tight => self.start_tight_births(z, report),
             _ => Vec::new(),
         };
+        scratch.learned.of.clear();
+        if let Some(worn) = worn {
+            self.learn(worn, carried, &mut scratch.learned);
+        }
         let measured = self.measure(z, form, &newborn, &Self::TESTS, report, scratch);
         if !matches!(measured, Ok(true)) {
             // Only blocks at the end were added.
@@ -220,7 +224,7 @@ impl Filter {
             .solve(&self.state, carries.then_some(&mut self.gauge))?;
         let scales = self.considered_scales();
         let gauge = carries.then_some(&mut self.gauge);
-        self.batch.apply(&mut self.state, gauge);
+        self.batch.apply(&mut self.state, gauge, &scratch.learned);
         self.keep_scales(scales);
         self.misfit.add(report.nis, report.dof);
         self.state.normalise_quaternions();

@@ -11,7 +11,7 @@ use crate::math::pose::Pose;
 use crate::observe::POSE_DIM;
 use crate::overlap::{Overlap, predict_overlap};
 use crate::settings::WornErrors;
-use crate::state::{BlockKind, Lasting, LinearPart, Whose, root};
+use crate::state::{BlockKind, Lasting, Learned, LinearPart, State, Whose, root};
 use nalgebra::{Matrix6, SMatrix, Vector2, Vector6};
 
 /// What the error of a view's T_CF comes from, all in the tangent of F.
@@ -27,6 +27,13 @@ pub(super) struct WornErrorParts {
 }
 
 impl WornErrorParts {
+    /// Its mean: what has been learned of the part that lasts.
+    pub(super) fn mean(&self, state: &State) -> Vector6<f64> {
+        let lasting = self.lasting.iter();
+        let sum = lasting.map(|(offset, by)| by * state.part::<6>(*offset));
+        sum.fold(Vector6::zeros(), |a, b| a + b)
+    }
+
     /// What is in the state, but for the common part.
     pub(super) fn linear_parts(&self) -> impl Iterator<Item = LinearPart<'_>> {
         let lasting = self.lasting.iter().map(|(offset, by)| LinearPart {
@@ -44,7 +51,7 @@ impl WornErrorParts {
 
 /// Turns what is along C's axes into F's.
 fn into_f(worn: &WornObservation, carried: Option<&Carried>) -> Matrix6<f64> {
-    let rotation = carried.map_or(worn.t_cf.rotation, |carried| carried.taken);
+    let rotation = carried.map_or(worn.t_cf.rotation, |carried| carried.taken.rotation);
     let mut j = Matrix6::zeros();
     for at in [0, 3] {
         j.fixed_view_mut::<3, 3>(at, at)
@@ -87,8 +94,33 @@ impl Filter {
             });
         }
         let kind = BlockKind::WornError(Whose::Of(worn.who));
-        self.state
-            .append(kind, &Vector6::zeros(), &parts, &error.white);
+        let mean = error.mean(&self.state);
+        self.state.append(kind, &mean, &parts, &error.white);
+    }
+
+    /// Lists what a view's update may learn of what lasts of the error of its T_CF: all but the length of the baseline, of its own
+    /// part and of the common one together.
+    pub(super) fn learn(
+        &self,
+        worn: &WornObservation,
+        carried: Option<&Carried>,
+        learned: &mut Learned,
+    ) {
+        let t_cf = carried.map_or(&worn.t_cf, |carried| &carried.taken);
+        let Some(along) = t_cf.translation.try_normalize(0.0) else {
+            return;
+        };
+        if self.worn_error_offset(worn.who).is_none() {
+            return;
+        }
+        let mut across = Matrix6::identity();
+        let mut shift = across.fixed_view_mut::<3, 3>(0, 0);
+        shift -= along * along.transpose();
+        for (offset, by) in self.state.lasting_error(worn.who) {
+            if let Some(back) = by.try_inverse() {
+                learned.of.push((offset, back * across * by));
+            }
+        }
     }
 
     fn bias_covariance(&self, worn: &WornObservation) -> Matrix6<f64> {

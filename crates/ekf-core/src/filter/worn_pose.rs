@@ -33,7 +33,8 @@ impl Filter {
             parts.push((part.offset, by));
         }
         let noise = error.white + error.common * error.common.transpose();
-        Ok(self.worn_pose_by(worn.who, t_cf, parts, &noise))
+        let t_cf = t_cf.retract(&error.mean(&self.state));
+        Ok(self.worn_pose_by(worn.who, &t_cf, parts, &noise))
     }
 
     /// Where a worn camera whose view was measured is, with its error of T_CF still in the state; `t_cf` is for the present

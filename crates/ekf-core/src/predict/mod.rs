@@ -145,19 +145,19 @@ pub(crate) fn forget(state: &mut State, dt: f64, worn: &WornSettings, odometry: 
     }
     if let Some((offset, stationary)) = scale {
         let share = (-dt / odometry.scale_time).exp();
-        let mean = state.part::<2>(offset) * share;
-        state.set_part(offset, &mean);
         decay(state, offset, share, &stationary);
     }
 }
 
-/// `b <- b share`: what decays of its covariance is replaced by fresh noise of the stationary one. The mean is the caller's.
+/// `b <- b share`: what decays of its covariance is replaced by fresh noise of the stationary one.
 fn decay<const N: usize>(
     state: &mut State,
     offset: usize,
     share: f64,
     stationary: &SMatrix<f64, N, N>,
 ) {
+    let mean = state.part::<N>(offset) * share;
+    state.set_part(offset, &mean);
     state
         .p
         .transform(offset, &(SMatrix::<f64, N, N>::identity() * share));

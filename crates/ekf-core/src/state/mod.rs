@@ -12,7 +12,7 @@ mod lasting;
 pub mod layout;
 mod readout;
 
-pub(crate) use considered::Considered;
+pub(crate) use considered::{Considered, Learned};
 pub(crate) use cov::Rest;
 pub use cov::{Covariance, LinearPart};
 pub(crate) use image::StateImage;
