@@ -455,6 +455,20 @@ class Filter:
         InputError
             For a view that `view_timing` refuses, a frame whose pose is not kept, or an impossible pose.
         """
+    def worn_clock(self, *, who: int = 0) -> tuple[float, float] | None:
+        """How late the images of a worn camera were taken, as far as the filter knows (METHOD 26).
+
+        Parameters
+        ----------
+        who : int
+            The worn camera's number.
+
+        Returns
+        -------
+        tuple of (float, float) or None
+            Seconds after their stamps by the clock of Cs, and the standard deviation of that; None where the clock
+            is exact (``worn.clock_sd`` is 0), or there is no such camera.
+        """
     def forget_time(self) -> None:
         """Forgets the time before the start, which nothing depends on: a filter may start from an old frame.
 

@@ -41,3 +41,4 @@ mod update;
 mod validate;
 mod where_to_look;
 mod worn_bias;
+mod worn_clock;

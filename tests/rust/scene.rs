@@ -56,6 +56,19 @@ pub(crate) fn name(text: &str) -> Value {
     Value::Name(text.into())
 }
 
+/// How the camera moves, from the origin at 0.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Way {
+    /// It sways slowly.
+    Swaying,
+    /// It turns, and changes its speed, as one that is carried.
+    Lively,
+    /// At constant velocity.
+    Straight,
+    /// At a constant twist, about a point 6 m in front of it.
+    Round,
+}
+
 /// Points in front of a camera that wanders about, and a worn camera half a metre beside it.
 pub(crate) struct Scene {
     pub(crate) camera: Camera,
@@ -64,6 +77,9 @@ pub(crate) struct Scene {
     pub(crate) worn_covariance: Matrix6<f64>,
     /// Seconds from the first row of an image of Cs to the last one.
     pub(crate) readout: f64,
+    pub(crate) way: Way,
+    /// Seconds after its stamp that a view of Cf is taken.
+    pub(crate) clock: f64,
     /// Whether the camera is at rest at 0.
     pub(crate) from_rest: bool,
     /// Whether Cf goes about, instead of being fixed to Cs.
@@ -89,6 +105,8 @@ impl Scene {
             sigma_px: 1.0,
             worn_covariance: worn_covariance(),
             readout: 0.0,
+            way: Way::Swaying,
+            clock: 0.0,
             from_rest: false,
             goes_about: false,
             rng,
@@ -102,14 +120,33 @@ impl Scene {
         } else {
             t
         };
-        let turn = Vector3::new(0.05 * (0.7 * t).sin(), 0.2 * (0.3 * t).sin(), 0.0);
+        let (turn, translation) = match self.way {
+            Way::Swaying => (
+                Vector3::new(0.05 * (0.7 * t).sin(), 0.2 * (0.3 * t).sin(), 0.0),
+                Vector3::new(
+                    0.6 * (0.4 * t).sin(),
+                    0.1 * (0.9 * t).sin(),
+                    0.5 * (1.0 - (0.25 * t).cos()),
+                ),
+            ),
+            Way::Lively => (
+                Vector3::new(0.1 * (1.7 * t).sin(), 0.25 * (0.9 * t).sin(), 0.0),
+                Vector3::new(
+                    0.8 * (1.3 * t).sin(),
+                    0.2 * (2.1 * t).sin(),
+                    0.4 * (1.0 - (0.9 * t).cos()),
+                ),
+            ),
+            Way::Straight => (Vector3::zeros(), Vector3::new(0.8 * t, 0.1 * t, 0.0)),
+            Way::Round => {
+                let angle: f64 = 0.15 * t;
+                let way = Vector3::new(-angle.sin(), 0.0, 1.0 - angle.cos());
+                (Vector3::new(0.0, angle, 0.0), way * 6.0)
+            }
+        };
         Pose {
             rotation: quat::rotation(&quat::exp(&turn)),
-            translation: Vector3::new(
-                0.6 * (0.4 * t).sin(),
-                0.1 * (0.9 * t).sin(),
-                0.5 * (1.0 - (0.25 * t).cos()),
-            ),
+            translation,
         }
     }
 
@@ -141,7 +178,7 @@ impl Scene {
         known: &BTreeMap<u64, usize>,
         with_worn: bool,
     ) -> (Measurements, Vec<usize>) {
-        let pose = self.pose(t);
+        let stamp = t;
         let mut z = Measurements::default();
         for (&id, &point) in known {
             z.searched.push(id);
@@ -151,6 +188,8 @@ impl Scene {
         }
         let mut pair_points = Vec::new();
         if with_worn {
+            let t = t + self.clock;
+            let pose = self.pose(t);
             let about = if self.goes_about {
                 Vector3::new(
                     0.5 * (0.8 * t).cos() - 0.5,
@@ -180,7 +219,7 @@ impl Scene {
                 let uv = match (id, bearing) {
                     (Some(_), Some(b)) => Some(b.uv),
                     (Some(_), None) => None,
-                    (None, _) => self.rolling_pixel(t, point),
+                    (None, _) => self.rolling_pixel(stamp, point),
                 };
                 if let (Some(_), Some(uv_f)) = (uv, self.pixel(&worn_pose, point)) {
                     pairs.push(WornPair { id, uv, uv_f });

@@ -26,6 +26,8 @@ class Place(Protocol):
         Whether matches of the view tell it.
     matches : int
         How many of the view's matches the filter was given.
+    clock : tuple of (float, float) or None
+        Seconds by which its views are taken after their stamps, and the standard deviation of that.
     """
 
     @property
@@ -38,8 +40,12 @@ class Place(Protocol):
     def measured(self) -> bool: ...
     @property
     def matches(self) -> int: ...
+    @property
+    def clock(self) -> tuple[float, float] | None: ...
 
 
+EXACT = (np.nan, np.nan)
+"""In a checkpoint, a clock that is exact."""
 Places = Mapping[str, Place]
 """Those of one frame, by the name of whoever wears the camera."""
 
@@ -53,6 +59,7 @@ class RecordedPlace:
     covariance: Array
     measured: bool
     matches: int
+    clock: tuple[float, float] | None
 
 
 def places_of(step: object) -> Places:
@@ -73,6 +80,7 @@ def places_state(frames: Sequence[Places]) -> dict[str, dict[str, Any]]:
             "covariances": np.array([place.covariance for _, place in rows], np.float64),
             "measured": np.array([place.measured for _, place in rows], bool),
             "matches": np.array([place.matches for _, place in rows], np.int64),
+            "clocks": np.array([place.clock or EXACT for _, place in rows], np.float64),
         }
     return out
 
@@ -83,8 +91,14 @@ def places_from(state: Mapping[str, Mapping[str, Any]], count: int) -> list[dict
     for name, columns in state.items():
         scalars = (columns[key].tolist() for key in ("times", "measured", "matches"))
         rows = zip(
-            columns["frames"].tolist(), columns["poses"], columns["covariances"], *scalars, strict=True
+            columns["frames"].tolist(),
+            columns["poses"],
+            columns["covariances"],
+            columns["clocks"].tolist(),
+            *scalars,
+            strict=True,
         )
-        for i, pose, covariance, t, measured, matches in rows:
-            out[i][name] = RecordedPlace(t, pose, covariance, measured, matches)
+        for i, pose, covariance, (offset, sd), t, measured, matches in rows:
+            clock = None if np.isnan(sd) else (offset, sd)
+            out[i][name] = RecordedPlace(t, pose, covariance, measured, matches, clock)
     return out

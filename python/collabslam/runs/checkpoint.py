@@ -22,7 +22,7 @@ from collabslam.slam.parts import CLASSES
 from collabslam.types import Recording, Status, worn_cameras
 from collabslam.version import version
 
-KIND, VERSION = "run checkpoint", 8
+KIND, VERSION = "run checkpoint", 9
 """The version counts the changes of what a checkpoint holds; the engine's own state has another one."""
 
 _COLUMN = schema.any_of(
@@ -51,6 +51,7 @@ _RECORD = schema.fields(
             covariances=schema.array("<f8", None, 6, 6),
             measured=schema.array("|b1", None),
             matches=schema.array("<i8", None),
+            clocks=schema.array("<f8", None, 2, nan=True),
         ),
     ),
 )

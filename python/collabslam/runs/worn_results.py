@@ -133,12 +133,15 @@ def worn_cells(places: Places) -> dict[str, Any]:
 
 def worn_numbers(names: Sequence[str], steps: Sequence[Step]) -> list[dict[str, Any]]:
     """For ``summary.json``: of each person the views that were looked at, those whose matches tell where the
-    camera was, matches in such a view, and the mean claimed standard deviation of its position, metres."""
+    camera was, matches in such a view, the mean claimed standard deviation of its position, metres, and by how much
+    its views are taken after their stamps with the standard deviation of that, seconds, as known at the end."""
     out = []
     for name in names:
         places = [found[name] for step in steps if name in (found := places_of(step))]
         measured = [place for place in places if place.measured]
         sd = [float(np.sqrt(max(np.trace(place.covariance[:3, :3]), 0.0))) for place in measured]
+        clock = places[-1].clock if places else None
+        offset, offset_sd = clock or (None, None)
         out.append(
             {
                 "name": name,
@@ -146,6 +149,8 @@ def worn_numbers(names: Sequence[str], steps: Sequence[Step]) -> list[dict[str, 
                 "measured": len(measured),
                 "matches": float(np.mean([place.matches for place in measured])) if measured else None,
                 "position_sd_m": float(np.mean(sd)) if measured else None,
+                "clock_offset_s": offset,
+                "clock_offset_sd_s": offset_sd,
             }
         )
     return out

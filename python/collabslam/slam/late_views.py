@@ -216,7 +216,7 @@ class LateViews(PersistentState):
         if worn.t is None:
             return PlacedWorn(worn)
         if worn.t == t:
-            return PlacedWorn(self._carried(worn, t) if self._clock_sd > 0.0 else worn)
+            return PlacedWorn(self._carried(worn, t), worn) if self._clock_sd > 0.0 else PlacedWorn(worn)
         timing = self._timing(worn)
         if lost and t - worn.t > START_GAP * self._late:
             timing = "stale"  # nobody knows where Cs was

@@ -108,5 +108,6 @@ class Overlaps:
                 number in measured,
                 view.t if taken is None else taken,
                 matches.get(number, 0),
+                core.worn_clock(who=number),
             )
         return out

@@ -60,6 +60,9 @@ class PlacedCamera:
         When that was, seconds, by the clock of Cs.
     matches : int
         Matches of the view that the filter was given.
+    clock : tuple of (float, float) or None
+        By how much its views are taken after their stamps, by the clock of Cs, as far as the filter knows, and the
+        standard deviation of that, seconds; None where the clock is exact.
     """
 
     pose: Array
@@ -67,6 +70,7 @@ class PlacedCamera:
     measured: bool
     t: float
     matches: int
+    clock: tuple[float, float] | None = None
 
 
 PlacedViews = tuple[tuple[int, PlacedWorn], ...]

@@ -10,7 +10,6 @@ use super::measurements::{Bearing, Measurements};
 use super::sources::Scratch;
 use super::visibility::appearance;
 use crate::error::EkfError;
-use crate::state::BlockKind;
 use crate::validate;
 use nalgebra::{Matrix2, Vector2};
 
@@ -158,7 +157,7 @@ impl Filter {
             *x = prior + moved[slot];
         }
         for block in self.state.layout.blocks() {
-            if matches!(block.kind, BlockKind::WornBias(_) | BlockKind::Calibration) {
+            if block.kind.is_considered() {
                 self.state.x[block.range()].copy_from_slice(&prior[block.range()]);
             }
         }

@@ -80,11 +80,18 @@ impl Filter {
         if let Some(readout) = settings.calibration.readout() {
             state.append_readout(readout);
         }
+        let worn_cameras: Vec<Camera> = worn_cameras.into_iter().collect();
+        if settings.worn.clock_sd > 0.0 {
+            let sd = settings.worn.clock_sd;
+            worn_cameras
+                .iter()
+                .for_each(|_| state.append_worn_clock(sd));
+        }
         Self {
             state,
             settings,
             camera,
-            worn_cameras: worn_cameras.into_iter().collect(),
+            worn_cameras,
             time: None,
             started: false,
             records: BTreeMap::new(),

@@ -146,6 +146,7 @@ impl Filter {
             BlockKind::WornBias(_)
             | BlockKind::Calibration
             | BlockKind::Readout
+            | BlockKind::WornClock(_)
             | BlockKind::OdometryScale
             | BlockKind::WornError(_)
             | BlockKind::Submap(_)

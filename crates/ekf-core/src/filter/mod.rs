@@ -28,6 +28,7 @@ mod odometry;
 mod odometry_image;
 mod other_time;
 mod pose_ring;
+mod pose_then;
 mod predicted_features;
 mod prediction;
 mod record;
@@ -47,6 +48,7 @@ mod visibility;
 mod wheels;
 mod where_to_look;
 mod working_set;
+mod worn_clock;
 mod worn_error;
 mod worn_pose;
 

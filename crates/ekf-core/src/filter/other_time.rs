@@ -3,11 +3,13 @@
 
 use super::ekf::Filter;
 use super::measurements::{Capture, WornObservation};
+use super::pose_then::{Then, twist};
 use crate::error::EkfError;
 use crate::guard::check_pose;
-use crate::math::between::Between;
 use crate::math::pose::{Pose, tangent_map};
+use crate::observe::POSE_DIM;
 use crate::observe::point::CameraPose;
+use crate::state::LinearPart;
 use nalgebra::{Matrix6, SMatrix, Vector6};
 
 /// Standard deviation of each component of Cs's velocity before the start, when nothing is known of it: m/s.
@@ -23,15 +25,50 @@ pub(super) struct Carried {
     pub(super) t_cf: Pose,
     /// The measured T_CF: from F into C when the view was taken.
     pub(super) taken: Pose,
-    /// Derivatives by poses of the state, `[r q]` at these offsets.
-    pub(super) parts: Vec<(usize, SMatrix<f64, 6, 7>)>,
-    /// Covariance of the motion that no pose of the state tells.
+    /// What it depends on.
+    pub(super) by: ByMotion,
+    /// Covariance of the motion that the state does not tell.
     pub(super) noise: Matrix6<f64>,
 }
 
-impl Carried {
+/// Derivatives of a T_CF by how Cs moved.
+#[derive(Clone, Debug, Default)]
+pub(super) struct ByMotion {
+    /// By poses of the state, `[r q]` at these offsets.
+    poses: Vec<(usize, SMatrix<f64, 6, 7>)>,
+    /// By the present velocities.
+    velocity: Option<Matrix6<f64>>,
+    /// By the clock of the worn camera, at this offset.
+    clock: Option<(usize, Vector6<f64>)>,
+}
+
+impl ByMotion {
     fn add(&mut self, offset: usize, by_tangent: &Matrix6<f64>, pose: &CameraPose) {
-        self.parts.push((offset, by_tangent * tangent_map(&pose.q)));
+        self.poses.push((offset, by_tangent * tangent_map(&pose.q)));
+    }
+
+    /// The part of the clock.
+    pub(super) fn clock(&self) -> Option<LinearPart<'_>> {
+        self.clock.as_ref().map(|(offset, by)| LinearPart {
+            offset: *offset,
+            width: 1,
+            matrix: by.as_slice(),
+        })
+    }
+
+    /// All of it.
+    pub(super) fn parts(&self) -> impl Iterator<Item = LinearPart<'_>> {
+        let poses = self.poses.iter().map(|(offset, by)| LinearPart {
+            offset: *offset,
+            width: POSE_DIM,
+            matrix: by.as_slice(),
+        });
+        let velocity = self.velocity.iter().map(|by| LinearPart {
+            offset: POSE_DIM,
+            width: 6,
+            matrix: by.as_slice(),
+        });
+        poses.chain(velocity).chain(self.clock())
     }
 }
 
@@ -51,13 +88,9 @@ impl Filter {
     ) -> Result<(Pose, Matrix6<f64>), EkfError> {
         check_pose(t_cf, covariance)?;
         let carried = self.carried(t_cf, capture, who)?;
-        let mut sum = covariance + carried.noise;
-        for (a, by_a) in &carried.parts {
-            for (b, by_b) in &carried.parts {
-                let p: SMatrix<f64, 7, 7> = self.state.p.block(*a, *b);
-                sum += by_a * p * by_b.transpose();
-            }
-        }
+        let parts: Vec<LinearPart<'_>> = carried.by.parts().collect();
+        let noise = covariance + carried.noise;
+        let sum = self.state.covariance_of(&parts, &noise);
         Ok((carried.t_cf, (sum + sum.transpose()) * 0.5))
     }
 
@@ -76,78 +109,78 @@ impl Filter {
         }
         self.check_timing(t, who)?;
         let to = self.offset_of_frame(frame)?;
-        let gap = (t - frame).abs();
+        let gap = self.gap(capture);
         let into_f = t_cf.inverse().adjoint();
-        if gap <= self.settings.worn.tolerance || !self.started {
-            let noise = self.of_unknown_motion(gap);
+        let clock = self.state.worn_clock(who);
+        if !self.started || (gap.is_some() && clock.is_none()) {
+            let gap = gap.unwrap_or_else(|| (t - frame).abs());
+            let off = clock.map_or(0.0, |(mean, variance)| mean * mean + variance);
+            let noise = self.of_unknown_motion(gap * gap + off);
             return Ok(Carried {
                 t_cf: t_cf.clone(),
                 taken: t_cf.clone(),
-                parts: Vec::new(),
+                by: ByMotion::default(),
                 noise: into_f * noise * into_f.transpose(),
             });
         }
-        let (first, second, share, dt) = self.neighbours(t)?;
-        let poses = [first, second].map(|at| self.state.pose_at(at));
-        let [a, b] = poses.map(|pose| Pose::from_quat(pose.r, &pose.q));
-        let there = Between::new(&a, &b, share);
+        let there = self.pose_then(capture, who)?;
         let frame_pose = self.state.pose_at(to);
         let here = Pose::from_quat(frame_pose.r, &frame_pose.q);
         let motion = here.inverse().compose(&there.pose);
-        let twist = there.way / dt;
-        let noise = self.of_interpolation(share, dt)
-            + twist * twist.transpose() * self.settings.worn.clock_sd.powi(2);
-        let mut carried = Carried {
+        let mut noise = there.noise;
+        if let Some((_, variance)) = clock {
+            // Of the product of both errors, and of the time by which the view counts as of the frame's instant.
+            noise += there.twist_spread * variance;
+            let twist = there.twist * gap.unwrap_or(0.0);
+            noise += twist * twist.transpose();
+        }
+        let mut by = ByMotion::default();
+        for (at, by_tangent, pose) in there.by_poses.iter().flatten() {
+            by.add(*at, &(into_f * by_tangent), pose);
+        }
+        by.add(to, &(into_f * -motion.inverse().adjoint()), &frame_pose);
+        by.velocity = there.by_velocity.map(|by| into_f * by);
+        let block = self.state.worn_clock_block(who);
+        by.clock = block.map(|block| (block.offset, into_f * there.twist));
+        Ok(Carried {
             t_cf: motion.compose(t_cf),
             taken: t_cf.clone(),
-            parts: Vec::with_capacity(3),
+            by,
             noise: into_f * noise * into_f.transpose(),
+        })
+    }
+
+    /// Seconds between a view and its frame, where it counts as of that one's instant.
+    fn gap(&self, Capture { t, frame }: Capture) -> Option<f64> {
+        let gap = (t - frame).abs();
+        (gap <= self.settings.worn.tolerance).then_some(gap)
+    }
+
+    /// Where Cs was when a view of the worn camera `who` was taken, as its clock is estimated.
+    ///
+    /// # Errors
+    /// `StaleView` where no pose of about then is kept.
+    pub(super) fn pose_then(&self, capture: Capture, who: usize) -> Result<Then, EkfError> {
+        let Some((clock, _)) = self.state.worn_clock(who) else {
+            return self.pose_between(capture.t);
         };
-        carried.add(first, &(into_f * there.by_first), &poses[0]);
-        carried.add(second, &(into_f * there.by_second), &poses[1]);
-        carried.add(to, &(into_f * -motion.inverse().adjoint()), &frame_pose);
-        Ok(carried)
+        let stamp = self.gap(capture).map_or(capture.t, |_| capture.frame);
+        let t = stamp + clock;
+        let now = self.time.unwrap_or(t);
+        if t >= now || self.kept_times().next().is_none() {
+            return Ok(self.pose_prolonged(t - now));
+        }
+        self.pose_between(t)
     }
 
-    /// Poses of the state on both sides of `t`, the share of the way from the first to the second, and the seconds between
-    /// them. The timing has been checked.
-    fn neighbours(&self, t: f64) -> Result<(usize, usize, f64, f64), EkfError> {
-        let now = (self.time.unwrap_or(t), 0);
-        let kept = self.kept_poses.poses.iter();
-        let kept = kept.filter_map(|(at, id)| Some((*at, self.state.layout.find(*id)?.offset)));
-        let poses: Vec<(f64, usize)> = kept.filter(|(at, _)| *at < now.0).chain([now]).collect();
-        let pair = poses.windows(2).find(|pair| t <= pair[1].0);
-        let Some(&[(from, first), (to, second)]) = pair.or(poses.windows(2).last()) else {
-            return Err(EkfError::StaleView { t, oldest: now.0 });
-        };
-        let dt = to - from;
-        Ok((first, second, ((t - from) / dt).clamp(0.0, 1.0), dt))
-    }
-
-    /// Covariance of where Cs is beside the straight way between two poses that are known: under white acceleration of the
-    /// process noise's density `s` and any velocity, `s^2 dt^3 u^2 (1 - u)^2 / 3` at the share `u` of `dt`.
-    fn of_interpolation(&self, share: f64, dt: f64) -> Matrix6<f64> {
-        let process = &self.settings.process;
-        let part = (share * (1.0 - share)).powi(2) * dt.powi(3) / 3.0;
-        let (linear, angular) = (
-            process.acceleration_density.powi(2) * part,
-            process.angular_acceleration_density.powi(2) * part,
-        );
-        Matrix6::from_diagonal(&Vector6::new(
-            linear, linear, linear, angular, angular, angular,
-        ))
-    }
-
-    /// Covariance of Cs's motion in a short time, or before its velocity is known.
-    fn of_unknown_motion(&self, gap: f64) -> Matrix6<f64> {
-        let time = gap * gap + self.settings.worn.clock_sd.powi(2);
+    /// Covariance of Cs's motion in a time that is short, or before its velocity is known; `time` is its square.
+    fn of_unknown_motion(&self, time: f64) -> Matrix6<f64> {
         if !self.started {
             let (v, w) = (UNKNOWN_SPEED.powi(2) * time, UNKNOWN_TURN.powi(2) * time);
             return Matrix6::from_diagonal(&Vector6::new(v, v, v, w, w, w));
         }
         let pose = self.pose().0;
-        let (v, w) = (pose.tr_mul(&self.velocity()), self.angular_velocity());
-        let twist = Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z);
+        let twist = twist(&pose.tr_mul(&self.velocity()), &self.angular_velocity());
         let mut turn = Matrix6::identity();
         turn.fixed_view_mut::<3, 3>(0, 0)
             .copy_from(&pose.transpose());
@@ -155,12 +188,13 @@ impl Filter {
         (twist * twist.transpose() + uncertain) * time
     }
 
-    /// A view of another time as one of the present frame: its T_CF carried here, and what its error comes from.
+    /// A view of another time as one of the present frame: its T_CF carried here, and what its error comes from. So is one of
+    /// the frame's own instant where the clock is not exact.
     pub(super) fn brought_here(
         &self,
         worn: &WornObservation,
     ) -> Result<Option<(WornObservation, Carried)>, EkfError> {
-        let (Some(capture), Some(now)) = (worn.capture, self.time) else {
+        let (Some(capture), Some(now)) = (self.capture_of(worn), self.time) else {
             return Ok(None);
         };
         self.offset_of_frame(capture.frame)?;
@@ -178,10 +212,17 @@ impl Filter {
         };
         Ok(Some((here, carried)))
     }
+
+    /// When a view was taken, where that makes a difference.
+    pub(super) fn capture_of(&self, worn: &WornObservation) -> Option<Capture> {
+        let clock = self.state.worn_clock_block(worn.who);
+        let now = clock.and(self.time).map(|t| Capture { t, frame: t });
+        worn.capture.or(now)
+    }
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use crate::camera::Camera;
     use crate::filter::{Capture, Filter, ViewTiming};
     use crate::math::pose::{Pose, tangent_map};
@@ -192,9 +233,13 @@ mod tests {
 
     /// A filter that moves and turns, with kept poses at 0, 0.1, .. and the present frame at 0.45 s.
     fn moving() -> Filter {
+        moving_with(Settings::default())
+    }
+
+    pub(in crate::filter) fn moving_with(settings: Settings) -> Filter {
         let numbers = [500.0, 500.0, 320.0, 240.0];
         let camera = Camera::new("radtan", 640, 480, numbers, &[0.0; 4]).expect("a calibration");
-        let mut filter = Filter::new(Settings::default(), camera.clone(), Some(camera));
+        let mut filter = Filter::new(settings, camera.clone(), Some(camera));
         filter.predict(0.0).expect("first frame");
         let pixels: Vec<Vector2<f64>> = (0..12)
             .map(|k| Vector2::new(60.0 + 45.0 * k as f64, 240.0))
@@ -210,7 +255,7 @@ mod tests {
         filter
     }
 
-    fn t_cf() -> Pose {
+    pub(in crate::filter) fn t_cf() -> Pose {
         Pose::exp(&Vector6::new(0.8, -0.3, 0.2, 0.2, -0.4, 0.1))
     }
 
@@ -223,13 +268,13 @@ mod tests {
             let at = filter
                 .carried(&t_cf(), capture, 0)
                 .expect("between kept poses");
-            let mut offsets: Vec<usize> = at.parts.iter().map(|(offset, _)| *offset).collect();
+            let mut offsets: Vec<usize> = at.by.poses.iter().map(|(offset, _)| *offset).collect();
             offsets.sort_unstable();
             offsets.dedup();
             for offset in offsets {
                 let q = filter.state.pose_at(offset).q;
                 // Steps along the tangent of the pose, as `[r q]`.
-                let by = at.parts.iter().filter(|(at, _)| *at == offset);
+                let by = at.by.poses.iter().filter(|(at, _)| *at == offset);
                 let by: SMatrix<f64, 6, 7> = by.map(|(_, by)| *by).sum();
                 let mut lift = SMatrix::<f64, 7, 6>::zeros();
                 lift.fixed_view_mut::<3, 3>(0, 0)

@@ -24,7 +24,8 @@ impl Filter {
         scratch: &Scratch,
     ) -> Result<(), EkfError> {
         let Some(worn) = &z.worn else { return Ok(()) };
-        let lasts = self.state.lasting_error(worn.who).next().is_some();
+        let lasts = self.state.lasting_error(worn.who).next().is_some()
+            || self.state.worn_clock_block(worn.who).is_some();
         let Some(at) = self.worn_error_offset(worn.who).filter(|_| lasts) else {
             return Ok(());
         };

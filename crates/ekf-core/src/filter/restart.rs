@@ -61,6 +61,7 @@ impl Filter {
                 BlockKind::WornBias(_)
                     | BlockKind::Calibration
                     | BlockKind::Readout
+                    | BlockKind::WornClock(_)
                     | BlockKind::OdometryScale
             )
         });
@@ -97,6 +98,7 @@ impl Filter {
         trial.time = self.time;
         trial.misfit = self.misfit;
         trial.set_readout(self.readout());
+        trial.set_worn_clocks(self);
         trial.odometry = self.odometry.clone();
         trial.next_candidate = self.next_candidate;
         let ids = trial.start_from_map_after(map, self.state.layout.next_id())?;

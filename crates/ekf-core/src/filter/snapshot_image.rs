@@ -195,6 +195,11 @@ impl Filter {
                 "what its submap was handed is of other worn cameras",
             ));
         }
+        if ![0, worn_cameras.len()].contains(&state.clocks.len()) {
+            return Err(EkfError::bad_snapshot(
+                "its clocks are of other worn cameras",
+            ));
+        }
         let outside = outside
             .map(|outside| OutsideSet::from_image(outside, &state))
             .transpose()?;

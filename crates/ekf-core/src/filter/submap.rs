@@ -119,6 +119,13 @@ impl Filter {
                 }
                 parts.push((offset, 6, matrix));
             }
+            // What the clock does in all views alike.
+            let told = state.clocks.get(who);
+            if let (Some(told), Some(block)) = (told, state.worn_clock_block(who)) {
+                let mut matrix = vec![0.0; dim];
+                matrix[to..to + 6].copy_from_slice(told.mean.as_slice());
+                parts.push((block.offset, 1, matrix));
+            }
         }
         let parts: Vec<LinearPart<'_>> = parts
             .iter()

@@ -135,14 +135,19 @@ impl Filter {
             _ => Vec::new(),
         };
         scratch.learned.of.clear();
+        let mut before = None;
         if let Some(worn) = worn {
             self.learn(worn, carried, &mut scratch.learned);
+            before = self.before_view(worn, carried);
         }
         let measured = self.measure(z, form, &newborn, &Self::TESTS, report, scratch);
         if !matches!(measured, Ok(true)) {
             // Only blocks at the end were added.
             self.take_back(&mark);
             return measured;
+        }
+        if let (Some(worn), Some(carried), Some(before)) = (worn, carried, &before) {
+            self.count_for_clock(worn, carried, before);
         }
         match form {
             WornForm::Tight => self.judge_tight_births(&newborn, report),

@@ -2,24 +2,23 @@
 
 use super::ekf::Filter;
 use super::measurements::{WornObservation, WornPair};
-use super::other_time::Carried;
+use super::other_time::{ByMotion, Carried};
 use super::shutter::Unrolled;
 use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
 use crate::guard::check_pose;
 use crate::math::pose::Pose;
-use crate::observe::POSE_DIM;
 use crate::overlap::{Overlap, predict_overlap};
 use crate::settings::WornErrors;
 use crate::state::{BlockKind, Lasting, Learned, LinearPart, State, Whose, root};
-use nalgebra::{Matrix6, SMatrix, Vector2, Vector6};
+use nalgebra::{Matrix6, Vector2, Vector6};
 
 /// What the error of a view's T_CF comes from, all in the tangent of F.
 pub(super) struct WornErrorParts {
     /// Derivatives by what lasts of it, six numbers of the state at these offsets.
     lasting: Vec<(usize, Matrix6<f64>)>,
-    /// Derivatives by poses of the state.
-    motion: Vec<(usize, SMatrix<f64, 6, 7>)>,
+    /// Derivatives by how Cs moved.
+    motion: ByMotion,
     /// Derivative by what all views of the frame have in common, in standard deviations.
     pub(super) common: Matrix6<f64>,
     /// Covariance of the rest.
@@ -34,23 +33,23 @@ impl WornErrorParts {
         sum.fold(Vector6::zeros(), |a, b| a + b)
     }
 
-    /// What is in the state, but for the common part.
-    pub(super) fn linear_parts(&self) -> impl Iterator<Item = LinearPart<'_>> {
-        let lasting = self.lasting.iter().map(|(offset, by)| LinearPart {
+    /// What lasts of it, but for the clock.
+    pub(super) fn lasting_parts(&self) -> impl Iterator<Item = LinearPart<'_>> {
+        self.lasting.iter().map(|(offset, by)| LinearPart {
             offset: *offset,
             width: 6,
             matrix: by.as_slice(),
-        });
-        lasting.chain(self.motion.iter().map(|(offset, by)| LinearPart {
-            offset: *offset,
-            width: POSE_DIM,
-            matrix: by.as_slice(),
-        }))
+        })
+    }
+
+    /// What is in the state, but for the common part.
+    pub(super) fn linear_parts(&self) -> impl Iterator<Item = LinearPart<'_>> {
+        self.lasting_parts().chain(self.motion.parts())
     }
 }
 
 /// Turns what is along C's axes into F's.
-fn into_f(worn: &WornObservation, carried: Option<&Carried>) -> Matrix6<f64> {
+pub(super) fn into_f(worn: &WornObservation, carried: Option<&Carried>) -> Matrix6<f64> {
     let rotation = carried.map_or(worn.t_cf.rotation, |carried| carried.taken.rotation);
     let mut j = Matrix6::zeros();
     for at in [0, 3] {
@@ -98,14 +97,18 @@ impl Filter {
         self.state.append(kind, &mean, &parts, &error.white);
     }
 
-    /// Lists what a view's update may learn of what lasts of the error of its T_CF: all but the length of the baseline, of its own
-    /// part and of the common one together.
+    /// Lists what a view's update may learn of what lasts of the error of its T_CF: the clock where it is told, and all but the length
+    /// of the baseline, of its own part and of the common one together.
     pub(super) fn learn(
         &self,
         worn: &WornObservation,
         carried: Option<&Carried>,
         learned: &mut Learned,
     ) {
+        let clock = carried.and_then(|carried| carried.by.clock());
+        if let Some(clock) = clock.filter(|_| self.clock_is_told(worn.who)) {
+            learned.number(clock.offset);
+        }
         let t_cf = carried.map_or(&worn.t_cf, |carried| &carried.taken);
         let Some(along) = t_cf.translation.try_normalize(0.0) else {
             return;
@@ -148,9 +151,9 @@ impl Filter {
             common = root(&white) * j * share.sqrt();
             white *= 1.0 - share;
         }
-        let mut motion = Vec::new();
+        let mut motion = ByMotion::default();
         if let Some(carried) = carried {
-            motion.clone_from(&carried.parts);
+            motion.clone_from(&carried.by);
             white += carried.noise;
         }
         WornErrorParts {

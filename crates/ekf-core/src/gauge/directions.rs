@@ -35,6 +35,7 @@ pub fn directions(x: &[f64], layout: &Layout, out: &mut Vec<f64>) {
             BlockKind::WornBias(_)
             | BlockKind::Calibration
             | BlockKind::Readout
+            | BlockKind::WornClock(_)
             | BlockKind::OdometryScale
             | BlockKind::WornError(_)
             | BlockKind::Auxiliary(_) => {}

@@ -249,6 +249,7 @@ fn carried_blocks<'a>(layout: &'a Layout, followed: &'a [u64]) -> impl Iterator<
         BlockKind::WornBias(_)
         | BlockKind::Calibration
         | BlockKind::Readout
+        | BlockKind::WornClock(_)
         | BlockKind::OdometryScale
         | BlockKind::WornError(_)
         | BlockKind::Auxiliary(_) => false,

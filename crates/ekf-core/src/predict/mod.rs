@@ -143,6 +143,9 @@ pub(crate) fn forget(state: &mut State, dt: f64, worn: &WornSettings, odometry: 
             decay(state, offset, (-dt / worn.bias_time).exp(), &stationary);
         }
     }
+    for told in &mut state.clocks {
+        told.forget((-dt / worn.bias_time).exp());
+    }
     if let Some((offset, stationary)) = scale {
         let share = (-dt / odometry.scale_time).exp();
         decay(state, offset, share, &stationary);

@@ -1,15 +1,18 @@
-//! What the filter considers and hardly estimates: the worn cameras' biases and the error of the calibration.
+//! What the filter considers and hardly estimates: the worn cameras' biases and clocks, and the error of the calibration.
 
-use super::{BlockKind, State};
-use nalgebra::{Matrix6, Vector6};
+use super::{Block, BlockKind, State};
+use nalgebra::{Matrix6, SMatrix, Vector6};
 
-/// Blocks of six numbers that are considered, not estimated (Schmidt's filter): the slowly varying part of T_CF's error, and the
-/// error of Cs's calibration. Images say hardly anything about the first along the baseline, where it is an error of scale, and
-/// about the second only what scene and motion happen to allow; an update would mostly fit errors of linearisation. What else a
-/// view says of its own bias is learned ([`Learned`]).
+/// Numbers of the largest block that is considered; a smaller one has zeros in the place of the rest.
+const WIDEST: usize = 6;
+
+/// Blocks that are considered, not estimated (Schmidt's filter): the slowly varying part of T_CF's error, the worn cameras' clocks,
+/// and the error of Cs's calibration. Images say hardly anything about the first along the baseline, where it is an error of scale,
+/// about the second only where Cs changes its motion, and about the third only what scene and motion happen to allow; an update would
+/// mostly fit errors of linearisation. What a view says of them after all is learned ([`Learned`]).
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Considered {
-    blocks: Vec<(usize, Vector6<f64>)>,
+    blocks: Vec<(Block, Vector6<f64>)>,
     /// Covariances of each block with those before it and with itself.
     covariances: Vec<Matrix6<f64>>,
 }
@@ -22,6 +25,13 @@ pub(crate) struct Learned {
 }
 
 impl Learned {
+    /// All that the update says of one number.
+    pub(crate) fn number(&mut self, offset: usize) {
+        let mut whole = Matrix6::zeros();
+        whole[(0, 0)] = 1.0;
+        self.of.push((offset, whole));
+    }
+
     fn by(&self, offset: usize) -> Option<&Matrix6<f64>> {
         let mut of = self.of.iter();
         of.find(|(at, _)| *at == offset).map(|(_, by)| by)
@@ -40,13 +50,12 @@ impl State {
         out.blocks.clear();
         out.covariances.clear();
         for block in self.layout.blocks() {
-            if !matches!(block.kind, BlockKind::WornBias(_) | BlockKind::Calibration) {
+            if !block.kind.is_considered() {
                 continue;
             }
-            out.blocks
-                .push((block.offset, self.part::<6>(block.offset)));
+            out.blocks.push((*block, self.numbers(block)));
             for (other, _) in &out.blocks {
-                out.covariances.push(self.p.block(block.offset, *other));
+                out.covariances.push(self.between(block, other));
             }
         }
     }
@@ -58,21 +67,47 @@ impl State {
     /// whatever these are (Joseph's form).
     pub(crate) fn keep_considered(&mut self, considered: &Considered, learned: &Learned) {
         let mut covariances = considered.covariances.iter();
-        for (k, (offset, mean)) in considered.blocks.iter().enumerate() {
-            let by = learned.by(*offset);
-            let step = by.map(|by| by * (self.part::<6>(*offset) - mean));
-            self.set_part(*offset, &(mean + step.unwrap_or_default()));
+        for (k, (block, mean)) in considered.blocks.iter().enumerate() {
+            let by = learned.by(block.offset);
+            let step = by.map(|by| by * (self.numbers(block) - mean));
+            let kept = mean + step.unwrap_or_default();
+            self.x[block.range()].copy_from_slice(&kept.as_slice()[..block.kind.dim()]);
             for ((other, _), before) in considered.blocks[..=k].iter().zip(&mut covariances) {
-                let taken = before - self.p.block::<6, 6>(*offset, *other);
+                let taken = before - self.between(block, other);
                 let mut kept = *before;
                 if let Some(by) = by {
                     kept -= by * taken;
                 }
-                if let Some(other) = learned.by(*other) {
+                if let Some(other) = learned.by(other.offset) {
                     let rest = by.map_or(taken, |by| taken - by * taken);
                     kept -= rest * other.transpose();
                 }
-                self.p.set_block(*offset, *other, &kept);
+                self.set_between(block, other, &kept);
+            }
+        }
+    }
+
+    fn numbers(&self, block: &Block) -> Vector6<f64> {
+        let own = &self.x[block.range()];
+        Vector6::from_fn(|i, _| own.get(i).copied().unwrap_or(0.0))
+    }
+
+    fn between(&self, block: &Block, other: &Block) -> Matrix6<f64> {
+        let (rows, columns) = (block.kind.dim(), other.kind.dim());
+        SMatrix::<f64, WIDEST, WIDEST>::from_fn(|i, j| {
+            if i < rows && j < columns {
+                self.p.get(block.offset + i, other.offset + j)
+            } else {
+                0.0
+            }
+        })
+    }
+
+    fn set_between(&mut self, block: &Block, other: &Block, value: &Matrix6<f64>) {
+        for j in 0..other.kind.dim() {
+            for i in 0..block.kind.dim() {
+                self.p
+                    .set(block.offset + i, other.offset + j, value[(i, j)]);
             }
         }
     }

@@ -1,6 +1,7 @@
 //! A state in a snapshot. P keeps its slots: which rows are stored once decides the order of sums, hence the bits.
 
 use super::{Block, BlockKind, CAMERA_DIM, Covariance, Lasting, LastingImage, Layout, State};
+use super::{ToldImage, ToldOfClock};
 use crate::error::EkfError;
 use crate::observe::Form;
 use serde::{Deserialize, Serialize};
@@ -12,6 +13,7 @@ pub(crate) struct StateImage {
     blocks: Vec<(u64, BlockKind)>,
     next_id: u64,
     lasting: Vec<LastingImage>,
+    clocks: Vec<ToldImage>,
     newborn: Option<u64>,
     /// Where each row of P is stored.
     slots: Vec<usize>,
@@ -40,6 +42,7 @@ impl State {
             reference,
             layout,
             lasting,
+            clocks,
             newborn,
         } = self;
         let stored = p.stored();
@@ -53,6 +56,7 @@ impl State {
             blocks: layout.blocks().iter().map(|b| (b.id, b.kind)).collect(),
             next_id: layout.next_id(),
             lasting: lasting.iter().map(Lasting::image).collect(),
+            clocks: clocks.iter().map(ToldOfClock::image).collect(),
             newborn: *newborn,
             slots: stored.slots.to_vec(),
             triangle,
@@ -66,6 +70,7 @@ impl State {
             blocks,
             next_id,
             lasting,
+            clocks,
             newborn,
             slots,
             triangle,
@@ -79,8 +84,9 @@ impl State {
         let means = mean.iter().chain(reference);
         let mut numbers = means.chain(triangle);
         let lasting: Option<Vec<_>> = lasting.iter().map(Lasting::from_image).collect();
-        let lasting = lasting.filter(|_| numbers.all(|v| v.is_finite()));
-        let Some(lasting) = lasting else {
+        let clocks: Option<Vec<_>> = clocks.iter().map(ToldOfClock::from_image).collect();
+        let sane = numbers.all(|v| v.is_finite());
+        let Some((lasting, clocks)) = lasting.zip(clocks).filter(|_| sane) else {
             return Err(EkfError::bad_snapshot(
                 "a number of its state is not finite, or missing",
             ));
@@ -98,6 +104,7 @@ impl State {
             p,
             layout: Layout::default(),
             lasting,
+            clocks,
             newborn: *newborn,
         };
         let mut ids = std::collections::BTreeSet::new();
@@ -135,6 +142,7 @@ impl State {
         }
         state.layout.set_next_id(*next_id);
         state.check_lasting()?;
+        state.check_clocks()?;
         state.check_newborn()?;
         Ok(state)
     }
@@ -150,6 +158,20 @@ impl State {
         }
         Err(EkfError::bad_snapshot(
             "its blocks and what it says of the worn cameras' errors disagree",
+        ))
+    }
+
+    /// Each clock of a worn camera has its block, in their order, and no block is without.
+    fn check_clocks(&self) -> Result<(), EkfError> {
+        let blocks = self.layout.blocks().iter().filter_map(|b| match b.kind {
+            BlockKind::WornClock(who) => Some(who),
+            _ => None,
+        });
+        if blocks.eq(0..self.clocks.len()) {
+            return Ok(());
+        }
+        Err(EkfError::bad_snapshot(
+            "its blocks and what it says of the worn cameras' clocks disagree",
         ))
     }
 
@@ -197,6 +219,7 @@ fn in_order(kind: BlockKind, slots: &[usize]) -> bool {
         | BlockKind::WornBias(_)
         | BlockKind::Calibration
         | BlockKind::Readout
+        | BlockKind::WornClock(_)
         | BlockKind::OdometryScale
         | BlockKind::WornError(_)
         | BlockKind::Submap(_) => side_by_side(slots),

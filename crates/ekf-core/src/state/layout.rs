@@ -34,6 +34,8 @@ pub enum BlockKind {
     Calibration,
     /// Time from the first row of an image of Cs to the last one, seconds, 1 number.
     Readout,
+    /// By how much a worn camera's images were taken after their stamps, by the clock of Cs, seconds, 1 number.
+    WornClock(usize),
     /// The errors of the odometry's scales, of translation and of turns, relative, 2 numbers.
     OdometryScale,
     /// The error of one frame's T_CF, tangent, 6 numbers; lives for that frame only.
@@ -53,7 +55,7 @@ impl BlockKind {
             Self::Submap(handed_on) => POSE_DIM.saturating_add(handed_on),
             Self::Auxiliary(rows) => rows,
             Self::Feature(form) => form.dim(),
-            Self::Readout => 1,
+            Self::Readout | Self::WornClock(_) => 1,
             Self::OdometryScale => 2,
             Self::WornBias(_) | Self::Calibration | Self::WornError(_) => 6,
         }
@@ -64,6 +66,14 @@ impl BlockKind {
         matches!(self, Self::Feature(_))
     }
 
+    /// Whether it is considered, not estimated, but for what an update may learn of it.
+    pub(crate) const fn is_considered(self) -> bool {
+        matches!(
+            self,
+            Self::WornBias(_) | Self::Calibration | Self::WornClock(_)
+        )
+    }
+
     /// Its name, whatever its form.
     pub const fn name(self) -> &'static str {
         match self {
@@ -72,6 +82,7 @@ impl BlockKind {
             Self::WornBias(_) => "WornBias",
             Self::Calibration => "Calibration",
             Self::Readout => "Readout",
+            Self::WornClock(_) => "WornClock",
             Self::OdometryScale => "OdometryScale",
             Self::WornError(_) => "WornError",
             Self::Submap(_) => "Submap",

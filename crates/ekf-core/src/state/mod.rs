@@ -1,7 +1,7 @@
 //! The state vector, its layout and its covariance.
 //!
 //! ```text
-//! x = [ r(3) q(4) v(3) w(3) | bias(6) ... | readout(1)? | odometry scale(2)? | feature(6 or 3) ... | clone(7) ... | submap(8 + 6 n)? | worn error(6) ... ]
+//! x = [ r(3) q(4) v(3) w(3) | bias(6) ... | readout(1)? | clock(1) ... | odometry scale(2)? | feature(6 or 3) ... | clone(7) ... | submap(8 + 6 n)? | worn error(6) ... ]
 //!       camera, always 13     blocks in order of birth, each with an id
 //! ```
 
@@ -11,6 +11,7 @@ mod image;
 mod lasting;
 pub mod layout;
 mod readout;
+mod worn_clock;
 
 pub(crate) use considered::{Considered, Learned};
 pub(crate) use cov::Rest;
@@ -18,6 +19,7 @@ pub use cov::{Covariance, LinearPart};
 pub(crate) use image::StateImage;
 pub(crate) use lasting::{Lasting, LastingImage, root};
 pub use layout::{Block, BlockKind, CAMERA_DIM, Layout, Whose, handed_on_dim};
+pub(crate) use worn_clock::{ToldImage, ToldOfClock};
 
 use crate::math::quat;
 use crate::observe::point::CameraPose;
@@ -41,6 +43,8 @@ pub struct State {
     pub(crate) layout: Layout,
     /// What lasts of the errors of the worn cameras' poses, in the order in which it came into the state.
     pub(crate) lasting: Vec<Lasting>,
+    /// What is told of the worn cameras' clocks, by their numbers; of none where they are exact.
+    pub(crate) clocks: Vec<ToldOfClock>,
     /// A feature whose anchor is the camera's position now.
     newborn: Option<u64>,
 }
@@ -65,6 +69,7 @@ impl State {
             p: Covariance::zeros(CAMERA_DIM, capacity),
             layout: Layout::default(),
             lasting: Vec::new(),
+            clocks: Vec::new(),
             newborn: None,
         }
     }
@@ -77,6 +82,7 @@ impl State {
             reference,
             layout,
             lasting,
+            clocks,
             newborn,
         } = other;
         self.x.clone_from(x);
@@ -84,6 +90,7 @@ impl State {
         self.reference.clone_from(reference);
         self.layout.clone_from(layout);
         self.lasting.clone_from(lasting);
+        self.clocks.clone_from(clocks);
         self.newborn = *newborn;
     }
 
@@ -200,6 +207,31 @@ impl State {
         (p + p.transpose()) * 0.5
     }
 
+    /// Covariance of six numbers that are linear in the state, plus noise.
+    pub(crate) fn covariance_of(
+        &self,
+        parts: &[LinearPart<'_>],
+        noise: &SMatrix<f64, 6, 6>,
+    ) -> SMatrix<f64, 6, 6> {
+        let column = |part: &LinearPart<'_>, k: usize| {
+            Vector6::from_column_slice(&part.matrix[6 * k..6 * (k + 1)])
+        };
+        let mut sum = *noise;
+        for a in parts {
+            for b in parts {
+                let mut product = SMatrix::<f64, 6, 6>::zeros();
+                for j in 0..b.width {
+                    let terms =
+                        (0..a.width).map(|i| column(a, i) * self.p.get(a.offset + i, b.offset + j));
+                    let with_a: Vector6<f64> = terms.fold(Vector6::zeros(), |sum, term| sum + term);
+                    product += with_a * column(b, j).transpose();
+                }
+                sum += product;
+            }
+        }
+        sum
+    }
+
     /// Appends a block whose value is linear in the state plus noise. O(n).
     pub(crate) fn append<K: Dim>(
         &mut self,
@@ -244,6 +276,7 @@ impl State {
             reference: self.reference[..CAMERA_DIM].to_vec(),
             layout: self.layout.emptied(),
             lasting: self.lasting.clone(),
+            clocks: self.clocks.clone(),
             newborn: self.newborn,
         }
     }

@@ -111,6 +111,23 @@ impl PyFilter {
         Ok((to_pose(py, &carried.0), symmetric(py, entries, 6)))
     }
 
+    /// How late the images of a worn camera were taken, as far as the filter knows (METHOD 26).
+    ///
+    /// Parameters
+    /// ----------
+    /// who : int
+    ///     The worn camera's number.
+    ///
+    /// Returns
+    /// -------
+    /// tuple of (float, float) or None
+    ///     Seconds after their stamps by the clock of Cs, and the standard deviation of that; None where the clock
+    ///     is exact (``worn.clock_sd`` is 0), or there is no such camera.
+    #[pyo3(signature = (*, who = 0))]
+    fn worn_clock(&self, py: Python<'_>, who: usize) -> PyResult<Option<(f64, f64)>> {
+        self.read(py, |f| Ok(f.worn_clock(who)))
+    }
+
     /// Forgets the time before the start, which nothing depends on: a filter may start from an old frame.
     ///
     /// Raises

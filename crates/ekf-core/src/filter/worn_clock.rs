@@ -1,0 +1,213 @@
+//! The worn cameras' clocks: when the views tell one, whatever else, that lasts, is wrong with its T_CF (METHOD 26).
+
+use super::ekf::Filter;
+use super::measurements::{Capture, WornObservation};
+use super::other_time::Carried;
+use super::worn_error::into_f;
+use crate::chi2;
+use crate::state::{LinearPart, State};
+use nalgebra::{Matrix6, SMatrix, Vector6};
+
+/// A clock is told by information of that much over what was thought possible: it shrinks to a third.
+const TOLD: f64 = 8.0;
+/// How sure it must be that Cs moves otherwise than in the views so far.
+const CHANGED: f64 = 0.99;
+
+/// What is known of T_CF's error before a view.
+pub(super) struct BeforeView {
+    /// Its covariance, tangent of F.
+    whole: Matrix6<f64>,
+    /// That of its part that lasts.
+    lasting: Matrix6<f64>,
+}
+
+impl Filter {
+    /// By how much the images of the worn camera `who` were taken after their stamps, by the clock of Cs, and the standard
+    /// deviation of that, seconds; `None` where the clock is exact (`worn.clock_sd`), or there is no such camera.
+    pub fn worn_clock(&self, who: usize) -> Option<(f64, f64)> {
+        let (mean, variance) = self.state.worn_clock(who)?;
+        Some((mean, variance.sqrt()))
+    }
+
+    /// Puts another filter's estimates of the clocks in the place of those that there are; for a filter without map.
+    pub(super) fn set_worn_clocks(&mut self, other: &Self) {
+        for who in 0..self.state.clocks.len() {
+            let block = self.state.worn_clock_block(who).copied();
+            if let (Some(block), Some((mean, variance))) = (block, other.state.worn_clock(who)) {
+                self.state.set_part(block.offset, &SMatrix::from([[mean]]));
+                self.state.reference[block.offset] = mean;
+                self.state.p.set(block.offset, block.offset, variance);
+            }
+        }
+    }
+
+    /// Whether the views so far tell the clock of the worn camera `who`.
+    pub(super) fn clock_is_told(&self, who: usize) -> bool {
+        let possible = self.settings.worn.clock_sd.powi(2);
+        let told = self.state.clocks.get(who);
+        told.is_some_and(|told| told.information * possible > TOLD)
+    }
+
+    /// What is known before a view, whose error of T_CF is in the state; `None` where the clock is exact or means nothing yet.
+    pub(super) fn before_view(
+        &self,
+        worn: &WornObservation,
+        carried: Option<&Carried>,
+    ) -> Option<BeforeView> {
+        let clock = carried?.by.clock()?;
+        let error = self.error_of(worn, carried);
+        let lasting: Vec<LinearPart<'_>> = error.lasting_parts().chain([clock]).collect();
+        Some(BeforeView {
+            whole: of_error(&self.state, self.worn_error_offset(worn.who)?),
+            lasting: self.state.covariance_of(&lasting, &Matrix6::zeros()),
+        })
+    }
+
+    /// Counts a view that has been measured for what it tells of the clock.
+    ///
+    /// With P the covariance of the frame's error before its pixels and T what they took off it, these are as good as a
+    /// measurement of that error with information Q (1 - P Q)^-1, Q = P^-1 T P^-1, and so as one of its lasting part, of
+    /// covariance L, with Q (1 - L Q)^-1.
+    pub(super) fn count_for_clock(
+        &mut self,
+        worn: &WornObservation,
+        carried: &Carried,
+        before: &BeforeView,
+    ) -> Option<()> {
+        let capture = Capture {
+            frame: self.time?,
+            ..self.capture_of(worn)?
+        };
+        let BeforeView { whole, lasting } = before;
+        let taken = whole - of_error(&self.state, self.worn_error_offset(worn.who)?);
+        let inverse = whole.cholesky()?.inverse();
+        let q = inverse * taken * inverse;
+        let told = q * (Matrix6::identity() - lasting * q).try_inverse()?;
+        let there = self.pose_then(capture, worn.who).ok()?;
+        // From F's axes into C's.
+        let j = into_f(worn, Some(carried));
+        let told = j.transpose() * told * j;
+        let by_twist = j.transpose() * carried.taken.inverse().adjoint();
+        let by_second = by_twist * there.twist;
+        let spread = by_twist * there.twist_spread * by_twist.transpose();
+        let clock = self.state.clocks.get_mut(worn.who)?;
+        let change = by_second - clock.mean;
+        // Of the mean, which has more weight, there is less.
+        let noise = spread * (1.0 + clock.share_of_one(&told));
+        let mut clear = change;
+        for at in [0, 3] {
+            if !stands_out(&change, &noise, at) {
+                clear.fixed_rows_mut::<3>(at).fill(0.0);
+            }
+        }
+        clock.add(&by_second, &clear, &((told + told.transpose()) * 0.5));
+        Some(())
+    }
+}
+
+/// Whether the three numbers of a change at `at` are beyond its noise.
+fn stands_out(change: &Vector6<f64>, noise: &Matrix6<f64>, at: usize) -> bool {
+    let change = change.fixed_rows::<3>(at).into_owned();
+    let noise = noise.fixed_view::<3, 3>(at, at).into_owned();
+    let size = noise
+        .cholesky()
+        .map(|noise| change.dot(&noise.solve(&change)));
+    size.is_some_and(|size| size > chi2::quantile(CHANGED, 3.0))
+}
+
+fn of_error(state: &State, at: usize) -> Matrix6<f64> {
+    state.p.block::<6, 6>(at, at)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::filter::other_time::tests::{moving_with, t_cf};
+    use crate::filter::{Capture, Filter};
+    use crate::math::quat;
+    use crate::settings::Settings;
+    use crate::state::CAMERA_DIM;
+    use nalgebra::{Matrix6xX, Vector6};
+
+    fn with_clock(clock: f64) -> Filter {
+        let mut settings = Settings::default();
+        settings.worn.clock_sd = 0.05;
+        let mut filter = moving_with(settings);
+        let at = filter.state.worn_clock_block(0).expect("a clock").offset;
+        filter.state.x[at] = clock;
+        filter
+    }
+
+    /// Derivative of T_CF of a view, by all numbers of the state that it says it depends on.
+    fn derivative(filter: &Filter, capture: Capture) -> Matrix6xX<f64> {
+        let at = filter.carried(&t_cf(), capture, 0).expect("it is kept");
+        let mut by = Matrix6xX::zeros(filter.state.x.len());
+        for part in at.by.parts() {
+            let mut columns = by.columns_mut(part.offset, part.width);
+            columns += Matrix6xX::from_column_slice(part.matrix);
+        }
+        by
+    }
+
+    #[test]
+    fn derivatives_by_the_clock_and_all_else_are_those_of_finite_differences() {
+        let e = 1e-6;
+        // Between kept poses, before the first of them, and after the present one.
+        for (t, frame, clock) in [
+            (0.27, 0.45, 0.05),
+            (0.02, 0.45, -0.06),
+            (0.43, 0.45, 0.06),
+            (0.45, 0.45, 0.05),
+            (0.45, 0.45, -0.05),
+            (0.27, 0.2, 0.02),
+        ] {
+            let filter = with_clock(clock);
+            let capture = Capture { t, frame };
+            let by = derivative(&filter, capture);
+            let there = |filter: &Filter| filter.carried(&t_cf(), capture, 0).expect("kept");
+            let at = there(&filter).t_cf;
+            let kept = filter.kept_poses.ids();
+            let kept = kept.filter_map(|id| Some(filter.state.layout.find(id)?.offset));
+            let mut steps: Vec<Vec<(usize, f64)>> =
+                (7..CAMERA_DIM).map(|i| vec![(i, 1.0)]).collect();
+            let clock_at = filter.state.worn_clock_block(0).expect("a clock").offset;
+            steps.push(vec![(clock_at, 1.0)]);
+            for pose in kept.chain([0]) {
+                steps.extend((0..3).map(|i| vec![(pose + i, 1.0)]));
+                let lift = quat::lift(&filter.state.pose_at(pose).q);
+                let turns = (0..3).map(|k| (0..4).map(|i| (pose + 3 + i, lift[(i, k)])).collect());
+                steps.extend(turns);
+            }
+            for step in steps {
+                let analytic: Vector6<f64> = step.iter().map(|(i, v)| by.column(*i) * *v).sum();
+                let [to, from] = [e, -e].map(|e| {
+                    let mut moved = filter.clone();
+                    step.iter().for_each(|(i, v)| moved.state.x[*i] += v * e);
+                    at.inverse().compose(&there(&moved).t_cf).log()
+                });
+                let off = (analytic - (to - from) / (2.0 * e)).abs().max();
+                assert!(off < 1e-6, "{t}, {frame}, {clock}, {step:?}: {off:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_clock_that_is_known_to_be_off_is_as_another_stamp() {
+        let filter = with_clock(0.05);
+        let (late, frame) = (
+            Capture {
+                t: 0.22,
+                frame: 0.45,
+            },
+            0.45,
+        );
+        let exact = moving_with(Settings::default());
+        let with = filter.carried(&t_cf(), late, 0).expect("kept");
+        let as_stamped = exact.carried(&t_cf(), Capture { t: 0.27, frame }, 0);
+        let off = with
+            .t_cf
+            .inverse()
+            .compose(&as_stamped.expect("kept").t_cf)
+            .log();
+        assert!(off.norm() < 1e-12, "{off}");
+    }
+}

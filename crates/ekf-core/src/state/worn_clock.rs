@@ -1,0 +1,105 @@
+//! The worn cameras' clocks in the state, and what the views so far tell of each (METHOD 21, 26).
+
+use super::{Block, BlockKind, State};
+use nalgebra::{Matrix6, SMatrix, Vector6};
+
+/// What is told of a clock in a snapshot: mean, weight column by column, and information.
+pub(crate) type ToldImage = (Vec<f64>, Vec<f64>, f64);
+
+/// Information with which the mean begins, 1/m^2 and 1/rad^2: none to speak of, so that it can be solved for.
+const NO_WEIGHT: f64 = 1e-6;
+
+/// What the views of a worn camera tell of its clock whatever else, that lasts, is wrong with its T_CF (METHOD 26): only that by
+/// which T_CF is off for each second changes from view to view.
+#[derive(Clone, Debug)]
+pub(crate) struct ToldOfClock {
+    /// Mean over the views of what T_CF is off by for each second of the clock, along C's axes, m/s and rad/s.
+    pub(crate) mean: Vector6<f64>,
+    /// Information of all views about a lasting error of T_CF.
+    weight: Matrix6<f64>,
+    /// Information about the clock, 1/s^2.
+    pub(crate) information: f64,
+}
+
+impl ToldOfClock {
+    fn nothing() -> Self {
+        Self {
+            mean: Vector6::zeros(),
+            weight: Matrix6::identity() * NO_WEIGHT,
+            information: 0.0,
+        }
+    }
+
+    /// Weight of a view with that information over that of the mean, 1 at most.
+    pub(crate) fn share_of_one(&self, told: &Matrix6<f64>) -> f64 {
+        (told.trace() / self.weight.trace()).clamp(0.0, 1.0)
+    }
+
+    /// Counts a view: what T_CF is off by there for each second, how much of that is clearly another than the mean, and the
+    /// view's information about an error of T_CF; all along C's axes.
+    pub(crate) fn add(
+        &mut self,
+        by_second: &Vector6<f64>,
+        clear: &Vector6<f64>,
+        told: &Matrix6<f64>,
+    ) {
+        let all = self.weight + told;
+        let Some(cholesky) = all.cholesky() else {
+            return;
+        };
+        // What is left of both informations where the mean and the view are uncertain.
+        let left = cholesky.solve(&(told * clear)).dot(&(self.weight * clear));
+        self.information += left.max(0.0);
+        self.mean += cholesky.solve(&(told * (by_second - self.mean)));
+        self.weight = all;
+    }
+
+    /// What lasts of T_CF's error keeps this share of itself.
+    pub(crate) fn forget(&mut self, share: f64) {
+        let share = share * share;
+        self.weight = self.weight * share + Matrix6::identity() * (NO_WEIGHT * (1.0 - share));
+        self.information *= share;
+    }
+
+    /// Its numbers, for a snapshot.
+    pub(crate) fn image(&self) -> ToldImage {
+        let mean = self.mean.as_slice().to_vec();
+        (mean, self.weight.as_slice().to_vec(), self.information)
+    }
+
+    /// As `image` has it; `None` if that is none.
+    pub(crate) fn from_image((mean, weight, information): &ToldImage) -> Option<Self> {
+        let numbers = || mean.iter().chain(weight).chain([information]);
+        let sane = mean.len() == 6 && weight.len() == 36 && numbers().all(|v| v.is_finite());
+        sane.then(|| Self {
+            mean: Vector6::from_column_slice(mean),
+            weight: Matrix6::from_column_slice(weight),
+            information: *information,
+        })
+    }
+}
+
+impl State {
+    /// Appends the clock of the next worn camera: right, with this standard deviation, seconds.
+    pub(crate) fn append_worn_clock(&mut self, sd: f64) {
+        let kind = BlockKind::WornClock(self.clocks.len());
+        self.append(
+            kind,
+            &SMatrix::from([[0.0]]),
+            &[],
+            &SMatrix::from([[sd * sd]]),
+        );
+        self.clocks.push(ToldOfClock::nothing());
+    }
+
+    /// The block of a worn camera's clock, unless that is exact.
+    pub(crate) fn worn_clock_block(&self, who: usize) -> Option<&Block> {
+        self.layout.of_kind(BlockKind::WornClock(who)).next()
+    }
+
+    /// Estimate of a worn camera's clock and its variance, s and s^2.
+    pub(crate) fn worn_clock(&self, who: usize) -> Option<(f64, f64)> {
+        let at = self.worn_clock_block(who)?.offset;
+        Some((self.x[at], self.p.get(at, at).max(0.0)))
+    }
+}
