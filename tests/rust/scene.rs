@@ -70,6 +70,7 @@ pub(crate) enum Way {
 }
 
 /// Points in front of a camera that wanders about, and a worn camera half a metre beside it.
+#[derive(Clone)]
 pub(crate) struct Scene {
     pub(crate) camera: Camera,
     pub(crate) points: Vec<Vector3<f64>>,

@@ -224,8 +224,8 @@ settings! {
         /// of T_CF.
         tolerance: f64 = 0.001, "s", Some(0.0), Some(0.1),
             User("Raise it to the jitter of the stamps where a trigger makes both cameras take their images together.");
-        /// Standard deviation of a view's time stamp against the clock of Cs; the motion of Cs meanwhile is added to the noise
-        /// of T_CF.
+        /// Standard deviation of the offset, the same in all views, of a worn camera's time stamps against the clock of Cs. Views
+        /// that come between frames and see Cs change its motion tell it; until then it counts as an error of T_CF that lasts.
         clock_sd: f64 = 0.0, "s", Some(0.0), Some(1.0),
             User("Set it to how well the two clocks agree: 0.001 with PTP, 0.005 with NTP over a good link.");
         /// Least number of births that starts the filter from a first overlap.

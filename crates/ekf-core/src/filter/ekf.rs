@@ -82,10 +82,10 @@ impl Filter {
         }
         let worn_cameras: Vec<Camera> = worn_cameras.into_iter().collect();
         if settings.worn.clock_sd > 0.0 {
-            let sd = settings.worn.clock_sd;
+            let prior = (0.0, settings.worn.clock_sd);
             worn_cameras
                 .iter()
-                .for_each(|_| state.append_worn_clock(sd));
+                .for_each(|_| state.append_worn_clock(prior));
         }
         Self {
             state,

@@ -111,6 +111,9 @@ impl Filter {
         if let Some(readout) = self.readout() {
             state.append_readout(readout);
         }
+        for clock in (0..).map_while(|who| self.worn_clock(who)) {
+            state.append_worn_clock(clock);
+        }
         self.records = ids.iter().map(|&id| (id, record.clone())).collect();
         self.state = state;
         self.placed = Placed(map.place);

@@ -29,6 +29,8 @@ pub(super) struct Carried {
     pub(super) by: ByMotion,
     /// Covariance of the motion that the state does not tell.
     pub(super) noise: Matrix6<f64>,
+    /// Noise of the derivative by the clock.
+    pub(super) clock_noise: Matrix6<f64>,
 }
 
 /// Derivatives of a T_CF by how Cs moved.
@@ -121,6 +123,7 @@ impl Filter {
                 taken: t_cf.clone(),
                 by: ByMotion::default(),
                 noise: into_f * noise * into_f.transpose(),
+                clock_noise: Matrix6::zeros(),
             });
         }
         let there = self.pose_then(capture, who)?;
@@ -147,6 +150,7 @@ impl Filter {
             taken: t_cf.clone(),
             by,
             noise: into_f * noise * into_f.transpose(),
+            clock_noise: into_f * there.twist_noise * into_f.transpose(),
         })
     }
 

@@ -23,8 +23,10 @@ pub(super) struct Then {
     pub(super) noise: Matrix6<f64>,
     /// `(v, w)`, m/s and rad/s.
     pub(super) twist: Vector6<f64>,
-    /// Covariance of the twist.
+    /// Covariance of the twist at that very time.
     pub(super) twist_spread: Matrix6<f64>,
+    /// What of it may be noise of the measured way, and not motion beside it.
+    pub(super) twist_noise: Matrix6<f64>,
 }
 
 impl Filter {
@@ -44,6 +46,7 @@ impl Filter {
         ]
         .map(|(at, by, pose)| (at, by * tangent_map(&pose.q)));
         let parts = by_ends.each_ref().map(|(at, by)| of_pose(*at, by));
+        let twist_noise = self.state.covariance_of(&parts, &Matrix6::zeros());
         let of_mean = (share.powi(3) + (1.0 - share).powi(3)) * dt / 3.0;
         Ok(Then {
             by_poses: [
@@ -53,9 +56,8 @@ impl Filter {
             by_velocity: None,
             noise: self.of_acceleration((share * (1.0 - share)).powi(2) * dt.powi(3) / 3.0),
             twist: there.way / dt,
-            twist_spread: self
-                .state
-                .covariance_of(&parts, &self.of_acceleration(of_mean)),
+            twist_spread: twist_noise + self.of_acceleration(of_mean),
+            twist_noise,
             pose: there.pose,
         })
     }
@@ -82,12 +84,14 @@ impl Filter {
         let mut turned = Matrix6::identity();
         turned.fixed_view_mut::<3, 3>(0, 0).copy_from(&into);
         let known = self.state.p.block::<6, 6>(POSE_DIM, POSE_DIM);
+        let known = turned * known * turned.transpose();
         Then {
             by_poses: [Some((0, on_both(&back), now)), None],
             by_velocity: Some(by_velocity),
             noise: self.of_acceleration(seconds.abs().powi(3) / 3.0),
             twist: twist(&(into * v), &w),
-            twist_spread: turned * known * turned.transpose() + self.of_acceleration(seconds.abs()),
+            twist_spread: known + self.of_acceleration(seconds.abs()),
+            twist_noise: known,
             pose,
         }
     }

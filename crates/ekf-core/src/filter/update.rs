@@ -51,11 +51,43 @@ impl Filter {
         let Some((worn, carried)) = brought.transpose()?.flatten() else {
             return self.update_at_present(z, None, report, scratch);
         };
+        if self.is_measured_apart(z) {
+            return self.update_apart(z, report, scratch);
+        }
         let z = Measurements {
             worn: Some(worn),
             ..z.clone()
         };
         self.update_at_present(&z, Some(&carried), report, scratch)
+    }
+
+    /// Whether a frame's view is measured after what Cs found, instead of together with it: it hangs on the velocity where the
+    /// clock is uncertain, and the frame's own pixels tell that better than its prediction, which lags behind it.
+    fn is_measured_apart(&self, z: &Measurements) -> bool {
+        let clock = |who| self.state.worn_clock_block(who).is_some();
+        let tight = self.worn_form(z, false) == WornForm::Tight;
+        let by_clock = z.worn.as_ref().is_some_and(|worn| clock(worn.who));
+        self.started && by_clock && tight && !z.bearings.is_empty()
+    }
+
+    /// The update with what Cs found, and then with one view after the other.
+    fn update_apart(
+        &mut self,
+        z: &Measurements,
+        report: &mut UpdateReport,
+        scratch: &mut Scratch,
+    ) -> Result<(), EkfError> {
+        let views = z.worn.iter().chain(&z.further).cloned().collect();
+        let apart = Measurements {
+            worn: None,
+            further: views,
+            ..z.clone()
+        };
+        let done = self.update_at_present(&apart, None, report, scratch);
+        if !report.further.is_empty() {
+            report.pairs = report.further.remove(0);
+        }
+        done
     }
 
     /// The update with measurements that have been checked; `carried` is how T_CF of the first view came here from another
@@ -95,9 +127,9 @@ impl Filter {
         }
         self.settle_odometry();
         self.measure_further(z, &mut used, report, scratch);
-        report.worn_error = z
-            .worn
-            .as_ref()
+        let mut views = z.worn.iter().chain(&z.further);
+        report.worn_error = views
+            .next()
             .map_or(Vector6::zeros(), |worn| self.state.worn_error(worn.who));
         if self.started {
             let poses = used
@@ -139,6 +171,7 @@ impl Filter {
         if let Some(worn) = worn {
             self.learn(worn, carried, &mut scratch.learned);
             before = self.before_view(worn, carried);
+            self.learn_clock(worn, carried, before.as_ref(), &mut scratch.learned);
         }
         let measured = self.measure(z, form, &newborn, &Self::TESTS, report, scratch);
         if !matches!(measured, Ok(true)) {

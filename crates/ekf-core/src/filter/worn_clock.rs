@@ -5,13 +5,16 @@ use super::measurements::{Capture, WornObservation};
 use super::other_time::Carried;
 use super::worn_error::into_f;
 use crate::chi2;
-use crate::state::{LinearPart, State};
+use crate::state::{Learned, LinearPart, State};
 use nalgebra::{Matrix6, SMatrix, Vector6};
 
 /// A clock is told by information of that much over what was thought possible: it shrinks to a third.
 const TOLD: f64 = 8.0;
+/// How often its noise the twist must be for a view to teach the clock, as with odometry's scales (METHOD 23): by noise alone a
+/// clock seems less off than it is, by one over the square of it, which is 2 ms of 50.
+const CLEAR: f64 = 5.0;
 /// How sure it must be that Cs moves otherwise than in the views so far.
-const CHANGED: f64 = 0.99;
+const CHANGED: f64 = 0.9999;
 
 /// What is known of T_CF's error before a view.
 pub(super) struct BeforeView {
@@ -19,6 +22,20 @@ pub(super) struct BeforeView {
     whole: Matrix6<f64>,
     /// That of its part that lasts.
     lasting: Matrix6<f64>,
+}
+
+impl BeforeView {
+    /// Whether the noise of what T_CF is off by for each second is small beside it, both as the rest of the view's error weighs them.
+    fn is_clear(&self, carried: &Carried) -> bool {
+        let (Some(clock), Some(cholesky)) =
+            (carried.by.clock(), (self.whole - self.lasting).cholesky())
+        else {
+            return false;
+        };
+        let by_second = Vector6::from_column_slice(clock.matrix);
+        let noise = cholesky.solve(&carried.clock_noise).trace();
+        by_second.dot(&cholesky.solve(&by_second)) > CLEAR * CLEAR * noise
+    }
 }
 
 impl Filter {
@@ -41,11 +58,23 @@ impl Filter {
         }
     }
 
-    /// Whether the views so far tell the clock of the worn camera `who`.
-    pub(super) fn clock_is_told(&self, who: usize) -> bool {
+    /// Lets a view teach its clock where the views so far tell it, and its twist is clear.
+    pub(super) fn learn_clock(
+        &self,
+        worn: &WornObservation,
+        carried: Option<&Carried>,
+        before: Option<&BeforeView>,
+        learned: &mut Learned,
+    ) {
         let possible = self.settings.worn.clock_sd.powi(2);
-        let told = self.state.clocks.get(who);
-        told.is_some_and(|told| told.information * possible > TOLD)
+        let told = self.state.clocks.get(worn.who);
+        let is_told = told.is_some_and(|told| told.information * possible > TOLD);
+        let (Some(before), Some(carried), true) = (before, carried, is_told) else {
+            return;
+        };
+        if let Some(clock) = carried.by.clock().filter(|_| before.is_clear(carried)) {
+            learned.number(clock.offset);
+        }
     }
 
     /// What is known before a view, whose error of T_CF is in the state; `None` where the clock is exact or means nothing yet.
@@ -89,7 +118,7 @@ impl Filter {
         let told = j.transpose() * told * j;
         let by_twist = j.transpose() * carried.taken.inverse().adjoint();
         let by_second = by_twist * there.twist;
-        let spread = by_twist * there.twist_spread * by_twist.transpose();
+        let spread = by_twist * there.twist_noise * by_twist.transpose();
         let clock = self.state.clocks.get_mut(worn.who)?;
         let change = by_second - clock.mean;
         // Of the mean, which has more weight, there is less.

@@ -97,18 +97,14 @@ impl Filter {
         self.state.append(kind, &mean, &parts, &error.white);
     }
 
-    /// Lists what a view's update may learn of what lasts of the error of its T_CF: the clock where it is told, and all but the length
-    /// of the baseline, of its own part and of the common one together.
+    /// Lists what a view's update may learn of what lasts of the error of its T_CF: all but the length of the baseline, of its own
+    /// part and of the common one together.
     pub(super) fn learn(
         &self,
         worn: &WornObservation,
         carried: Option<&Carried>,
         learned: &mut Learned,
     ) {
-        let clock = carried.and_then(|carried| carried.by.clock());
-        if let Some(clock) = clock.filter(|_| self.clock_is_told(worn.who)) {
-            learned.number(clock.offset);
-        }
         let t_cf = carried.map_or(&worn.t_cf, |carried| &carried.taken);
         let Some(along) = t_cf.translation.try_normalize(0.0) else {
             return;

@@ -80,15 +80,11 @@ impl ToldOfClock {
 }
 
 impl State {
-    /// Appends the clock of the next worn camera: right, with this standard deviation, seconds.
-    pub(crate) fn append_worn_clock(&mut self, sd: f64) {
+    /// Appends the clock of the next worn camera: estimate and standard deviation, seconds.
+    pub(crate) fn append_worn_clock(&mut self, (clock, sd): (f64, f64)) {
+        let (mean, variance) = (SMatrix::from([[clock]]), SMatrix::from([[sd * sd]]));
         let kind = BlockKind::WornClock(self.clocks.len());
-        self.append(
-            kind,
-            &SMatrix::from([[0.0]]),
-            &[],
-            &SMatrix::from([[sd * sd]]),
-        );
+        self.append(kind, &mean, &[], &variance);
         self.clocks.push(ToldOfClock::nothing());
     }
 
