@@ -264,11 +264,6 @@ class Filter:
         arbitrary it says how far that has drifted since the start.
         """
     @property
-    def readout(self) -> tuple[float, float] | None:
-        """Time from the first row of an image of Cs to the last one, as it is estimated, and its standard
-        deviation, seconds; None for a shutter that is known not to roll (METHOD 4).
-        """
-    @property
     def velocity(self) -> _Array:
         """Velocity in W, (3,) float64, m/s."""
     @property

@@ -277,7 +277,6 @@ fn rolling_bearing(
             height: 480.0,
             velocity: motion.fixed_rows::<3>(0).into_owned(),
             turning: motion.fixed_rows::<3>(3).into_owned(),
-            spread: Matrix6::zeros(),
         };
         Rows::bearing(camera, pose, feature, &at, 1.0, Some(&shutter)).expect("visible")
     };

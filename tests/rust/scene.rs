@@ -162,7 +162,7 @@ impl Scene {
     }
 
     /// As [`Self::pixel`], from where the camera is at the time of the pixel's row in the frame at `t`.
-    fn rolling_pixel(&mut self, t: f64, point: usize) -> Option<Vector2<f64>> {
+    pub(crate) fn rolling_pixel(&mut self, t: f64, point: usize) -> Option<Vector2<f64>> {
         let mut tau = 0.0;
         for _ in 0..5 {
             let seen = self.pose(t + tau).inverse().apply(&self.points[point]);

@@ -168,9 +168,10 @@ settings! {
         /// Time from the first row of an image of Cs to the last one: 0 for a global shutter, negative for an image upside down.
         readout: f64 = 0.0, "s", Some(-0.2), Some(0.2),
             User("Set it where the sensor's data sheet says so: 0.01 to 0.033 for phones and webcams, whose shutters roll.");
-        /// Standard deviation of that time, which the filter estimates; 0 where it is exact.
-        readout_sd: f64 = 0.0, "s", Some(0.0), Some(0.2),
-            User("Set it to 0.002 beside a readout that is known, to 0.015 for a shutter that rolls nobody knows how fast.");
+        /// Standard deviation of that time; 0 where it is exact. The default is that of a shutter of which nothing is told: it may
+        /// take its rows all at once, or one after the other until the next image of 30 a second, or anything between.
+        readout_sd: f64 = 0.02, "s", Some(0.0), Some(0.2),
+            User("Set it to 0.002 beside a readout that is known, to 0 for a global shutter.");
     }
     /// Noise of pixel measurements (METHOD 4).
     pixel: PixelSettings {

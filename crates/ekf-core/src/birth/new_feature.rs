@@ -5,7 +5,7 @@ use crate::camera::Camera;
 use crate::math::{inverse_depth, quat};
 use crate::observe::point::CameraPose;
 use crate::observe::shutter::MOTION_DIM;
-use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix3, SMatrix, Vector2, Vector3, Vector6};
 
 /// Mean, derivatives and noise of a newborn feature `[p(3) theta phi rho]`.
 #[derive(Clone, Debug)]
@@ -143,14 +143,8 @@ impl NewFeature {
         rho -= view.rho_by_other_pixel * other_warp;
     }
 
-    /// Lets the feature depend on the camera's motion under the shutter: the derivative of its pixel by that, and what the motion
-    /// adds to the pixel's covariance.
-    pub fn share_motion(
-        &mut self,
-        by_motion: Option<(usize, SMatrix<f64, 2, MOTION_DIM>)>,
-        noise: &Matrix2<f64>,
-    ) {
-        self.noise += self.by_pixel * noise * self.by_pixel.transpose();
+    /// Lets the feature depend on the camera's motion under the shutter, by the derivative of its pixel by that.
+    pub fn share_motion(&mut self, by_motion: Option<(usize, SMatrix<f64, 2, MOTION_DIM>)>) {
         self.by_motion = by_motion.map(|(readout, by)| (readout, self.by_pixel * by));
     }
 

@@ -14,7 +14,7 @@ use crate::math::quat;
 use crate::observe::point::CameraPose;
 use crate::observe::shutter::MOTION_DIM;
 use crate::settings::FirstPose;
-use nalgebra::{Matrix2, SMatrix, Vector2};
+use nalgebra::{SMatrix, Vector2};
 
 /// Offset of the readout, and derivative of a pixel by `[v w readout]`.
 type ByMotion = Option<(usize, SMatrix<f64, 2, MOTION_DIM>)>;
@@ -134,7 +134,7 @@ impl Filter {
                 let (uv, by_motion) = self.first_pixel(&candidate, rho);
                 let mut new =
                     NewFeature::with_prior_depth(&self.camera, &first, &uv, sigma, rho, sd)?;
-                new.share_motion(by_motion, &Matrix2::zeros());
+                new.share_motion(by_motion);
                 new.seen_from_first_pose(covariance);
                 self.append_feature(&new).map(|block| block.id)
             }));
@@ -191,18 +191,24 @@ impl Filter {
         let intersect = |uv, first_uv| TwoView::new(camera, uv, camera, first_uv, &first_in_c);
         // How far it is says how much the shutter has moved it; rays that do not meet are those of a far point, if any.
         let rho = intersect(uv, &candidate.uv).map_or(0.0, |raw| raw.rho);
-        let Unrolled {
-            uv,
-            by_motion,
-            noise,
-        } = self.unrolled(uv, rho);
+        let Unrolled { uv, by_motion } = self.unrolled(uv, rho);
         let (first_uv, first_by_motion) = self.first_pixel(candidate, rho);
-        let Some((ray, first_ray)) = camera.unproject(&uv).zip(camera.unproject(&first_uv)) else {
+        // What moves by itself may have no parallax, or a negative one, for as long as it likes.
+        let (roll, first_roll) = (
+            self.readout_sd(&by_motion),
+            self.readout_sd(&first_by_motion),
+        );
+        let leaving_at = |sds: f64| {
+            let ray = camera.unproject(&(uv + roll * sds))?;
+            let first_ray = camera.unproject(&(first_uv + first_roll * sds))?;
+            Some(Leaving::new(&ray, &first_ray, &now, &first))
+        };
+        let Some((leaving, rolled)) = leaving_at(0.0).zip(leaving_at(1.0)) else {
             return CandidateOutcome::Waiting;
         };
-        // What moves by itself may have no parallax, or a negative one, for as long as it likes.
-        let leaving = Leaving::new(&ray, &first_ray, &now, &first);
-        let allowed = pixels + pixels.max(4.0 * self.sd_by_poses(&leaving, &covariance));
+        let by_poses = self.sd_by_poses(&leaving, &covariance);
+        let sd = by_poses.hypot(rolled.angle - leaving.angle);
+        let allowed = pixels + pixels.max(4.0 * sd);
         if leaving.angle > allowed {
             return CandidateOutcome::Strayed(leaving.angle / allowed);
         }
@@ -218,7 +224,7 @@ impl Filter {
         let [warp, first_warp] = [&uv, &first_uv].map(|uv| self.camera.warp_jacobian(uv));
         let mut new = NewFeature::from_two_views(&now, &view, &warp, (sigma, sigma));
         new.share_calibration(&view, &first_warp);
-        new.share_motion(by_motion, &noise);
+        new.share_motion(by_motion);
         new.share_first_motion(&view, first_by_motion);
         new.depend_on_first_pose(&now, &first, &view, covariance);
         match self.append_feature(&new) {
@@ -246,6 +252,13 @@ impl Filter {
                 leaving.sd(&p.block(0, 0), &SMatrix::zeros(), own)
             }
         }
+    }
+
+    /// By how much one standard deviation of the readout moves a pixel.
+    fn readout_sd(&self, by_motion: &ByMotion) -> Vector2<f64> {
+        by_motion.map_or(Vector2::zeros(), |(at, by)| {
+            by.column(MOTION_DIM - 1) * self.state.p.get(at, at).max(0.0).sqrt()
+        })
     }
 
     /// A candidate's first pixel without the shutter's rolling, as [`Unrolled`]: it depends on the readout alone.
@@ -297,14 +310,10 @@ impl Filter {
         Ok(pixels
             .iter()
             .map(|uv| {
-                let Unrolled {
-                    uv,
-                    by_motion,
-                    noise,
-                } = self.unrolled(uv, rho);
+                let Unrolled { uv, by_motion } = self.unrolled(uv, rho);
                 let mut new =
                     NewFeature::with_prior_depth(&self.camera, &pose, &uv, sigma, rho, sd)?;
-                new.share_motion(by_motion, &noise);
+                new.share_motion(by_motion);
                 self.append_feature(&new).map(|block| block.id)
             })
             .collect())

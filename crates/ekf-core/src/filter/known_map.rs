@@ -108,7 +108,7 @@ impl Filter {
             // At the identity a small rotation w is the quaternion (1, w / 2).
             state.p.set(4 + i, 4 + i, (ANY_ATTITUDE / 2.0).powi(2));
         }
-        if let Some(readout) = self.readout() {
+        if let Some(readout) = self.settings.calibration.readout() {
             state.append_readout(readout);
         }
         for clock in (0..).map_while(|who| self.worn_clock(who)) {

@@ -129,7 +129,6 @@ impl Filter {
         let j = view.point_by_tangent();
         let by_pixel = view.point_by_pixel();
         let mut noise = view.point_noise(sigma, sigma_f);
-        noise += by_pixel * unrolled.noise * by_pixel.transpose();
         let error = self.worn_error_offset(worn.who);
         if error.is_none() {
             noise += j * self.worn_covariance(worn) * j.transpose();

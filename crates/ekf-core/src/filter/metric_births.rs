@@ -54,7 +54,7 @@ impl Filter {
                 let mut new =
                     NewFeature::with_prior_depth(camera, &pose, &uv, sigma, view.rho, sd)?;
                 if let Some(unrolled) = &unrolled {
-                    new.share_motion(unrolled.by_motion, &unrolled.noise);
+                    new.share_motion(unrolled.by_motion);
                 }
                 if frame > 0 {
                     new.seen_from_first_pose(FirstPoseCovariance::InState(frame));
@@ -124,7 +124,7 @@ impl Filter {
             }
             let warp = self.camera.warp_jacobian(&unrolled.uv);
             let mut new = NewFeature::from_two_views(&pose, &view, &warp, (sigma, sigma_f));
-            new.share_motion(unrolled.by_motion, &unrolled.noise);
+            new.share_motion(unrolled.by_motion);
             let by_error = view.rho_by_tangent();
             match self.worn_error_offset(worn.who) {
                 Some(offset) => new.share_worn_error(offset, &by_error),

@@ -97,7 +97,6 @@ impl Filter {
         );
         trial.time = self.time;
         trial.misfit = self.misfit;
-        trial.set_readout(self.readout());
         trial.set_worn_clocks(self);
         trial.odometry = self.odometry.clone();
         trial.next_candidate = self.next_candidate;

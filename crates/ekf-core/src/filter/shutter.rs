@@ -2,9 +2,9 @@
 
 use super::ekf::Filter;
 use crate::math::quat;
+use crate::observe::Shutter;
 use crate::observe::shutter::MOTION_DIM;
-use crate::observe::{POSE_DIM, Shutter};
-use nalgebra::{Matrix2, SMatrix, Vector2};
+use nalgebra::{SMatrix, Vector2};
 
 /// A pixel as it would be if all rows were taken with the middle one.
 #[derive(Clone, Copy, Debug)]
@@ -13,27 +13,9 @@ pub(super) struct Unrolled {
     pub(super) uv: Vector2<f64>,
     /// Offset of the readout, and the pixel's derivative by `[v w readout]`, where the shutter may roll.
     pub(super) by_motion: Option<(usize, SMatrix<f64, 2, MOTION_DIM>)>,
-    /// Its covariance from the product of the errors of velocities and readout, px^2.
-    pub(super) noise: Matrix2<f64>,
 }
 
 impl Filter {
-    /// Time from the first row of an image of Cs to the last one as it is estimated, and its standard deviation, seconds; `None`
-    /// for a shutter that is known not to roll.
-    pub fn readout(&self) -> Option<(f64, f64)> {
-        let at = self.state.readout_block()?.offset;
-        Some((self.state.x[at], self.state.p.get(at, at).max(0.0).sqrt()))
-    }
-
-    /// Puts an estimate of the readout in the place of the one that there is; for a filter without map.
-    pub(super) fn set_readout(&mut self, readout: Option<(f64, f64)>) {
-        if let (Some(block), Some((mean, sd))) = (self.state.readout_block().copied(), readout) {
-            self.state.set_part(block.offset, &SMatrix::from([[mean]]));
-            self.state.reference[block.offset] = mean;
-            self.state.p.set(block.offset, block.offset, sd * sd);
-        }
-    }
-
     /// The present motion under the shutter; `None` where it is known not to roll.
     pub(super) fn shutter(&self) -> Option<Shutter> {
         let offset = self.state.readout_block()?.offset;
@@ -43,8 +25,6 @@ impl Filter {
             height: f64::from(self.camera.height),
             velocity: self.state.velocity(),
             turning: self.state.angular_velocity(),
-            spread: self.state.p.block::<6, 6>(POSE_DIM, POSE_DIM)
-                * self.state.p.get(offset, offset),
         })
     }
 
@@ -52,17 +32,15 @@ impl Filter {
     pub(super) fn unrolled(&self, uv: &Vector2<f64>, rho: f64) -> Unrolled {
         let r_wc = quat::rotation(&self.state.camera_pose().q);
         let moved = self.shutter().and_then(|shutter| {
-            let (uv, by, noise) = shutter.unrolled(&self.camera, &r_wc, uv, rho)?;
+            let (uv, by) = shutter.unrolled(&self.camera, &r_wc, uv, rho)?;
             Some(Unrolled {
                 uv,
                 by_motion: Some((shutter.offset, by)),
-                noise,
             })
         });
         moved.unwrap_or(Unrolled {
             uv: *uv,
             by_motion: None,
-            noise: Matrix2::zeros(),
         })
     }
 

@@ -9,7 +9,7 @@ use super::point::{CameraPose, PointInCamera};
 use super::shutter::{ByMotion, MOTION_DIM, Shutter};
 use crate::camera::Camera;
 use crate::math::{pose::Pose, quat};
-use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix3, SMatrix, Vector2, Vector3, Vector6};
 
 /// Up to three rows of the innovation and of grad H.
 #[derive(Clone, Debug)]
@@ -102,9 +102,7 @@ impl Rows {
         let seen_from = row.as_ref().map_or(pose, |(_, row)| &row.pose);
         let mut h = visible_direction(seen_from, feature)?;
         let (predicted, j) = camera.project_jac(&h.value)?;
-        let mut spread = Matrix2::zeros();
         let by_motion = row.map(|(readout, row)| {
-            spread = row.noise(&(j * h.by_pose));
             let (by_pose, by_motion) = row.split(&h.by_pose);
             h.by_pose = by_pose;
             let mut by = SMatrix::<f64, 3, MOTION_DIM>::zeros();
@@ -114,8 +112,6 @@ impl Rows {
         let form = feature.form();
         let mut rows = Self::pixel(form, predicted, measured, sigma_px, &j, &h);
         rows.by_motion = by_motion;
-        let mut noise = rows.noise.fixed_view_mut::<2, 2>(0, 0);
-        noise += spread;
         let mut by_calibration = SMatrix::<f64, 3, 6>::zeros();
         by_calibration
             .fixed_rows_mut::<2>(0)

@@ -6,7 +6,7 @@
 use super::point::{CameraPose, POSE_DIM};
 use crate::camera::Camera;
 use crate::math::quat;
-use nalgebra::{Matrix2, Matrix3, Matrix6, SMatrix, Vector2, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 
 /// Numbers that a row's time brings in: `[v w]` of the camera, and the readout.
 pub(crate) const MOTION_DIM: usize = 7;
@@ -24,9 +24,6 @@ pub struct Shutter {
     pub velocity: Vector3<f64>,
     /// `w_C`, rad/s.
     pub turning: Vector3<f64>,
-    /// Covariance of `[v w]` times the variance of the readout: what a product of both errors, which no derivative shows, moves
-    /// the camera by until a row of share 1, m^2 and rad^2.
-    pub spread: Matrix6<f64>,
 }
 
 /// The camera at the time of one row.
@@ -38,8 +35,6 @@ pub struct RowPose {
     by_pose: SMatrix<f64, 7, 7>,
     /// Derivative by `[v w readout]`.
     by_motion: SMatrix<f64, 7, MOTION_DIM>,
-    /// Covariance from the product of the errors of velocities and readout.
-    spread: SMatrix<f64, 7, 7>,
 }
 
 /// Derivative of a row of grad H by the camera's velocities and the readout.
@@ -86,13 +81,7 @@ impl Shutter {
         by_motion
             .fixed_view_mut::<4, 1>(3, 6)
             .copy_from(&(by_turn * self.turning * share));
-        let mut by_step = SMatrix::<f64, 7, 6>::zeros();
-        by_step.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(share);
-        by_step
-            .fixed_view_mut::<4, 3>(3, 3)
-            .copy_from(&(by_turn * share));
         RowPose {
-            spread: by_step * self.spread * by_step.transpose(),
             pose: CameraPose {
                 r: frame.r + self.velocity * tau,
                 q: quat::left(&frame.q) * step,
@@ -102,15 +91,15 @@ impl Shutter {
         }
     }
 
-    /// Where a pixel would be if all rows were taken with the middle one, its derivative by `[v w readout]`, and its covariance
-    /// from the product of their errors; `rho` is the inverse range of the point from the camera, 1/m. `None` where the pixel has no ray, or no place in the image then.
+    /// Where a pixel would be if all rows were taken with the middle one, and its derivative by `[v w readout]`; `rho` is the
+    /// inverse range of the point from the camera, 1/m. `None` where the pixel has no ray, or no place in the image then.
     pub fn unrolled(
         &self,
         camera: &Camera,
         r_wc: &Matrix3<f64>,
         uv: &Vector2<f64>,
         rho: f64,
-    ) -> Option<(Vector2<f64>, SMatrix<f64, 2, MOTION_DIM>, Matrix2<f64>)> {
+    ) -> Option<(Vector2<f64>, SMatrix<f64, 2, MOTION_DIM>)> {
         let share = self.share(uv);
         let tau = share * self.readout;
         let turned = quat::rotation_exp(&(self.turning * tau)) * camera.unproject(uv)?;
@@ -126,18 +115,11 @@ impl Shutter {
             .copy_from(&((way * self.velocity + by_turn * self.turning) * share));
         // Only what the motion changes: a lens model is not exactly undone by its inverse.
         let unmoved = camera.project(&camera.unproject(uv)?)?;
-        let by_step = by_ray * by_step * share;
-        let noise = by_step * self.spread * by_step.transpose();
-        Some((uv + seen - unmoved, by_ray * by, noise))
+        Some((uv + seen - unmoved, by_ray * by))
     }
 }
 
 impl RowPose {
-    /// What the product of the errors of velocities and readout adds to the covariance of a pixel with this derivative.
-    pub fn noise(&self, by_row_pose: &SMatrix<f64, 2, 7>) -> Matrix2<f64> {
-        by_row_pose * self.spread * by_row_pose.transpose()
-    }
-
     /// A derivative by this pose, as one by the frame's pose and one by the motion.
     pub fn split<const R: usize>(
         &self,
@@ -170,7 +152,6 @@ mod tests {
             height: 480.0,
             velocity: Vector3::from_column_slice(&numbers[..3]),
             turning: Vector3::from_column_slice(&numbers[3..6]),
-            spread: Matrix6::zeros(),
         }
     }
 
@@ -244,7 +225,7 @@ mod tests {
     fn an_unrolled_pixel_has_its_derivatives() {
         let (camera, r_wc) = (camera(), quat::rotation(&pose().q));
         let uv = Vector2::new(100.0, 420.0);
-        let (_, by, _) = shutter(&MOTION)
+        let (_, by) = shutter(&MOTION)
             .unrolled(&camera, &r_wc, &uv, 0.4)
             .expect("a ray");
         for k in 0..7 {

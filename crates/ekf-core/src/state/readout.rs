@@ -9,7 +9,7 @@ impl State {
         self.layout.of_kind(BlockKind::Readout).next()
     }
 
-    /// Appends it: estimate and standard deviation, seconds.
+    /// Appends it: mean and standard deviation, seconds.
     pub(crate) fn append_readout(&mut self, (readout, sd): (f64, f64)) {
         let (mean, variance) = (SMatrix::from([[readout]]), SMatrix::from([[sd * sd]]));
         self.append(BlockKind::Readout, &mean, &[], &variance);
