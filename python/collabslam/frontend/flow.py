@@ -5,7 +5,8 @@ first: as the filter predicts its features, or, where there are too few or the f
 on strongly downsampled images: the shift is where the shared part correlates best, an alignment by the
 enhanced correlation coefficient adds the roll, and the alternative that leaves the images most alike is kept.
 It is the start of a pyramidal Lucas-Kanade flow at half resolution: the search refines the guess at full
-resolution by correlation.
+resolution by correlation.  The flow takes brightness as constant, so the previous image is first made as bright
+as the present one: exposure control moves in steps.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ _WINDOW = 15  # pixels, side of the flow's window
 _SMALL_WIDTH = 64  # pixels, largest width of the small images from which the global motion is found
 _MIN_POINTS = 8  # that tell the motion of the image
 _MIN_FOLLOWED = 0.7  # share of the points; fewer mean that the first guess was wrong
+_CELLS = (24, 16)  # of the image, columns and rows, whose brightness is compared
 _MIN_OVERLAP = 0.3  # share of the small image in which both views must lie for a shift to count
 
 
@@ -64,6 +66,18 @@ class FlowImage:
         made = cls.__new__(cls)
         made.image, made.factor = image, factor
         return made
+
+    def as_bright_as(self, now: FlowImage) -> FlowImage:
+        """This image with the exposure of another one: grey values times the median ratio of their cells.
+
+        Exposure multiplies grey values, gamma or not.  What moves into view makes some cells brighter and others
+        darker, and hardly changes the median.
+        """
+        before, after = (cv2.resize(i.image, _CELLS, interpolation=cv2.INTER_AREA) for i in (self, now))
+        ratio = float(np.median((after + 1.0) / (before + 1.0)))
+        if abs(ratio - 1.0) * 255.0 < 0.5:
+            return self
+        return FlowImage.again(cv2.convertScaleAbs(self.image, alpha=ratio), self.factor)
 
     @cached_property
     def small(self) -> tuple[Small, Small, int]:
@@ -210,13 +224,14 @@ def flow_guess(
     if motion is None:
         motion = global_motion(previous, now)
     start = points @ motion[:, :2].T + motion[:, 2]
-    uv, ok = _forth_and_back(previous, now, points, start, settings)
+    lit = previous.as_bright_as(now)
+    uv, ok = _forth_and_back(lit, now, points, start, settings)
     if predicted and ok.mean() < _MIN_FOLLOWED:
         motion = global_motion(previous, now)
         moved = points @ motion[:, :2].T + motion[:, 2]
         again = np.flatnonzero(~ok & (np.abs(start - moved).max(axis=1) > 2.0))
         if len(again):
-            uv[again], ok[again] = _forth_and_back(previous, now, points[again], moved[again], settings)
+            uv[again], ok[again] = _forth_and_back(lit, now, points[again], moved[again], settings)
     return uv, ok
 
 
