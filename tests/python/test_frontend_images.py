@@ -388,6 +388,12 @@ def test_flow_survives_a_step_of_the_exposure(exposure):
     assert np.percentile(np.linalg.norm(found - uv - shift, axis=1)[ok], 90) < 0.5
 
 
+def test_motion_is_no_step_of_the_exposure():
+    image = texture(seed=9)
+    before, now = flow_image(image), flow_image(moved(image, np.eye(2), np.array([60.0, 10.0])))
+    assert before.as_bright_as(now) is before
+
+
 def test_flow_refuses_what_is_gone():
     image, other = texture(seed=5), texture(seed=6)
     uv = detect_corners(image, NONE, 40, SETTINGS.detect, 20)
