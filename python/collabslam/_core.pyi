@@ -1944,7 +1944,7 @@ class PeakTest:
     Parameters
     ----------
     min_score : float
-        Least correlation.
+        Least correlation, in an image without noise.
     ambiguity : float
         Largest share of the best peak that another may reach.
     peak_distance : float

@@ -377,6 +377,23 @@ def test_flow_survives_a_large_motion():
     assert (np.linalg.norm(again - true, axis=1) < 1.0)[inside].mean() > 0.9
 
 
+@pytest.mark.parametrize("exposure", [0.6, 1.5])
+def test_flow_survives_a_step_of_the_exposure(exposure):
+    image = texture(seed=9) // 2 + 20
+    shift = np.array([18.0, -7.0])
+    now = np.round(exposure * moved(image, np.eye(2), shift)).astype(np.uint8)
+    uv = detect_corners(image[60:-60, 60:-60], NONE, 60, SETTINGS.detect, 8) + 60.0
+    found, ok = flow_guess(flow_image(image), flow_image(now), uv, SETTINGS.flow)
+    assert ok.mean() > 0.95
+    assert np.percentile(np.linalg.norm(found - uv - shift, axis=1)[ok], 90) < 0.5
+
+
+def test_motion_is_no_step_of_the_exposure():
+    image = texture(seed=9)
+    before, now = flow_image(image), flow_image(moved(image, np.eye(2), np.array([60.0, 10.0])))
+    assert before.as_bright_as(now) is before
+
+
 def test_flow_refuses_what_is_gone():
     image, other = texture(seed=5), texture(seed=6)
     uv = detect_corners(image, NONE, 40, SETTINGS.detect, 20)

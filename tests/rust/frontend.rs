@@ -127,6 +127,60 @@ fn the_score_is_the_correlation() {
     );
 }
 
+/// An image with noise of its own on each pixel, evenly spread over `+-reach`.
+fn noisy(pixels: &[u8], reach: f64, mut seed: u64) -> Vec<u8> {
+    let mut next = || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        (seed >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    let with = |p: &u8| f64::from(*p) + reach * (2.0 * next() - 1.0);
+    pixels.iter().map(with).map(|p| p.round() as u8).collect()
+}
+
+#[test]
+fn a_weak_texture_is_found_in_noise() {
+    // Grey levels of sd 7 or so, and noise of sd 5: the same place correlates by 0.6, no more.
+    let faint = |p: &u8| (128.0 + (f64::from(*p) - 128.0) / 7.0).round() as u8;
+    let clean: Vec<u8> = waves(120, 90, 0.0, 0.0).iter().map(faint).collect();
+    let (first, second) = (noisy(&clean, 8.5, 1), noisy(&clean, 8.5, 2));
+    let image = Image::new(&second, 120, 90).expect("the sizes fit");
+    let (mut found, mut wrong, mut tried) = (0, 0, 0);
+    for (u, v) in (12..108)
+        .step_by(8)
+        .flat_map(|u| (12..78).step_by(8).map(move |v| (u, v)))
+    {
+        let expected = [expected(u as f64 + 1.0, v as f64 - 1.0, 2.0)];
+        let one = search(&image, &cut(&first, 120, u, v), SIDE, &expected, &OPTIONS)[0];
+        tried += 1;
+        if one.outcome == Outcome::Found {
+            let off = (one.uv - Vector2::new(u as f64, v as f64)).norm();
+            if off < 2.0 { found += 1 } else { wrong += 1 }
+        }
+    }
+    assert!(
+        found >= 95 && wrong == 0,
+        "{found} found, {wrong} wrong of {tried}"
+    );
+}
+
+#[test]
+fn noise_alone_is_not_found() {
+    let flat = vec![128; 120 * 90];
+    let (first, second) = (noisy(&flat, 12.0, 3), noisy(&flat, 12.0, 4));
+    let image = Image::new(&second, 120, 90).expect("the sizes fit");
+    for u in (20..100).step_by(5) {
+        let template = cut(&first, 120, u, 45);
+        let found = search(
+            &image,
+            &template,
+            SIDE,
+            &[expected(u as f64, 45.0, 8.0)],
+            &OPTIONS,
+        );
+        assert_eq!(found[0].outcome, Outcome::LowScore, "{}", found[0].score);
+    }
+}
+
 #[test]
 fn alignment_is_sub_pixel() {
     let before = waves(80, 80, 0.0, 0.0);

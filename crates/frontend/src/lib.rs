@@ -13,6 +13,7 @@ pub mod consensus;
 pub mod corners;
 mod correlate;
 pub mod describe;
+mod noise;
 pub mod pairs;
 pub mod search;
 pub mod warp;

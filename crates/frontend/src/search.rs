@@ -2,12 +2,21 @@
 //!
 //! Zero-normalised cross-correlation (ZNCC) inside the ellipse of the predicted pixel's covariance, a test against
 //! low and ambiguous peaks, then the peak's sub-pixel position.
+//!
+//! Two windows that show the same, each with noise of its own, correlate by the share of their variance that is not
+//! noise, and no better. So that share of the least correlation is asked for: a weak texture in a noisy image can be as
+//! sure a match as a strong one.
 
 use crate::Image;
 use crate::align::align;
 use crate::correlate::{Map, Template};
+use crate::noise::noise_variance;
 use nalgebra::{Matrix2, Vector2};
 use std::ops::Range;
+
+/// Least share of a template's variance that counts as not noise: of one that is mostly noise as much is asked as of one
+/// that is half of it, which it will not reach.
+const MIN_SHARE: f64 = 0.5;
 
 /// What a search is told.
 #[derive(Clone, Copy, Debug)]
@@ -24,7 +33,7 @@ pub struct Options {
     pub guess_radius: f64,
     /// Factor on the ellipse inside which a guess is believed.
     pub guess_gate: f64,
-    /// Least correlation of a peak.
+    /// Least correlation of a peak, in images without noise.
     pub min_score: f64,
     /// A second peak above this share of the best score makes a match ambiguous.
     pub ambiguity: f64,
@@ -87,6 +96,10 @@ pub fn search(
     expected: &[Expected],
     options: &Options,
 ) -> Vec<Found> {
+    if expected.is_empty() {
+        return Vec::new();
+    }
+    let noise = noise_variance(image);
     let mut map = Map::default();
     let mut wanted = Vec::new();
     let pairs = templates.chunks_exact(side * side).zip(expected);
@@ -114,7 +127,8 @@ pub fn search(
             let corner = (area.low.0 - side / 2, area.low.1 - side / 2);
             map.fill(image, &template, corner, area.size(), &wanted);
             area.judge(&map, options.peak_distance, &mut found);
-            if found.score >= options.min_score {
+            let not_noise = 1.0 - noise / template.deviation().powi(2);
+            if found.score >= options.min_score * not_noise.max(MIN_SHARE) {
                 found.uv = align(image, pixels, side, found.uv);
                 let unique = found.second < options.ambiguity * found.score;
                 found.outcome = if unique {

@@ -5,7 +5,8 @@ first: as the filter predicts its features, or, where there are too few or the f
 on strongly downsampled images: the shift is where the shared part correlates best, an alignment by the
 enhanced correlation coefficient adds the roll, and the alternative that leaves the images most alike is kept.
 It is the start of a pyramidal Lucas-Kanade flow at half resolution: the search refines the guess at full
-resolution by correlation.
+resolution by correlation.  The flow takes brightness as constant, so where the exposure has changed by a step
+the previous image is first made as bright as the present one.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ _WINDOW = 15  # pixels, side of the flow's window
 _SMALL_WIDTH = 64  # pixels, largest width of the small images from which the global motion is found
 _MIN_POINTS = 8  # that tell the motion of the image
 _MIN_FOLLOWED = 0.7  # share of the points; fewer mean that the first guess was wrong
+_CELLS = (24, 16)  # of the image, columns and rows, whose brightness is compared
+_AGREEING = 0.9  # share of them that a step of the exposure changes the same way
 _MIN_OVERLAP = 0.3  # share of the small image in which both views must lie for a shift to count
 
 
@@ -64,6 +67,19 @@ class FlowImage:
         made = cls.__new__(cls)
         made.image, made.factor = image, factor
         return made
+
+    def as_bright_as(self, now: FlowImage) -> FlowImage:
+        """This image with the exposure of another one, if that has changed by a step.
+
+        Exposure multiplies all grey values, gamma or not: nearly all cells of the image become brighter, or
+        nearly all darker.  What moves into view makes some brighter and others darker.
+        """
+        before, after = (cv2.resize(i.image, _CELLS, interpolation=cv2.INTER_AREA) for i in (self, now))
+        few, ratio, most = np.quantile((after + 1.0) / (before + 1.0), [1.0 - _AGREEING, 0.5, _AGREEING])
+        if few <= 1.0 <= most:
+            return self
+        lit = np.asarray(cv2.convertScaleAbs(self.image, alpha=float(ratio)), dtype=np.uint8)
+        return FlowImage.again(lit, self.factor)
 
     @cached_property
     def small(self) -> tuple[Small, Small, int]:
@@ -210,13 +226,14 @@ def flow_guess(
     if motion is None:
         motion = global_motion(previous, now)
     start = points @ motion[:, :2].T + motion[:, 2]
-    uv, ok = _forth_and_back(previous, now, points, start, settings)
+    lit = previous.as_bright_as(now)
+    uv, ok = _forth_and_back(lit, now, points, start, settings)
     if predicted and ok.mean() < _MIN_FOLLOWED:
         motion = global_motion(previous, now)
         moved = points @ motion[:, :2].T + motion[:, 2]
         again = np.flatnonzero(~ok & (np.abs(start - moved).max(axis=1) > 2.0))
         if len(again):
-            uv[again], ok[again] = _forth_and_back(previous, now, points[again], moved[again], settings)
+            uv[again], ok[again] = _forth_and_back(lit, now, points[again], moved[again], settings)
     return uv, ok
 
 

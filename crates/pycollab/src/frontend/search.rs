@@ -103,7 +103,7 @@ impl SearchWindow {
 /// Parameters
 /// ----------
 /// min_score : float
-///     Least correlation.
+///     Least correlation, in an image without noise.
 /// ambiguity : float
 ///     Largest share of the best peak that another may reach.
 /// peak_distance : float
