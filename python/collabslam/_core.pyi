@@ -461,8 +461,8 @@ class Filter:
         Returns
         -------
         tuple of (float, float) or None
-            Seconds after their stamps by the clock of Cs, and the standard deviation of that; None where the clock
-            is exact (``worn.clock_sd`` is 0), or there is no such camera.
+            Seconds after their stamps by the clock of Cs, and the standard deviation of that; None where
+            the clock is exact (``worn.clock_sd`` is 0), or there is no such camera.
         """
     def forget_time(self) -> None:
         """Forgets the time before the start, which nothing depends on: a filter may start from an old frame.

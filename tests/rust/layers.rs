@@ -110,10 +110,15 @@ const FILTER: Table = &[
     ("restart", &["measurements", "sources", "known_map", "ekf"]),
     ("validation", &["measurements", "ekf"]),
     ("working_set", &["measurements", "visibility", "ekf"]),
-    ("other_time", &["measurements", "ekf"]),
+    ("pose_then", &["ekf"]),
+    ("other_time", &["measurements", "ekf", "pose_then"]),
     (
         "worn_error",
         &["measurements", "ekf", "other_time", "shutter"],
+    ),
+    (
+        "worn_clock",
+        &["measurements", "ekf", "other_time", "worn_error"],
     ),
     (
         "snapshot_image",

@@ -133,7 +133,6 @@ fn are_found(draw: impl Fn(u64) -> Draw) {
     let (mut squares, mut variances) = (0.0, 0.0);
     for seed in 0..u64::from(DRAWS) {
         let (mean, sd) = draw(seed).run(150).clock();
-        println!("{seed}: {mean:.4} of {} to {sd:.4}", off(seed));
         squares += ((mean - off(seed)) / sd).powi(2) / f64::from(DRAWS);
         variances += (sd / SD).powi(2) / f64::from(DRAWS);
     }

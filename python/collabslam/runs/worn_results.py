@@ -133,8 +133,9 @@ def worn_cells(places: Places) -> dict[str, Any]:
 
 def worn_numbers(names: Sequence[str], steps: Sequence[Step]) -> list[dict[str, Any]]:
     """For ``summary.json``: of each person the views that were looked at, those whose matches tell where the
-    camera was, matches in such a view, the mean claimed standard deviation of its position, metres, and by how much
-    its views are taken after their stamps with the standard deviation of that, seconds, as known at the end."""
+    camera was, matches in such a view, the mean claimed standard deviation of its position, metres, and by
+    how much its views are taken after their stamps with the standard deviation of that, seconds, as known at
+    the end."""
     out = []
     for name in names:
         places = [found[name] for step in steps if name in (found := places_of(step))]

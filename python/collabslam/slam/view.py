@@ -61,8 +61,8 @@ class PlacedCamera:
     matches : int
         Matches of the view that the filter was given.
     clock : tuple of (float, float) or None
-        By how much its views are taken after their stamps, by the clock of Cs, as far as the filter knows, and the
-        standard deviation of that, seconds; None where the clock is exact.
+        By how much its views are taken after their stamps, by the clock of Cs, as far as the filter
+        knows, and the standard deviation of that, seconds; None where the clock is exact.
     """
 
     pose: Array

@@ -226,21 +226,22 @@ impl Filter {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use crate::camera::Camera;
     use crate::filter::{Capture, Filter, ViewTiming};
     use crate::math::pose::{Pose, tangent_map};
     use crate::math::quat;
     use crate::observe::POSE_DIM;
     use crate::settings::Settings;
-    use nalgebra::{SMatrix, Vector2, Vector6};
+    use crate::state::CAMERA_DIM;
+    use nalgebra::{Matrix6xX, SMatrix, Vector2, Vector6};
 
     /// A filter that moves and turns, with kept poses at 0, 0.1, .. and the present frame at 0.45 s.
     fn moving() -> Filter {
         moving_with(Settings::default())
     }
 
-    pub(in crate::filter) fn moving_with(settings: Settings) -> Filter {
+    fn moving_with(settings: Settings) -> Filter {
         let numbers = [500.0, 500.0, 320.0, 240.0];
         let camera = Camera::new("radtan", 640, 480, numbers, &[0.0; 4]).expect("a calibration");
         let mut filter = Filter::new(settings, camera.clone(), Some(camera));
@@ -259,7 +260,7 @@ pub(super) mod tests {
         filter
     }
 
-    pub(in crate::filter) fn t_cf() -> Pose {
+    fn t_cf() -> Pose {
         Pose::exp(&Vector6::new(0.8, -0.3, 0.2, 0.2, -0.4, 0.1))
     }
 
@@ -372,5 +373,88 @@ pub(super) mod tests {
             "{few:?} at {now}"
         );
         filter.check().expect("sound");
+    }
+
+    fn with_clock(clock: f64) -> Filter {
+        let mut settings = Settings::default();
+        settings.worn.clock_sd = 0.05;
+        let mut filter = moving_with(settings);
+        let at = filter.state.worn_clock_block(0).expect("a clock").offset;
+        filter.state.x[at] = clock;
+        filter
+    }
+
+    /// Derivative of T_CF of a view, by all numbers of the state that it says it depends on.
+    fn derivative(filter: &Filter, capture: Capture) -> Matrix6xX<f64> {
+        let at = filter.carried(&t_cf(), capture, 0).expect("it is kept");
+        let mut by = Matrix6xX::zeros(filter.state.x.len());
+        for part in at.by.parts() {
+            let mut columns = by.columns_mut(part.offset, part.width);
+            columns += Matrix6xX::from_column_slice(part.matrix);
+        }
+        by
+    }
+
+    #[test]
+    fn derivatives_by_the_clock_and_all_else_are_those_of_finite_differences() {
+        let e = 1e-6;
+        // Between kept poses, before the first of them, and after the present one.
+        for (t, frame, clock) in [
+            (0.27, 0.45, 0.05),
+            (0.02, 0.45, -0.06),
+            (0.43, 0.45, 0.06),
+            (0.45, 0.45, 0.05),
+            (0.45, 0.45, -0.05),
+            (0.27, 0.2, 0.02),
+        ] {
+            let filter = with_clock(clock);
+            let capture = Capture { t, frame };
+            let by = derivative(&filter, capture);
+            let there = |filter: &Filter| filter.carried(&t_cf(), capture, 0).expect("kept");
+            let at = there(&filter).t_cf;
+            let kept = filter.kept_poses.ids();
+            let kept = kept.filter_map(|id| Some(filter.state.layout.find(id)?.offset));
+            let mut steps: Vec<Vec<(usize, f64)>> =
+                (7..CAMERA_DIM).map(|i| vec![(i, 1.0)]).collect();
+            let clock_at = filter.state.worn_clock_block(0).expect("a clock").offset;
+            steps.push(vec![(clock_at, 1.0)]);
+            for pose in kept.chain([0]) {
+                steps.extend((0..3).map(|i| vec![(pose + i, 1.0)]));
+                let lift = quat::lift(&filter.state.pose_at(pose).q);
+                let turns = (0..3).map(|k| (0..4).map(|i| (pose + 3 + i, lift[(i, k)])).collect());
+                steps.extend(turns);
+            }
+            for step in steps {
+                let analytic: Vector6<f64> = step.iter().map(|(i, v)| by.column(*i) * *v).sum();
+                let [to, from] = [e, -e].map(|e| {
+                    let mut moved = filter.clone();
+                    step.iter().for_each(|(i, v)| moved.state.x[*i] += v * e);
+                    at.inverse().compose(&there(&moved).t_cf).log()
+                });
+                let off = (analytic - (to - from) / (2.0 * e)).abs().max();
+                assert!(off < 1e-6, "{t}, {frame}, {clock}, {step:?}: {off:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_clock_that_is_known_to_be_off_is_as_another_stamp() {
+        let filter = with_clock(0.05);
+        let (late, frame) = (
+            Capture {
+                t: 0.22,
+                frame: 0.45,
+            },
+            0.45,
+        );
+        let exact = moving_with(Settings::default());
+        let with = filter.carried(&t_cf(), late, 0).expect("kept");
+        let as_stamped = exact.carried(&t_cf(), Capture { t: 0.27, frame }, 0);
+        let off = with
+            .t_cf
+            .inverse()
+            .compose(&as_stamped.expect("kept").t_cf)
+            .log();
+        assert!(off.norm() < 1e-12, "{off}");
     }
 }

@@ -121,8 +121,8 @@ impl PyFilter {
     /// Returns
     /// -------
     /// tuple of (float, float) or None
-    ///     Seconds after their stamps by the clock of Cs, and the standard deviation of that; None where the clock
-    ///     is exact (``worn.clock_sd`` is 0), or there is no such camera.
+    ///     Seconds after their stamps by the clock of Cs, and the standard deviation of that; None where
+    ///     the clock is exact (``worn.clock_sd`` is 0), or there is no such camera.
     #[pyo3(signature = (*, who = 0))]
     fn worn_clock(&self, py: Python<'_>, who: usize) -> PyResult<Option<(f64, f64)>> {
         self.read(py, |f| Ok(f.worn_clock(who)))
