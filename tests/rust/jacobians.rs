@@ -10,8 +10,7 @@ use ekf_core::observe::{FeatureState, Form, PointInCamera, Rows, Shutter, WornVi
 use ekf_core::predict;
 use ekf_core::settings::{MotionModel, ProcessSettings};
 use nalgebra::{
-    DMatrix, DVector, Matrix2, Matrix3, Matrix6, SMatrix, SVector, Vector2, Vector3, Vector4,
-    Vector6,
+    DMatrix, DVector, Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3, Vector4, Vector6,
 };
 use rand::Rng;
 use rand_pcg::Pcg64;
