@@ -41,8 +41,9 @@ def main() -> None:
     print(f"x = {x:.3f} m after {SPEED * (FRAMES - 1):.3f} m, standard deviation {sigma:.3f} m")
     size = f"{len(p)}x{len(p)}"
     print(f"P is {size}: camera 13, then {len(blocks)} blocks; soundness {slam.soundness():.1e}")
-    first, second = (block.offset + block.size - 1 for block in blocks[:2])  # their inverse depths
-    names, scale = f"{blocks[0].id} and {blocks[1].id}", np.sqrt(p[first, first] * p[second, second])
+    one, other = [block for block in blocks if block.kind == "Feature"][:2]
+    first, second = (block.offset + block.size - 1 for block in (one, other))  # their inverse depths
+    names, scale = f"{one.id} and {other.id}", np.sqrt(p[first, first] * p[second, second])
     print(f"landmarks {names}: the errors of their depths are correlated by {p[first, second] / scale:.2f}")
 
 

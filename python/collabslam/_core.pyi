@@ -1944,17 +1944,25 @@ class PeakTest:
     Parameters
     ----------
     min_score : float
-        Least correlation, in an image without noise.
+        Least correlation.
     ambiguity : float
         Largest share of the best peak that another may reach.
     peak_distance : float
         Peaks nearer than this to the best one belong to it, pixels.
     min_deviation : float
         Least standard deviation of a template's grey values.
+    scarce : bool
+        Whether less correlation is asked for, by the share of a template that is noise (METHOD 7).
     """
 
     def __new__(
-        cls, *, min_score: float, ambiguity: float, peak_distance: float, min_deviation: float
+        cls,
+        *,
+        min_score: float,
+        ambiguity: float,
+        peak_distance: float,
+        min_deviation: float,
+        scarce: bool = False,
     ) -> PeakTest: ...
     @property
     def min_score(self) -> float: ...
@@ -1964,6 +1972,8 @@ class PeakTest:
     def peak_distance(self) -> float: ...
     @property
     def min_deviation(self) -> float: ...
+    @property
+    def scarce(self) -> bool: ...
 
 @final
 class SearchResult:

@@ -49,9 +49,9 @@ def test_filter_alone() -> None:
     first, second, third = play("filter_alone").splitlines()
     x, truth, sigma = numbers(first)
     assert abs(x - truth) < 4.0 * sigma < 0.4
-    assert "13, then 40 blocks" in second
+    assert "13, then 41 blocks" in second  # the readout, and 40 landmarks
     *ids, correlation = numbers(third)
-    assert ids == [0.0, 1.0]
+    assert ids == [1.0, 2.0]
     assert 0.0 < abs(correlation) < 1.0
 
 

@@ -407,7 +407,7 @@ def test_candidates_do_not_drift():
     image = texture(seed=7)
     uv = detect_corners(image[60:300, 60:440], NONE, 40, SETTINGS.detect, 20) + 60.0
     ids = np.arange(len(uv))
-    tracks = Tracks(Camera("pinhole", 540, 360, (500.0, 500.0, 270.0, 180.0), []), SETTINGS)
+    tracks = Tracks(Camera("pinhole", 540, 360, (500.0, 500.0, 270.0, 180.0), []), SETTINGS, 24)
     view = make_view(image)
     tracks.search(view, np.eye(4), NO_FEATURES, None)
     tracks.adopt(view, np.eye(4), MapChange(candidates=ImagePoints(ids, uv)), ids)

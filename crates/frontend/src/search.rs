@@ -4,8 +4,8 @@
 //! low and ambiguous peaks, then the peak's sub-pixel position.
 //!
 //! Two windows that show the same, each with noise of its own, correlate by the share of their variance that is not
-//! noise, and no better. So that share of the least correlation is asked for: a weak texture in a noisy image can be as
-//! sure a match as a strong one.
+//! noise, and no better. Where few features are left, that share of the least correlation is asked for: a weak texture in
+//! a noisy image can be as sure a match as a strong one, though a less exact one.
 
 use crate::Image;
 use crate::align::align;
@@ -33,8 +33,10 @@ pub struct Options {
     pub guess_radius: f64,
     /// Factor on the ellipse inside which a guess is believed.
     pub guess_gate: f64,
-    /// Least correlation of a peak, in images without noise.
+    /// Least correlation of a peak.
     pub min_score: f64,
+    /// Whether less is asked for, by the share of a template that is noise.
+    pub scarce: bool,
     /// A second peak above this share of the best score makes a match ambiguous.
     pub ambiguity: f64,
     /// Peaks nearer than this to the best one belong to it, pixels.
@@ -99,7 +101,11 @@ pub fn search(
     if expected.is_empty() {
         return Vec::new();
     }
-    let noise = noise_variance(image);
+    let noise = if options.scarce {
+        noise_variance(image)
+    } else {
+        0.0
+    };
     let mut map = Map::default();
     let mut wanted = Vec::new();
     let pairs = templates.chunks_exact(side * side).zip(expected);

@@ -55,6 +55,7 @@ def active_search(
     guess: Array | None,
     settings: SearchSettings,
     whole: bool = True,
+    scarce: bool = False,
 ) -> SearchResult:
     """Look for each template inside the ellipse of its predicted pixel.
 
@@ -75,13 +76,15 @@ def active_search(
     settings : SearchSettings
     whole : bool
         Whether a wide ellipse without a guess is searched; otherwise its code is WIDE.
+    scarce : bool
+        Whether few features are left, so that of a patch in a noisy image less is asked for.
 
     Returns
     -------
     SearchResult
     """
     expected = ExpectedPixels(uv_pred, s, guess)
-    window, peaks = search_window(settings.max_radius), peak_test(settings.min_score)
+    window, peaks = search_window(settings.max_radius), peak_test(settings.min_score, scarce=scarce)
     return search_templates(image, templates, expected, window, peaks, whole=whole)
 
 
@@ -106,11 +109,12 @@ def search_window(
     )
 
 
-def peak_test(min_score: float, *, ambiguity: float = _AMBIGUITY) -> PeakTest:
+def peak_test(min_score: float, *, ambiguity: float = _AMBIGUITY, scarce: bool = False) -> PeakTest:
     """Which peaks of the correlation count as found."""
     return PeakTest(
         min_score=min_score,
         ambiguity=ambiguity,
         peak_distance=_PEAK_DISTANCE,
         min_deviation=_MIN_DEVIATION,
+        scarce=scarce,
     )

@@ -30,6 +30,11 @@ class _Observed:
     fixed: Array
 
 
+def scarce_below(settings: Settings) -> int:
+    """With fewer features than this the view runs out of them."""
+    return round(int(settings["filter.map.in_view"]) * float(settings.switch("filter.birth.vague_below")))
+
+
 class MapManager:
     """Lets the filter grow and prune its map; what came of it is returned, and kept nowhere else.
 
@@ -66,7 +71,7 @@ class MapManager:
         self._reserve = round(self.in_view * float(settings.switch("filter.map.reserve")))
         mode = str(settings["filter.estimator.mode"])
         self._undelayed = mode == "mono-undelayed"
-        self._vague_below = round(self.in_view * float(settings.switch("filter.birth.vague_below")))
+        self._vague_below = scarce_below(settings)
         if mode.startswith("mono"):
             # Features of unknown depth say little about the scale, and without Cf nothing else would: metres
             # would be their guess.  An arbitrary unit drifts, which is less than not to know where one is.

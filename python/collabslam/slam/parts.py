@@ -39,7 +39,7 @@ from collabslam.slam.late_views import KeptFrame, LateViews
 from collabslam.slam.looking import Look, Looking, WornPose
 from collabslam.slam.loop_search import Wanted
 from collabslam.slam.map_aside import MapAside
-from collabslam.slam.map_management import MapManager
+from collabslam.slam.map_management import MapManager, scarce_below
 from collabslam.slam.printed_targets import PrintedTargets
 from collabslam.slam.recovery import Recovery
 from collabslam.slam.relocalise import Relocaliser
@@ -105,7 +105,7 @@ class EngineParts:
         self._start, self._target, self._metric = start, target, metric
         self._options = settings.frontend()
         self._blank = BlankImageDetector(self._options.blank_image)
-        self._tracks = Tracks(camera, self._options)
+        self._tracks = Tracks(camera, self._options, scarce_below(settings))
         self._worn = WornMatcher(core, camera, worn_cameras, settings, self._options)
         self._late = LateViews(core, camera, self._worn, self._tracks, settings, self._options)
         self._looking = Looking(core, self._options.worn.min_matches)

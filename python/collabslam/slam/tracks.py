@@ -9,7 +9,18 @@ from typing import Any, ClassVar
 import numpy as np
 
 from collabslam._core import Camera, ConditionalPrediction, Prediction, SearchResult
-from collabslam.formats.schema import Check, array, fields, instance, items, optional, refuse, table, whole
+from collabslam.formats.schema import (
+    Check,
+    array,
+    fields,
+    flag,
+    instance,
+    items,
+    optional,
+    refuse,
+    table,
+    whole,
+)
 from collabslam.frontend.flow import MAX_ERROR, FlowImage, flow_guess, motion_of
 from collabslam.frontend.patch import Patch, capture, warp_templates
 from collabslam.frontend.search import FOUND, GATE, WIDE, active_search, wide_ellipses
@@ -82,7 +93,9 @@ def _anything(value: Any, where: str) -> None:
 class Tracks(PersistentState):
     """Patches and last pixels of features and candidates.
 
-    A frame replaces these dictionaries and changes none, so that whoever holds the old ones can go back.
+    A frame replaces these dictionaries and changes none, so that whoever holds the old ones can go back.  Where
+    fewer than ``scarce_below`` features were found in the last one, or most candidates were lost in it, weaker
+    matches count (METHOD 7).
     """
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
@@ -91,16 +104,19 @@ class Tracks(PersistentState):
         "_last": table(int, check_pixel),
         "_candidate_last": table(int, check_pixel),
         "_previous": optional(instance(FlowImage, image=array("|u1", None, None), factor=whole(1, 2))),
+        "_fading": flag,
     }
 
-    def __init__(self, camera: Camera, settings: FrontendSettings) -> None:
+    def __init__(self, camera: Camera, settings: FrontendSettings, scarce_below: int) -> None:
         self._camera = camera
         self._settings = settings
+        self._scarce_below = scarce_below
         self._features: dict[int, Patch] = {}
         self._candidates: dict[int, Patch] = {}
         self._last: dict[int, Array] = {}
         self._candidate_last: dict[int, Array] = {}
         self._previous: FlowImage | None = None
+        self._fading = False
 
     def state(self) -> dict[str, Any]:
         """As `PersistentState.state`; of the last image, what the flow works on."""
@@ -145,6 +161,7 @@ class Tracks(PersistentState):
             guess,
             self._settings.search,
             whole=False,
+            scarce=self._fading or len(self._last) < self._scarce_below,
         )
         self._search_wide(image, warped.templates, expected, result, expect_given)
         seen = np.flatnonzero(warped.ok[:n])
@@ -163,6 +180,7 @@ class Tracks(PersistentState):
         self._last = dict(zip(found.ids.tolist(), found.uv, strict=True))
         self._candidate_last = dict(zip(found.candidates.tolist(), found.candidate_uv, strict=True))
         self._previous = now
+        self._fading = len(found.lost) > len(found.candidates)
         return found
 
     def _search_wide(

@@ -16,8 +16,12 @@ pub(super) struct Unrolled {
 }
 
 impl Filter {
-    /// The present motion under the shutter; `None` where it is known not to roll.
+    /// The present motion under the shutter; `None` where it is known not to roll. So it is where nothing is told of it and the
+    /// motion is that of wheels: when they slip, what such a motion may bend in an image would explain half of it.
     pub(super) fn shutter(&self) -> Option<Shutter> {
+        if self.wheels.followed && self.settings.calibration.readout == 0.0 {
+            return None;
+        }
         let offset = self.state.readout_block()?.offset;
         Some(Shutter {
             offset,

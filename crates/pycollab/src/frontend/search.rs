@@ -103,31 +103,41 @@ impl SearchWindow {
 /// Parameters
 /// ----------
 /// min_score : float
-///     Least correlation, in an image without noise.
+///     Least correlation.
 /// ambiguity : float
 ///     Largest share of the best peak that another may reach.
 /// peak_distance : float
 ///     Peaks nearer than this to the best one belong to it, pixels.
 /// min_deviation : float
 ///     Least standard deviation of a template's grey values.
+/// scarce : bool
+///     Whether less correlation is asked for, by the share of a template that is noise (METHOD 7).
 #[pyclass(module = "collabslam._core", frozen, get_all)]
 pub(crate) struct PeakTest {
     min_score: f64,
     ambiguity: f64,
     peak_distance: f64,
     min_deviation: f64,
+    scarce: bool,
 }
 
 #[pymethods]
 impl PeakTest {
     #[new]
-    #[pyo3(signature = (*, min_score, ambiguity, peak_distance, min_deviation))]
-    fn new(min_score: f64, ambiguity: f64, peak_distance: f64, min_deviation: f64) -> Self {
+    #[pyo3(signature = (*, min_score, ambiguity, peak_distance, min_deviation, scarce = false))]
+    fn new(
+        min_score: f64,
+        ambiguity: f64,
+        peak_distance: f64,
+        min_deviation: f64,
+        scarce: bool,
+    ) -> Self {
         Self {
             min_score,
             ambiguity,
             peak_distance,
             min_deviation,
+            scarce,
         }
     }
 }
@@ -251,6 +261,7 @@ pub(crate) fn search_templates(
         guess_radius: window.guess_radius,
         guess_gate: window.guess_gate,
         min_score: peaks.min_score,
+        scarce: peaks.scarce,
         ambiguity: peaks.ambiguity,
         peak_distance: peaks.peak_distance,
         min_deviation: peaks.min_deviation,
