@@ -99,8 +99,8 @@ class SearchSettings:
         -1,
         1,
         "",
-        "Least correlation of the peak (1 is a perfect match); where few features are left, less by the share of "
-        "noise in the patch.",
+        "Least correlation of the peak (1 is a perfect match); where few features are left, less by the "
+        "share of noise in the patch.",
         "Lower it for blurred or compressed images, where features are lost.",
     )
 

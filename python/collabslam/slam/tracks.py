@@ -93,9 +93,9 @@ def _anything(value: Any, where: str) -> None:
 class Tracks(PersistentState):
     """Patches and last pixels of features and candidates.
 
-    A frame replaces these dictionaries and changes none, so that whoever holds the old ones can go back.  Where
-    fewer than ``scarce_below`` features were found in the last one, or most candidates were lost in it, weaker
-    matches count (METHOD 7).
+    A frame replaces these dictionaries and changes none, so that whoever holds the old ones can go back.
+    Where fewer than ``scarce_below`` features were found in the last one, or most candidates were lost in it,
+    weaker matches count (METHOD 7).
     """
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
