@@ -39,8 +39,7 @@ class Replay:
 
     def _start(self) -> None:
         features = sum(len(births) for _, births in self._births)
-        settings = {"map.max_features": features, "calibration.readout_sd": 0.0}
-        self._filter = Filter(CAMERA, CAMERA, settings=settings)
+        self._filter = Filter(CAMERA, CAMERA, settings={"map.max_features": features})
         for (t, ids, uv), births in self._births:
             self._filter.predict(t)
             new = np.full(len(births), -1)

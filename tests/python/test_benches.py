@@ -43,7 +43,8 @@ def test_without_an_environment_the_other_system_is_said_to_be_missing(
 def test_a_recorded_replay_is_timed_frame_by_frame() -> None:
     places = [(100 + 60 * k, 80 + 37 * (k % 9)) for k in range(9)]
     births = ";".join(f"{u},{v},{2 + 0.1 * k},0.1" for k, (u, v) in enumerate(places))
-    seen = ";".join(f"{k},{u},{v}" for k, (u, v) in enumerate(places))
+    # The filter's first block is the readout.
+    seen = ";".join(f"{k},{u},{v}" for k, (u, v) in enumerate(places, start=1))
     lines = f"0;{births}|0.1;{seen}|0.2;{seen}"
     done = subprocess.run(
         [sys.executable, str(REPLAY), "2"], input=lines, capture_output=True, text=True, check=False
