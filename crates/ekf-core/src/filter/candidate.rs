@@ -39,7 +39,7 @@ pub(super) struct CandidateImage {
 }
 
 impl Candidate {
-    /// Its first pixel without the shutter's rolling, by the present estimate of the readout, seconds, and the derivative by that;
+    /// Its first pixel without the shutter's rolling, by the readout, seconds, and the derivative by that;
     /// `rho` is the inverse range of its point, 1/m.
     pub(super) fn unrolled(&self, readout: f64, rho: f64) -> (Vector2<f64>, Vector2<f64>) {
         let by_readout = self.roll * Vector2::new(1.0, rho);

@@ -17,7 +17,7 @@ pub(super) struct Unrolled {
 
 impl Filter {
     /// The present motion under the shutter; `None` where it is known not to roll. So it is where nothing is told of it and the
-    /// motion is that of wheels: when they slip, what such a motion may bend in an image would explain half of it.
+    /// motion is that of wheels: when they slip, what such a motion may bend in an image would explain a part of it.
     pub(super) fn shutter(&self) -> Option<Shutter> {
         if self.wheels.followed && self.settings.calibration.readout == 0.0 {
             return None;
