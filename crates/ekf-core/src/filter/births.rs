@@ -23,8 +23,6 @@ type ByMotion = Option<(usize, SMatrix<f64, 2, MOTION_DIM>)>;
 const VAGUE_RHO: f64 = 0.1;
 /// Its standard deviation, 1/m.
 const VAGUE_RHO_SD: f64 = 0.2;
-/// Of ten landmarks, so many are farther away than what counts as near.
-const NEAR: usize = 9;
 
 impl Filter {
     /// Starts candidates at pixels of the present view; returns their ids.
@@ -145,10 +143,9 @@ impl Filter {
         Ok(born)
     }
 
-    /// Inverse depth and its sd of a point of which nothing is known but the scene that it is in: half of what one in ten of the
-    /// landmarks of known depth exceeds, as seen from the camera, and as much. So anything from infinity to the nearest of the
-    /// scene is within one sd, in a room as on a road, and in any unit. What comes into view in a close turn is mostly nearer than
-    /// what was in view before. [`VAGUE_RHO`] where the map does not tell.
+    /// Inverse depth and its sd of a point of which nothing is known but the scene that it is in: half the median of the
+    /// landmarks of known depth, as seen from the camera, and as much. So anything from infinity to that median is within
+    /// one sd, in a room as on a road, and in any unit. [`VAGUE_RHO`] where the map does not tell.
     fn vague_depth(&self) -> (f64, f64) {
         let birth = &self.settings.birth;
         let camera = self.state.camera_pose().r;
@@ -159,7 +156,7 @@ impl Filter {
             return (VAGUE_RHO, VAGUE_RHO_SD);
         }
         inverse.sort_unstable_by(f64::total_cmp);
-        let half = 0.5 * inverse[inverse.len() * NEAR / 10];
+        let half = 0.5 * inverse[inverse.len() / 2];
         if half.is_finite() {
             (half, half)
         } else {
