@@ -252,9 +252,7 @@ impl Filter {
                 break;
             }
         }
-        if form == WornForm::Tight {
-            self.linearise_at_told_error(z, scratch)?;
-        }
+        self.linearise_again(z, form, scratch)?;
         report.nis = self.batch.nis();
         report.dof = self.batch.rows();
         let carries = self.carries() && report.dof > 0;
