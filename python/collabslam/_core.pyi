@@ -264,6 +264,11 @@ class Filter:
         arbitrary it says how far that has drifted since the start.
         """
     @property
+    def readout(self) -> tuple[float, float] | None:
+        """Time from the first row of an image of Cs to the last one, as far as the filter knows, and the standard
+        deviation of that, seconds; None for a shutter that is known not to roll (METHOD 4).
+        """
+    @property
     def velocity(self) -> _Array:
         """Velocity in W, (3,) float64, m/s."""
     @property

@@ -44,8 +44,9 @@ pub(crate) fn worn_covariance() -> Matrix6<f64> {
 pub(crate) fn settings(changes: &[(&str, Value)]) -> Settings {
     let mut settings = Settings::default();
     // The simulated camera takes all rows at once.
-    let exact = settings.set("calibration.readout_sd", &Value::Float(0.0));
-    exact.expect("valid setting");
+    for key in ["calibration.readout", "calibration.readout_sd"] {
+        settings.set(key, &Value::Float(0.0)).expect("a setting");
+    }
     for (key, value) in changes {
         settings.set(key, value).expect("valid setting");
     }

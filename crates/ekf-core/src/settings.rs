@@ -107,6 +107,10 @@ macro_rules! settings {
     };
 }
 
+/// Mean and standard deviation of a readout that lies evenly between 0 and a thirtieth of a second: `1 / 60` and
+/// `1 / (30 sqrt(12))`.
+const UNTOLD_READOUT: (f64, f64) = (1.0 / 60.0, 0.009622504486493764);
+
 settings! {
     /// Which estimator.
     estimator: EstimatorSettings {
@@ -151,7 +155,7 @@ settings! {
             User("Lower it to some seconds where the ground changes often, raise it where only the wheels' radius is in doubt.");
     }
     /// How well Cs is calibrated. A calibration's error is the same in every frame, so that no number of features averages it
-    /// out: the filter considers it and does not estimate it (METHOD 4). All zero: the calibration is exact.
+    /// out: the filter considers it and does not estimate it, but for the readout (METHOD 4). All zero: the calibration is exact.
     calibration: CalibrationSettings {
         /// Standard deviation of the focal length, relative.
         focal_sd: f64 = 0.0, "", Some(0.0), Some(0.5),
@@ -166,12 +170,13 @@ settings! {
         radial_sd: f64 = 0.0, "", Some(0.0), Some(1.0),
             User("As the focal length's; 0.01 is a good lens that was calibrated well.");
         /// Time from the first row of an image of Cs to the last one: 0 for a global shutter, negative for an image upside down.
-        readout: f64 = 0.0, "s", Some(-0.2), Some(0.2),
-            User("Set it where the sensor's data sheet says so: 0.01 to 0.033 for phones and webcams, whose shutters roll.");
-        /// Standard deviation of that time; 0 where it is exact. The default is that of a shutter of which nothing is told: it may
-        /// take its rows all at once, or one after the other until the next image of 30 a second, or anything between.
-        readout_sd: f64 = 0.02, "s", Some(0.0), Some(0.2),
-            User("Set it to 0.002 beside a readout that is known, to 0 for a global shutter.");
+        /// The filter estimates it from here. The default is that of a shutter of which nothing is told: it may take its rows all at
+        /// once, or one after the other until the next image of 30 a second, or evenly anything between.
+        readout: f64 = UNTOLD_READOUT.0, "s", Some(-0.2), Some(0.2),
+            User("Set it where the sensor's data sheet says so: 0.01 to 0.033 for phones and webcams, whose shutters roll; 0, and readout_sd 0, for a global shutter.");
+        /// Standard deviation of that time; 0 where it is exact.
+        readout_sd: f64 = UNTOLD_READOUT.1, "s", Some(0.0), Some(0.2),
+            User("Set it to 0.002 beside a readout that is known, to 0 beside readout 0 for a global shutter.");
     }
     /// Noise of pixel measurements (METHOD 4).
     pixel: PixelSettings {
@@ -292,6 +297,11 @@ impl CalibrationSettings {
     pub fn readout(&self) -> Option<(f64, f64)> {
         let rolls = self.readout != 0.0 || self.readout_sd > 0.0;
         rolls.then_some((self.readout, self.readout_sd))
+    }
+
+    /// Whether more is told of the readout than that it is no longer than most cameras take for an image.
+    pub fn is_readout_told(&self) -> bool {
+        self.readout_sd < UNTOLD_READOUT.1
     }
 
     /// Covariance of the calibration's error, in the order of the camera's `warp_jacobian`;

@@ -83,6 +83,7 @@ class CoreRun:
         fixed: FilterSettings = {
             "validate.test": "none",
             "process.handover": 0.0,
+            "calibration.readout": 0.0,
             "calibration.readout_sd": 0.0,
         }
         changes = {f"filter.{key}": value for key, value in {**fixed, **settings}.items()}

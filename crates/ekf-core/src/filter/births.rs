@@ -254,10 +254,11 @@ impl Filter {
         }
     }
 
-    /// By how much one standard deviation of the readout moves a pixel.
+    /// By how much one standard deviation of the readout, as it is stated, moves a pixel: what is left of it once the filter knows
+    /// more is a claim that the velocities do not bear, and a candidate that strays does not come back.
     fn readout_sd(&self, by_motion: &ByMotion) -> Vector2<f64> {
-        by_motion.map_or(Vector2::zeros(), |(at, by)| {
-            by.column(MOTION_DIM - 1) * self.state.p.get(at, at).max(0.0).sqrt()
+        by_motion.map_or(Vector2::zeros(), |(_, by)| {
+            by.column(MOTION_DIM - 1) * self.settings.calibration.readout_sd
         })
     }
 

@@ -16,10 +16,17 @@ pub(super) struct Unrolled {
 }
 
 impl Filter {
+    /// Time from the first row of an image of Cs to the last one as far as the filter knows, and the standard deviation of that,
+    /// seconds; `None` for a shutter that is known not to roll (METHOD 4).
+    pub fn readout(&self) -> Option<(f64, f64)> {
+        let at = self.state.readout_block()?.offset;
+        Some((self.state.x[at], self.state.p.get(at, at).max(0.0).sqrt()))
+    }
+
     /// The present motion under the shutter; `None` where it is known not to roll. So it is where nothing is told of it and the
     /// motion is that of wheels: when they slip, what such a motion may bend in an image would explain a part of it.
     pub(super) fn shutter(&self) -> Option<Shutter> {
-        if self.wheels.followed && self.settings.calibration.readout == 0.0 {
+        if self.wheels.followed && !self.settings.calibration.is_readout_told() {
             return None;
         }
         let offset = self.state.readout_block()?.offset;

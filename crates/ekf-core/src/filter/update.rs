@@ -252,7 +252,9 @@ impl Filter {
                 break;
             }
         }
-        self.linearise_again(z, form, scratch)?;
+        if form == WornForm::Tight {
+            self.linearise_at_told_error(z, scratch)?;
+        }
         report.nis = self.batch.nis();
         report.dof = self.batch.rows();
         let carries = self.carries() && report.dof > 0;

@@ -70,7 +70,7 @@ impl BlockKind {
     pub(crate) const fn is_considered(self) -> bool {
         matches!(
             self,
-            Self::WornBias(_) | Self::Calibration | Self::Readout | Self::WornClock(_)
+            Self::WornBias(_) | Self::Calibration | Self::WornClock(_)
         )
     }
 
