@@ -14,6 +14,8 @@ from collabslam.slam.view import View
 from collabslam.types import Frame, Image
 
 FRAMES = 15
+GLOBAL_SHUTTER = {"filter.calibration.readout": 0.0, "filter.calibration.readout_sd": 0.0}
+"""Settings that tell what the demo's shutter is, for what else would hang on how well the filter knows it."""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import GLOBAL_SHUTTER
 
 import collabslam
 from collabslam._core import Factor, PoseGraph
@@ -124,7 +125,7 @@ class Walk:
 
     def __init__(self, recording: DemoRecording) -> None:
         self.recording = recording
-        settings = collabslam.Settings.default().replace({"filter.map.max_features": 60})
+        settings = collabslam.Settings.default().replace({"filter.map.max_features": 60, **GLOBAL_SHUTTER})
         self.slam = Slam(recording.camera, recording.worn_camera, settings=settings)
         self.order = [*range(OUT), *range(OUT - 2, -1, -1)]
         self.times = _times()

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Clip
+from conftest import GLOBAL_SHUTTER, Clip
 from posted import Posted, paint
 
-from collabslam import Frame, Slam, Tag
+from collabslam import Frame, Settings, Slam, Tag
 from collabslam.geometry import pose, pose_inverse, rotation_exp, se3_log
 from collabslam.slam.relocalise import Relocaliser
 from collabslam.slam.results import StepResult
@@ -29,7 +29,8 @@ class Walk:
         self.start = self.recording.truth[0]
         self.tagged = Posted(self.recording, [(TAG, self.start @ PLACE)])
         cameras = self.tagged.camera, self.tagged.worn_camera
-        self.slam, self.t = Slam(*cameras, start="target", target=TAG), 0.0
+        settings = Settings.default().replace(GLOBAL_SHUTTER)
+        self.slam, self.t = Slam(*cameras, settings=settings, start="target", target=TAG), 0.0
         for i in range(SEEN):
             assert self.step(self.tagged.frame(i).image, self.tagged.frame(i).worn).status is not Status.LOST
         for _ in range(4):
