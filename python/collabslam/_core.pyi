@@ -265,8 +265,8 @@ class Filter:
         """
     @property
     def readout(self) -> tuple[float, float] | None:
-        """Time from the first row of an image of Cs to the last one, as far as the filter knows, and the standard
-        deviation of that, seconds; None for a shutter that is known not to roll (METHOD 4).
+        """Time from the first row of an image of Cs to the last one, as far as the filter knows, and the
+        standard deviation of that, seconds; None for a shutter that is known not to roll (METHOD 4).
         """
     @property
     def velocity(self) -> _Array:

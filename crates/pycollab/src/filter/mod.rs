@@ -202,8 +202,8 @@ impl PyFilter {
         self.read(py, |f| Ok(f.scale_sd()))
     }
 
-    /// Time from the first row of an image of Cs to the last one, as far as the filter knows, and the standard
-    /// deviation of that, seconds; None for a shutter that is known not to roll (METHOD 4).
+    /// Time from the first row of an image of Cs to the last one, as far as the filter knows, and the
+    /// standard deviation of that, seconds; None for a shutter that is known not to roll (METHOD 4).
     #[getter]
     fn readout(&self, py: Python<'_>) -> PyResult<Option<(f64, f64)>> {
         self.read(py, |f| Ok(f.readout()))
