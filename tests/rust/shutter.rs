@@ -2,7 +2,7 @@
 
 use crate::scene::{DT, Scene, Way, adopt, settings};
 use ekf_core::settings::Value;
-use ekf_core::{CandidateOutcome, Filter, Settings};
+use ekf_core::{Bearing, CandidateOutcome, Filter, Measurements, Settings};
 use nalgebra::{Vector2, Vector6};
 use std::collections::BTreeMap;
 
@@ -142,4 +142,43 @@ fn what_the_shutter_bends_does_not_leave_the_places_of_a_point_at_rest() {
         "{believed} of {count}: the test's shutter bends too little"
     );
     assert_eq!(in_doubt, 0, "of {count}");
+}
+
+#[test]
+fn a_predicted_pixel_is_as_uncertain_as_its_measurement() {
+    let mut told = stated(0.05, 0.03);
+    for (key, sd) in [
+        ("calibration.focal_sd", 0.02),
+        ("calibration.centre_sd", 5.0),
+    ] {
+        told.set(key, &Value::Float(sd)).expect("a setting");
+    }
+    let mut scene = rolling(0);
+    scene.way = Way::Lively;
+    let mut filter = scene.filter(told);
+    let mut known = BTreeMap::new();
+    for frame in 0..30 {
+        let t = f64::from(frame) * DT;
+        filter.predict(t).expect("increasing time");
+        let (z, points) = scene.measure(t, &known, frame % 10 == 0);
+        let report = filter.update(&z).expect("good measurements");
+        adopt(&mut known, &report, &points);
+    }
+    filter.predict(30.0 * DT).expect("increasing time");
+    let predicted = filter.predict_pixels();
+    assert!(predicted.len() > 10, "{}", predicted.len());
+    let bearings = predicted.iter().map(|f| Bearing { id: f.id, uv: f.uv });
+    let z = Measurements {
+        bearings: bearings.collect(),
+        ..Default::default()
+    };
+    let batch = filter.innovation(&z).expect("good measurements");
+    for (k, f) in predicted.iter().enumerate() {
+        let (m, at) = (batch.rows(), batch.offsets()[k]);
+        let s = [0, 1].map(|i| batch.s()[at + i + (at + i) * m]);
+        for (i, s) in s.into_iter().enumerate() {
+            let ratio = f.s[(i, i)] / s;
+            assert!((ratio - 1.0).abs() < 0.02, "{ratio} of feature {}", f.id);
+        }
+    }
 }
