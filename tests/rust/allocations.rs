@@ -78,7 +78,7 @@ fn a_warm_step_allocates_nothing() {
     let ids: Vec<u64> = ids.collect();
     let (mut report, mut seen) = (UpdateReport::default(), Vec::new());
     let (mut counted, mut wrong_out) = (0, 0);
-    for frame in 1..200 {
+    for frame in 1..400 {
         let chosen: Vec<usize> = (0..40).map(|k| (frame * 7 + k * 2) % 100).collect();
         let mut z = Measurements::default();
         for &point in &chosen {
@@ -94,7 +94,7 @@ fn a_warm_step_allocates_nothing() {
         filter.predict(frame as f64 / 30.0).unwrap();
         filter.predict_pixels_into(&mut seen);
         filter.update_into(&z, &mut report).unwrap();
-        if frame >= 100 {
+        if frame >= 200 {
             counted += COUNT.get() - before;
             wrong_out += report.order;
         }
