@@ -90,17 +90,12 @@ impl Filter {
         Some((p.block(at, 0), with(at), p.block(at, at)))
     }
 
-    /// Covariance of six numbers from `at` on with the camera's velocities and the readout.
-    fn with_motion(&self, at: usize, readout: usize) -> SMatrix<f64, 6, MOTION_DIM> {
-        let p = &self.state.p;
-        SMatrix::from_fn(|i, c| {
-            let column = if c < MOTION_DIM - 1 {
-                POSE_DIM + c
-            } else {
-                readout
-            };
-            p.get(at + i, column)
-        })
+    /// Covariance of six numbers from `at` on with the motion under the shutter.
+    fn with_motion(&self, at: usize, motion: &ByMotion) -> SMatrix<f64, 6, MOTION_DIM> {
+        let entries = motion
+            .columns()
+            .flat_map(|column| (at..at + 6).map(move |row| self.state.p.get(row, column)));
+        SMatrix::from_iterator(entries)
     }
 
     /// What the motion under the shutter adds to the covariance of a point in C; `with` says the feature's covariance with six
@@ -169,7 +164,7 @@ impl Filter {
             let mut by_state =
                 with_pose * point.by_pose.transpose() + with_feature * point.by_feature.transpose();
             if let (Some(motion), Some(at)) = (by_motion, self.state.calibration()) {
-                by_state += self.with_motion(at, motion.readout) * motion.by.transpose();
+                by_state += self.with_motion(at, motion) * motion.by.transpose();
             }
             let both = by_warp * by_state * by_point.transpose();
             s += by_warp * own * by_warp.transpose() + both + both.transpose();
