@@ -332,6 +332,30 @@ class Filter:
             If ``t`` does not follow the last time (a step of zero is none), or is more than an hour after
             it.
         """
+    def predict_again(self, since: float, before: ArrayLike, now: ArrayLike) -> bool:
+        """Predicts the present frame again, from the checkpoint of the frame before, with the turn that is
+        seen in the images (METHOD 27).
+
+        To be asked where the frame has measured nothing: what was done since the checkpoint is undone.
+
+        Parameters
+        ----------
+        since : float
+            Time of the frame before, seconds.
+        before, now : (N, 2) float64
+            Pixels of points that were followed, there and in the present frame.
+
+        Returns
+        -------
+        bool
+            False, and nothing changed, where the images do not tell the turn, the last checkpoint is not of
+            that frame, or odometry told the motion.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes or NaN; nothing changes then.
+        """
     def predict_pixels(self) -> Prediction:
         """Every feature that should be visible in Cs.
 

@@ -108,6 +108,7 @@ fn instant(errors: &str) -> (Warm, WornObservation, Vec<u64>) {
     let changes = [
         ("estimator.mode", name("collab-init")),
         ("worn.errors", name(errors)),
+        ("worn.readout", Value::Float(0.02)),
     ];
     let mut warm = warm(21, &changes);
     warm.scene.worn_covariance = small_worn_covariance();
@@ -151,10 +152,14 @@ fn instant_births_share_the_error_of_the_worn_camera() {
         .map(|_| {
             let x = gaussian.draw(&mut rng);
             let pose = pose_of(&x, 0);
-            let t_cf = worn.t_cf.retract(&(chol * normals::<6>(&mut rng)));
+            let error = chol * normals::<6>(&mut rng);
+            // 1 m/s and 1 rad/s while the image is read.
+            let roll = normals::<6>(&mut rng) * filter.settings().worn.readout;
             let mut out: Vec<f64> = x.rows(7, 3).iter().copied().collect();
             for WornPair { uv, uv_f, .. } in &worn.pairs {
                 let uv = uv.expect("a new point") + normals::<2>(&mut rng);
+                let row = uv_f.y / f64::from(camera.height) - 0.5;
+                let t_cf = worn.t_cf.retract(&(error + roll * row));
                 let uv_f = uv_f + normals::<2>(&mut rng);
                 let view = TwoView::new(camera, &uv, camera, &uv_f, &t_cf).expect("rays meet");
                 out.extend(feature_of(&pose, &view).iter());

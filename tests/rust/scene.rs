@@ -43,8 +43,12 @@ pub(crate) fn worn_covariance() -> Matrix6<f64> {
 
 pub(crate) fn settings(changes: &[(&str, Value)]) -> Settings {
     let mut settings = Settings::default();
-    // The simulated camera takes all rows at once.
-    for key in ["calibration.readout", "calibration.readout_sd"] {
+    // The simulated cameras take all rows at once.
+    for key in [
+        "calibration.readout",
+        "calibration.readout_sd",
+        "worn.readout",
+    ] {
         settings.set(key, &Value::Float(0.0)).expect("a setting");
     }
     for (key, value) in changes {
@@ -79,6 +83,8 @@ pub(crate) struct Scene {
     pub(crate) worn_covariance: Matrix6<f64>,
     /// Seconds from the first row of an image of Cs to the last one.
     pub(crate) readout: f64,
+    /// The same of Cf, which moves by 1 m/s and turns by 1 rad/s on each axis meanwhile, standard deviations drawn for each view.
+    pub(crate) worn_readout: f64,
     pub(crate) way: Way,
     /// Seconds after its stamp that a view of Cf is taken.
     pub(crate) clock: f64,
@@ -107,6 +113,7 @@ impl Scene {
             sigma_px: 1.0,
             worn_covariance: worn_covariance(),
             readout: 0.0,
+            worn_readout: 0.0,
             way: Way::Swaying,
             clock: 0.0,
             from_rest: false,
@@ -173,6 +180,24 @@ impl Scene {
         self.pixel(&self.pose(t + tau), point)
     }
 
+    /// The pixel of a point in Cf at this pose, which moves by `roll` while its image is read.
+    fn worn_pixel(
+        &mut self,
+        pose: &Pose,
+        roll: &Vector6<f64>,
+        point: usize,
+    ) -> Option<Vector2<f64>> {
+        let mut row = 0.0;
+        for _ in 0..5 {
+            let seen = pose
+                .retract(&(roll * row))
+                .inverse()
+                .apply(&self.points[point]);
+            row = self.camera.project(&seen)?.y / f64::from(self.camera.height) - 0.5;
+        }
+        self.pixel(&pose.retract(&(roll * row)), point)
+    }
+
     /// One frame: what `known` (feature id to point) sees, and the worn camera's pairs for all points.
     pub(crate) fn measure(
         &mut self,
@@ -214,6 +239,10 @@ impl Scene {
                 translation: pose.apply(&t_cf.translation),
             };
             let of_point: BTreeMap<usize, u64> = known.iter().map(|(id, p)| (*p, *id)).collect();
+            let mut roll = Vector6::zeros();
+            if self.worn_readout > 0.0 {
+                roll = normals(&mut self.rng) * self.worn_readout;
+            }
             let mut pairs = Vec::new();
             for point in 0..self.points.len() {
                 let id = of_point.get(&point).copied();
@@ -223,7 +252,7 @@ impl Scene {
                     (Some(_), None) => None,
                     (None, _) => self.rolling_pixel(stamp, point),
                 };
-                if let (Some(_), Some(uv_f)) = (uv, self.pixel(&worn_pose, point)) {
+                if let (Some(_), Some(uv_f)) = (uv, self.worn_pixel(&worn_pose, &roll, point)) {
                     pairs.push(WornPair { id, uv, uv_f });
                     pair_points.push(point);
                 }

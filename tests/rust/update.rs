@@ -58,8 +58,8 @@ impl Dense {
                 considered: nothing_of(calibration).collect(),
             };
         };
-        // The frame's error is the bias, if there is one, plus white noise.
-        let mut grow = DMatrix::<f64>::identity(n + 6, n);
+        // The frame's error is the bias, if there is one, plus white noise; the camera's motion during the readout follows.
+        let mut grow = DMatrix::<f64>::identity(n + 12, n);
         let bias = find(BlockKind::WornBias(Whose::Of(0)));
         if let Some(bias) = bias {
             for i in 0..6 {
@@ -75,6 +75,8 @@ impl Dense {
             for r in 0..6 {
                 p[(n + r, n + c)] += white[(r, c)];
             }
+            // 1 m/s and 1 rad/s.
+            p[(n + 6 + c, n + 6 + c)] += filter.settings().worn.readout.powi(2);
         }
         // All but the length of the baseline.
         let along = worn.t_cf.translation.normalize();
@@ -114,6 +116,9 @@ impl Dense {
                     h[(at + i, feature + c)] = rows.by_feature[(i, c)];
                     if let (Some(by), Some(shared)) = (&rows.by_shared, shared) {
                         h[(at + i, shared + c)] = by[(i, c)];
+                        if let Some(share) = rows.roll {
+                            h[(at + i, shared + 6 + c)] = by[(i, c)] * share;
+                        }
                     }
                 }
                 for c in 0..rows.count {
@@ -273,7 +278,10 @@ pub(crate) fn units(
             }
             _ => continue,
         };
-        units.push((rows.expect("visible"), offset, dense.worn));
+        let mut rows = rows.expect("visible");
+        let share = pair.uv_f.y / f64::from(camera.height) - 0.5;
+        rows.roll = dense.worn.map(|_| share);
+        units.push((rows, offset, dense.worn));
     }
     units
 }
@@ -375,9 +383,14 @@ fn depths_agree_with_a_dense_filter() {
 
 #[test]
 fn worn_points_agree_with_a_dense_filter() {
-    for errors in [&[][..], &[("worn.errors", name("independent"))][..]] {
+    let rolls = ("worn.readout", Value::Float(0.02));
+    for more in [
+        &[][..],
+        &[rolls][..],
+        &[("worn.errors", name("independent"))][..],
+    ] {
         let mut changes = vec![("estimator.mode", name("collab"))];
-        changes.extend_from_slice(errors);
+        changes.extend_from_slice(more);
         let report = against_dense(3, &changes, true, false);
         assert!(count(&report.pairs, Outcome::Depth) >= 3, "{report:?}");
         assert!(count(&report.bearings, Outcome::Pixel) >= 1, "{report:?}");
@@ -386,12 +399,18 @@ fn worn_points_agree_with_a_dense_filter() {
 
 #[test]
 fn worn_pixels_agree_with_a_dense_filter() {
-    let report = against_dense(4, &[("estimator.mode", name("collab-tight"))], true, false);
-    assert!(count(&report.pairs, Outcome::Pixel) >= 5, "{report:?}");
-    assert_eq!(
-        count(&report.bearings, Outcome::Pixel),
-        report.bearings.len()
-    );
+    for readout in [0.0, 0.02] {
+        let changes = [
+            ("estimator.mode", name("collab-tight")),
+            ("worn.readout", Value::Float(readout)),
+        ];
+        let report = against_dense(4, &changes, true, false);
+        assert!(count(&report.pairs, Outcome::Pixel) >= 5, "{report:?}");
+        assert_eq!(
+            count(&report.bearings, Outcome::Pixel),
+            report.bearings.len()
+        );
+    }
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use crate::scene::{camera, settings, worn_covariance};
 use ekf_core::look::{CandidateView, Look};
 use ekf_core::math::pose::Pose;
+use ekf_core::settings::Value;
 use ekf_core::{Bearing, EkfError, Filter, Measurements, WornObservation, WornPair};
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3};
 
@@ -22,8 +23,9 @@ fn points() -> Vec<Vector3<f64>> {
 
 /// A filter that knows these points but for a common scale of 5 % and 2 cm each, and has measured a frame.
 fn filter() -> Filter {
+    let rolls = settings(&[("worn.readout", Value::Float(0.02))]);
     let (points, camera) = (points(), camera());
-    let mut filter = Filter::new(settings(&[]), camera.clone(), Some(camera.clone()));
+    let mut filter = Filter::new(rolls, camera.clone(), Some(camera.clone()));
     filter.predict(0.0).expect("first frame");
     let noise = vec![Matrix3::identity() * 4e-4; points.len()];
     let shared: Vec<_> = points.iter().map(by_scale).collect();

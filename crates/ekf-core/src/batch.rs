@@ -187,6 +187,10 @@ impl Workspace {
                 }
                 if let (Some(by_shared), Some(w)) = (&rows.by_shared, block.shared) {
                     pht.add::<6>(&mut sums, slots[w], k, by_shared.as_slice());
+                    if let Some(share) = rows.roll {
+                        let by_roll = by_shared * share;
+                        pht.add::<6>(&mut sums, slots[w + 6], k, by_roll.as_slice());
+                    }
                 }
                 for (r, sum) in sums.iter().enumerate().take(rows.count) {
                     self.s[k + (from + r) * m] = *sum;

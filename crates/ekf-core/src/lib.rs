@@ -24,6 +24,7 @@ pub mod filter;
 pub mod gauge;
 pub mod graph;
 mod guard;
+mod gyroscope;
 mod kernel;
 mod local;
 pub mod look;

@@ -140,7 +140,7 @@ settings! {
         /// How much of the error that landmarks in view share shows in their innovations: a new view stands beside an old one
         /// with this many times the part of the innovations that is beyond a patch's own noise, by angle (METHOD 20); 0 for
         /// errors that are as the noise of the pixels says.
-        handover: f64 = 10.0, "", Some(0.0), Some(100.0), Lab;
+        handover: f64 = 20.0, "", Some(0.0), Some(100.0), Lab;
     }
     /// Odometry as motion input (METHOD 23).
     odometry: OdometrySettings {
@@ -234,6 +234,11 @@ settings! {
         /// that come between frames and see Cs change its motion tell it; until then it counts as an error of T_CF that lasts.
         clock_sd: f64 = 0.0, "s", Some(0.0), Some(1.0),
             User("Set it to how well the two clocks agree: 0.001 with PTP, 0.005 with NTP over a good link.");
+        /// Time from the first row of an image of Cf to the last one, root mean square of what it may be. Meanwhile its wearer moves and
+        /// turns, by 1 m/s and 1 rad/s on each axis (standard deviations), and each row sees another T_CF (METHOD 6). 0 for a shutter
+        /// that does not roll.
+        readout: f64 = 0.0192, "s", Some(0.0), Some(0.1),
+            User("Set it to the worn camera's readout where that is known, to 0 for a global shutter.");
         /// Least number of births that starts the filter from a first overlap.
         start_births: usize = 8, "", Some(1.0), Some(1000.0),
             User("Lower it where the two cameras share too little texture for a run to start.");

@@ -25,7 +25,8 @@ Small = NDArray[np.float32]
 
 MAX_ERROR = 1.5
 """Largest distance between a point and itself tracked forth and back, pixels."""
-_WINDOW = 15  # pixels, side of the flow's window
+WINDOW = 15
+"""Side of the flow's window, pixels."""
 _SMALL_WIDTH = 64  # pixels, largest width of the small images from which the global motion is found
 _MIN_POINTS = 8  # that tell the motion of the image
 _MIN_FOLLOWED = 0.7  # share of the points; fewer mean that the first guess was wrong
@@ -201,6 +202,7 @@ def flow_guess(
     uv_prev: Array,
     settings: FlowSettings,
     motion: Array | None = None,
+    window: int = WINDOW,
 ) -> tuple[Array, Mask]:
     """Where points of the previous image are now, to about a pixel.
 
@@ -212,6 +214,8 @@ def flow_guess(
     motion : (2, 3) float64, optional
         Motion of the image as predicted (`motion_of`): the first guess.  The global motion takes its place if
         it is not given, and serves as a second guess if the flow from the first one fails for many points.
+    window : int
+        Side of the flow's window, pixels of its images.
 
     Returns
     -------
@@ -227,27 +231,33 @@ def flow_guess(
         motion = global_motion(previous, now)
     start = points @ motion[:, :2].T + motion[:, 2]
     lit = previous.as_bright_as(now)
-    uv, ok = _forth_and_back(lit, now, points, start, settings)
+    uv, ok = _forth_and_back(lit, now, points, start, settings, window)
     if predicted and ok.mean() < _MIN_FOLLOWED:
         motion = global_motion(previous, now)
         moved = points @ motion[:, :2].T + motion[:, 2]
         again = np.flatnonzero(~ok & (np.abs(start - moved).max(axis=1) > 2.0))
         if len(again):
-            uv[again], ok[again] = _forth_and_back(lit, now, points[again], moved[again], settings)
+            uv[again], ok[again] = _forth_and_back(lit, now, points[again], moved[again], settings, window)
     return uv, ok
 
 
 def _forth_and_back(
-    previous: FlowImage, now: FlowImage, points: Array, start: Array, settings: FlowSettings
+    previous: FlowImage, now: FlowImage, points: Array, start: Array, settings: FlowSettings, window: int
 ) -> tuple[Array, Mask]:
     """Lucas-Kanade flow to the frame now and back; full pixels."""
     a, b, factor = previous.image, now.image, float(now.factor)
-    uv, gap = there_and_back(a, b, points / factor, start / factor, settings.levels, (12, 0.03))
+    uv, gap = there_and_back(a, b, points / factor, start / factor, settings.levels, (12, 0.03), window)
     return uv * factor, gap * factor <= MAX_ERROR
 
 
 def there_and_back(
-    a: Image, b: Image, points: Array, start: Array, levels: int, stop: tuple[int, float]
+    a: Image,
+    b: Image,
+    points: Array,
+    start: Array,
+    levels: int,
+    stop: tuple[int, float],
+    window: int = WINDOW,
 ) -> tuple[Array, Array]:
     """Lucas-Kanade flow of points from one image to another, and back.
 
@@ -260,6 +270,8 @@ def there_and_back(
         Of the pyramid, besides the image itself.
     stop : (int, float)
         Steps at most, and the last one's length, pixels.
+    window : int
+        Side of the window that is compared, pixels.
 
     Returns
     -------
@@ -269,17 +281,16 @@ def there_and_back(
         Distance of each point from itself, when it has come home, pixels; infinite where it was not found or
         left the image.
     """
-    window = (_WINDOW, _WINDOW)
     criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, *stop)
     p = points.astype(np.float32).reshape(-1, 1, 2)
     first = start.astype(np.float32).reshape(-1, 1, 2)
     q, seen, _ = cv2.calcOpticalFlowPyrLK(
-        a, b, p, first.copy(), winSize=window, maxLevel=levels,
+        a, b, p, first.copy(), winSize=(window, window), maxLevel=levels,
         criteria=criteria, flags=cv2.OPTFLOW_USE_INITIAL_FLOW, minEigThreshold=1e-4,
     )  # fmt: skip
     # The way back starts from the undone guess: the point itself would be confirmed too easily.
     home, back, _ = cv2.calcOpticalFlowPyrLK(
-        b, a, q, q - first + p, winSize=window, maxLevel=levels,
+        b, a, q, q - first + p, winSize=(window, window), maxLevel=levels,
         criteria=criteria, flags=cv2.OPTFLOW_USE_INITIAL_FLOW, minEigThreshold=1e-4,
     )  # fmt: skip
     uv = q.reshape(-1, 2).astype(np.float64)

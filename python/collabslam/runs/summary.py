@@ -64,6 +64,7 @@ def summarise(
         "frames_available": len(recording),
         "frames_unseen": int(np.nansum(record.diagnostic("unseen"))),
         "frames_slipped": int(np.nansum(record.diagnostic("slipped"))),
+        "frames_turned": int(np.nansum(record.diagnostic("turned"))),
         "doubts": _doubts(record),
         "points_fixed_to_camera": int(np.nansum(record.diagnostic("candidates_fixed"))),
         "map_size_final": len(landmarks.ids),

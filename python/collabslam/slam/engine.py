@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike
 from collabslam._core import Camera, Filter, Prediction, UpdateReport
 from collabslam.errors import InputError
 from collabslam.frontend.detect import Corners, Hidden, hidden_by_any
+from collabslam.frontend.flow import FlowImage
+from collabslam.frontend.followed import followed_points
 from collabslam.frontend.patch import SIZE
 from collabslam.images import check_grey
 from collabslam.settings.table import Settings
@@ -285,6 +287,7 @@ class Slam(EngineParts):
         if blank:
             return self._coast(t, blank, times, followed=followed)
         view = self._view(t, image, worn)
+        last = self._tracks.last_image
         expected = self._expected(view)
         times.done("predict")
         expected, found, slipped = self._search(view, expected, followed=followed)
@@ -295,13 +298,14 @@ class Slam(EngineParts):
         times.done("cf")
         depths = self._depth.take(view, found, overlap.ids, missing)
         report = self._update(found, overlap, depths)
+        turned = not report.accepted and self._turn(view, last)
         times.done("update")
         before = self._where()
         recovered = self._recovery.attempt(view, report)
         times.done("relocalise")
         if recovered is not None:
             change = recovered.begun or MapChange()
-        elif report.accepted and not view.lost:
+        elif turned or (report.accepted and not view.lost):
             change = self._map.grow(view, found, overlap, depths, report)
         else:
             change = self._map.hold(view, found)
@@ -318,12 +322,13 @@ class Slam(EngineParts):
             **self._printed.counts(),
             "accepted": _inliers(view, seen, change),
             "slipped": int(slipped),
+            "turned": int(turned),
             "target_residual_px": self._target_residual(image),
         }
         status = self._judge(
             t,
             counts["accepted"],
-            accepted=report.accepted or recovered is not None,
+            accepted=report.accepted or recovered is not None or turned,
             followed=followed,
             identified=recovered is not None and recovered.identified,
         )
@@ -437,6 +442,21 @@ class Slam(EngineParts):
             min_inliers=self._monitor.min_inliers(len(found.searched)),
         )
 
+    def _turn(self, view: View, last: tuple[float, FlowImage] | None) -> bool:
+        """The turn that the last two images show, where the map tells nothing of the frame (METHOD 27).
+
+        Not after a frame that failed, as after a cut, nor where the map is doubted: what moves would pass for
+        the scene.
+        """
+        now = self._tracks.last_image
+        trusted = self._monitor.unbroken and self._doubts.standing() == NOTHING
+        if not (view.started and trusted) or last is None or now is None:
+            return False
+        turn = self.filter.angular_velocity * (view.t - last[0])
+        images = last[1], now[1]
+        pairs = followed_points(images, self._camera, turn, self._options.flow, view.hidden)
+        return self.filter.predict_again(last[0], *pairs)
+
     def _judge(
         self, t: float, inliers: int, *, accepted: bool, followed: bool, identified: bool = False
     ) -> Status:
@@ -468,7 +488,7 @@ class Slam(EngineParts):
             status = Status.OK
         else:
             status = self._judge(t, 0, accepted=frozen or followed, followed=followed)
-        counts = {"accepted": 0, "relocalised": 0, "loops": 0, "unseen": 1, "slipped": 0}
+        counts = {"accepted": 0, "relocalised": 0, "loops": 0, "unseen": 1, "slipped": 0, "turned": 0}
         return self._result(t, status, counts, unsearched_features(self.filter.predict_pixels()), times)
 
     def _result(

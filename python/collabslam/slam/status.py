@@ -63,6 +63,11 @@ class StatusMonitor(PersistentState):
             return 0
         return max(share, min(self._min_matches, searched // 2))
 
+    @property
+    def unbroken(self) -> bool:
+        """Whether no frame has failed since the last one that was used: images since then hang together."""
+        return not self.lost and self._failed == 0
+
     def is_fresh(self, t: float) -> bool:
         """Whether a frame at ``t`` (seconds) that shows the last image again is as good as the last.
 

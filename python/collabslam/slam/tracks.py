@@ -16,6 +16,7 @@ from collabslam.formats.schema import (
     flag,
     instance,
     items,
+    number,
     optional,
     refuse,
     table,
@@ -26,7 +27,7 @@ from collabslam.frontend.patch import Patch, capture, warp_templates
 from collabslam.frontend.search import FOUND, GATE, WIDE, active_search, wide_ellipses
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints, MapChange, Recovered
-from collabslam.slam.state import PATCH, PersistentState, check_pixel
+from collabslam.slam.state import PATCH, SECONDS, PersistentState, check_pixel
 from collabslam.slam.view import View
 from collabslam.types import Array, Ids, Image, Mask
 
@@ -104,6 +105,7 @@ class Tracks(PersistentState):
         "_last": table(int, check_pixel),
         "_candidate_last": table(int, check_pixel),
         "_previous": optional(instance(FlowImage, image=array("|u1", None, None), factor=whole(1, 2))),
+        "_previous_time": optional(number(-SECONDS, SECONDS)),
         "_fading": flag,
     }
 
@@ -116,6 +118,7 @@ class Tracks(PersistentState):
         self._last: dict[int, Array] = {}
         self._candidate_last: dict[int, Array] = {}
         self._previous: FlowImage | None = None
+        self._previous_time: float | None = None
         self._fading = False
 
     def state(self) -> dict[str, Any]:
@@ -136,6 +139,13 @@ class Tracks(PersistentState):
             refuse("last image", "of this camera")
         if set(self._candidates) != set(self._candidate_last):
             refuse("candidates", "those that have a pixel")
+
+    @property
+    def last_image(self) -> tuple[float, FlowImage] | None:
+        """The last image that was searched, and its time."""
+        if self._previous is None or self._previous_time is None:
+            return None
+        return self._previous_time, self._previous
 
     def search(self, view: View, pose: Array, expected: Prediction, expect_given: ExpectGiven) -> Found:
         """Active search of the expected features; candidates are followed into this frame (METHOD 7.3).
@@ -179,7 +189,7 @@ class Tracks(PersistentState):
         )
         self._last = dict(zip(found.ids.tolist(), found.uv, strict=True))
         self._candidate_last = dict(zip(found.candidates.tolist(), found.candidate_uv, strict=True))
-        self._previous = now
+        self._previous, self._previous_time = now, view.t
         self._fading = len(found.lost) > len(found.candidates)
         return found
 

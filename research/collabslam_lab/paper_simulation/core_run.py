@@ -85,6 +85,7 @@ class CoreRun:
             "process.handover": 0.0,
             "calibration.readout": 0.0,
             "calibration.readout_sd": 0.0,
+            "worn.readout": 0.0,
         }
         changes = {f"filter.{key}": value for key, value in {**fixed, **settings}.items()}
         own = with_switches(Settings.default(), changes)

@@ -5,7 +5,7 @@ use crate::camera::Camera;
 use crate::math::{inverse_depth, quat};
 use crate::observe::point::CameraPose;
 use crate::observe::shutter::MOTION_DIM;
-use nalgebra::{Matrix3, SMatrix, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
 
 /// Mean, derivatives and noise of a newborn feature `[p(3) theta phi rho]`.
 #[derive(Clone, Debug)]
@@ -20,6 +20,8 @@ pub struct NewFeature {
     pub by_pixel: SMatrix<f64, 6, 2>,
     /// Derivative by the camera's `[v w]` and by the readout of its shutter, and the offset of that, where it may roll.
     pub by_motion: Option<(usize, SMatrix<f64, 6, MOTION_DIM>)>,
+    /// Derivative by how the worn camera moved while its image was read, and the offset of that.
+    pub by_roll: Option<(usize, Matrix6<f64>)>,
     /// Derivative by the error of Cs's calibration.
     pub by_calibration: SMatrix<f64, 6, 6>,
     /// Covariance of everything that is not in the state (pixels, and T_CF where it is independent).
@@ -46,6 +48,7 @@ impl NewFeature {
             by_other: None,
             by_pixel: SMatrix::zeros(),
             by_motion: None,
+            by_roll: None,
             by_calibration: SMatrix::zeros(),
             noise: SMatrix::zeros(),
         }
@@ -130,10 +133,20 @@ impl NewFeature {
         new
     }
 
-    /// Lets rho depend on the 6-number error of T_CF that sits in the state at `offset`.
-    pub fn share_worn_error(&mut self, offset: usize, rho_by_error: &SMatrix<f64, 1, 6>) {
+    /// Lets rho depend on the 6-number error of T_CF that sits in the state at `offset`, and on the roll that follows it, where
+    /// there is one, by that share.
+    pub fn share_worn_error(
+        &mut self,
+        offset: usize,
+        rho_by_error: &SMatrix<f64, 1, 6>,
+        roll: Option<f64>,
+    ) {
         let mut by = SMatrix::<f64, 6, 7>::zeros();
         by.fixed_view_mut::<1, 6>(5, 0).copy_from(rho_by_error);
+        self.by_roll = roll.map(|share| {
+            let by_roll = by.fixed_columns::<6>(0) * share;
+            (offset + 6, by_roll)
+        });
         self.by_other = Some((offset, by, 6));
     }
 

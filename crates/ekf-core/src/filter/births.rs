@@ -146,7 +146,7 @@ impl Filter {
     /// Inverse depth and its sd of a point of which nothing is known but the scene that it is in: half the median of the
     /// landmarks of known depth, as seen from the camera, and as much. So anything from infinity to that median is within
     /// one sd, in a room as on a road, and in any unit. [`VAGUE_RHO`] where the map does not tell.
-    fn vague_depth(&self) -> (f64, f64) {
+    pub(super) fn vague_depth(&self) -> (f64, f64) {
         let birth = &self.settings.birth;
         let camera = self.state.camera_pose().r;
         let known = self.landmarks().into_iter();

@@ -33,6 +33,13 @@ impl Filter {
                 matrix: &by.as_slice()[..6 * width],
             });
         }
+        if let Some((offset, by)) = &new.by_roll {
+            parts.push(LinearPart {
+                offset: *offset,
+                width: 6,
+                matrix: by.as_slice(),
+            });
+        }
         if let Some(offset) = self.state.calibration() {
             parts.push(LinearPart {
                 offset,
@@ -149,6 +156,7 @@ impl Filter {
             | BlockKind::WornClock(_)
             | BlockKind::OdometryScale
             | BlockKind::WornError(_)
+            | BlockKind::WornRoll(_)
             | BlockKind::Submap(_)
             | BlockKind::Auxiliary(_) => false,
         });

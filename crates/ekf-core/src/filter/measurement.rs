@@ -123,7 +123,7 @@ impl Filter {
         let predicted = PointInCamera::metric(&pose, &feature).ok_or(Outcome::NotVisible)?;
         let view = view.at_point(&predicted.value);
         let (sigma, sigma_f) = (self.settings.pixel.sigma_cs, self.settings.pixel.sigma_cf);
-        if self.rho_variance(worn, &view).sqrt() > MAX_RANGE_RATIO * view.rho {
+        if self.rho_variance(worn, &view, &pair.uv_f).sqrt() > MAX_RANGE_RATIO * view.rho {
             return Err(Outcome::TooUncertain);
         }
         let j = view.point_by_tangent();
@@ -143,6 +143,7 @@ impl Filter {
                 readout,
                 by: -(by_pixel * by),
             }),
+            roll: error.and_then(|_| self.worn_roll(worn.who, &pair.uv_f)),
             ..rows
         });
         MeasurementBlock::new(rows, &landmark, error)
@@ -169,6 +170,10 @@ impl Filter {
             &pair.uv_f,
             self.settings.pixel.sigma_cf,
         );
+        let rows = rows.map(|rows| Rows {
+            roll: self.worn_roll(worn.who, &pair.uv_f),
+            ..rows
+        });
         MeasurementBlock::new(rows, &landmark, self.worn_error_offset(worn.who))
     }
 

@@ -117,8 +117,8 @@ impl Filter {
                 report.pairs[i] = Outcome::NotVisible;
                 continue;
             };
-            if self.rho_variance(worn, &view).sqrt() > self.settings.birth.max_rho_ratio * view.rho
-            {
+            let variance = self.rho_variance(worn, &view, &pair.uv_f);
+            if variance.sqrt() > self.settings.birth.max_rho_ratio * view.rho {
                 report.pairs[i] = Outcome::TooUncertain;
                 continue;
             }
@@ -127,7 +127,10 @@ impl Filter {
             new.share_motion(unrolled.by_motion);
             let by_error = view.rho_by_tangent();
             match self.worn_error_offset(worn.who) {
-                Some(offset) => new.share_worn_error(offset, &by_error),
+                Some(offset) => {
+                    let roll = self.worn_roll(worn.who, &pair.uv_f);
+                    new.share_worn_error(offset, &by_error, roll);
+                }
                 None => {
                     let own = by_error * self.worn_covariance(worn) * by_error.transpose();
                     new.noise[(5, 5)] += own[(0, 0)];

@@ -41,6 +41,7 @@ pub mod snapshot;
 mod snapshot_image;
 mod sources;
 mod submap;
+mod turning;
 mod undo;
 mod update;
 mod validation;

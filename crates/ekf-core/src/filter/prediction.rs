@@ -62,6 +62,12 @@ impl Filter {
                 self.look_about();
             }
         }
+        self.arrive(t);
+        Ok(())
+    }
+
+    /// The prediction to `t` is done.
+    pub(super) fn arrive(&mut self, t: f64) {
         // Before the start a late view may still take the filter back.
         let late = if self.started {
             0.0
@@ -70,7 +76,6 @@ impl Filter {
         };
         self.odometry.forget_until(t - 2.0 * late);
         self.time = Some(t);
-        Ok(())
     }
 
     /// Forgets the time before the start, when nothing depends on it yet: a filter may start from a frame of before.
@@ -96,7 +101,7 @@ impl Filter {
     }
 
     /// What the camera's motion brings into view, and what the map hands on.
-    fn look_about(&mut self) {
+    pub(super) fn look_about(&mut self) {
         let pose = self.state.camera_pose();
         if let Some(outside) = &mut self.outside {
             // A feature that comes into view joins the working set, and those about to come into view join with it:

@@ -40,7 +40,7 @@ pub(super) fn appearance(
     })
 }
 
-/// As [`appearance`], from the pose at the time of the row in which the frame's pose would see it.
+/// As [`appearance`], from the pose at the time of the row in which it is seen.
 pub(super) fn rolled_appearance(
     camera: &Camera,
     pose: &CameraPose,
@@ -51,7 +51,9 @@ pub(super) fn rolled_appearance(
     let Some(shutter) = shutter else {
         return Some(seen);
     };
-    let row = shutter.at(pose, &seen.uv);
+    // The row in which it is seen follows from where it is seen.
+    let first = shutter.at(pose, &seen.uv);
+    let row = shutter.at(pose, &appearance(camera, &first.pose, feature, 0.0)?.uv);
     let mut seen = appearance(camera, &row.pose, feature, 0.0)?;
     let (by_pose, by) = row.split(&seen.point.by_pose);
     seen.point.by_pose = by_pose;

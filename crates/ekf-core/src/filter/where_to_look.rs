@@ -1,6 +1,7 @@
 //! Where a person should look next (METHOD 24).
 
 use super::ekf::Filter;
+use super::worn_error::roll_sds;
 use crate::error::EkfError;
 use crate::look::{self, CandidateView, Known, Look, Place};
 use crate::math::pose::Pose;
@@ -51,8 +52,9 @@ impl Filter {
             return Ok(Look::default());
         };
         let (sigma, least) = (self.settings.pixel.sigma_cf, least as f64);
+        let roll = roll_sds(self.settings.worn.readout);
         let view = |place: &Place, at: &Vector3<f64>, attitude: &Matrix3<f64>| {
-            let expected = place.expected(worn, attitude, sigma, least);
+            let expected = place.expected(worn, attitude, (sigma, &roll), least);
             CandidateView {
                 t_cf: Pose {
                     rotation: *attitude,

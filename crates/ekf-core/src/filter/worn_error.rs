@@ -8,10 +8,25 @@ use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
 use crate::guard::check_pose;
 use crate::math::pose::Pose;
+use crate::observe::shutter::down_the_image;
 use crate::overlap::{Overlap, predict_overlap};
 use crate::settings::WornErrors;
 use crate::state::{BlockKind, Lasting, Learned, LinearPart, State, Whose, root};
 use nalgebra::{Matrix6, Vector2, Vector6};
+
+/// How fast a worn camera moves and turns on each axis, m/s and rad/s, standard deviations: of somebody who walks and looks about.
+const WORN_SPEED: [f64; 2] = [1.0, 1.0];
+
+/// By how much a worn camera moves on each axis while an image of it is read, which takes `readout` seconds: standard deviations,
+/// metres and radians.
+pub(super) fn roll_sds(readout: f64) -> Vector6<f64> {
+    let [way, turn] = WORN_SPEED.map(|sd| sd * readout);
+    Vector6::new(way, way, way, turn, turn, turn)
+}
+
+fn roll_covariance(readout: f64) -> Matrix6<f64> {
+    Matrix6::from_diagonal(&roll_sds(readout).map(|sd| sd * sd))
+}
 
 /// What the error of a view's T_CF comes from, all in the tangent of F.
 pub(super) struct WornErrorParts {
@@ -95,6 +110,18 @@ impl Filter {
         let kind = BlockKind::WornError(Whose::Of(worn.who));
         let mean = error.mean(&self.state);
         self.state.append(kind, &mean, &parts, &error.white);
+        if self.settings.worn.readout > 0.0 {
+            let kind = BlockKind::WornRoll(worn.who);
+            let roll = roll_covariance(self.settings.worn.readout);
+            self.state.append(kind, &Vector6::zeros(), &[], &roll);
+        }
+    }
+
+    /// How far down the image of a worn camera a pixel's row is, where the state has how that camera moved meanwhile.
+    pub(super) fn worn_roll(&self, who: usize, uv_f: &Vector2<f64>) -> Option<f64> {
+        let camera = self.worn_cameras.get(who)?;
+        let rolls = self.state.has_worn_roll(who);
+        rolls.then(|| down_the_image(uv_f, f64::from(camera.height)))
     }
 
     /// Lists what a view's update may learn of what lasts of the error of its T_CF: all but the length of the baseline, of its own
@@ -200,11 +227,22 @@ impl Filter {
         Some((view, unrolled))
     }
 
-    pub(super) fn rho_variance(&self, worn: &WornObservation, view: &TwoView) -> f64 {
+    /// Variance of the inverse range of a point that both cameras see, Cf at `uv_f`.
+    pub(super) fn rho_variance(
+        &self,
+        worn: &WornObservation,
+        view: &TwoView,
+        uv_f: &Vector2<f64>,
+    ) -> f64 {
         let j = view.rho_by_tangent();
+        let rolled = self.worn_roll(worn.who, uv_f).map_or(0.0, |share| {
+            (j * roll_covariance(self.settings.worn.readout) * j.transpose())[(0, 0)]
+                * share
+                * share
+        });
         let pixels = view
             .rho_variance_from_pixels(self.settings.pixel.sigma_cs, self.settings.pixel.sigma_cf);
-        pixels + (j * self.worn_covariance(worn) * j.transpose())[(0, 0)].max(0.0)
+        pixels + rolled + (j * self.worn_covariance(worn) * j.transpose())[(0, 0)].max(0.0)
     }
 
     /// Whether Cs and the worn camera `who` look at the same place, and where in both images (METHOD 9).

@@ -38,6 +38,7 @@ pub fn directions(x: &[f64], layout: &Layout, out: &mut Vec<f64>) {
             | BlockKind::WornClock(_)
             | BlockKind::OdometryScale
             | BlockKind::WornError(_)
+            | BlockKind::WornRoll(_)
             | BlockKind::Auxiliary(_) => {}
         }
     }

@@ -171,7 +171,10 @@ impl Gauge {
         }
         if let (Some(by_shared), Some(at)) = (&rows.by_shared, block.shared) {
             for c in 0..6 {
-                sum += by_shared[(r, c)] * along[slots[at + c]];
+                let rolled = rows
+                    .roll
+                    .map_or(0.0, |share| share * along[slots[at + 6 + c]]);
+                sum += by_shared[(r, c)] * (along[slots[at + c]] + rolled);
             }
         }
         sum
@@ -252,6 +255,7 @@ fn carried_blocks<'a>(layout: &'a Layout, followed: &'a [u64]) -> impl Iterator<
         | BlockKind::WornClock(_)
         | BlockKind::OdometryScale
         | BlockKind::WornError(_)
+        | BlockKind::WornRoll(_)
         | BlockKind::Auxiliary(_) => false,
     })
 }

@@ -34,7 +34,11 @@ pub(crate) fn newborn_is_sane(new: &NewFeature) -> bool {
     let by_other = new.by_other.iter().flat_map(|(_, by, _)| by.iter());
     let jacobians = new.by_pose.iter().chain(by_other);
     let by_motion = new.by_motion.iter().flat_map(|(_, by)| by.iter());
-    let jacobians = jacobians.chain(new.by_calibration.iter()).chain(by_motion);
+    let by_roll = new.by_roll.iter().flat_map(|(_, by)| by.iter());
+    let jacobians = jacobians
+        .chain(new.by_calibration.iter())
+        .chain(by_motion)
+        .chain(by_roll);
     within(new.mean.iter().copied(), LARGEST)
         && new.mean[5].abs() <= LARGEST_RHO
         && within(jacobians.copied(), LARGEST)
@@ -138,7 +142,7 @@ fn rows_are_sane(
         // Rows of the local update have the diagonal of -Psi; the error of a frame's T_CF is gone after it.
         if matches!(
             block.kind,
-            BlockKind::Auxiliary(_) | BlockKind::WornError(_)
+            BlockKind::Auxiliary(_) | BlockKind::WornError(_) | BlockKind::WornRoll(_)
         ) {
             continue;
         }

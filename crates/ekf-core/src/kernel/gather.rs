@@ -10,6 +10,8 @@ use pulp::Simd;
 const MAX_ROWS: usize = 3;
 /// Columns that a row can touch: the pose, velocities and readout, a feature, the error that matches share.
 const TOUCHED: usize = POSE_DIM + MOTION_DIM + 12;
+/// Numbers of a panel in the columns that matches share.
+const SHARED: usize = 6 * HEIGHT;
 
 /// `out = P H^T`, `out` being of that shape.
 pub(crate) fn fill(p: Stored<'_>, blocks: &[MeasurementBlock], out: &mut Panels) {
@@ -30,6 +32,7 @@ impl Kernel for Fill<'_> {
         let columns = out.columns;
         let rolling = blocks.iter().find_map(|block| block.rows.by_motion);
         let mut touched = [0.0; TOUCHED * HEIGHT];
+        let (mut error, mut roll) = ([0.0; SHARED], [0.0; SHARED]);
         for (index, panel) in out.data.chunks_exact_mut(out.stride).enumerate() {
             let row = index * HEIGHT;
             let (pose, others) = touched.split_at_mut(POSE_DIM * HEIGHT);
@@ -41,7 +44,7 @@ impl Kernel for Fill<'_> {
                 gather::<6>(p, row, POSE_DIM, velocities);
                 gather::<1>(p, row, p.slots[rolling.readout], readout);
             }
-            let mut shared_at = None;
+            let (mut error_at, mut roll_at) = (None, None);
             let mut column = 0;
             for block in blocks {
                 let (first, own) = feature.split_at_mut(3 * HEIGHT);
@@ -50,9 +53,20 @@ impl Kernel for Fill<'_> {
                 if let Some(own_at) = own_at {
                     gather::<3>(p, row, own_at, own);
                 }
-                if block.shared.is_some() && block.shared != shared_at {
-                    gather::<6>(p, row, p.slots[block.shared.unwrap_or(0)], shared);
-                    shared_at = block.shared;
+                if let Some(at) = block.shared {
+                    if error_at != Some(at) {
+                        gather::<6>(p, row, p.slots[at], &mut error);
+                        error_at = Some(at);
+                    }
+                    if block.rows.roll.is_some() && roll_at != Some(at) {
+                        gather::<6>(p, row, p.slots[at + 6], &mut roll);
+                        roll_at = Some(at);
+                    }
+                    // The derivative by the roll is that by the error times the row's share of it.
+                    let share = block.rows.roll.unwrap_or(0.0);
+                    for ((both, error), roll) in shared.iter_mut().zip(&error).zip(&roll) {
+                        *both = error + share * roll;
+                    }
                 }
                 let columns = Touched {
                     pose: S::as_simd_f64s(pose).0.as_chunks::<C>().0,

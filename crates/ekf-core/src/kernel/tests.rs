@@ -236,6 +236,7 @@ fn fill_is_p_times_h() {
                     by_feature: SMatrix::from_fn(|i, j| wave(i + feature, j + 20)),
                     form,
                     by_shared: worn.map(|_| SMatrix::from_fn(|i, j| wave(i + feature, j + 60))),
+                    roll: (feature == 55).then_some(-0.3),
                     noise: Matrix3::identity(),
                     count,
                 },
@@ -245,8 +246,8 @@ fn fill_is_p_times_h() {
             };
         let blocks = [
             block(2, 13, Form::InverseDepth, None),
-            block(3, 31, Form::InverseDepth, Some(61)),
-            block(2, 55, Form::InverseDepth, Some(61)),
+            block(3, 31, Form::InverseDepth, Some(37)),
+            block(2, 55, Form::InverseDepth, Some(37)),
             block(3, 19, Form::Point, None),
             block(2, 64, Form::Point, None),
         ];
@@ -282,6 +283,9 @@ fn fill_is_p_times_h() {
                 for c in 0..6 {
                     if let (Some(by_shared), Some(at)) = (&block.rows.by_shared, block.shared) {
                         h[at + c] = by_shared[(r, c)];
+                        if let Some(share) = block.rows.roll {
+                            h[at + 6 + c] = share * by_shared[(r, c)];
+                        }
                     }
                 }
                 let expected = &p * h;

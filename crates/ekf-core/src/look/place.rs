@@ -4,11 +4,12 @@ use super::known::{Known, Wanted, WantedWith};
 use super::matching::{at_least, probability};
 use crate::camera::Camera;
 use crate::math::quat;
+use crate::observe::shutter::down_the_image;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{MatMut, MatRef, Par, Spec};
-use nalgebra::{DMatrix, Matrix2x3, Matrix3, SMatrix, Vector3};
+use nalgebra::{DMatrix, Matrix2x3, Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 
 /// What is known better than this, in radians, shares of the scene's range, and of the scale, counts as known: what a
 /// twentieth of a pixel is in most cameras.
@@ -30,6 +31,8 @@ pub(crate) struct Place {
 struct Pixel {
     index: usize,
     by_point: Matrix2x3<f64>,
+    /// How far down the image its row is, -1/2 to 1/2.
+    row: f64,
     matched: f64,
 }
 
@@ -90,18 +93,19 @@ impl Place {
     }
 
     /// What Cf with this attitude in C would give: pixels of `sigma` in it, a view of fewer than `least` matches being of no
-    /// use. A match of probability p tells the share p of what a certain one does.
+    /// use, and of a camera that moves by so much, `[v w]` (standard deviations, metres and radians), while its image is read. A
+    /// match of probability p tells the share p of what a certain one does.
     pub(crate) fn expected(
         &self,
         camera: &Camera,
         attitude: &Matrix3<f64>,
-        sigma: f64,
+        (sigma, roll): (f64, &Vector6<f64>),
         least: f64,
     ) -> Expected {
         let pixels: Vec<Pixel> = self.pixels(camera, attitude).collect();
         let matches: f64 = pixels.iter().map(|pixel| pixel.matched).sum();
         let variance: f64 = pixels.iter().map(|p| p.matched * (1.0 - p.matched)).sum();
-        let gain = self.told(&pixels, sigma).unwrap_or(0.0);
+        let gain = self.told(&pixels, sigma, roll).unwrap_or(0.0);
         Expected {
             matches,
             gain: gain * at_least(least, matches, variance),
@@ -119,21 +123,27 @@ impl Place {
             camera.in_image(&uv, 0.0).then(|| Pixel {
                 index,
                 by_point: j * to_f,
+                row: down_the_image(&uv, f64::from(camera.height)),
                 matched: self.matched[index],
             })
         })
     }
 
     /// By how much these pixels lower `ln det / 2` of what is wanted; `None` if S or what is left is not positive definite.
-    fn told(&self, pixels: &[Pixel], sigma: f64) -> Option<f64> {
+    fn told(&self, pixels: &[Pixel], sigma: f64, roll: &Vector6<f64>) -> Option<f64> {
         let m = 2 * pixels.len();
+        let roll = Matrix6::from_diagonal(roll);
+        let by_roll =
+            |pixel: &Pixel| pixel.by_point * by_error(&self.from[pixel.index]) * roll * pixel.row;
+        let by_roll: Vec<SMatrix<f64, 2, 6>> = pixels.iter().map(by_roll).collect();
         let mut s = vec![0.0; m * m];
         let mut with = vec![0.0; m * self.wanted.nrows()];
         for (b, at) in pixels.iter().enumerate() {
             for (a, of) in pixels.iter().enumerate().skip(b) {
                 let (i, j) = (3 * of.index, 3 * at.index);
                 let points = self.covariance.fixed_view::<3, 3>(i, j);
-                let block = of.by_point * points * at.by_point.transpose();
+                let block = of.by_point * points * at.by_point.transpose()
+                    + by_roll[a] * by_roll[b].transpose();
                 for r in 0..2 {
                     for c in 0..2 {
                         s[2 * a + r + (2 * b + c) * m] = block[(r, c)];

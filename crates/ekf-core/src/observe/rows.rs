@@ -31,6 +31,9 @@ pub struct Rows {
     /// Derivative of the prediction with respect to six numbers that matches share: the error of Cs's calibration for a pixel
     /// in Cs, the frame's error of T_CF for what came through the worn camera.
     pub by_shared: Option<SMatrix<f64, 3, 6>>,
+    /// How far down the image of Cf its row is, -1/2 to 1/2, where the state has how that camera moved while the image was read,
+    /// right after the error of T_CF: the derivative by it is so much of [`Self::by_shared`].
+    pub roll: Option<f64>,
 }
 
 /// Rows of a pixel.
@@ -75,6 +78,7 @@ impl Rows {
             by_feature: SMatrix::zeros(),
             form,
             by_shared: None,
+            roll: None,
         };
         rows.innovation
             .fixed_rows_mut::<2>(0)
@@ -141,6 +145,7 @@ impl Rows {
             by_feature: h.by_feature,
             form: feature.form(),
             by_shared: worn.map(|(_, j)| -j),
+            roll: None,
         })
     }
 

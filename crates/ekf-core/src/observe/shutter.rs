@@ -53,10 +53,14 @@ impl ByMotion {
     }
 }
 
+/// How far down an image of so many rows that of a pixel is: -1/2 for the first, 1/2 for the last.
+pub(crate) fn down_the_image(uv: &Vector2<f64>, height: f64) -> f64 {
+    uv.y / height - 0.5
+}
+
 impl Shutter {
-    /// How far down the image a row is: -1/2 for the first, 1/2 for the last.
     fn share(&self, uv: &Vector2<f64>) -> f64 {
-        uv.y / self.height - 0.5
+        down_the_image(uv, self.height)
     }
 
     /// The camera at the time of a pixel's row.

@@ -6,6 +6,7 @@
 //! constant velocity.
 
 use super::{CameraMatrix, process_noise, transition};
+use crate::chi2;
 use crate::math::quat;
 use crate::settings::{MotionModel, ProcessSettings};
 use crate::state::CAMERA_DIM;
@@ -99,6 +100,25 @@ impl Motion {
         let noise = step.noise(&gains, &white, &reading.covariance);
         self.x = step.x;
         self.then(&f, &g, &noise);
+    }
+
+    /// Whether a reading is one that this motion can have over the next `dt` seconds, at a level of chi2.
+    pub(crate) fn may_be(
+        &self,
+        dt: f64,
+        reading: &Reading,
+        before: &CameraMatrix,
+        process: &ProcessSettings,
+        level: f64,
+    ) -> bool {
+        let own = OwnTwist::new(&self.x);
+        let covariance = own.by_camera * self.covariance(before) * own.by_camera.transpose();
+        let spread = covariance + white(dt, process).mean + reading.covariance;
+        let off = reading.twist - own.twist;
+        let distance = ((spread + spread.transpose()) * 0.5)
+            .cholesky()
+            .map(|s| off.dot(&s.solve(&off)));
+        distance.is_some_and(|distance| distance <= chi2::quantile(level, 6.0))
     }
 
     fn then(&mut self, f: &CameraMatrix, g: &ByScale, noise: &CameraMatrix) {

@@ -115,7 +115,7 @@ impl State {
                 BlockKind::WornBias(_) => b.kind == kind,
                 _ => false,
             };
-            if matches!(kind, BlockKind::WornError(_))
+            if matches!(kind, BlockKind::WornError(_) | BlockKind::WornRoll(_))
                 || state.layout.blocks().iter().any(again)
                 || (!is_auxiliary && (id >= *next_id || !ids.insert(id)))
             {
@@ -222,6 +222,7 @@ fn in_order(kind: BlockKind, slots: &[usize]) -> bool {
         | BlockKind::WornClock(_)
         | BlockKind::OdometryScale
         | BlockKind::WornError(_)
+        | BlockKind::WornRoll(_)
         | BlockKind::Submap(_) => side_by_side(slots),
     }
 }

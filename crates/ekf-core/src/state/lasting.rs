@@ -113,8 +113,16 @@ impl State {
             .map_or(Vector6::zeros(), |b| self.part::<6>(b.offset))
     }
 
+    /// Whether the state has how a worn camera moves while this frame's image of it is read.
+    pub(crate) fn has_worn_roll(&self, who: usize) -> bool {
+        self.layout
+            .of_kind(BlockKind::WornRoll(who))
+            .next()
+            .is_some()
+    }
+
     /// Removes the errors of the frame's T_CF.
     pub(crate) fn end_worn_errors(&mut self) {
-        self.remove(|b| matches!(b.kind, BlockKind::WornError(_)));
+        self.remove(|b| matches!(b.kind, BlockKind::WornError(_) | BlockKind::WornRoll(_)));
     }
 }

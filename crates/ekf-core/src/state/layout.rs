@@ -40,6 +40,9 @@ pub enum BlockKind {
     OdometryScale,
     /// The error of one frame's T_CF, tangent, 6 numbers; lives for that frame only.
     WornError(Whose),
+    /// By how much a worn camera moves while one image of it is read, from the first row to the last, tangent, 6 numbers; stands
+    /// right after the error of that view's T_CF and lives as long.
+    WornRoll(usize),
     /// Where the present submap began: the camera's pose there `[r(3) q(4)]`, and by how much what it hands on was estimated
     /// wrongly, that many numbers.
     Submap(usize),
@@ -57,7 +60,7 @@ impl BlockKind {
             Self::Feature(form) => form.dim(),
             Self::Readout | Self::WornClock(_) => 1,
             Self::OdometryScale => 2,
-            Self::WornBias(_) | Self::Calibration | Self::WornError(_) => 6,
+            Self::WornBias(_) | Self::Calibration | Self::WornError(_) | Self::WornRoll(_) => 6,
         }
     }
 
@@ -85,6 +88,7 @@ impl BlockKind {
             Self::WornClock(_) => "WornClock",
             Self::OdometryScale => "OdometryScale",
             Self::WornError(_) => "WornError",
+            Self::WornRoll(_) => "WornRoll",
             Self::Submap(_) => "Submap",
             Self::Auxiliary(_) => "Auxiliary",
         }

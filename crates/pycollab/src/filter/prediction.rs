@@ -2,7 +2,7 @@
 
 use super::PyFilter;
 use super::measurements::bearings;
-use crate::arrays_in::{Argument, covariance6, ids, numbers, pose, same_length};
+use crate::arrays_in::{Argument, covariance6, ids, numbers, pixels, pose, same_length};
 use crate::arrays_out::{Column, Stack, Table, chosen, column, stacked, to_ids, vectors};
 use crate::gate;
 use ekf_core::{ConditionalPrediction, Filter};
@@ -121,6 +121,40 @@ impl PyFilter {
     ///     it.
     fn predict(&self, py: Python<'_>, t: f64) -> PyResult<()> {
         self.write(py, |f| f.predict(t))
+    }
+
+    /// Predicts the present frame again, from the checkpoint of the frame before, with the turn that is
+    /// seen in the images (METHOD 27).
+    ///
+    /// To be asked where the frame has measured nothing: what was done since the checkpoint is undone.
+    ///
+    /// Parameters
+    /// ----------
+    /// since : float
+    ///     Time of the frame before, seconds.
+    /// before, now : (N, 2) float64
+    ///     Pixels of points that were followed, there and in the present frame.
+    ///
+    /// Returns
+    /// -------
+    /// bool
+    ///     False, and nothing changed, where the images do not tell the turn, the last checkpoint is not of
+    ///     that frame, or odometry told the motion.
+    ///
+    /// Raises
+    /// ------
+    /// InputError
+    ///     For wrong shapes or NaN; nothing changes then.
+    fn predict_again(
+        &self,
+        py: Python<'_>,
+        since: f64,
+        before: Argument<'_>,
+        now: Argument<'_>,
+    ) -> PyResult<bool> {
+        let before = pixels("points of the frame before", &before)?;
+        let now = pixels("points of the present frame", &now)?;
+        self.write(py, |f| f.predict_again(since, &before, &now))
     }
 
     /// Every feature that should be visible in Cs.

@@ -1,0 +1,22 @@
+"""A close, fast turn in a world as hard as life: what the map does not show the images do (METHOD 27)."""
+
+from collabslam import Slam, Status
+from collabslam.settings.table import Settings
+from collabslam_lab.worlds import world_recording
+
+FRAMES = 52  # of the turn; at the 42nd a few of the map's features are found
+
+
+def test_a_close_turn_is_not_lost():
+    recording = world_recording("turn180-2-life")
+    settings = Settings.from_flat({"filter.estimator.mode": "collab-tight"})
+    slam = Slam(recording.camera, recording.worn_camera, settings=settings)
+    turned, statuses = 0, []
+    for i in range(FRAMES):
+        frame = recording.frame(i)
+        result = slam.step(frame.t, frame.image, frame.worn)
+        turned += result.diagnostics["turned"]
+        statuses.append(result.status)
+    assert turned >= 1, "the map has shown every frame: the test needs a harder turn"
+    assert Status.LOST not in statuses
+    assert statuses[-1] is Status.OK

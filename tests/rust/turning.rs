@@ -1,0 +1,138 @@
+//! A visual gyroscope (METHOD 27): a turn that the map does not show is taken from two images, with what is known of it.
+
+use crate::scene::{DT, Warm, normals, rng, warm};
+use ekf_core::EkfError;
+use ekf_core::math::pose::Pose;
+use ekf_core::math::quat;
+use nalgebra::{Vector2, Vector3};
+use rand::Rng;
+use rand_pcg::Pcg64;
+
+/// How much further than predicted the camera turns in a frame, radians: 8 degrees.
+const JERK: f64 = 0.14;
+
+/// Followed points of two images.
+struct Followed {
+    before: Vec<Vector2<f64>>,
+    now: Vec<Vector2<f64>>,
+}
+
+/// A filter that was predicted past a frame in which the camera was jerked about, where it is then, and what the images show.
+fn jerked(seed: u64) -> (Warm, Pose, Followed) {
+    let mut warm = warm(seed, &[]);
+    let mut rng = rng(seed + 100);
+    warm.update(false);
+    warm.filter.checkpoint();
+    let before = warm.scene.pose(warm.t);
+    warm.next_frame();
+    let axis: Vector3<f64> = normals::<3>(&mut rng).normalize();
+    let mut now = warm.scene.pose(warm.t);
+    now.rotation *= quat::rotation_exp(&(axis * JERK));
+    let followed = follow(&warm, &mut rng, &before, &now);
+    (warm, now, followed)
+}
+
+/// Points all over the view, 3 to 9 m away, as both images show them, to half a pixel.
+fn follow(warm: &Warm, rng: &mut Pcg64, before: &Pose, now: &Pose) -> Followed {
+    let camera = &warm.scene.camera;
+    let mut found = Followed {
+        before: Vec::new(),
+        now: Vec::new(),
+    };
+    while found.before.len() < 60 {
+        let uv = Vector2::new(rng.random_range(0.0..720.0), rng.random_range(0.0..480.0));
+        let depth = rng.random_range(3.0..9.0);
+        let Some(ray) = camera.unproject(&uv) else {
+            continue;
+        };
+        let point = now.inverse().apply(&before.apply(&(ray * (depth / ray.z))));
+        let Some(seen) = camera.project(&point).filter(|uv| camera.in_image(uv, 0.0)) else {
+            continue;
+        };
+        found.before.push(uv + normals::<2>(rng) * 0.5);
+        found.now.push(seen + normals::<2>(rng) * 0.5);
+    }
+    found
+}
+
+/// The attitude's error, radians, and its NEES, three is ideal.
+fn attitude(warm: &Warm, truth: &Pose) -> (f64, f64) {
+    let (r_wc, _) = warm.filter.pose();
+    let error = quat::rotation_log(&(r_wc.transpose() * truth.rotation));
+    let covariance = warm.filter.pose_covariance();
+    let own = covariance.fixed_view::<3, 3>(3, 3).cholesky();
+    let scaled = own.expect("positive definite").solve(&error);
+    (error.norm(), error.dot(&scaled))
+}
+
+#[test]
+fn a_jerk_is_seen_and_claimed_as_well_as_it_is() {
+    let (mut sum, runs) = (0.0, 30);
+    for seed in 0..runs {
+        let (mut warm, truth, seen) = jerked(seed);
+        let (predicted, _) = attitude(&warm, &truth);
+        let since = warm.t - DT;
+        let turned = warm.filter.predict_again(since, &seen.before, &seen.now);
+        assert_eq!(turned, Ok(true), "seed {seed}");
+        assert_eq!(warm.filter.time(), Some(warm.t));
+        let (error, nees) = attitude(&warm, &truth);
+        assert!(
+            error < 0.3 * predicted,
+            "seed {seed}: {error} of {predicted}"
+        );
+        sum += nees;
+    }
+    // chi2 with 90 degrees of freedom: 99.9 % lie below 137. Depths are taken to be known worse than they are here.
+    assert!(sum < 137.0, "{}", sum / runs as f64);
+}
+
+#[test]
+fn what_moves_by_itself_is_no_turn() {
+    let (warm, _, seen) = jerked(3);
+    let refused = |what: &str, seen: &Followed| {
+        let mut filter = warm.filter.clone();
+        let turned = filter.predict_again(warm.t - DT, &seen.before, &seen.now);
+        assert_eq!(turned, Ok(false), "{what}");
+        assert_eq!(filter.pose(), warm.filter.pose(), "{what}");
+        assert_eq!(filter.time(), Some(warm.t), "{what}");
+    };
+    let some = |keep: &dyn Fn(usize, &Vector2<f64>) -> bool| {
+        let both = seen.before.iter().zip(&seen.now).enumerate();
+        let (before, now) = both
+            .filter(|(k, (uv, _))| keep(*k, uv))
+            .map(|(_, (a, b))| (*a, *b))
+            .unzip();
+        Followed { before, now }
+    };
+    refused("a few points", &some(&|k, _| k < 14));
+    refused(
+        "a person's width",
+        &some(&|_, uv| (uv.x - 200.0).abs() < 110.0),
+    );
+    let mut parted = some(&|_, _| true);
+    for uv in &mut parted.now[..20] {
+        uv.x += 40.0;
+    }
+    refused("a third of the view goes another way", &parted);
+}
+
+#[test]
+fn it_asks_for_the_checkpoint_of_the_frame_before() {
+    let (mut warm, _, seen) = jerked(4);
+    let mut again = |since| warm.filter.predict_again(since, &seen.before, &seen.now);
+    assert_eq!(again(0.123), Ok(false));
+    let bad = warm.t - DT;
+    let lists = warm.filter.predict_again(bad, &seen.before[1..], &seen.now);
+    assert!(
+        matches!(lists, Err(EkfError::InvalidInput { .. })),
+        "{lists:?}"
+    );
+    let mut now = seen.now.clone();
+    now[0].x = f64::NAN;
+    let nan = warm.filter.predict_again(bad, &seen.before, &now);
+    assert!(matches!(nan, Err(EkfError::NonFinite { .. })), "{nan:?}");
+    assert_eq!(
+        warm.filter.predict_again(bad, &seen.before, &seen.now),
+        Ok(true)
+    );
+}
