@@ -123,7 +123,7 @@ const FILTER: Table = &[
     ("handover", &["handed", "ekf"]),
     ("odometry", &["measurements", "sources", "ekf", "wheels"]),
     ("prediction", &["visibility", "ekf", "wheels"]),
-    ("turning", &["ekf", "wheels"]),
+    ("turning", &["odometry", "ekf", "wheels"]),
     ("relinearised", &["measurements", "sources", "ekf"]),
     ("relocalisation", &["measurements", "sources", "ekf"]),
     ("scale", &["ekf"]),

@@ -143,7 +143,7 @@ impl Filter {
                 readout,
                 by: -(by_pixel * by),
             }),
-            roll: error.and_then(|_| self.worn_roll(worn.who, &pair.uv_f)),
+            roll: self.worn_roll(worn.who, &pair.uv_f),
             ..rows
         });
         MeasurementBlock::new(rows, &landmark, error)

@@ -272,6 +272,6 @@ fn stands_out(way: &Vector6<f64>, noise: &Matrix6<f64>, at: usize) -> bool {
     size.is_some_and(|size| size > CLEAR * CLEAR)
 }
 
-fn camera_of(state: &State) -> [f64; CAMERA_DIM] {
+pub(super) fn camera_of(state: &State) -> [f64; CAMERA_DIM] {
     std::array::from_fn(|i| state.x[i])
 }

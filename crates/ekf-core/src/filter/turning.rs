@@ -1,12 +1,15 @@
 //! A prediction that takes the camera's turn from two images, where the map does not tell it (METHOD 27).
 
 use super::ekf::Filter;
+use super::odometry::camera_of;
+use super::wheels::Wheels;
 use crate::error::EkfError;
 use crate::guard;
 use crate::gyroscope::{self, Seen, Surroundings};
 use crate::math::quat;
+use crate::observe::POSE_DIM;
 use crate::predict::{CameraMatrix, Motion, Reading};
-use crate::state::{CAMERA_DIM, State};
+use crate::state::State;
 use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector2, Vector3, Vector6};
 
 /// Noise of a followed point, pixels of Cs: images are blurred where this is needed.
@@ -89,7 +92,7 @@ impl Filter {
             return None;
         }
         let block: CameraMatrix = kept.state.p.block(0, 0);
-        let mut motion = Motion::new(std::array::from_fn(|i| kept.state.x[i]));
+        let mut motion = Motion::new(camera_of(&kept.state));
         let reading = self.reading(&seen, &kept.state, dt);
         if !motion.may_be(dt, &reading, &block, &self.settings.process, LEVEL) {
             return None;
@@ -142,7 +145,7 @@ impl Filter {
     fn surroundings(&self, state: &State, dt: f64) -> Surroundings {
         let r_cw = quat::rotation(&state.part::<4>(3)).transpose();
         let white = self.settings.process.acceleration_density.powi(2) * dt.powi(3) / 3.0;
-        let velocity: Matrix3<f64> = state.p.block(7, 7);
+        let velocity: Matrix3<f64> = state.p.block(POSE_DIM, POSE_DIM);
         let (rho, rho_sd) = self.vague_depth();
         Surroundings {
             way: r_cw * state.velocity() * dt,
@@ -166,12 +169,10 @@ impl Filter {
     /// Moves camera and P along a motion of `dt` seconds.
     fn predict_along(&mut self, motion: &Motion, dt: f64) {
         self.changes();
-        self.wheels = super::wheels::Wheels::default();
+        self.wheels = Wheels::default();
         let settings = &self.settings;
         crate::predict::predict_along(&mut self.state, motion, None);
         crate::predict::forget(&mut self.state, dt, &settings.worn, &settings.odometry);
         self.look_about();
     }
 }
-
-const _: () = assert!(CAMERA_DIM == 13, "the angular velocity is at 10");
