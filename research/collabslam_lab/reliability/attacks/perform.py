@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import resource
 import signal
 import subprocess
 import tempfile
@@ -134,13 +135,13 @@ def _watched(deed: Deed, out: Path, seconds: float) -> Ending:
         for kind, stream in zip((deed.stdout, deed.stderr), streams.values(), strict=True):
             if kind != "kept":
                 os.close(stream)
-        status, usage, hung = _wait(process, deed, out, began + seconds)
+        status, memory_kb, hung = _wait(process, deed, out, began + seconds)
         took = time.monotonic() - began
         texts = []
         for file in (printed, said):
             file.seek(0)
             texts.append(file.read().decode(errors="replace"))
-    return Ending(status, took, usage.ru_maxrss / 1024.0, texts[1], texts[0], hung)
+    return Ending(status, took, memory_kb / 1024.0, texts[1], texts[0], hung)
 
 
 def _stream(kind: str, kept: Any) -> Any:
@@ -151,20 +152,36 @@ def _stream(kind: str, kept: Any) -> Any:
     return os.open("/dev/full", os.O_WRONLY) if kind == "full" else kept
 
 
-def _wait(process: subprocess.Popen[bytes], deed: Deed, out: Path, until: float) -> tuple[int, Any, bool]:
-    """Exit status, what it used, and whether it had to be killed; sends what signals the deed asks for."""
+def _wait(process: subprocess.Popen[bytes], deed: Deed, out: Path, until: float) -> tuple[int, int, bool]:
+    """Exit status, peak of its memory in kB, and whether it had to be killed; sends what signals are asked for.
+
+    The kernel hands a child the peak of whoever forks it: what it says in the end counts only beyond our own, and
+    up to there what was seen of it while it ran.
+    """
     pending, began, hung = list(deed.signals), time.monotonic(), False
+    ours, seen = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, 0
     while True:
+        seen = max(seen, _peak_kb(process.pid))
         gone, status, usage = os.wait4(process.pid, os.WNOHANG)
         if gone:
             process.returncode = os.waitstatus_to_exitcode(status)
-            return process.returncode, usage, hung
+            return process.returncode, usage.ru_maxrss if usage.ru_maxrss > ours else seen, hung
         if pending and _due(pending[0][1], out, began):
             process.send_signal(pending.pop(0)[0])
         if time.monotonic() > until and not hung:
             hung = True
             os.killpg(process.pid, signal.SIGKILL)
         time.sleep(0.01)
+
+
+def _peak_kb(pid: int) -> int:
+    """Largest resident memory of a process since its program began; 0 once it is gone."""
+    try:
+        text = Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return 0
+    found = re.search(r"VmHWM:\s*(\d+) kB", text)
+    return int(found[1]) if found else 0
 
 
 def _due(when: float | str, out: Path, began: float) -> bool:
