@@ -91,7 +91,7 @@ def _program(scene: Scene, text: str) -> Deed:
 def test_what_must_not_happen_is_seen(
     ground: Ground, monkeypatch: pytest.MonkeyPatch, text: str, outcome: Outcome
 ) -> None:
-    if outcome in (Outcome.MEMORY, Outcome.UNNAMED):  # the kernel counts a child what the one that started it had
+    if outcome in (Outcome.MEMORY, Outcome.UNNAMED):  # the kernel hands a child the peak of its parent
         monkeypatch.setattr(performing, "MEGABYTES", 300.0)
     ours = b"x" * 400_000_000 if outcome is Outcome.UNNAMED else b""
     attack = Attack("test", "it", "what", lambda scene: _program(scene, text), REFUSED, "word")

@@ -153,10 +153,10 @@ def _stream(kind: str, kept: Any) -> Any:
 
 
 def _wait(process: subprocess.Popen[bytes], deed: Deed, out: Path, until: float) -> tuple[int, int, bool]:
-    """Exit status, peak of its memory in kB, and whether it had to be killed; sends what signals are asked for.
+    """Exit status, peak memory in kB, and whether it had to be killed; sends what signals the deed asks for.
 
-    The kernel hands a child the peak of whoever forks it: what it says in the end counts only beyond our own, and
-    up to there what was seen of it while it ran.
+    The kernel hands a child the peak of whoever forks it: what it says in the end counts only beyond our own,
+    and up to there what was seen of it while it ran.
     """
     pending, began, hung = list(deed.signals), time.monotonic(), False
     ours, seen = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, 0
