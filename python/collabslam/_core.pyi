@@ -716,7 +716,13 @@ class Filter:
             Before the start, and what `carry_worn` and `check_worn` say.
         """
     def relocalise(
-        self, pose: ArrayLike, ids: ArrayLike, uv: ArrayLike, *, least: int | None = None
+        self,
+        pose: ArrayLike,
+        ids: ArrayLike,
+        uv: ArrayLike,
+        *,
+        least: int | None = None,
+        predicted: bool = False,
     ) -> UpdateReport:
         """Puts a lost camera where matches with the map say, and forgets what was believed about it.
 
@@ -732,6 +738,9 @@ class Filter:
         least : int, optional
             Matches that have to pass, 4 or more; ``lost.min_matches`` if left out.  Fewer do for points that
             say themselves which they are, as the corners of a printed tag.
+        predicted : bool
+            Whether prediction counts for something: where it excludes the pose, either is wrong, and half the
+            square of what lies between them joins the covariance of the map's place (METHOD 17).
 
         Returns
         -------
@@ -778,6 +787,7 @@ class Filter:
         uv: ArrayLike,
         *,
         least: int | None = None,
+        predicted: bool = False,
     ) -> MapRelocalisation:
         """Puts a lost camera into another map, where its matches with that say, and forgets the present one.
 
@@ -793,7 +803,7 @@ class Filter:
             T_WC that explains the matches, as PnP gives it, metres.
         index, uv : (N,) int64, (N, 2) float64
             Landmarks by their place in the map, and their pixels in Cs.
-        least : int, optional
+        least, predicted
             As with `relocalise`.
 
         Returns
@@ -1321,6 +1331,8 @@ class UpdateReport:
         Of the pairs of each further view.
     worn_poses : list of WornCameraPose
         Where the worn cameras were whose views were measured, the first and the further ones.
+    jumped : bool
+        Of a relocalisation: whether prediction excludes where it found the camera.
     """
 
     @property
@@ -1347,6 +1359,8 @@ class UpdateReport:
     def further(self) -> list[Outcomes]: ...
     @property
     def worn_poses(self) -> list[WornCameraPose]: ...
+    @property
+    def jumped(self) -> bool: ...
 
 @final
 class WornCameraPose:

@@ -151,7 +151,7 @@ fn the_covariance_after_it_is_honest() {
         }
         let off = normals::<6>(&mut rng) * 0.02;
         let report = filter
-            .relocalise(&truth.retract(&off), &matches, None)
+            .relocalise(&truth.retract(&off), &matches, None, false)
             .unwrap();
         assert!(report.accepted, "seed {seed}: {report:?}");
         assert!(filter.state().covariance().least_scaled_eigenvalue() > -1e-10);
@@ -182,7 +182,10 @@ fn in_a_map_of_its_own_it_is_as_honest_as_the_map() {
                 rows += 3.0;
             }
         }
-        let report = lost.warm.filter.relocalise(&lost.near, &lost.matches, None);
+        let report = lost
+            .warm
+            .filter
+            .relocalise(&lost.near, &lost.matches, None, false);
         let report = report.unwrap();
         assert!(report.accepted, "seed {seed}: {report:?}");
         sum += nees(&lost.warm.filter, &lost.truth);
@@ -203,12 +206,67 @@ fn what_was_believed_of_the_camera_counts_for_nothing() {
     for filter in [&mut lost.warm.filter, &mut other] {
         assert!(
             filter
-                .relocalise(&lost.near, &lost.matches, None)
+                .relocalise(&lost.near, &lost.matches, None, false)
                 .unwrap()
                 .accepted
         );
     }
     assert_eq!(state(&lost.warm.filter), state(&other));
+}
+
+#[test]
+fn where_prediction_excludes_it_either_is_half_believed() {
+    let mut looked = 0;
+    for seed in 0..12 {
+        let lost = lost(seed, &WHITE);
+        let (rotation, translation) = lost.warm.filter.pose();
+        let before = Pose {
+            rotation,
+            translation,
+        };
+        // It is known to 4 cm and 3 degrees along each axis.
+        let far = (lost.truth.translation - before.translation).norm() > 0.5;
+        if !far || lost.matches.len() < 10 {
+            continue;
+        }
+        let [(with, half), (without, whole)] = [true, false].map(|predicted| {
+            let mut filter = lost.warm.filter.clone();
+            let report = filter.relocalise(&lost.near, &lost.matches, None, predicted);
+            (report.unwrap(), filter)
+        });
+        assert!(with.accepted && with.jumped, "seed {seed}");
+        assert!(without.accepted && without.jumped, "seed {seed}");
+        // Had prediction been right, the error would be within what is claimed, and far outside without that.
+        let [little, much] = [&half, &whole].map(|filter| nees(filter, &before));
+        // 99.9 % of six numbers.
+        assert!(little < 22.5 && much > 50.0, "seed {seed}: {little}, {much}");
+        assert!(state(&half) == state(&whole), "seed {seed}");
+        looked += 1;
+    }
+    assert!(looked >= 5, "{looked}");
+}
+
+#[test]
+fn where_prediction_allows_it_nothing_is_added() {
+    let mut looked = 0;
+    for seed in 0..12 {
+        let mut warm = lost(seed, &WHITE).warm;
+        let truth = warm.scene.pose(warm.t);
+        let known: Vec<(u64, usize)> = warm.known.iter().map(|(id, p)| (*id, *p)).collect();
+        let seen = |(id, point)| warm.scene.pixel(&truth, point).map(|uv| Bearing { id, uv });
+        let matches: Vec<Bearing> = known.into_iter().filter_map(seen).collect();
+        let [with, without] = [true, false].map(|predicted| {
+            let mut filter = warm.filter.clone();
+            let report = filter.relocalise(&truth, &matches, None, predicted);
+            (report.unwrap(), filter.pose_covariance())
+        });
+        if with.0.accepted {
+            looked += 1;
+            assert!(!with.0.jumped, "seed {seed}");
+            assert!(with.1 == without.1, "seed {seed}");
+        }
+    }
+    assert!(looked >= 8, "{looked}");
 }
 
 #[test]
@@ -218,7 +276,7 @@ fn the_start_of_the_linearisation_hardly_matters() {
         let mut filter = lost.warm.filter.clone();
         assert!(
             filter
-                .relocalise(pose, &lost.matches, None)
+                .relocalise(pose, &lost.matches, None, false)
                 .unwrap()
                 .accepted
         );
@@ -245,7 +303,7 @@ fn wrong_matches_leave_the_filter_as_it_was() {
     let report = lost
         .warm
         .filter
-        .relocalise(&lost.near, &lost.matches, None)
+        .relocalise(&lost.near, &lost.matches, None, false)
         .unwrap();
     assert!(!report.accepted);
     assert!(report.bearings.iter().all(|o| *o == Outcome::RejectedBatch));
@@ -255,7 +313,7 @@ fn wrong_matches_leave_the_filter_as_it_was() {
         !lost
             .warm
             .filter
-            .relocalise(&lost.near, few, None)
+            .relocalise(&lost.near, few, None, false)
             .unwrap()
             .accepted
     );
@@ -266,7 +324,7 @@ fn wrong_matches_leave_the_filter_as_it_was() {
 fn four_are_enough_where_that_is_said() {
     let mut lost = lost(5, &WHITE);
     let four = &lost.matches[..4];
-    let mut relocalise = |least| lost.warm.filter.relocalise(&lost.near, four, least);
+    let mut relocalise = |least| lost.warm.filter.relocalise(&lost.near, four, least, false);
     assert!(!relocalise(None).unwrap().accepted);
     assert!(matches!(
         relocalise(Some(3)),
@@ -289,7 +347,7 @@ fn some_wrong_ones_are_left_out() {
     let report = lost
         .warm
         .filter
-        .relocalise(&lost.near, &lost.matches, None)
+        .relocalise(&lost.near, &lost.matches, None, false)
         .unwrap();
     assert!(report.accepted);
     let wrong = &report.bearings[..3];
@@ -306,31 +364,31 @@ fn bad_input_is_refused() {
     let mut twice = good.clone();
     twice.push(good[0]);
     assert!(matches!(
-        filter.relocalise(&lost.near, &twice, None),
+        filter.relocalise(&lost.near, &twice, None, false),
         Err(EkfError::InvalidInput { .. })
     ));
     let mut unknown = good.clone();
     unknown[0].id = 123_456;
     assert!(matches!(
-        filter.relocalise(&lost.near, &unknown, None),
+        filter.relocalise(&lost.near, &unknown, None, false),
         Err(EkfError::UnknownFeature { .. })
     ));
     let mut nan = good.clone();
     nan[0].uv.x = f64::NAN;
     assert!(matches!(
-        filter.relocalise(&lost.near, &nan, None),
+        filter.relocalise(&lost.near, &nan, None, false),
         Err(EkfError::NonFinite { .. })
     ));
     let mut pose = lost.near.clone();
     pose.rotation *= 2.0;
     assert!(matches!(
-        filter.relocalise(&pose, &good, None),
+        filter.relocalise(&pose, &good, None, false),
         Err(EkfError::InvalidInput { .. })
     ));
     assert_eq!(state(filter), before);
     let mut new = Filter::new(settings(&[]), lost.warm.scene.camera.clone(), None);
     assert!(matches!(
-        new.relocalise(&lost.near, &[], None),
+        new.relocalise(&lost.near, &[], None, false),
         Err(EkfError::InvalidInput { .. })
     ));
 }
@@ -368,7 +426,10 @@ fn a_working_set_makes_no_difference() {
     let local = [plain[0].clone(), ("map.local_from", Value::Int(0))];
     let [a, b] = [&plain[..], &local[..]].map(|changes| {
         let mut lost = lost(9, changes);
-        let report = lost.warm.filter.relocalise(&lost.near, &lost.matches, None);
+        let report = lost
+            .warm
+            .filter
+            .relocalise(&lost.near, &lost.matches, None, false);
         assert!(report.unwrap().accepted);
         state(&lost.warm.filter)
     });
@@ -399,13 +460,13 @@ mod known_map {
         assert!(
             lost.warm
                 .filter
-                .relocalise(&lost.near, &lost.matches, None)
+                .relocalise(&lost.near, &lost.matches, None, false)
                 .unwrap()
                 .accepted
         );
         assert!(
             other
-                .relocalise(&lost.near, &renamed, None)
+                .relocalise(&lost.near, &renamed, None, false)
                 .unwrap()
                 .accepted
         );

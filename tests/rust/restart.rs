@@ -180,19 +180,24 @@ fn back_in_the_old_map_nothing_of_the_new_ones_uncertainty_is_left() {
     let before = warm.filter.snapshot();
     let (report, none) = warm
         .filter
-        .relocalise_in(&old, &near, &wrong, None)
+        .relocalise_in(&old, &near, &wrong, None, false)
         .unwrap();
     assert!(!report.accepted && none.is_empty());
     assert!(warm.filter.snapshot() == before);
     let four = &matches[..4];
-    let (few, _) = warm.filter.relocalise_in(&old, &near, four, None).unwrap();
+    let (few, _) = warm
+        .filter
+        .relocalise_in(&old, &near, four, None, false)
+        .unwrap();
     assert!(!few.accepted);
     let mut by_four = warm.filter.clone();
-    let (enough, _) = by_four.relocalise_in(&old, &near, four, Some(4)).unwrap();
+    let (enough, _) = by_four
+        .relocalise_in(&old, &near, four, Some(4), false)
+        .unwrap();
     assert!(enough.accepted);
     let (report, ids) = warm
         .filter
-        .relocalise_in(&old, &near, &matches, None)
+        .relocalise_in(&old, &near, &matches, None, false)
         .unwrap();
     assert!(report.accepted);
     assert!(ids.len() == old_ids.len());
@@ -206,7 +211,7 @@ fn back_in_the_old_map_nothing_of_the_new_ones_uncertainty_is_left() {
     let outside = vec![(old_ids.len(), Vector2::new(10.0, 10.0))];
     assert!(
         warm.filter
-            .relocalise_in(&old, &near, &outside, None)
+            .relocalise_in(&old, &near, &outside, None, false)
             .is_err()
     );
 }

@@ -72,7 +72,7 @@ fn a_restart_and_a_relocalisation_are_undone() {
     let truth = warm.scene.pose(warm.t);
     assert!(
         warm.filter
-            .relocalise(&truth, &z.bearings, None)
+            .relocalise(&truth, &z.bearings, None, false)
             .unwrap()
             .accepted
     );

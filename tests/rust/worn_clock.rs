@@ -221,7 +221,7 @@ fn a_new_map_begins_with_what_is_known_of_it() {
     let mut elsewhere = draw.filter.clone();
     let truth = draw.scene.pose(draw.now());
     let (report, _) = elsewhere
-        .relocalise_in(&map, &truth, &matches, None)
+        .relocalise_in(&map, &truth, &matches, None, false)
         .expect("its own map");
     assert!(report.accepted);
     assert_eq!(elsewhere.worn_clock(0), Some(known));

@@ -2,9 +2,13 @@
 //! hardly known. That uncertainty is one motion of W for camera and map together, which no measurement sees; so it is kept
 //! beside the state, where it never meets a linearisation, and added to what is said of camera and landmarks.
 
+use crate::math::pose::Pose;
 use crate::math::quat;
 use crate::observe::point::CameraPose;
-use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3};
+use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector6};
+
+/// Chance that where a camera was found is wrong if prediction excludes it, and that it is not prediction which is wrong.
+const EITHER: f64 = 0.5;
 
 /// Covariance of the frame that the map is in, as a small motion `(translation, rotation)` of W, m^2 and rad^2; zero for
 /// the first map.
@@ -23,6 +27,15 @@ impl Placed {
         j.fixed_view_mut::<3, 3>(3, 3).copy_from(&r);
         let moved = j * covariance * j.transpose();
         Self((moved + moved.transpose()) * 0.5)
+    }
+
+    /// What it becomes where a camera was found, at `pose`, `away` from where prediction had it and excluded it (right tangent).
+    pub(crate) fn or_there(self, pose: &Pose, away: &Vector6<f64>) -> Self {
+        let pose = CameraPose {
+            r: pose.translation,
+            q: quat::from_rotation(&pose.rotation),
+        };
+        Self(self.0 + Self::by_pose(&pose, &(away * away.transpose() * EITHER)).0)
     }
 
     /// What it adds to the covariance of the camera's pose, right tangent.

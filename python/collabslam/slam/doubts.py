@@ -13,7 +13,6 @@ import numpy as np
 from collabslam._core import Outcomes, UpdateReport, chi2_quantile
 from collabslam.formats.schema import Check, array, fields, table, whole
 from collabslam.frontend.worn_verdict import contradicted, contradicted_lately
-from collabslam.geometry import pose_inverse, se3_log
 from collabslam.settings.setting import Value
 from collabslam.slam.map_change import MapChange
 from collabslam.slam.overlaps import Overlaps
@@ -155,18 +154,6 @@ def _too_many(counts: Array, expected: float) -> bool:
     if len(counts) < _LEAST or events < 1.0:
         return False
     return bool(0.5 * chi2_quantile(1.0 - _LEVEL, 2.0 * events) > expected * all_)
-
-
-def is_jump(predicted: tuple[Array, Array], found: tuple[Array, Array]) -> bool:
-    """Whether a pose is where prediction from the frame before excludes it.
-
-    Parameters
-    ----------
-    predicted, found : ((4, 4) array, (6, 6) array)
-        ``T_WC`` and its covariance over (translation m, rotation rad), tangent on the right.
-    """
-    xi = se3_log(pose_inverse(predicted[0]) @ found[0])
-    return bool(xi @ np.linalg.solve(predicted[1] + found[1], xi) > chi2_quantile(_LEVEL, 6))
 
 
 def _last(kept: Array, new: object, count: int) -> Array:

@@ -23,7 +23,7 @@ from collabslam.settings.table import Settings
 from collabslam.slam.blank_image import FROZEN
 from collabslam.slam.depth_input import Depths
 from collabslam.slam.diagnostics import StageTimes, recovery_counts, search_counts
-from collabslam.slam.doubts import NOTHING, is_jump
+from collabslam.slam.doubts import NOTHING
 from collabslam.slam.feature_states import (
     FrameFeatures,
     frame_features,
@@ -300,7 +300,6 @@ class Slam(EngineParts):
         report = self._update(found, overlap, depths)
         turned = not report.accepted and self._turn(view, last)
         times.done("update")
-        before = self._where()
         recovered = self._recovery.attempt(view, report)
         times.done("relocalise")
         if recovered is not None:
@@ -333,7 +332,7 @@ class Slam(EngineParts):
             identified=recovered is not None and recovered.identified,
         )
         # Where wheels predicted, it is they who may be wrong.
-        jumped = counts["relocalised"] and not (view.lost or followed) and is_jump(before, self._where())
+        jumped = recovered is not None and recovered.jumped and not (view.lost or followed)
         judged = report, len(found.ids), overlap, change
         # A map that was in doubt is no better where a lost camera finds itself in it again.
         counts["doubt"] = self._doubts.standing() if view.lost else self._doubts.judge(*judged, jumped=jumped)
@@ -464,10 +463,6 @@ class Slam(EngineParts):
         if not self.filter.started:
             return Status.COASTING
         return self._monitor.update(t, inliers, accepted=accepted, followed=followed, identified=identified)
-
-    def _where(self) -> tuple[Array, Array]:
-        """Pose and covariance of the camera as the filter has it now."""
-        return self.filter.pose, self.filter.pose_covariance
 
     def _target_residual(self, image: Image) -> float:
         """Pixels by which the pose misplaces the target; NaN where none is known or seen."""

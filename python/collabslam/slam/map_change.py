@@ -118,6 +118,8 @@ class Recovered:
         Diagnostics of the overlap with Cf that the map begins from.
     identified : bool
         Whether it rests on points that say themselves which they are, of which few are enough.
+    jumped : bool
+        Whether prediction excludes where it was found.
     targets : dict
         Features of the corners (N,) int64 of the printed targets in another map, by the target's name; -1
         where one is gone.
@@ -128,4 +130,5 @@ class Recovered:
     begun: MapChange | None = None
     counts: Mapping[str, Any] = field(default_factory=dict)
     identified: bool = False
+    jumped: bool = False
     targets: Mapping[str, Ids] = field(default_factory=dict)

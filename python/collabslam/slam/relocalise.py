@@ -172,7 +172,7 @@ class Relocaliser(PersistentState):
         fix = self._locate(view, landmarks.points[use], self.views(ids), rolls)
         if fix is None:
             return None
-        report = self._core.relocalise(fix.pose, ids[fix.landmarks], fix.uv)
+        report = self._core.relocalise(fix.pose, ids[fix.landmarks], fix.uv, predicted=self._was_predicted())
         if not report.accepted:
             return None
         return self._recovered(ids[fix.landmarks], fix, report)
@@ -182,9 +182,16 @@ class Relocaliser(PersistentState):
         fix = self._locate(view, old.points, [old.views[i] for i in old.use], rolls)
         if fix is None:
             return None
-        return self.enter(old, Fix(fix.pose, old.use[fix.landmarks], fix.uv))
+        fix = Fix(fix.pose, old.use[fix.landmarks], fix.uv)
+        return self.enter(old, fix, predicted=self._was_predicted())
 
-    def enter(self, old: MapAside, fix: Fix, least: int | None = None) -> Recovered | None:
+    def _was_predicted(self) -> bool:
+        """Whether prediction says where the camera may be: of wheels, it is they who may be wrong."""
+        return not self._core.followed_odometry
+
+    def enter(
+        self, old: MapAside, fix: Fix, least: int | None = None, *, predicted: bool = False
+    ) -> Recovered | None:
         """Leaves the map in use for another one, in which an image shows the camera.
 
         Parameters
@@ -194,6 +201,8 @@ class Relocaliser(PersistentState):
             Landmarks by their place in that map.
         least : int, optional
             How many of them are enough, as with `Filter.relocalise`: they say themselves which they are.
+        predicted : bool
+            Whether prediction counts for something, as there.
 
         Returns
         -------
@@ -202,7 +211,14 @@ class Relocaliser(PersistentState):
         """
         places = fix.landmarks
         there = self._core.relocalise_in(
-            old.landmarks, old.covariance, old.place, fix.pose, places, fix.uv, least=least
+            old.landmarks,
+            old.covariance,
+            old.place,
+            fix.pose,
+            places,
+            fix.uv,
+            least=least,
+            predicted=predicted,
         )
         ids, report = there.ids, there.report
         if not report.accepted:
@@ -229,7 +245,8 @@ class Relocaliser(PersistentState):
         """What the filter accepted of a fix; candidates were seen from where the camera is not."""
         self._core.drop_candidates(self._core.candidates)
         accepted = report.bearings.accepted
-        return Recovered(ImagePoints(ids[accepted], fix.uv[accepted]), other_map)
+        seen = ImagePoints(ids[accepted], fix.uv[accepted])
+        return Recovered(seen, other_map, jumped=report.jumped)
 
     def _describe(self, patches: list[Patch]) -> Descriptors:
         """Descriptors of views, one after the other; made once for all attempts until the camera is found."""

@@ -49,7 +49,8 @@ def find_by_targets(core: Filter, camera: Camera, seen: Sequence[SeenTarget]) ->
         if report.accepted:
             core.drop_candidates(core.candidates)
             accepted = report.bearings.accepted
-            return Recovered(ImagePoints(fix.landmarks[accepted], fix.uv[accepted]), identified=True)
+            points = ImagePoints(fix.landmarks[accepted], fix.uv[accepted])
+            return Recovered(points, identified=True, jumped=report.jumped)
     return None
 
 

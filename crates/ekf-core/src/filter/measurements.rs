@@ -164,6 +164,8 @@ pub struct UpdateReport {
     pub refused: Option<EkfError>,
     /// Whether the frame was used: at least [`Measurements::min_inliers`] bearings were accepted.
     pub accepted: bool,
+    /// Of a relocalisation: whether prediction excludes where it found the camera.
+    pub jumped: bool,
 }
 
 impl UpdateReport {

@@ -8,16 +8,22 @@
 //! The prior is [`WIDE`] times as wide as what the matches say, `C = (H_p^T S_f^-1 H_p)^-1`, with `H_p` the derivative by
 //! the pose's tangent and `S_f = H_f P_ff H_f^T + R` the innovation covariance if the pose were known: so it is wide in
 //! every direction, whatever the scale of the scene, and never so wide that digits are lost.
+//!
+//! Where walls repeat, matches may put the camera one door further on, and no residual tells. Prediction may: where it
+//! excludes the pose, either is wrong and nothing tells which, so half the square of what lies between them joins
+//! the covariance of the map's place in W.
 
 use super::ekf::Filter;
 use super::measurements::{Bearing, Measurements, UpdateReport, refill};
 use super::sources::{Scratch, WornForm};
+use crate::chi2;
 use crate::error::EkfError;
 use crate::guard::check_rigid;
-use crate::math::pose::Pose;
+use crate::math::pose::{Pose, tangent_map};
 use crate::math::quat;
+use crate::observe::POSE_DIM;
 use crate::observe::point::CameraPose;
-use nalgebra::{DMatrix, Matrix6, SMatrix};
+use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, Vector3};
 
 /// Standard deviation of the prior over that of the matches: it takes part of one in [`WIDE`]^2 in the result.
 const WIDE: f64 = 100.0;
@@ -28,6 +34,9 @@ const MAX_CONDITION: f64 = 1e10;
 /// Fewest matches that tell one pose.
 const FEWEST: usize = 4;
 
+/// Level of the test whether prediction excludes where the camera was found.
+const EXCLUDED: f64 = 0.9999;
+
 impl Filter {
     /// Puts a lost camera where its matches with the map say, and discards its former estimate.
     ///
@@ -37,6 +46,10 @@ impl Filter {
     /// `lost.min_matches` unless given: [`UpdateReport::accepted`] says so. Otherwise the filter is as it was. Fewer do
     /// for points that say themselves which they are, as the corners of a printed tag.
     ///
+    /// [`UpdateReport::jumped`] says whether prediction excludes the pose. If what is `predicted` counts for something, as it does
+    /// not for such corners, either may be wrong then, and half the square of what lies between them joins the covariance of the
+    /// map's place in W.
+    ///
     /// # Errors
     /// `NonFinite`, `UnknownFeature`, `InvalidInput` (before the start, an id given twice, no rotation matrix, a `least`
     /// below [`FEWEST`]); the filter stays as it was.
@@ -45,6 +58,7 @@ impl Filter {
         pose: &Pose,
         matches: &[Bearing],
         least: Option<usize>,
+        predicted: bool,
     ) -> Result<UpdateReport, EkfError> {
         self.check_started()?;
         check_rigid("pose", pose)?;
@@ -66,7 +80,9 @@ impl Filter {
         let mut report = UpdateReport::default();
         report.start(&z);
         // A covariance that cannot be factored says that these matches are no good, as a failed test does.
-        let taken = trial.put_at(pose, &z, &mut report).unwrap_or(false);
+        let taken = trial
+            .put_at(pose, &z, predicted, &mut report)
+            .unwrap_or(false);
         if taken {
             self.become_other(trial);
         } else {
@@ -79,11 +95,13 @@ impl Filter {
         &mut self,
         pose: &Pose,
         z: &Measurements,
+        predicted: bool,
         report: &mut UpdateReport,
     ) -> Result<bool, EkfError> {
         self.make_whole();
         // They are where the lost camera was believed to be.
         self.forget_poses();
+        let before = self.clone_pose();
         let pose = CameraPose {
             r: pose.translation,
             q: quat::from_rotation(&pose.rotation),
@@ -105,10 +123,63 @@ impl Filter {
         let tests = &Self::TESTS[1..];
         let taken = self.measure(z, WornForm::Unused, &[], tests, report, &mut scratch)?;
         if taken {
+            self.compare_with(before, predicted, report);
+        }
+        if taken {
             self.finish(z, report);
             self.choose_working_set(&z.searched);
         }
         Ok(taken)
+    }
+
+    /// Compares the camera's pose with that of a clone, which was predicted and is removed. Both hang on the same map, so what
+    /// is not known of that does not count.
+    fn compare_with(&mut self, before: u64, predicted: bool, report: &mut UpdateReport) {
+        let state = &self.state;
+        let Some(at) = state.layout.find(before).map(|block| block.offset) else {
+            return;
+        };
+        let p = |a: usize, b: usize| {
+            let map = |at| tangent_map(&state.part::<4>(at + 3));
+            map(a) * state.p.block::<POSE_DIM, POSE_DIM>(a, b) * map(b).transpose()
+        };
+        let poses =
+            [0, at].map(|at| Pose::from_quat(state.part::<3>(at), &state.part::<4>(at + 3)));
+        let covariances = [p(0, 0), p(at, at), p(0, at)];
+        self.state.remove(|b| b.id == before);
+        self.half_believe(&poses, &covariances, predicted, report);
+    }
+
+    /// Whether prediction excludes where the camera was found; if that counts, the map's place is as uncertain then.
+    /// `covariances` are those of the pose found and of the one predicted, and of the first with the second, right tangents.
+    pub(super) fn half_believe(
+        &mut self,
+        [found, before]: &[Pose; 2],
+        [of_found, of_before, of_both]: &[Matrix6<f64>; 3],
+        predicted: bool,
+        report: &mut UpdateReport,
+    ) {
+        let away = found.inverse().compose(before);
+        // To first order: dv = R dv_before - dv_found + [v] dw_found, dw = R dw_before - dw_found.
+        let along = |rotation, translation| {
+            let pose = Pose {
+                rotation,
+                translation,
+            };
+            pose.adjoint()
+        };
+        let there = along(away.rotation, Vector3::zeros());
+        let here = along(Matrix3::identity(), -away.translation);
+        let both = here * of_both * there.transpose();
+        let covariance = there * of_before * there.transpose() + here * of_found * here.transpose()
+            - both
+            - both.transpose();
+        let away = away.log();
+        let distance = covariance.cholesky().map(|c| away.dot(&c.solve(&away)));
+        report.jumped = distance.is_some_and(|d| d > chi2::quantile(EXCLUDED, 6.0));
+        if report.jumped && predicted {
+            self.placed = self.placed.or_there(found, &away);
+        }
     }
 
     /// [`WIDE`]^2 times the covariance of the pose's tangent that the matches give, the map's own included; `None` where

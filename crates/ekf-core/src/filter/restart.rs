@@ -10,7 +10,7 @@ use crate::guard::check_rigid;
 use crate::math::pose::Pose;
 use crate::placed::Placed;
 use crate::state::BlockKind;
-use nalgebra::Vector2;
+use nalgebra::{Matrix6, Vector2};
 
 impl Filter {
     /// Starts a new map from a view of Cf, where the camera is predicted to be.
@@ -75,8 +75,8 @@ impl Filter {
 
     /// Puts a lost camera into another map, where its matches with that say, and forgets the map that it is in.
     ///
-    /// `matches` are landmarks by their place in `map`, with their pixels in Cs; `pose`, `least` and the rest is as with
-    /// [`Self::relocalise`]. Returns the report and the new ids of the map's landmarks, in its order; they are none where
+    /// `matches` are landmarks by their place in `map`, with their pixels in Cs; `pose`, `least`, `predicted` and the rest is as
+    /// with [`Self::relocalise`]. Returns the report and the new ids of the map's landmarks, in its order; they are none where
     /// the pose was not taken, and the filter is as it was then.
     ///
     /// # Errors
@@ -87,6 +87,7 @@ impl Filter {
         pose: &Pose,
         matches: &[(usize, Vector2<f64>)],
         least: Option<usize>,
+        predicted: bool,
     ) -> Result<(UpdateReport, Vec<u64>), EkfError> {
         self.check_started()?;
         check_rigid("pose", pose)?;
@@ -109,10 +110,23 @@ impl Filter {
             id.map(|&id| Bearing { id, uv })
         };
         let bearings: Vec<Bearing> = matches.iter().map(bearing).collect::<Result<_, _>>()?;
-        let report = trial.relocalise(pose, &bearings, least)?;
+        let mut report = trial.relocalise(pose, &bearings, least, false)?;
         if !report.accepted {
             return Ok((report, Vec::new()));
         }
+        let poses = [&trial, &*self].map(|f| {
+            let (rotation, translation) = f.pose();
+            Pose {
+                rotation,
+                translation,
+            }
+        });
+        let covariances = [
+            trial.pose_covariance(),
+            self.pose_covariance(),
+            Matrix6::zeros(),
+        ];
+        trial.half_believe(&poses, &covariances, predicted, &mut report);
         self.become_other(trial);
         Ok((report, ids))
     }

@@ -130,6 +130,8 @@ fn name(outcome: &Outcome) -> &'static str {
 ///     Of the pairs of each further view.
 /// worn_poses : list of WornCameraPose
 ///     Where the worn cameras were whose views were measured, the first and the further ones.
+/// jumped : bool
+///     Of a relocalisation: whether prediction excludes where it found the camera.
 #[pyclass(name = "UpdateReport", module = "collabslam._core", frozen, get_all)]
 pub(crate) struct PyUpdateReport {
     bearings: Py<PyOutcomes>,
@@ -144,6 +146,7 @@ pub(crate) struct PyUpdateReport {
     worn_error: Column<f64>,
     further: Vec<Py<PyOutcomes>>,
     worn_poses: Vec<Py<PyWornPose>>,
+    jumped: bool,
 }
 
 impl PyUpdateReport {
@@ -157,6 +160,7 @@ impl PyUpdateReport {
             pairs: Py::new(py, PyOutcomes(report.pairs))?,
             depths: Py::new(py, PyOutcomes(report.depths))?,
             accepted: report.accepted,
+            jumped: report.jumped,
             refused: report.refused.as_ref().map(ToString::to_string),
             nis: report.nis,
             dof: report.dof,

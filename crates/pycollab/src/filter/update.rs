@@ -42,7 +42,7 @@ impl PyFilter {
     /// InputError
     ///     For wrong shapes, NaN, unknown ids, an impossible pose or covariance; the filter stays as it
     ///     was.
-    #[expect(clippy::too_many_arguments, reason = "seven names in Python")]
+    #[expect(clippy::too_many_arguments, reason = "eight names in Python")]
     #[pyo3(signature = (searched, ids, uv, *, worn = None, further = Vec::new(), depths = None, min_inliers = 0))]
     fn update(
         &self,
@@ -107,6 +107,9 @@ impl PyFilter {
     /// least : int, optional
     ///     Matches that have to pass, 4 or more; ``lost.min_matches`` if left out.  Fewer do for points that
     ///     say themselves which they are, as the corners of a printed tag.
+    /// predicted : bool
+    ///     Whether prediction counts for something: where it excludes the pose, either is wrong, and half the
+    ///     square of what lies between them joins the covariance of the map's place (METHOD 17).
     ///
     /// Returns
     /// -------
@@ -118,7 +121,7 @@ impl PyFilter {
     /// InputError
     ///     For wrong shapes, NaN, unknown ids, an impossible pose, a ``least`` below 4, or before the start;
     ///     the filter stays as it was.
-    #[pyo3(signature = (pose, ids, uv, *, least = None))]
+    #[pyo3(signature = (pose, ids, uv, *, least = None, predicted = false))]
     fn relocalise(
         &self,
         py: Python<'_>,
@@ -126,10 +129,11 @@ impl PyFilter {
         ids: Argument<'_>,
         uv: Argument<'_>,
         least: Option<usize>,
+        predicted: bool,
     ) -> PyResult<PyUpdateReport> {
         let pose = self::pose("pose", &pose)?;
         let matches = bearings(&ids, &uv)?;
-        let report = self.write(py, |f| f.relocalise(&pose, &matches, least))?;
+        let report = self.write(py, |f| f.relocalise(&pose, &matches, least, predicted))?;
         PyUpdateReport::new(py, report)
     }
 
@@ -174,7 +178,7 @@ impl PyFilter {
     ///     T_WC that explains the matches, as PnP gives it, metres.
     /// index, uv : (N,) int64, (N, 2) float64
     ///     Landmarks by their place in the map, and their pixels in Cs.
-    /// least : int, optional
+    /// least, predicted
     ///     As with `relocalise`.
     ///
     /// Returns
@@ -187,7 +191,7 @@ impl PyFilter {
     ///     For wrong shapes, NaN, a covariance that is none, an impossible pose, a ``least`` below 4, or
     ///     before the start; the filter stays as it was.
     #[expect(clippy::too_many_arguments, reason = "seven names in Python")]
-    #[pyo3(signature = (landmarks, covariance, place, pose, index, uv, *, least = None))]
+    #[pyo3(signature = (landmarks, covariance, place, pose, index, uv, *, least = None, predicted = false))]
     fn relocalise_in(
         &self,
         py: Python<'_>,
@@ -198,6 +202,7 @@ impl PyFilter {
         index: Argument<'_>,
         uv: Argument<'_>,
         least: Option<usize>,
+        predicted: bool,
     ) -> PyResult<PyMapRelocalisation> {
         let map = KnownMap {
             landmarks: rows::<6>("landmarks", &landmarks)?,
@@ -209,7 +214,9 @@ impl PyFilter {
         same_length("uv", index.len(), uv.len())?;
         let places = index.into_iter().map(|place| place as usize);
         let matches: Vec<_> = places.zip(uv).collect();
-        let (report, ids) = self.write(py, |f| f.relocalise_in(&map, &pose, &matches, least))?;
+        let (report, ids) = self.write(py, |f| {
+            f.relocalise_in(&map, &pose, &matches, least, predicted)
+        })?;
         PyMapRelocalisation::new(py, report, to_ids(py, ids.into_iter().map(Some)))
     }
 }
