@@ -239,7 +239,10 @@ fn where_prediction_excludes_it_either_is_half_believed() {
         // Had prediction been right, the error would be within what is claimed, and far outside without that.
         let [little, much] = [&half, &whole].map(|filter| nees(filter, &before));
         // 99.9 % of six numbers.
-        assert!(little < 22.5 && much > 50.0, "seed {seed}: {little}, {much}");
+        assert!(
+            little < 22.5 && much > 50.0,
+            "seed {seed}: {little}, {much}"
+        );
         assert!(state(&half) == state(&whole), "seed {seed}");
         looked += 1;
     }
