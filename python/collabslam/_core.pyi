@@ -1332,7 +1332,8 @@ class UpdateReport:
     worn_poses : list of WornCameraPose
         Where the worn cameras were whose views were measured, the first and the further ones.
     jumped : bool
-        Of a relocalisation: whether prediction excludes where it found the camera.
+        Of a relocalisation: whether prediction excludes where it found the camera, whatever is not known of
+        the map.
     """
 
     @property

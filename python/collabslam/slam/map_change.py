@@ -119,7 +119,7 @@ class Recovered:
     identified : bool
         Whether it rests on points that say themselves which they are, of which few are enough.
     jumped : bool
-        Whether prediction excludes where it was found.
+        Whether prediction excludes where it was found, whatever is not known of the map.
     targets : dict
         Features of the corners (N,) int64 of the printed targets in another map, by the target's name; -1
         where one is gone.

@@ -164,7 +164,7 @@ pub struct UpdateReport {
     pub refused: Option<EkfError>,
     /// Whether the frame was used: at least [`Measurements::min_inliers`] bearings were accepted.
     pub accepted: bool,
-    /// Of a relocalisation: whether prediction excludes where it found the camera.
+    /// Of a relocalisation: whether prediction excludes where it found the camera, whatever is not known of the map.
     pub jumped: bool,
 }
 

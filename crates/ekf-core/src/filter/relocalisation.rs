@@ -46,9 +46,8 @@ impl Filter {
     /// `lost.min_matches` unless given: [`UpdateReport::accepted`] says so. Otherwise the filter is as it was. Fewer do
     /// for points that say themselves which they are, as the corners of a printed tag.
     ///
-    /// [`UpdateReport::jumped`] says whether prediction excludes the pose. If what is `predicted` counts for something, as it does
-    /// not for such corners, either may be wrong then, and half the square of what lies between them joins the covariance of the
-    /// map's place in W.
+    /// Where prediction excludes the pose and what is `predicted` counts for something, as it does not for such corners, either
+    /// may be wrong, and half the square of what lies between them joins the covariance of the map's place in W.
     ///
     /// # Errors
     /// `NonFinite`, `UnknownFeature`, `InvalidInput` (before the start, an id given twice, no rotation matrix, a `least`
@@ -150,8 +149,9 @@ impl Filter {
         self.half_believe(&poses, &covariances, predicted, report);
     }
 
-    /// Whether prediction excludes where the camera was found; if that counts, the map's place is as uncertain then.
-    /// `covariances` are those of the pose found and of the one predicted, and of the first with the second, right tangents.
+    /// Whether prediction excludes where the camera was found; if that counts, the map's place is as uncertain then. It is a jump
+    /// if even what both do not know of the map does not explain it. `covariances` are those of the pose found and of the one
+    /// predicted, and of the first with the second, right tangents.
     pub(super) fn half_believe(
         &mut self,
         [found, before]: &[Pose; 2],
@@ -171,13 +171,14 @@ impl Filter {
         let there = along(away.rotation, Vector3::zeros());
         let here = along(Matrix3::identity(), -away.translation);
         let both = here * of_both * there.transpose();
-        let covariance = there * of_before * there.transpose() + here * of_found * here.transpose()
-            - both
-            - both.transpose();
+        let apart = there * of_before * there.transpose() + here * of_found * here.transpose();
         let away = away.log();
-        let distance = covariance.cholesky().map(|c| away.dot(&c.solve(&away)));
-        report.jumped = distance.is_some_and(|d| d > chi2::quantile(EXCLUDED, 6.0));
-        if report.jumped && predicted {
+        let excludes = |covariance: Matrix6<f64>| {
+            let distance = covariance.cholesky().map(|c| away.dot(&c.solve(&away)));
+            distance.is_some_and(|d| d > chi2::quantile(EXCLUDED, 6.0))
+        };
+        report.jumped = excludes(apart);
+        if excludes(apart - both - both.transpose()) && predicted {
             self.placed = self.placed.or_there(found, &away);
         }
     }

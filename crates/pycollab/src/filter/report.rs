@@ -131,7 +131,8 @@ fn name(outcome: &Outcome) -> &'static str {
 /// worn_poses : list of WornCameraPose
 ///     Where the worn cameras were whose views were measured, the first and the further ones.
 /// jumped : bool
-///     Of a relocalisation: whether prediction excludes where it found the camera.
+///     Of a relocalisation: whether prediction excludes where it found the camera, whatever is not known of
+///     the map.
 #[pyclass(name = "UpdateReport", module = "collabslam._core", frozen, get_all)]
 pub(crate) struct PyUpdateReport {
     bearings: Py<PyOutcomes>,
