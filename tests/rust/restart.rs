@@ -217,6 +217,41 @@ fn back_in_the_old_map_nothing_of_the_new_ones_uncertainty_is_left() {
 }
 
 #[test]
+fn the_old_map_is_half_believed_where_prediction_excludes_it() {
+    let mut warm = lost(5);
+    let known = warm.known.clone();
+    let (old_ids, old) = warm.filter.known_map();
+    assert!(restart(&mut warm).accepted);
+    warm.next_frame();
+    let matches = seen(&mut warm, &old_ids, &known);
+    let there = warm.scene.pose(warm.t);
+    let before = pose(&warm.filter);
+    // The same map as it is, and one that stands ten metres further on.
+    for far in [0.0, 10.0] {
+        let mut map = old.clone();
+        for landmark in &mut map.landmarks {
+            landmark.x += far;
+        }
+        let mut near = there.clone();
+        near.translation.x += far;
+        let [(sure, without), (half, with)] = [false, true].map(|predicted| {
+            let mut filter = warm.filter.clone();
+            let found = filter.relocalise_in(&map, &near, &matches, None, predicted);
+            (found.unwrap().0, filter)
+        });
+        assert!(sure.accepted && half.accepted);
+        assert!(sure.jumped == (far > 0.0) && half.jumped == (far > 0.0));
+        let wider = with.pose_covariance() - without.pose_covariance();
+        assert!((wider.trace() > 0.0) == (far > 0.0), "{wider}");
+        if far > 0.0 {
+            let e = tangent(&pose(&with), &before);
+            assert!(squared(&e, &with.pose_covariance()) < 22.5, "{e}");
+            assert!(squared(&e, &without.pose_covariance()) > 1000.0, "{e}");
+        }
+    }
+}
+
+#[test]
 fn a_snapshot_keeps_the_place_of_the_map() {
     let mut warm = lost(6);
     assert!(restart(&mut warm).accepted);
