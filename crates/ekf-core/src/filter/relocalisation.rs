@@ -123,8 +123,6 @@ impl Filter {
         let taken = self.measure(z, WornForm::Unused, &[], tests, report, &mut scratch)?;
         if taken {
             self.compare_with(before, predicted, report);
-        }
-        if taken {
             self.finish(z, report);
             self.choose_working_set(&z.searched);
         }
