@@ -87,9 +87,10 @@ def run_experiments(
     numbers = {}
     modules = {name: importlib.import_module(f"collabslam_lab.paper_worlds.{name}") for name in names}
     wanted = {
-        name: [replace(case, seed=seed, plain=plain) for seed in seeds for case in module.cases(quick)]
+        name: [replace(case, seed=seed, plain=plain) for case in module.cases(quick) for seed in seeds]
         for name, module in modules.items()
     }
+    # A world's seeds follow on each other: a process renders it once.
     every = [case for cases in wanted.values() for case in cases]
     results = gather(every, out / "recordings", jobs=jobs, progress=progress, engine=engine or LOCAL)
     for name, module in modules.items():

@@ -116,7 +116,7 @@ def run_case(case: Case) -> str:
     """Render a recording once and run all that is asked for; also the work of a child process."""
     use_one_thread()
     seed = case.seed
-    world = world_recording(case.world, seed)
+    world = world_recording(case.world, seed, keep=True)
     held = HeldRecording(world, progress=False)
     rows: list[Row] = []
     tracks = {"truth": _rounded(world.truth[:, :2, 3])}

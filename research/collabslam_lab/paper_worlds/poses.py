@@ -73,7 +73,7 @@ def calibrated_person(world: WorldRecording, seed: int) -> PersonFit:
     person = Person()
     for k in range(_WALKS):
         noise = _WALKS * seed + k
-        walk = WorldRecording(with_board(world.recipe), noise)
+        walk = WorldRecording(with_board(world.recipe), noise, keep=True)
         estimates = estimated_poses(walk, readings_of(walk, noise), person)
         fit = calibrate_person(person, estimates, *board_poses(walk, BOARD))
         person = fit.person
