@@ -286,7 +286,13 @@ impl PyPoseGraph {
     ///     If a submap is tied to nothing.
     fn solved(&self, py: Python<'_>) -> PyResult<Self> {
         let mut graph = self.graph.clone();
-        gate::enter(py, || graph.solve().map(|_| Self::of(graph)))
+        gate::enter(py, || {
+            let marginals = graph.solve()?.marginals;
+            Ok(Self {
+                graph,
+                marginals: OnceLock::from(Ok(marginals)),
+            })
+        })
     }
 
     /// (N, 4, 4) float64, see the class.

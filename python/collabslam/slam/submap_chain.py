@@ -128,7 +128,9 @@ class Chain:
     def solved(self) -> Chain:
         """With the poses that all factors agree with best; raises FilterError where there are none."""
         graph = self.graph.solved()
-        return replace(self, poses=graph.poses, handed_on=graph.handed_on)
+        chain = replace(self, poses=graph.poses, handed_on=graph.handed_on)
+        chain.__dict__["graph"] = graph  # with its factor, from which covariances are read
+        return chain
 
     def longer(self, submap: Submap, edge: Edge | None, base: int | None = None) -> Chain:
         """With the next submap, and the way there from the last one if the filter knows it.

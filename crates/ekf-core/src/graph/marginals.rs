@@ -18,11 +18,17 @@ pub struct Marginals {
 impl Marginals {
     pub(super) fn of(graph: &PoseGraph) -> Result<Self, EkfError> {
         let normal = Normal::of(graph);
-        Ok(Self {
-            factored: normal.factored(&normal.pattern()?, 0.0)?,
-            nodes: graph.nodes().to_vec(),
-            starts: starts(graph.nodes()),
-        })
+        let factored = normal.factored(&normal.pattern()?, 0.0)?;
+        Ok(Self::from(factored, graph.nodes().to_vec()))
+    }
+
+    pub(super) fn from(factored: Factored, nodes: Vec<Node>) -> Self {
+        let starts = starts(&nodes);
+        Self {
+            factored,
+            nodes,
+            starts,
+        }
     }
 
     /// Joint covariance of some nodes in their order, of each its pose (right tangent), then what it hands on.

@@ -46,12 +46,14 @@ pub struct PoseGraph {
 }
 
 /// How a solution ended.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Debug)]
 pub struct Solved {
     /// Sum of the squared weighted residuals: chi-square where all noise is as it is said to be.
     pub cost: f64,
     /// Steps that were taken.
     pub steps: usize,
+    /// What covariances are asked from, linearised before the last step, which moves nothing that counts.
+    pub marginals: Marginals,
 }
 
 impl PoseGraph {
@@ -104,19 +106,29 @@ impl PoseGraph {
     fn descend(&mut self) -> Result<Solved, EkfError> {
         let mut normal = Normal::of(self);
         let pattern = normal.pattern()?;
-        let mut damping = 0.0;
-        for steps in 0..MOST_STEPS {
+        let (mut damping, mut steps) = (0.0, 0);
+        while steps < MOST_STEPS && damping <= MOST_DAMPING {
+            steps += 1;
+            let factored = normal.factored(&pattern, damping)?;
             let mut step =
                 DMatrix::from_column_slice(normal.downhill.len(), 1, normal.downhill.as_slice());
-            normal.factored(&pattern, damping)?.solve(&mut step);
+            factored.solve(&mut step);
             let step = step.column(0).into_owned();
             if !step.iter().all(|v| v.is_finite()) {
                 let what = "the solution of a graph of poses";
                 return Err(EkfError::NonFinite { what });
             }
-            let stands = damping == 0.0 && step.dot(&normal.downhill) < STANDS;
             let nodes = self.moved(&step);
             let old = std::mem::replace(&mut self.nodes, nodes);
+            if damping == 0.0 && step.dot(&normal.downhill) < STANDS {
+                let (cost, nodes) = (normal.cost, self.nodes.clone());
+                let marginals = Marginals::from(factored, nodes);
+                return Ok(Solved {
+                    cost,
+                    steps,
+                    marginals,
+                });
+            }
             let there = Normal::of(self);
             // What rounding adds is no way uphill.
             if there.cost <= normal.cost * (1.0 + 1e-12) + 1e-15 {
@@ -129,13 +141,14 @@ impl PoseGraph {
                 self.nodes = old;
                 damping = (damping * 10.0).max(FIRST_DAMPING);
             }
-            if stands || damping > MOST_DAMPING {
-                let (cost, steps) = (normal.cost, steps + 1);
-                return Ok(Solved { cost, steps });
-            }
         }
-        let (cost, steps) = (normal.cost, MOST_STEPS);
-        Ok(Solved { cost, steps })
+        let cost = normal.cost;
+        let marginals = Marginals::from(normal.factored(&pattern, 0.0)?, self.nodes.clone());
+        Ok(Solved {
+            cost,
+            steps,
+            marginals,
+        })
     }
 
     fn moved(&self, step: &DVector<f64>) -> Vec<Node> {
