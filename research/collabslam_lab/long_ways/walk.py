@@ -71,7 +71,7 @@ class Walked:
 def walk(recipe: Recipe, seed: int, frames: int | None = None) -> Walked:
     """Goes a way; `frames` of it, or all."""
     use_one_thread()
-    world = WorldRecording(recipe, seed)
+    world = WorldRecording(recipe, seed, keep=frames is not None)  # draws share a scene
     slam = Slam(world.camera, world.worn_camera)
     count = len(world.times) if frames is None else min(frames, len(world.times))
     truth = [pose_inverse(world.truth[0]) @ world.truth[i] for i in range(count)]

@@ -6,20 +6,20 @@ use crate::camera::Camera;
 use crate::math::pose::Pose;
 use nalgebra::{Unit, Vector2};
 
-/// Why a point that the image holds in its place is no birth, though a far point there would have moved.
+/// What a point may be that the image holds in its place. It is no birth: what parallax it seems to have is all of the turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Held {
-    /// A point at rest, at some distance, would be there, too.
+    /// A point at rest, far or at some distance, would be there, too.
     Perhaps,
     /// No point at rest would be there, at whatever distance.
     ByTheCamera,
 }
 
-/// Whether the image holds a point that it should not.
+/// Whether the image holds a point, and what that may be.
 ///
 /// `uv` and `first_uv` are pixels of now and of the first view, `first_in_c` maps points of
 /// the first view into C, `sigma` is a pixel's sd, and `gate` the angle, rad, beyond which nothing counts as noise. `None` if the
-/// point moves, a far one would not have moved either, or a pixel has no ray.
+/// point moves, or a pixel has no ray.
 pub fn held(
     camera: &Camera,
     uv: &Vector2<f64>,
@@ -33,9 +33,6 @@ pub fn held(
     }
     let ray = camera.unproject(uv)?;
     let far = first_in_c.rotation * camera.unproject(first_uv)?;
-    if (ray - far).norm() <= gate {
-        return None;
-    }
     match Unit::try_new(first_in_c.translation, 1e-9) {
         Some(near) if from_arc(&ray, &far, &near) > gate => Some(Held::ByTheCamera),
         _ => Some(Held::Perhaps),
