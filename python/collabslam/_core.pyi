@@ -244,6 +244,9 @@ class Filter:
     def map_size(self) -> int:
         """Number of features in the map."""
     @property
+    def features(self) -> _Ids:
+        """Ids of the features, (N,) int64, in order."""
+    @property
     def candidate_count(self) -> int:
         """Number of candidates that wait for parallax."""
     @property

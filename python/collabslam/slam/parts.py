@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn, SupportsIndex, TypeVar
 
-import numpy as np
-
 from collabslam._core import Camera, Filter
 from collabslam.errors import CollabslamError, DataError, InputError
 from collabslam.formats.container import read_container, write_container
@@ -249,8 +247,7 @@ class EngineParts:
                 raise DataError("The file holds other parts of an engine; take an earlier one.")
             for name, part in parts.items():
                 part.restore(state["parts"][name])
-            features = [block.id for block in engine.filter.blocks if block.kind == "Feature"]
-            if not engine._tracks.knows(np.array(features, np.int64), engine.filter.candidates):
+            if not engine._tracks.knows(engine.filter.features, engine.filter.candidates):
                 raise DataError("The file lacks a feature's patch; take an earlier one.")
         except CollabslamError as error:
             raise DataError(f"The state cannot be used. {error}") from error

@@ -219,16 +219,13 @@ class PrintedTargets(PersistentState):
         seen = ImagePoints()
         for tag, uv in corners.items():
             seen = seen.with_more(ImagePoints(self._features[str(tag)], uv))
-        return seen.without(np.setdiff1d(seen.ids, self._held()))
-
-    def _held(self) -> list[int]:
-        return [block.id for block in self._core.blocks if block.kind == "Feature"]
+        return seen.without(np.setdiff1d(seen.ids, self._core.features))
 
     def births(self) -> ImagePoints:
         """Adds the corners of targets in this frame that the map does not hold, or hardly any of."""
         if not self._corners:
             return ImagePoints()
-        held = self._held()
+        held = self._core.features
         born = ImagePoints()
         for target, uv in self._corners.items():
             ids = self._features.get(str(target), np.empty(0, np.int64))

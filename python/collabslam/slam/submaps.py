@@ -195,9 +195,8 @@ class Submaps(PersistentState):
             self._placed = self._onward(self._placed, made.edge, *as_filter_has_it)
         self._chain = self._chain.longer(submap, made.edge, self._base)
         self._base = None
-        alive = [b.id for b in self._core.blocks if b.kind == "Feature"]
         self._frames = 0
-        self._wanted = Wanted(view.image.copy(), np.array(alive, dtype=np.int64), made.slip)
+        self._wanted = Wanted(view.image.copy(), self._core.features, made.slip)
         self._beside.begin(self._wanted, self._work(self._wanted))
 
     def _onward(

@@ -179,6 +179,11 @@ impl Filter {
         self.state.layout.features().count() + outside
     }
 
+    /// Ids of the features, in order.
+    pub fn feature_ids(&self) -> impl Iterator<Item = u64> {
+        self.records.keys().copied()
+    }
+
     /// Number of candidates that wait for parallax.
     pub fn candidate_count(&self) -> usize {
         self.candidates.len()

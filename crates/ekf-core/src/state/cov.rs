@@ -28,6 +28,16 @@ pub struct LinearPart<'a> {
     pub matrix: &'a [f64],
 }
 
+impl LinearPart<'_> {
+    /// The rows, of `k`, from the first to the last that is not zero.
+    fn rows(&self, k: usize) -> Range<usize> {
+        let filled = |r: &usize| self.matrix.iter().skip(*r).step_by(k).any(|by| *by != 0.0);
+        let first = (0..k).find(filled).unwrap_or(k);
+        let last = (first..k).rfind(filled);
+        first..last.map_or(first, |last| last + 1)
+    }
+}
+
 /// Room for the rows that [`Covariance::times_apart`] does not leave apart.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Rest {
@@ -323,17 +333,20 @@ impl Covariance {
         self.reserve(n + k - known);
         self.n = n + k - known;
         for j in 0..n {
-            let mut column = OVector::<f64, K>::zeros_generic(dim, Const::<1>);
-            for part in parts {
+            self.data[n + j * self.ld..][..k - known].fill(0.0);
+        }
+        for part in parts {
+            let rows = part.rows(k);
+            let rows = rows.start.max(known)..rows.end;
+            for j in 0..n {
+                let to = n + j * self.ld;
                 for w in 0..part.width {
                     let p = self.stored_entry(self.slots[part.offset + w], j);
-                    for (entry, by) in column.iter_mut().zip(&part.matrix[w * k..]) {
-                        *entry += by * p;
+                    for r in rows.clone() {
+                        self.data[to + r - known] += part.matrix[r + w * k] * p;
                     }
                 }
             }
-            let to = n + j * self.ld;
-            self.data[to..to + k - known].copy_from_slice(&column.as_slice()[known..]);
         }
         let mut own = noise.clone();
         for part in parts {

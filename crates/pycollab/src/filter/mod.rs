@@ -162,6 +162,13 @@ impl PyFilter {
         self.read(py, |f| Ok(f.map_size()))
     }
 
+    /// Ids of the features, (N,) int64, in order.
+    #[getter]
+    fn features(&self, py: Python<'_>) -> PyResult<Column<i64>> {
+        let ids: Vec<u64> = self.read(py, |f| Ok(f.feature_ids().collect()))?;
+        Ok(to_ids(py, ids.into_iter().map(Some)))
+    }
+
     /// Number of candidates that wait for parallax.
     #[getter]
     fn candidate_count(&self, py: Python<'_>) -> PyResult<usize> {
