@@ -145,13 +145,11 @@ impl Filter {
 
     /// Inverse depth and its sd of a point of which nothing is known but the scene that it is in: half the median of the
     /// landmarks of known depth, as seen from the camera, and as much. So anything from infinity to that median is within
-    /// one sd, in a room as on a road, and in any unit. [`VAGUE_RHO`] where the map does not tell. Of a large map the working set
-    /// counts: what is about.
+    /// one sd, in a room as on a road, and in any unit. [`VAGUE_RHO`] where the map does not tell.
     pub(super) fn vague_depth(&self) -> (f64, f64) {
         let birth = &self.settings.birth;
         let camera = self.state.camera_pose().r;
-        let features = self.state.layout.features();
-        let known = features.filter_map(|block| self.landmark(&self.state, block));
+        let known = self.landmarks().into_iter();
         let known = known.filter(|landmark| landmark.rho_ratio < birth.max_rho_ratio);
         let mut inverse: Vec<f64> = known.map(|l| 1.0 / (l.point - camera).norm()).collect();
         if inverse.len() < self.settings.lost.min_matches {
