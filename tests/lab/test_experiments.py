@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from collabslam.demo.renderer import Renderer
 from collabslam.errors import SettingsError
 from collabslam.geometry import pose_inverse, se3_log
 from collabslam_lab.cli import main as lab
@@ -19,6 +20,7 @@ from collabslam_lab.paper_worlds.cases import DIRECT, MODES, SENSORS, Case
 from collabslam_lab.paper_worlds.poses import sensed
 from collabslam_lab.paper_worlds.variants import Cropped, Variant, varied
 from collabslam_lab.worlds import SETS, WorldRecording, recipe, world_recording
+from collabslam_lab.worlds.scene import scene_of
 from collabslam_lab.worlds.sensors import estimated_poses, pose_errors, readings_of
 
 ERRORS = {"mono": 0.5, "mono-undelayed": 0.6, "collab-init": 0.3, "collab": 0.15, "collab-tight": 0.12}
@@ -184,6 +186,28 @@ def test_poses_and_settings_come_from_the_sensors(world: WorldRecording) -> None
         assert np.array_equal(view.t_cf, estimates[last].t_cf)
         assert view.bias is not None
         assert np.array_equal(view.bias, estimates[last].bias)
+
+
+def test_a_world_is_rendered_once_for_all_seeds(monkeypatch: pytest.MonkeyPatch) -> None:
+    alone = [world_recording("study-2", seed).frame(1) for seed in (0, 1)]
+    rendered = []
+    render = Renderer.render
+
+    def counted(self: Renderer, *given: Any, **named: Any) -> Any:
+        rendered.append(self)
+        return render(self, *given, **named)
+
+    monkeypatch.setattr(Renderer, "render", counted)
+    scene_of.cache_clear()
+    shared = [world_recording("study-2", seed, keep=True).frame(1) for seed in (0, 1)]
+    assert len(rendered) == 2  # one of each camera
+    for one, other in zip(alone, shared, strict=True):
+        assert one.worn is not None
+        assert other.worn is not None
+        assert np.array_equal(one.image, other.image)
+        assert np.array_equal(one.worn.image, other.worn.image)
+        assert np.array_equal(one.worn.t_cf, other.worn.t_cf)
+    assert not np.array_equal(shared[0].image, shared[1].image)
 
 
 def test_a_variant_changes_one_thing() -> None:
