@@ -12,7 +12,7 @@ mod rounding;
 use super::CAMERA_DIM;
 use crate::kernel::{self, Aligned, LINE, Panels, Product, Stored};
 use nalgebra::allocator::Allocator;
-use nalgebra::{Const, DMatrix, DefaultAllocator, Dim, OMatrix, OVector, SMatrix, SVector};
+use nalgebra::{DMatrix, DefaultAllocator, Dim, OMatrix, SMatrix, SVector};
 use std::ops::Range;
 
 /// Rows of a feature's anchor, which come first.
