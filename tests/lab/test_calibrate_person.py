@@ -51,7 +51,7 @@ def test_a_person_is_found_as_built_and_as_well_as_is_said() -> None:
     for name in NAMES:
         world, estimates, poses, spread = walk(name)
         fit = calibrate_person(Person(), estimates, poses, spread)
-        build = world.walk.walker.build
+        build = world.scene.walk.walker.build
         error = np.array([*fit.person.lean, fit.person.camera_height]) - [*build.lean, build.camera_height]
         assert np.abs(error).max() < 0.03
         nees.append(error @ np.linalg.solve(fit.covariance, error))
@@ -90,7 +90,7 @@ def test_a_second_walk_makes_the_person_better_known() -> None:
     twice = calibrate_person(once, estimated_poses(world, readings_of(world, 1), once), poses, measured[2])
     assert twice.person.height_sd < once.height_sd
     assert twice.person.lever_sd < once.lever_sd
-    build = world.walk.walker.build
+    build = world.scene.walk.walker.build
     error = np.array([*twice.person.lean, twice.person.camera_height]) - [*build.lean, build.camera_height]
     assert error @ np.linalg.solve(twice.covariance, error) < 16.3  # 99.9 % of 3
 
@@ -204,7 +204,7 @@ def test_a_person_from_a_bag(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert person.camera_height == pytest.approx(fit.person.camera_height, abs=1e-4)
     for name in ("lean", "surge", "bob"):
         np.testing.assert_allclose(getattr(person, name), getattr(fit.person, name), atol=1e-4)
-    build = world.walk.walker.build
+    build = world.scene.walk.walker.build
     assert person.camera_height == pytest.approx(build.camera_height, abs=0.02)
     np.testing.assert_allclose(person.lean, build.lean, atol=0.025)
 

@@ -73,7 +73,7 @@ def test_the_robot_drives_smoothly_at_its_speed(name: str) -> None:
     assert np.median(speed) == pytest.approx(world.recipe.speed, rel=0.1)
     assert np.degrees(np.linalg.norm(np.array(steps)[:, 3:], axis=1)).max() < 8.0
     way = np.linalg.norm(np.diff(world.truth[:, :3, 3], axis=0), axis=1).sum()
-    assert way == pytest.approx(world.drive.length, rel=0.03)
+    assert way == pytest.approx(world.scene.drive.length, rel=0.03)
 
 
 def test_every_recipe_has_its_own_name_and_seed() -> None:
@@ -106,8 +106,8 @@ def test_the_optics_are_those_of_the_papers_camera(corridor: WorldRecording) -> 
 def test_the_person_hides_what_is_behind() -> None:
     world = world_recording("corridor-6")
     t = float(world.times[60])
-    empty = world.renderer.render(world.robot(t), world.camera)
-    full = world.renderer.render(world.robot(t), world.camera, world._movers(0, t))
+    empty = world.scene.renderer.render(world.robot(t), world.camera)
+    full = world.scene.renderer.render(world.robot(t), world.camera, world.scene._movers(0, t))
     changed = cv2.erode((np.abs(empty.astype(int) - full) > 8).astype(np.uint8), np.ones((3, 3)))
     columns = np.flatnonzero(changed.any(axis=0))
     waist = world.person(t)[:3, 3] - [0, 0, 0.5] - world.robot(t)[:3, 3]
@@ -215,19 +215,19 @@ def test_life_is_drawn_within_its_ranges_and_long() -> None:
 
 def test_those_who_walk_past_meet_nobody_and_are_seen_by_all() -> None:
     world = WorldRecording(replace(recipe("turn90-3-life"), passers=20.0))
-    assert len(world.passers) >= 2
+    assert len(world.scene.passers) >= 2
     walls, near = world.building.plan, 0
     for t in world.times[::3]:
         now = float(t) - LEAD
-        there = [p for p in world.passers if p.there(now)]
+        there = [p for p in world.scene.passers if p.there(now)]
         near = max(near, len(there))
         assert world.shins(t).shape == (2 + 2 * len(there), 3)
-        assert len(world._movers(0, t)) == 3 + 3 * len(there)
+        assert len(world.scene._movers(0, t)) == 3 + 3 * len(there)
         for p in there:
             place = p.trunk(now)
             a, b = walls[:, 0], walls[:, 1]
             along = np.clip(((place - a) * (b - a)).sum(axis=1) / ((b - a) ** 2).sum(axis=1), 0.0, 1.0)
-            inside = 0.0 < world.drive.progress(now) < world.drive.route.length
+            inside = 0.0 < world.scene.drive.progress(now) < world.scene.drive.route.length
             if inside and np.linalg.norm(place - world.robot(t)[:2, 3]) < 5.0:
                 assert np.linalg.norm(a + along[:, None] * (b - a) - place, axis=1).min() > 0.2
             assert np.linalg.norm(place - world.robot(t)[:2, 3]) > 0.4

@@ -39,14 +39,20 @@ class WorldRecording(RenderedRecording):
         Of the noise; not negative.
     keep : bool
         Whether pictures free of noise stay in memory (0.35 MB each), for another seed in the same process.
+
+    Attributes
+    ----------
+    recipe : Recipe
+    scene : Scene
+        What has no noise.
     """
 
     def __init__(self, recipe: Recipe, seed: int = 0, *, keep: bool = False) -> None:
         if seed < 0:
             raise InputError(f"seed is {seed}; give a number that is not negative.")
         self.recipe = recipe
-        self._scene, self._keep = scene_of(recipe), keep
-        count = int(self._scene.drive.duration * RATE) + 1
+        self.scene, self._keep = scene_of(recipe), keep
+        count = int(self.scene.drive.duration * RATE) + 1
         times = np.round(LEAD + np.arange(count) / RATE, 9)  # whole nanoseconds, as files hold them
         self._seed = seed
         cameras = (Camera("radtan", *ROBOT_CAMERA), Camera("radtan", *WORN_CAMERA))
@@ -55,20 +61,20 @@ class WorldRecording(RenderedRecording):
 
     def robot(self, t: float) -> Array:
         """True T_WC (4, 4) at the stamp `t`, seconds."""
-        return self._scene.robot(t)
+        return self.scene.robot(t)
 
     def person(self, t: float) -> Array:
         """True T_WF (4, 4) at the stamp `t`, seconds."""
-        return self._scene.person(t)
+        return self.scene.person(t)
 
     def shins(self, t: float) -> Array:
         """As of `Scene.shins`."""
-        return self._scene.shins(t)
+        return self.scene.shins(t)
 
     @property
     def building(self) -> Building:
         """As of `Scene.building`."""
-        return self._scene.building
+        return self.scene.building
 
     def worn_picture(self, t: float, generator: np.random.Generator) -> Image:
         """What Cf sees at the stamp `t`, with noise."""
@@ -89,13 +95,13 @@ class WorldRecording(RenderedRecording):
 
     def _expose(self, which: int, t: float, generator: np.random.Generator) -> Image:
         """What Cs (0) or Cf (1) delivers at time `t`, with noise."""
-        clean = self._scene.picture(which, t, (self.camera, self.worn_camera)[which], keep=self._keep)
+        clean = self.scene.picture(which, t, (self.camera, self.worn_camera)[which], keep=self._keep)
         return self._sensed(clean, which, self._light[which].at(t), generator)
 
     @cached_property
     def _light(self) -> list[ExposureControl]:
         """Of Cs and of Cf."""
-        recipe, seconds = self.recipe, self._scene.drive.duration
+        recipe, seconds = self.recipe, self.scene.drive.duration
         return [
             ExposureControl(recipe.seed, k, seconds, light=recipe.light, step=recipe.exposure_step)
             for k in (0, 1)
