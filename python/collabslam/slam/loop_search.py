@@ -100,7 +100,8 @@ class LoopSearch:
             found = self._closed(chain, wanted)
             solved = found or (chain.solved if chain.loops else None)
             if solved is not None:
-                return Answer(solved, solved.graph.placed(len(solved.submaps) - 1))
+                placed = solved.graph.placed(len(solved.submaps) - 1)
+                return Answer(replace(solved), placed)  # without its factor, as a file holds it
         except FilterError:
             pass
         return Answer(chain, None)
