@@ -71,22 +71,39 @@ impl Case {
             case.points.push(point);
             case.truth.push(truth);
         }
-        for (i, a) in case.points.iter().enumerate() {
-            for (j, b) in case.points.iter().enumerate() {
+        case.tell_covariance();
+        case
+    }
+
+    /// Of points that stand where they are said to, seen with a noise of `sigma` pixels.
+    fn of(points: Vec<Vector3<f64>>, rng: &mut Pcg64, sigma: f64) -> Self {
+        let mut case = Self::new(rng, points.len());
+        let into = case.pose.inverse();
+        let pixel = |p: &Vector3<f64>| camera().project(&into.apply(p)).expect("in view");
+        let seen = points.iter().map(|p| pixel(p) + normals::<2>(rng) * sigma);
+        case.matches = seen.enumerate().collect();
+        case.points = points.clone();
+        case.truth = points;
+        case.tell_covariance();
+        case
+    }
+
+    fn tell_covariance(&mut self) {
+        for (i, a) in self.points.iter().enumerate() {
+            for (j, b) in self.points.iter().enumerate() {
                 let mut block = a * b.transpose() * (SCALE_SD * SCALE_SD);
                 if i == j {
                     let ray = a.normalize();
                     block += ray * ray.transpose() * 0.01 + SMatrix::identity() * 1e-8;
                 }
-                case.covariance
+                self.covariance
                     .fixed_view_mut::<3, 3>(3 * i, 3 * j)
                     .copy_from(&block);
             }
-            case.with_handed_on
+            self.with_handed_on
                 .fixed_view_mut::<3, 1>(3 * i, 0)
                 .copy_from(&(a * (SCALE_SD * SCALE_SD)));
         }
-        case
     }
 
     fn landmarks(&self) -> Landmarks<'_> {
@@ -186,6 +203,34 @@ fn wrong_matches_are_taken_out_and_too_many_of_them_are_no_sight() {
     assert!(case.sight(NOISE).is_none());
     case.matches.truncate(5);
     assert!(case.sight(NOISE).is_none());
+}
+
+/// A wall far away, and two points close together much nearer: they alone say which part of what the wall shows is a turn, and which
+/// a way up or down.
+fn wall_and_two(rng: &mut Pcg64) -> Case {
+    let mut points: Vec<_> = (0..25)
+        .map(|k| Vector3::new(0.5 * (k % 5) as f64 - 1.3, 0.5 * (k / 5) as f64 - 1.0, 7.5))
+        .collect();
+    points.extend([Vector3::new(1.1, 0.35, 4.7), Vector3::new(1.1, 0.45, 4.7)]);
+    Case::of(points, rng, 0.3)
+}
+
+#[test]
+fn a_pattern_that_repeats_is_not_believed_by_those_alone_that_lie_on_it() {
+    let noise = Noise {
+        sigma: 1.0,
+        slip: 0.0,
+    };
+    let mut case = wall_and_two(&mut rng(3));
+    let honest = case.nees(&case.sight(noise).unwrap());
+    for k in [25, 26] {
+        case.matches[k].1.y += 20.0; // the next one of the same
+    }
+    let found = case.sight(noise).unwrap();
+    let out: Vec<usize> = (0..27).filter(|&k| !found.accepted[k]).collect();
+    assert_eq!(out, [25, 26]);
+    let nees = case.nees(&found);
+    assert!(nees < 16.8 && honest < 16.8, "{nees} {honest}"); // chi-square of six, 99 %
 }
 
 #[test]

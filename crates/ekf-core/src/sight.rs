@@ -1,11 +1,13 @@
 //! An earlier submap in sight: where the camera is in it, from the pixels of its landmarks and their covariance (METHOD 25).
 
+mod alone;
+
 use crate::camera::Camera;
 use crate::chi2;
 use crate::error::EkfError;
 use crate::math::pose::Pose;
 use crate::math::quat;
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, SVector, Vector2, Vector3};
 
 /// Directions of a slip: three translations, three turns and the size.
 const SLIP: usize = 7;
@@ -54,8 +56,9 @@ pub struct Sight {
 }
 
 /// Fits the pose to matches of landmarks (by their place) with pixels, and tests them by chi-square: the worst is
-/// taken out until each agrees with the others and all together pass. `None` if fewer than `least`, or fewer than half of
-/// them, are left, or they leave the pose open.
+/// taken out until each agrees with the others and all together pass. So are matches close together that decide something
+/// alone: a pattern that repeats is found in the wrong place by all that lie on it. `None` if fewer than `least`, or fewer than
+/// half of them, are left, or they leave the pose open.
 ///
 /// # Errors
 /// `BadShape`, `NonFinite`, `InvalidInput` (no such landmark).
@@ -76,7 +79,8 @@ pub fn sight(
             return Ok(None);
         };
         pose = fitted;
-        let Some(inverse) = rows.noise(landmarks.covariance, noise).map(|l| l.inverse()) else {
+        let all_noise = rows.noise(landmarks.covariance, noise);
+        let Some(inverse) = all_noise.clone().cholesky().map(|l| l.inverse()) else {
             return Ok(None);
         };
         let weighted = &inverse * &rows.residual;
@@ -96,6 +100,13 @@ pub fn sight(
             && squared <= chi2::quantile(LEVEL, dof as f64);
         if !fits {
             kept.remove(worst);
+            continue;
+        }
+        let uv: Vec<_> = some.iter().map(|(_, uv)| *uv).collect();
+        let alone = alone::alone(&uv, f64::from(camera.width), &rows.by_pose, &all_noise);
+        if !alone.is_empty() {
+            let mut place = 0..;
+            kept.retain(|_| place.next().is_some_and(|k| !alone.contains(&k)));
             continue;
         }
         let mut accepted = vec![false; matches.len()];
@@ -219,8 +230,8 @@ impl Rows {
         Some(rows)
     }
 
-    /// The factor of the residual's covariance, with this one of all points.
-    fn noise(&self, points: &DMatrix<f64>, noise: Noise) -> Option<Cholesky<f64, Dyn>> {
+    /// The residual's covariance, with this one of all points.
+    fn noise(&self, points: &DMatrix<f64>, noise: Noise) -> DMatrix<f64> {
         let m = self.residual.len();
         let mut s = &self.by_slip * self.by_slip.transpose() * noise.slip.powi(2);
         s += DMatrix::identity(m, m) * noise.sigma.powi(2);
@@ -231,7 +242,7 @@ impl Rows {
                 block += by_a * p * by_b.transpose();
             }
         }
-        ((&s + s.transpose()) * 0.5).cholesky()
+        (&s + s.transpose()) * 0.5
     }
 
     /// What is said about the pose and what was handed on: the points by themselves are uncertain by what that leaves.
@@ -242,7 +253,7 @@ impl Rows {
         let with = landmarks.with_handed_on;
         let solved = handed_on.solve(&with.transpose());
         let own = landmarks.covariance - with * &solved;
-        let noise = self.noise(&own, noise)?;
+        let noise = self.noise(&own, noise).cholesky()?;
         let m = self.residual.len();
         let mut by = DMatrix::<f64>::zeros(m, 6 + n);
         by.columns_mut(0, 6).copy_from(&self.by_pose);
@@ -270,7 +281,7 @@ fn fit(
     let mut pose = guess.clone();
     for _ in 0..MOST_STEPS {
         let rows = Rows::of(camera, landmarks, matches, &pose)?;
-        let noise = rows.noise(landmarks.covariance, noise)?;
+        let noise = rows.noise(landmarks.covariance, noise).cholesky()?;
         let information = rows.by_pose.transpose() * noise.solve(&rows.by_pose);
         let information: Matrix6<f64> = information.fixed_view::<6, 6>(0, 0).into_owned();
         let pull = rows.by_pose.transpose() * noise.solve(&rows.residual);

@@ -1,0 +1,56 @@
+//! Matches close together that decide something alone (METHOD 25): where a pattern repeats they are wrong together, and each
+//! agrees with the others.
+
+use nalgebra::{DMatrix, Matrix6, Vector2};
+
+/// Distance up to which matches are of one thing, as a share of the image's width.
+const CLOSE: f64 = 0.08;
+/// Share of what is known of a direction beyond which nobody else has checked it.
+const MOST: f64 = 0.9;
+
+/// The matches, by their place, that lie close together and hold nearly all that is known of some direction of the pose, those
+/// that hold most of it; none if every direction is vouched for by others.
+///
+/// `by_pose` is `2n x 6`, `noise` `2n x 2n`, the residuals' covariance; `width` is the image's, pixels.
+pub(super) fn alone(
+    uv: &[Vector2<f64>],
+    width: f64,
+    by_pose: &DMatrix<f64>,
+    noise: &DMatrix<f64>,
+) -> Vec<usize> {
+    let everybody: Vec<usize> = (0..uv.len()).collect();
+    let root = information(by_pose, noise, &everybody)
+        .and_then(|all| all.cholesky())
+        .and_then(|all| all.l().try_inverse());
+    let Some(root) = root else {
+        return Vec::new();
+    };
+    let mut most = (MOST, Vec::new());
+    for one in uv {
+        let close = |k: &usize| (uv[*k] - one).norm() <= CLOSE * width;
+        let (group, others): (Vec<usize>, Vec<usize>) = everybody.iter().copied().partition(close);
+        let left = information(by_pose, noise, &others).map_or(0.0, |without| {
+            let share = root * without * root.transpose();
+            ((share + share.transpose()) * 0.5)
+                .symmetric_eigenvalues()
+                .min()
+        });
+        if 1.0 - left > most.0 {
+            most = (1.0 - left, group);
+        }
+    }
+    most.1
+}
+
+/// What some of the matches say of the pose; `None` where their noise is no covariance.
+fn information(
+    by_pose: &DMatrix<f64>,
+    noise: &DMatrix<f64>,
+    which: &[usize],
+) -> Option<Matrix6<f64>> {
+    let rows: Vec<usize> = which.iter().flat_map(|k| [2 * k, 2 * k + 1]).collect();
+    let by = by_pose.select_rows(&rows);
+    let noise = noise.select_rows(&rows).select_columns(&rows);
+    let said = by.transpose() * noise.cholesky()?.solve(&by);
+    Some(said.fixed_view::<6, 6>(0, 0).into_owned())
+}
