@@ -41,10 +41,11 @@ def report(*, refused: int = 0, worn: int = 0, nis: float = 30.0, accepted: bool
     )
 
 
-def seen(*against: float) -> Overlaps:
-    """Twenty matches with each Cf, and how much they contradict T_CF."""
+def seen(*against: float, size: float = float("nan")) -> Overlaps:
+    """Twenty matches with each Cf, and how much they contradict T_CF, and the map's size."""
     each = [
-        Overlap(k, ids=np.arange(20), points=60, against=a, refused=a > 1.0) for k, a in enumerate(against)
+        Overlap(k, ids=np.arange(20), points=60, against=a, size=size, refused=max(a, size) > 1.0)
+        for k, a in enumerate(against)
     ]
     return Overlaps(tuple(o if o.refused else replace(o, worn=VIEW) for o in each))
 
@@ -84,6 +85,7 @@ def test_a_good_run_is_never_doubted() -> None:
         ("moving", (report(), Overlaps(), born(strayed=1))),
         ("cf_matches", (report(worn=4), seen(0.1), born())),
         ("t_cf", (report(), seen(1.1), born())),
+        ("size", (report(), seen(0.1, size=2.0), born())),
     ],
 )
 def test_what_adds_up_over_frames_is_named(cause: str, frame: tuple[Any, Overlaps, MapChange]) -> None:
@@ -126,6 +128,13 @@ def test_what_cf_showed_is_forgotten_where_it_shows_nothing_any_more() -> None:
     for k in range(80):  # it comes back: what was said of T_CF still counts
         judge.judge(report(), FOUND, seen(0.2 if k < 30 else 2.0) if k < 30 or k > 77 else Overlaps(), born())
     assert judge.judge(report(), FOUND, seen(2.0), born()) == NOTHING
+
+
+def test_a_map_of_another_size_is_doubted_until_views_confirm_it() -> None:
+    judge = doubts()
+    views = [seen(0.1, size=0.1)] * 10 + [seen(0.1, size=3.0)] * 10 + [Overlaps()] * 50
+    said = [judge.judge(report(), FOUND, view, born()) for view in [*views, *[seen(0.1, size=0.1)] * 9]]
+    assert said == [NOTHING] * 13 + ["size"] * 60 + [NOTHING] * 6
 
 
 def test_a_calibration_that_goes_wrong_on_the_way_is_doubted() -> None:

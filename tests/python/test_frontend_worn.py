@@ -122,6 +122,20 @@ def test_wrong_depth_does_not_give_wrong_matches(scene):
     assert (error > 2.0).sum() <= 3
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_map_of_another_size_is_contradicted_by_its_points(scene, seed):
+    rng = np.random.Generator(np.random.PCG64(seed))
+    rho = np.exp(0.05 * rng.standard_normal(len(scene[3]))) / scene[3]
+    rho[rng.random(len(rho)) < 0.5] = np.nan  # half are new
+    found = {
+        size: run(scene, measured(seed), rho=rho * size, sd=0.05 * rho * size) for size in (1.0, 0.4, 2.5)
+    }
+    assert found[1.0].size < 0.3
+    assert found[0.4].size > 2.0
+    assert found[2.5].size > 2.0
+    assert np.isnan(run(scene, measured(seed)).size), "nothing is known of new points"
+
+
 @pytest.mark.parametrize("kind", ["sift", "orb"])
 def test_other_descriptors_match_too(scene, kind):
     settings = Settings.default().replace({"frontend.worn.descriptor": kind}).frontend()

@@ -1,7 +1,7 @@
 //! How well the innovations of a run fit what its settings claim.
 
 /// NIS of all updates since the start, and their degrees of freedom.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Misfit {
     pub(crate) nis: f64,
     pub(crate) dof: f64,
@@ -12,6 +12,14 @@ impl Misfit {
     pub(crate) fn add(&mut self, nis: f64, dof: usize) {
         self.nis += nis;
         self.dof += dof as f64;
+    }
+
+    /// That of the updates after another one was all there was.
+    pub(crate) fn since(&self, before: &Self) -> Self {
+        Self {
+            nis: self.nis - before.nis,
+            dof: self.dof - before.dof,
+        }
     }
 
     /// NIS per degree of freedom; 1 before any update.
@@ -35,5 +43,8 @@ mod tests {
         misfit.add(80.0, 10);
         misfit.add(0.0, 30);
         assert!(misfit.share() == 2.0);
+        let before = misfit;
+        misfit.add(30.0, 10);
+        assert!(misfit.since(&before).share() == 3.0);
     }
 }

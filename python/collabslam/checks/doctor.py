@@ -105,6 +105,8 @@ def _lost(frames: Frames) -> Iterator[str]:
 _REMEDIES = {
     "t_cf": "check its frame, unit, clock and covariance, and the focal lengths (collabslam check-calib)",
     "cf_matches": "T_CF is off by more than its covariance says, or a focal length is wrong (check-calib)",
+    "size": "the map has lost its scale, as in a turn that showed little that stands still, or T_CF is too "
+    "long or too short",
     "jump": "the images repeat or skip (a buffer that is played again), their stamps are wrong, or two "
     "places look the same",
     "matches": "things move over much of the image, the focal length is wrong, or one camera alone does not "

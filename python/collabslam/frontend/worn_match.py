@@ -11,7 +11,8 @@ Cf lie on a point's epipolar line and in front of both cameras, and how wide tha
    are searched with their own patch where they must be;
 6. each match located to sub-pixel by correlating the warped patch, and the consensus once more with these,
    but for those that what is known around them says are of something that looks the same (`plausible`);
-7. apart from all this, what the images say of the measured pose, matched once more without leaning on it.
+7. apart from all this, what the images say of the measured pose, matched once more without leaning on it,
+   and of the map's size, matched without leaning on the map (`worn_size`).
 
 The corrected pose only vets the matches: the filter uses the measured one, or the images would count twice.
 """
@@ -42,6 +43,7 @@ from collabslam.frontend.patch import SIZE, inverse_maps, limits
 from collabslam.frontend.plausible import Seen, far_from, surface_around, unlike
 from collabslam.frontend.search import FOUND, active_search, peak_test, search_around, search_window
 from collabslam.frontend.two_views import TwoViews, ViewedPoints, inside, whole
+from collabslam.frontend.worn_size import LEAST, ask_size
 from collabslam.frontend.worn_verdict import WIDE, Verdict, ask_images
 from collabslam.geometry import pose_inverse
 from collabslam.settings.frontend import FrontendSettings
@@ -83,6 +85,8 @@ class WornMatches:
         Points of known depth that are expected in Cf's picture.
     verdict : Verdict or None
         What the images say of the measured pose.
+    size : float
+        How much they contradict the map's size (`ask_size`).
     """
 
     index: Indices
@@ -92,6 +96,7 @@ class WornMatches:
     corners: int
     landmarks: int = 0
     verdict: Verdict | None = field(default=None, repr=False)
+    size: float = float("nan")
 
 
 def match_worn(views: TwoViews, points: ViewedPoints, settings: FrontendSettings) -> WornMatches:
@@ -154,6 +159,7 @@ class _Matcher:
         self.rays_s = self.camera_s.unproject(self.uv_s).reshape(-1, 3)
         self.rho_sd = np.maximum(points.rho_sd, self.options.depth_floor * np.abs(self.rho))
         self.verdict: Verdict | None = None
+        self.size = float("nan")
         self.known = np.isfinite(self.rho) & np.isfinite(self.rho_sd) & (self.rho_sd >= 0.0)
 
     def run(self) -> WornMatches:
@@ -168,7 +174,9 @@ class _Matcher:
             return self._none(rejected, corners)
         rays_f = self.camera_f.unproject(uv_f)
         described = self._describe(points, uv_f)
-        self.verdict = self._ask(points, rays_f, described)
+        blind = self._without_the_map(points, described)
+        self.verdict = self._ask(points, rays_f, blind)
+        self.size = self._ask_size(points, rays_f, blind)
         i, j, _ = self._assign(points, rays_f, described, self.t_cf, self.covariance)
         seeds = self._consensus(self.rays_s[points[i]], rays_f[j], SIGMA)
         i, j, why = self._assign(points, rays_f, described, seeds.t_cf, seeds.covariance)
@@ -196,12 +204,19 @@ class _Matcher:
             rejected["consensus"] = len(index)
             return self._none(rejected, corners)
         matched = index[keep], place[keep], score[keep]
-        return WornMatches(*matched, rejected, corners, int(expected.shown.sum()), self.verdict)
+        landmarks = int(expected.shown.sum())
+        return WornMatches(*matched, rejected, corners, landmarks, self.verdict, self.size)
 
     def _none(self, rejected: dict[str, int], corners: int) -> WornMatches:
         empty = np.empty(0)
         return WornMatches(
-            np.empty(0, np.int64), empty.reshape(0, 2), empty, rejected, corners, verdict=self.verdict
+            np.empty(0, np.int64),
+            empty.reshape(0, 2),
+            empty,
+            rejected,
+            corners,
+            verdict=self.verdict,
+            size=self.size,
         )
 
     def _corners(self) -> Array:
@@ -269,16 +284,44 @@ class _Matcher:
                 last = warps
         return depths
 
-    def _ask(self, points: Indices, rays_f: Array, described: _Described) -> Verdict | None:
-        """What the images say of the measured pose: no depth of the map counts, as the map may rest on it."""
+    def _without_the_map(self, points: Indices, described: _Described) -> _Described:
+        """Descriptors as if no depth were known."""
         known = np.flatnonzero(self.known[points])
         of_s = described.of_s.copy()
         depths = described.depths.tolist()
         of_s[:, known] = self._windows(points[known], depths, np.arange(len(known)), np.zeros(len(known)))
+        return described._replace(of_s=of_s)
+
+    def _ask(self, points: Indices, rays_f: Array, blind: _Described) -> Verdict | None:
+        """What the images say of the measured pose: no depth of the map counts, as the map may rest on it."""
         nothing = np.zeros(len(points), np.bool_)
-        asked = described._replace(of_s=of_s)
-        i, j, _ = self._assign(points, rays_f, asked, self.t_cf, WIDE * self.covariance, nothing)
+        i, j, _ = self._assign(points, rays_f, blind, self.t_cf, WIDE * self.covariance, nothing)
         return ask_images(self.rays_s[points[i]], rays_f[j], self.t_cf, self.covariance, self.focal)
+
+    def _ask_size(self, points: Indices, rays_f: Array, blind: _Described) -> float:
+        """How much the images contradict the map's size, by its points that match along their whole line."""
+        if self.known[points].sum() < LEAST:
+            return float("nan")
+        nothing = np.zeros(len(points), np.bool_)
+        i, j, _ = self._assign(points, rays_f, blind, self.t_cf, self.covariance, nothing)
+        pose = self._consensus(self.rays_s[points[i]], rays_f[j], SIGMA)
+        i, j, _ = self._assign(points, rays_f, blind, pose.t_cf, pose.covariance, nothing)
+        of_map = self.known[points[i]] & (self.rho[points[i]] > 0.0)
+        index, rays_f = points[i[of_map]], rays_f[j[of_map]]
+        rays_s = self.rays_s[index]
+        rho, rho_sd = inverse_ranges(rays_s, rays_f, pose.t_cf), self._triangulated_sd(rays_s, pose)
+        measured = rho > _GATE * rho_sd
+        index, rho, rho_sd = index[measured], rho[measured], rho_sd[measured]
+        length = float(np.linalg.norm(pose.t_cf[:3, 3]))
+        ours = np.sqrt(np.linalg.eigvalsh(pose.covariance[:3, :3]).max()) / max(length, 1e-9)
+        sd = np.sqrt((self.rho_sd[index] / self.rho[index]) ** 2 + (rho_sd / rho) ** 2 + ours**2)
+        return ask_size(np.log(rho / self.rho[index]), sd)
+
+    def _triangulated_sd(self, rays_s: Array, pose: Consensus) -> Array:
+        """Standard deviation of the inverse range of matched points, 1/m, whatever it is."""
+        across = np.maximum(np.linalg.norm(np.cross(rays_s, pose.t_cf[:3, 3]), axis=1), 1e-9)
+        angle = np.sqrt(np.trace(pose.covariance[3:, 3:]) / 3.0 + (SIGMA / self.focal[1]) ** 2)
+        return np.asarray(angle / across)
 
     def _assign(
         self,
@@ -394,13 +437,11 @@ class _Matcher:
         landmarks = Seen(self.uv_s[of_map], self.rho[of_map], self.rho_sd[of_map])
         around = surface_around(uv, landmarks, self.image_s.shape[1])
         t = consensus.t_cf[:3, 3]
-        across = np.maximum(np.linalg.norm(np.cross(rays, t), axis=1), 1e-9)
-        angle = np.sqrt(np.trace(consensus.covariance[3:, 3:]) / 3.0 + (SIGMA / self.focal[1]) ** 2)
         matched = inverse_ranges(rays, self.camera_f.unproject(place[free]), consensus.t_cf)
         there = (rays - np.nan_to_num(around.rho)[:, None] * t) @ consensus.t_cf[:3, :3]
         seen = self.camera_f.project(there)
         shown = seen.visible & self._in_picture(seen.uv)
-        out[free] = ~shown & unlike(Seen(uv, matched, angle / across), around)
+        out[free] = ~shown & unlike(Seen(uv, matched, self._triangulated_sd(rays, consensus)), around)
         return out
 
 

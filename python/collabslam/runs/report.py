@@ -80,6 +80,7 @@ def summary_text(summary: Summary) -> str:
 DOUBTS = {
     "t_cf": "the images contradict T_CF by more than its covariance allows",
     "cf_matches": "points of the map are elsewhere in Cf than T_CF and its covariance say",
+    "size": "Cf sees points of the map nearer or farther than the map has them, all by one factor",
     "jump": "the camera was found again where it cannot have got to since the frame before",
     "matches": "more matches are refused than a scene that stands still leaves",
     "moving": "new points do not move as those of a scene that stands still",

@@ -105,6 +105,7 @@ DIAGNOSTICS = (
     "t_cf_correction_m",
     "t_cf_correction_deg",
     "t_cf_against",
+    "size_against",
     "ms_predict",
     "ms_search",
     "ms_cf",

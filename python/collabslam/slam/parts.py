@@ -52,7 +52,7 @@ from collabslam.slam.tracks import Tracks
 from collabslam.slam.worn_frame import WornMatcher
 from collabslam.types import Board, Tag, Target, WornView
 
-KIND, VERSION = "engine state", 13
+KIND, VERSION = "engine state", 14
 """Of the file that `EngineParts.save` writes; the version counts the changes of what is in it."""
 CLASSES = (KeptFrame, Loop, MapAside, Patch, Submap, Target, Wanted, WornPose, WornView)
 """Dataclasses that are in it."""

@@ -45,8 +45,11 @@ class Overlap:
     against : float
         How much the view contradicts T_CF, above 1 beyond its covariance: the images do (`Verdict`), or the
         map does; NaN where neither says anything.
+    size : float
+        How much it contradicts the map's size, above 1 beyond all covariances (`ask_size`); NaN where it
+        says nothing.
     refused : bool
-        The view contradicts T_CF or the map: it is not used.
+        The view contradicts T_CF or the map, or the map's size: it is not used.
     baseline : float
         |t_CF|, metres; NaN without overlap.
     view : View or None
@@ -66,6 +69,7 @@ class Overlap:
     matches: WornMatches | None = None
     points: int = 0
     against: float = float("nan")
+    size: float = float("nan")
     refused: bool = False
     baseline: float = float("nan")
     view: View | None = None
@@ -123,6 +127,7 @@ class Overlap:
             "t_cf_correction_m": float(np.linalg.norm(correction[:3])),
             "t_cf_correction_deg": float(np.degrees(np.linalg.norm(correction[3:]))),
             "t_cf_against": self.against,
+            "size_against": self.size,
             "cf_points": self.points,
             "cf_matches": len(self.ids),
             "cf_tag_corners": self.tag_corners,
@@ -281,12 +286,13 @@ class WornMatcher:
         against = _BY_MAP if self._contradicts(len(known), len(uv), matches) else _against(matches)
         # A start rests on this one view alone: it needs one that the images confirm.
         unsure = not started and np.isnan(against)
-        if against > 1.0 or unsure:
+        if against > 1.0 or matches.size > 1.0 or unsure:
             return Overlap(
                 number,
                 matches=matches,
                 points=len(uv),
                 against=against,
+                size=matches.size,
                 refused=not unsure,
                 baseline=overlap.baseline,
             )
@@ -306,6 +312,7 @@ class WornMatcher:
             matches=matches,
             points=len(uv),
             against=against,
+            size=matches.size,
             baseline=overlap.baseline,
             view=None if placed.captured is None else view,
             at=view.t,

@@ -1,5 +1,6 @@
 //! What a filter remembers of the views that its map was handed on in (METHOD 20).
 
+use crate::misfit::Misfit;
 use crate::observe::point::CameraPose;
 
 /// Where the map was last handed on.
@@ -8,6 +9,8 @@ pub(crate) struct Handed {
     /// Landmarks born before this id were there.
     pub(super) until: u64,
     pub(super) pose: CameraPose,
+    /// Of the updates until then.
+    pub(super) misfit: Misfit,
 }
 
 /// What has been handed on so far.

@@ -10,6 +10,7 @@ use super::handed::Handed;
 use crate::camera::Camera;
 use crate::gauge::Slip;
 use crate::math::quat;
+use crate::misfit::Misfit;
 use crate::observe::point::CameraPose;
 use crate::state::State;
 
@@ -30,6 +31,7 @@ impl Filter {
         let now = Handed {
             until: self.state.layout.next_id(),
             pose: *pose,
+            misfit: self.misfit,
         };
         let Some(last) = self.handover.last else {
             self.handover.last = Some(now);
@@ -42,7 +44,7 @@ impl Filter {
         self.handover.last = Some(now);
         let born = followed.len() - followed.partition_point(|&id| id < last.until);
         let share = moved.min(born as f64 / followed.len() as f64);
-        let angle = self.shared_error() * share.sqrt();
+        let angle = self.shared_error(&self.misfit.since(&last.misfit)) * share.sqrt();
         if angle > 0.0 {
             let slip = Slip {
                 turn: angle,
@@ -53,9 +55,9 @@ impl Filter {
         }
     }
 
-    /// Standard deviation of the slip while all that is in view is exchanged once, radians.
-    pub(super) fn shared_error(&self) -> f64 {
-        let variance = self.settings.pixel.sigma_cs.powi(2) * self.misfit.share() - PATCH_VARIANCE;
+    /// Standard deviation of the slip while all that is in view is exchanged once, radians, by the innovations of some updates.
+    pub(super) fn shared_error(&self, of: &Misfit) -> f64 {
+        let variance = self.settings.pixel.sigma_cs.powi(2) * of.share() - PATCH_VARIANCE;
         let focal = (self.camera.fx * self.camera.fy).sqrt();
         self.settings.process.handover * variance.max(0.0).sqrt() / focal
     }

@@ -66,8 +66,8 @@ struct FilterImage {
     kept_poses: KeptPoses,
     /// Covariance of the map's place in W.
     placed: Vec<f64>,
-    /// Where the map was last handed on: the next id, and the pose `[r q]`; up to which id landmarks are a known map's.
-    handed: Option<(u64, [f64; 7])>,
+    /// Where the map was last handed on; up to which id landmarks are a known map's.
+    handed: Option<HandedImage>,
     known: u64,
     /// NIS of all updates, and their degrees of freedom.
     misfit: (f64, f64),
@@ -230,7 +230,8 @@ impl Filter {
                 "its normalised innovations are impossible",
             ));
         }
-        let last = handed.map(handed_of).transpose()?;
+        let misfit = Misfit { nis, dof };
+        let last = handed.map(|last| handed_of(last, &misfit)).transpose()?;
         let (odometry, wheels) = odometry.restored()?;
         let mut batch = Workspace::default();
         batch.remember_move(moved_by);
@@ -249,7 +250,7 @@ impl Filter {
             test: validate::Workspace::default(),
             placed: Placed(placed),
             handover: Handover { last, known },
-            misfit: Misfit { nis, dof },
+            misfit,
             odometry,
             wheels,
             gauge: Gauge::following(followed),
@@ -266,19 +267,38 @@ impl Filter {
     }
 }
 
-fn handed_image(handed: &Handed) -> (u64, [f64; 7]) {
+/// The next id, the pose `[r q]`, and NIS and degrees of freedom of the updates until then.
+type HandedImage = (u64, [f64; 7], (f64, f64));
+
+fn handed_image(handed: &Handed) -> HandedImage {
     let CameraPose { r, q } = handed.pose;
-    (handed.until, [r.x, r.y, r.z, q[0], q[1], q[2], q[3]])
+    let Misfit { nis, dof } = handed.misfit;
+    (
+        handed.until,
+        [r.x, r.y, r.z, q[0], q[1], q[2], q[3]],
+        (nis, dof),
+    )
 }
 
-fn handed_of((until, pose): (u64, [f64; 7])) -> Result<Handed, EkfError> {
+/// `now` is the misfit of all updates: those until then are among them.
+fn handed_of((until, pose, (nis, dof)): HandedImage, now: &Misfit) -> Result<Handed, EkfError> {
     let q = quat::Quat::from_column_slice(&pose[3..]);
     if !pose.iter().all(|v| v.is_finite()) || (q.norm() - 1.0).abs() > 1e-6 {
         return Err(EkfError::bad_snapshot("its last view is impossible"));
     }
     let r = Vector3::from_column_slice(&pose[..3]);
     let pose = CameraPose { r, q };
-    Ok(Handed { until, pose })
+    if !(0.0..=now.nis).contains(&nis) || !(0.0..=now.dof).contains(&dof) {
+        return Err(EkfError::bad_snapshot(
+            "its normalised innovations were more before",
+        ));
+    }
+    let misfit = Misfit { nis, dof };
+    Ok(Handed {
+        until,
+        pose,
+        misfit,
+    })
 }
 
 fn of_frame(entries: Vec<f64>, why: &str) -> Result<Matrix6<f64>, EkfError> {

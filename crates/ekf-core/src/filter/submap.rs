@@ -70,7 +70,7 @@ impl Filter {
             points: Vec::new(),
             covariance: DMatrix::zeros(0, 0),
             with_handed_on: DMatrix::zeros(0, 0),
-            slip: self.shared_error(),
+            slip: self.shared_error(&self.misfit),
         };
         take_down(&self.state, seen, &handed_on, &mut submap);
         if let Some(then) = then {

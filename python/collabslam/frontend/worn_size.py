@@ -1,0 +1,53 @@
+"""What the images of a view say of the map's size, by its points where they are not looked for by the map.
+
+A map that has lost its scale puts its points where Cf does not show them.  Looked for there alone they are
+not found, and what Cf could tell is not asked.  So those that match along their whole line are compared:
+points of a map that is right are where it says, those of one that is too small or too large are all off by
+one factor, and wrong matches are off by any (METHOD 22).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from collabslam.types import Array
+
+LEAST = 5
+"""Fewest points of a view that say something together."""
+_GATE = 3.0
+"""Standard deviations within which two ratios are the same."""
+_TIMES = 2.0
+"""By how much more points must be at one other size than at the map's own."""
+_LAST, _LEAST_VIEWS = 7, 3
+"""Views that together speak for a run: most of the last ones, that many at least."""
+
+
+def ask_size(ratio: Array, sd: Array) -> float:
+    """How much a view contradicts the map's size; above 1 it does, NaN where it says nothing.
+
+    Parameters
+    ----------
+    ratio : (N,) float64
+        Logarithm of the distance of each point by the map over that by Cf.
+    sd : (N,) float64
+        Its standard deviation, by all that it may be off by.
+    """
+    same = np.abs(ratio) <= _GATE * sd
+    others, spread = ratio[~same], sd[~same]
+    together = np.abs(others - np.median(others)) <= _GATE * spread if len(others) else same[:0]
+    as_claimed, otherwise = int(same.sum()), int(together.sum())
+    if as_claimed + otherwise < LEAST:
+        return float("nan")
+    return otherwise / max(_TIMES * as_claimed, 1.0)
+
+
+def contradicted_size(against: Array) -> bool:
+    """Whether most of the last views that say something contradict the map's size.
+
+    Parameters
+    ----------
+    against : (N,) float64
+        As `ask_size` says of views, in their order.
+    """
+    told = against[~np.isnan(against)][-_LAST:]
+    return len(told) >= _LEAST_VIEWS and bool(np.mean(told > 1.0) > 0.5)

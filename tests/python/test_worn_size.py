@@ -1,0 +1,51 @@
+"""Whether points of the map are as far as it says, in a view that matched them without it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from collabslam.frontend.worn_size import LEAST, ask_size, contradicted_size
+
+SD = np.full(12, 0.05)
+
+
+def noise(seed: int, count: int = 12) -> np.ndarray:
+    return 0.05 * np.random.default_rng(seed).standard_normal(count)
+
+
+def test_a_map_that_is_right_is_confirmed_and_one_of_another_size_is_not() -> None:
+    for seed in range(20):
+        assert ask_size(noise(seed), SD) < 0.2
+        assert ask_size(noise(seed) + 0.9, SD) > 2.0
+        assert ask_size(noise(seed) - 0.9, SD) > 2.0
+
+
+def test_wrong_matches_say_nothing_together() -> None:
+    wrong = [ask_size(np.random.default_rng(k).uniform(-2.5, 2.5, 12), SD) for k in range(200)]
+    assert np.mean([one > 1.0 for one in wrong]) < 0.02  # NaN is no contradiction
+    mixed = [
+        ask_size(np.concatenate([noise(k, 6), np.random.default_rng(k).uniform(-2.5, 2.5, 6)]), SD)
+        for k in range(200)
+    ]
+    assert max(mixed) < 1.0
+
+
+def test_few_points_say_nothing() -> None:
+    few = LEAST - 1
+    assert np.isnan(ask_size(noise(0, few) + 0.9, SD[:few]))
+    assert np.isnan(ask_size(np.empty(0), np.empty(0)))
+
+
+def test_a_run_is_doubted_by_most_of_its_last_views() -> None:
+    right, wrong, silent = 0.1, 3.0, float("nan")
+    said = {
+        (wrong,) * 2: False,
+        (wrong,) * 3: True,
+        (right,) * 30 + (wrong,) * 3: False,
+        (right,) * 30 + (wrong,) * 4: True,
+        (right,) * 30 + (wrong, silent, silent) * 4: True,
+        (wrong,) * 30 + (right,) * 4: False,
+        (silent,) * 9: False,
+    }
+    for views, doubted in said.items():
+        assert contradicted_size(np.array(views)) is doubted, views
