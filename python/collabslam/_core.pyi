@@ -756,7 +756,7 @@ class Filter:
             For wrong shapes, NaN, unknown ids, an impossible pose, a ``least`` below 4, or before the start;
             the filter stays as it was.
         """
-    def restart(self, worn: WornMeasurement) -> UpdateReport:
+    def restart(self, worn: WornMeasurement, gone: ArrayLike) -> UpdateReport:
         """Starts a new map from a view of Cf, where the camera is predicted to be; the map of before is gone.
 
         What is left of the pose's certainty becomes that of the new map's place in W: it is part of
@@ -767,6 +767,9 @@ class Filter:
         ----------
         worn : WornMeasurement
             All its ids -1.
+        gone : (3,) float64
+            Way in W, metres, that the camera went in a map that may be of the wrong size: half of its square
+            joins the covariance of the new map's place.
 
         Returns
         -------

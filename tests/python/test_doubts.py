@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from collabslam.geometry import pose
 from collabslam.settings.table import Settings
 from collabslam.slam.doubts import CAUSES, NOTHING, Doubts
 from collabslam.slam.map_change import MapChange
+from collabslam.slam.map_size import MapSize
 from collabslam.slam.overlaps import Overlaps
 from collabslam.slam.worn_frame import Overlap
 from collabslam.types import WornView
@@ -22,7 +24,7 @@ VIEW = WornView(np.zeros((4, 4), np.uint8), np.eye(4), np.diag([9e-4] * 3 + [1e-
 
 
 def doubts() -> Doubts:
-    return Doubts(Settings.default().section("filter"))
+    return Doubts(Settings.default().section("filter"), MapSize())
 
 
 def outcomes(refused: int) -> Any:
@@ -85,7 +87,6 @@ def test_a_good_run_is_never_doubted() -> None:
         ("moving", (report(), Overlaps(), born(strayed=1))),
         ("cf_matches", (report(worn=4), seen(0.1), born())),
         ("t_cf", (report(), seen(1.1), born())),
-        ("size", (report(), seen(0.1, size=2.0), born())),
     ],
 )
 def test_what_adds_up_over_frames_is_named(cause: str, frame: tuple[Any, Overlaps, MapChange]) -> None:
@@ -131,10 +132,30 @@ def test_what_cf_showed_is_forgotten_where_it_shows_nothing_any_more() -> None:
 
 
 def test_a_map_of_another_size_is_doubted_until_views_confirm_it() -> None:
-    judge = doubts()
+    size = MapSize()
+    judge = Doubts(Settings.default().section("filter"), size)
     views = [seen(0.1, size=0.1)] * 10 + [seen(0.1, size=3.0)] * 10 + [Overlaps()] * 50
-    said = [judge.judge(report(), FOUND, view, born()) for view in [*views, *[seen(0.1, size=0.1)] * 9]]
+    said = []
+    for k, view in enumerate([*views, *[seen(0.1, size=0.1)] * 9]):
+        size.take(view, pose(np.eye(3), [0.1 * k, 0.0, 0.0]))
+        said.append(judge.judge(report(), FOUND, view, born()))
     assert said == [NOTHING] * 13 + ["size"] * 60 + [NOTHING] * 6
+
+
+def test_a_map_begun_by_cf_alone_stays_in_doubt_until_the_camera_is_in_another() -> None:
+    size = MapSize()
+    for k in range(20):
+        size.take(seen(0.1, size=0.1 if k < 10 else 3.0), pose(np.eye(3), [0.1 * k, 0.0, 0.0]))
+    np.testing.assert_allclose(size.gone(pose(np.eye(3), [2.0, 0.0, 0.5])), [1.1, 0.0, 0.5])
+    assert size.contradicted
+    size.begin_anew()
+    assert size.doubted
+    assert not size.contradicted
+    for _ in range(20):
+        size.take(seen(0.1, size=0.1), np.eye(4))
+    assert size.doubted
+    size.leave()
+    assert not size.doubted
 
 
 def test_a_calibration_that_goes_wrong_on_the_way_is_doubted() -> None:

@@ -78,6 +78,39 @@ fn the_camera_slips_with_what_it_sees() {
     with.filter.check().expect("sound");
 }
 
+/// Variance of the attitude that the first slip adds, where pixels are off by so much long before, and lately.
+fn slip(before: f64, lately: f64) -> f64 {
+    let mut pair = [10.0, 0.0].map(|by| warm(7, &[("process.handover", Value::Float(by))]));
+    let step = |warm: &mut Warm| {
+        warm.next_frame();
+        warm.update(false);
+    };
+    for warm in &mut pair {
+        warm.scene.sigma_px = before;
+        (0..40).for_each(|_| step(warm));
+        warm.scene.sigma_px = lately;
+        (0..20).for_each(|_| step(warm));
+        give_birth(warm);
+    }
+    for _ in 0..90 {
+        pair.iter_mut().for_each(step);
+        if differ(&pair) {
+            break;
+        }
+    }
+    assert!(differ(&pair));
+    let [with, without] = pair.map(|warm| variances(&warm.filter.pose_covariance())[1]);
+    with - without
+}
+
+#[test]
+fn it_slips_by_the_frames_in_which_it_is_handed_on_and_not_by_those_of_long_before() {
+    let (quiet, calmed, upset) = (slip(0.5, 0.5), slip(1.5, 0.5), slip(0.5, 1.5));
+    assert!(upset > 2.0 * quiet, "{upset} {quiet}");
+    // The mean over all frames would have it the other way round.
+    assert!(upset > 1.3 * calmed, "{upset} {calmed}");
+}
+
 #[test]
 fn it_takes_new_landmarks_and_a_new_view() {
     assert!(differ(&until_they_differ(true, true)));

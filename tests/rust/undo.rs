@@ -3,7 +3,7 @@
 use crate::local::Pair;
 use crate::scene::{Warm, warm};
 use ekf_core::{EkfError, Filter};
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 use std::collections::BTreeMap;
 
 /// A frame with all that a frame may do.
@@ -65,7 +65,12 @@ fn a_restart_and_a_relocalisation_are_undone() {
     let before = warm.filter.snapshot();
     warm.filter.checkpoint();
     let (z, _) = warm.scene.measure(warm.t, &BTreeMap::new(), true);
-    assert!(warm.filter.restart(&z.worn.unwrap()).unwrap().accepted);
+    assert!(
+        warm.filter
+            .restart(&z.worn.unwrap(), &Vector3::zeros())
+            .unwrap()
+            .accepted
+    );
     warm.filter.rollback().unwrap();
     assert_eq!(warm.filter.snapshot(), before);
     let (z, _) = warm.scene.measure(warm.t, &warm.known, false);

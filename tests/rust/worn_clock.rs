@@ -228,7 +228,10 @@ fn a_new_map_begins_with_what_is_known_of_it() {
 
     let (z, _) = draw.measure(&BTreeMap::new());
     let worn: WornObservation = z.worn.expect("a view");
-    let report = draw.filter.restart(&worn).expect("new points");
+    let report = draw
+        .filter
+        .restart(&worn, &Vector3::zeros())
+        .expect("new points");
     assert!(report.accepted);
     assert_eq!(draw.filter.worn_clock(0), Some(known));
 }

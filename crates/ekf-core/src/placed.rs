@@ -38,6 +38,13 @@ impl Placed {
         Self(self.0 + Self::by_pose(&pose, &(away * away.transpose() * EITHER)).0)
     }
 
+    /// What it becomes where the way that the camera went, in W, is as likely wrong as right.
+    pub(crate) fn or_gone(mut self, way: &Vector3<f64>) -> Self {
+        let mut shift = self.0.fixed_view_mut::<3, 3>(0, 0);
+        shift += way * way.transpose() * EITHER;
+        self
+    }
+
     /// What it adds to the covariance of the camera's pose, right tangent.
     pub(crate) fn of_pose(&self, pose: &CameraPose) -> Matrix6<f64> {
         let r_cw = quat::rotation(&pose.q).transpose();

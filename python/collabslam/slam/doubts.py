@@ -12,10 +12,10 @@ import numpy as np
 
 from collabslam._core import Outcomes, UpdateReport, chi2_quantile
 from collabslam.formats.schema import Check, array, fields, table, whole
-from collabslam.frontend.worn_size import contradicted_size
 from collabslam.frontend.worn_verdict import contradicted, contradicted_lately
 from collabslam.settings.setting import Value
 from collabslam.slam.map_change import MapChange
+from collabslam.slam.map_size import MapSize
 from collabslam.slam.overlaps import Overlaps
 from collabslam.slam.state import PersistentState
 from collabslam.slam.worn_frame import Overlap
@@ -35,12 +35,7 @@ _LEAST = 5
 """Frames, or views, that say something together."""
 _LEVEL = 0.9999
 """Level of each test."""
-_NO_VIEWS: dict[str, Any] = {
-    "against": np.empty(0),
-    "sizes": np.empty(0),
-    "matches": np.empty((0, 2)),
-    "without": 0,
-}
+_NO_VIEWS: dict[str, Any] = {"against": np.empty(0), "matches": np.empty((0, 2)), "without": 0}
 _STRAYS = 0.01
 """Share of new points that may stray in a scene that stands still, by a wrong match."""
 
@@ -52,6 +47,8 @@ class Doubts(PersistentState):
     ----------
     settings : mapping
         The filter's.
+    size : MapSize
+        What views of Cf say of the map's size.
     """
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
@@ -61,24 +58,20 @@ class Doubts(PersistentState):
         "_jumps": array("<f8", None),
         "_worn": table(
             int,
-            fields(
-                against=array("<f8", None),
-                sizes=array("<f8", None),
-                matches=array("<f8", None, 2),
-                without=whole(0),
-            ),
+            fields(against=array("<f8", None), matches=array("<f8", None, 2), without=whole(0)),
         ),
     }
 
-    def __init__(self, settings: Mapping[str, Value]) -> None:
+    def __init__(self, settings: Mapping[str, Value], size: MapSize) -> None:
+        self._size = size
         # A good batch fails the test of the batch with this probability, and loses a match or two then.
         self._expected = 1.0 - float(settings["validate.level"])
         self._matches = np.empty((0, 2))
         self._noise = np.empty((0, 2))
         self._births = np.empty((0, 2))
         self._jumps = np.empty(0)
-        # By the number of the worn camera: how much its views contradict T_CF, and the map's size, its
-        # matches refused and found, and frames since its last view.
+        # By the number of the worn camera: how much its views contradict T_CF, its matches refused and found,
+        # and frames since its last view.
         self._worn: dict[int, dict[str, Any]] = {}
 
     def judge(
@@ -91,11 +84,10 @@ class Doubts(PersistentState):
         """
         self._jumps = _last(self._jumps, float(jumped), _LAST)
         for seen in overlap.each:
-            for what, says in (("against", seen.against), ("sizes", seen.size)):
-                if not np.isnan(says):
-                    known = self._worn.get(seen.number, _NO_VIEWS)
-                    told = _last(known[what], says, _LAST)
-                    self._worn = self._worn | {seen.number: known | {what: told}}
+            if not np.isnan(seen.against):
+                known = self._worn.get(seen.number, _NO_VIEWS)
+                against = _last(known["against"], seen.against, _LAST)
+                self._worn = self._worn | {seen.number: known | {"against": against}}
         if report.accepted:
             self._take(report, found, change)
             self._take_worn(overlap.with_outcomes(report))
@@ -110,7 +102,7 @@ class Doubts(PersistentState):
                 for one in self._worn.values()
             ),
             WORN_MATCHES: any(self._too_many_refused(one["matches"]) for one in self._worn.values()),
-            SIZE: any(contradicted_size(one["sizes"]) for one in self._worn.values()),
+            SIZE: self._size.doubted,
             JUMP: bool(self._jumps.any()),
             MATCHES: self._too_many_refused(self._matches),
             MOVING: _too_many(self._births, _STRAYS),

@@ -311,6 +311,8 @@ class Slam(EngineParts):
         self._tracks.adopt(view, self.filter.pose, change, self.filter.candidates, recovered)
         self._fixed.adopt(change.fixed)
         self._relocaliser.forget(change.deleted)
+        if recovered is None:
+            self._size.take(overlap, self.filter.pose)
         seen = _matched(found, report) if recovered is None else recovered.seen
         self._late.keep(view, found, seen, change)
         counts = {

@@ -38,6 +38,7 @@ from collabslam.slam.looking import Look, Looking, WornPose
 from collabslam.slam.loop_search import Wanted
 from collabslam.slam.map_aside import MapAside
 from collabslam.slam.map_management import MapManager, scarce_below
+from collabslam.slam.map_size import MapSize
 from collabslam.slam.printed_targets import PrintedTargets
 from collabslam.slam.recovery import Recovery
 from collabslam.slam.relocalise import Relocaliser
@@ -127,7 +128,8 @@ class EngineParts:
             wheels=start == "odometry",
             metric=metric,
         )
-        self._doubts = Doubts(settings.section("filter"))
+        self._size = MapSize()
+        self._doubts = Doubts(settings.section("filter"), self._size)
         self._monitor = StatusMonitor(settings.section("filter"), lost=start == "map")
         self._recovery = Recovery(
             core,
@@ -136,7 +138,7 @@ class EngineParts:
             (self._relocaliser, self._known),
             self._worn,
             self._map,
-            self._monitor,
+            (self._monitor, self._size),
             metric=metric,
         )
         self._guard = Guard(core, list(persistent_parts(self).values()))

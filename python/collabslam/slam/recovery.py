@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from collabslam._core import Camera, Filter, UpdateReport
 from collabslam.slam.known_submaps import KnownSubmaps
 from collabslam.slam.map_change import Recovered
 from collabslam.slam.map_management import MapManager
+from collabslam.slam.map_size import MapSize
 from collabslam.slam.overlaps import Overlaps
 from collabslam.slam.printed_targets import PrintedTargets
 from collabslam.slam.relocalise import Relocaliser
@@ -29,7 +32,8 @@ class Recovery:
         Where a camera may be found: maps, and the submaps that it started with.
     worn : WornMatcher
     map_manager : MapManager
-    monitor : StatusMonitor
+    judges : StatusMonitor, MapSize
+        Whether the camera is in its map, and whether that is as large as Cf says.
     metric : bool
         Whether the map is in metres: to one of an arbitrary unit none in metres can be tied.
     """
@@ -42,13 +46,13 @@ class Recovery:
         maps: tuple[Relocaliser, KnownSubmaps],
         worn: WornMatcher,
         map_manager: MapManager,
-        monitor: StatusMonitor,
+        judges: tuple[StatusMonitor, MapSize],
         *,
         metric: bool,
     ) -> None:
         self._filter, self._camera, self._printed = core, camera, printed
         (self._relocaliser, self._known), self._worn = maps, worn
-        self._map, self._monitor, self._metric = map_manager, monitor, metric
+        self._map, (self._monitor, self._size), self._metric = map_manager, judges, metric
 
     def attempt(self, view: View, report: UpdateReport) -> Recovered | None:
         """After the update of a frame: puts the camera where images say it is; None if it stays where it was.
@@ -56,9 +60,15 @@ class Recovery:
         An accepted frame may show an earlier map, by a printed target or by views.  One that failed may show
         a target that a map holds; else it is compared with all maps.  A camera that was lost before is looked
         for in the submaps that it started with, too, and if nothing of them is in sight, it may start anew.
+        So does one that is in a map whose size Cf contradicts: it can find itself there, but only wrongly.
         """
         if not view.started:
             return None
+        if self._size.contradicted and (begun := self._restart(view)) is not None:
+            self._size.begin_anew()
+            self._printed.move(begun.targets)
+            self._known.left()
+            return begun
         found = self._by_targets(lost=not report.accepted)
         if found is None:
             found = self._relocaliser.look_back(view) if report.accepted else self._relocaliser.attempt(view)
@@ -68,6 +78,7 @@ class Recovery:
             in_submap = found is not None
             found = found or self._restart(view)
         if found is not None and found.other_map is not None:
+            self._size.leave()
             self._printed.move(found.targets)
             if not in_submap:
                 self._known.left()
@@ -86,7 +97,8 @@ class Recovery:
     def _restart(self, view: View) -> Recovered | None:
         """A new map from Cf where prediction puts a lost camera, and its births; None if too few.
 
-        A camera that has never known where it is has nothing to tie a map to.
+        A camera that has never known where it is has nothing to tie a map to.  A map whose size is wrong is
+        not put aside, to be found again, and where it has led the camera since it was right is in doubt.
         """
         if not (self._metric and self._monitor.found):
             return None
@@ -94,8 +106,10 @@ class Recovery:
             overlap = Overlaps((self._worn.match(view, placed, Found.nothing(), self._map.in_view),))
             if overlap.observation is None:
                 continue
-            old = self._relocaliser.map_in_use(self._printed)
-            report = self._filter.restart(overlap.observation)
+            wrong = self._size.contradicted
+            old = None if wrong else self._relocaliser.map_in_use(self._printed)
+            gone = self._size.gone(self._filter.pose) if wrong else np.zeros(3)
+            report = self._filter.restart(overlap.observation, gone)
             if report.accepted:
                 self._relocaliser.put_aside(old)
                 begun = self._map.begin(view, overlap, report)

@@ -127,10 +127,10 @@ class Relocaliser(PersistentState):
             printed.in_list(known.ids),
         )
 
-    def put_aside(self, old: MapAside) -> None:
-        """The camera has left a map for a new one: the old one is kept, if it can be recognised at all."""
+    def put_aside(self, old: MapAside | None) -> None:
+        """The camera has left a map for a new one: the old one, if given, is kept if it can be recognised."""
         self._views = {}
-        if len(old.use) >= MIN_PATCHES or old.targets:
+        if old is not None and (len(old.use) >= MIN_PATCHES or old.targets):
             kept = [*self._aside, old]
             self._aside = kept if len(kept) <= MAX_ASIDE else [kept[0], *kept[2:]]
 

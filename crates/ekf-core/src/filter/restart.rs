@@ -10,21 +10,26 @@ use crate::guard::check_rigid;
 use crate::math::pose::Pose;
 use crate::placed::Placed;
 use crate::state::BlockKind;
-use nalgebra::{Matrix6, Vector2};
+use nalgebra::{Matrix6, Vector2, Vector3};
 
 impl Filter {
     /// Starts a new map from a view of Cf, where the camera is predicted to be.
     ///
     /// What is known of the pose, which is what prediction has left of it, becomes the place of the new map in W: camera
-    /// and landmarks are as certain among each other as after any start, and all are off by that one unknown motion. The
+    /// and landmarks are as certain among each other as after any start, and all are off by that one unknown motion. So they are
+    /// by a way in W that the camera has `gone` in a map that may be of the wrong size, metres: half of its square joins. The
     /// map of before is gone: take it with [`Self::known_map`] first to come back to it with [`Self::relocalise_in`]. Ids go
     /// on, velocities start anew. The report's `accepted` says whether there were births enough for a start
     /// (`worn.start_births`); if not, the filter is as it was.
     ///
     /// # Errors
-    /// `InvalidInput` before the start or for a pair that is of a feature, and what [`Self::update`] says of its input; the
-    /// filter stays as it was.
-    pub fn restart(&mut self, worn: &WornObservation) -> Result<UpdateReport, EkfError> {
+    /// `InvalidInput` before the start or for a pair that is of a feature, `NonFinite` for the way, and what [`Self::update`] says
+    /// of its input; the filter stays as it was.
+    pub fn restart(
+        &mut self,
+        worn: &WornObservation,
+        gone: &Vector3<f64>,
+    ) -> Result<UpdateReport, EkfError> {
         self.check_started()?;
         if worn.pairs.iter().any(|pair| pair.id.is_some()) {
             return Err(EkfError::InvalidInput {
@@ -37,8 +42,12 @@ impl Filter {
             ..Measurements::default()
         };
         self.check_measurements(&z, &mut Scratch::default())?;
+        if !gone.iter().all(|v| v.is_finite()) {
+            let what = "way gone";
+            return Err(EkfError::NonFinite { what });
+        }
         let mut trial = self.clone();
-        trial.leave_map();
+        trial.leave_map(gone);
         let mut report = UpdateReport::default();
         let done = trial.update_into(&z, &mut report);
         if done.is_ok() && trial.started {
@@ -50,10 +59,10 @@ impl Filter {
     }
 
     /// A camera at the pose of before that knows it exactly, in a frame that is as uncertain as that pose was.
-    fn leave_map(&mut self) {
+    fn leave_map(&mut self, gone: &Vector3<f64>) {
         self.make_whole();
         let pose = self.state.camera_pose();
-        self.placed = Placed::by_pose(&pose, &self.pose_covariance());
+        self.placed = Placed::by_pose(&pose, &self.pose_covariance()).or_gone(gone);
         self.handover = Default::default();
         self.state.remove(|b| {
             !matches!(

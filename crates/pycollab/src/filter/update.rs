@@ -4,7 +4,7 @@ use super::PyFilter;
 use super::measurements::{PyDepthMeasurement, PyWornMeasurement, bearings};
 use super::report::PyMapRelocalisation;
 use super::report::{PyUpdateReport, PyWornPose};
-use crate::arrays_in::{Argument, ids, matrix, pixels, pose, rows, same_length, square};
+use crate::arrays_in::{Argument, ids, matrix, pixels, pose, rows, same_length, square, vector};
 use crate::arrays_out::to_ids;
 use ekf_core::Measurements;
 use ekf_core::{EkfError, KnownMap, UpdateReport};
@@ -147,6 +147,9 @@ impl PyFilter {
     /// ----------
     /// worn : WornMeasurement
     ///     All its ids -1.
+    /// gone : (3,) float64
+    ///     Way in W, metres, that the camera went in a map that may be of the wrong size: half of its square
+    ///     joins the covariance of the new map's place.
     ///
     /// Returns
     /// -------
@@ -159,8 +162,14 @@ impl PyFilter {
     /// InputError
     ///     For NaN, an id that is not -1, an impossible pose or covariance, or before the start; the filter
     ///     stays as it was.
-    fn restart(&self, py: Python<'_>, worn: &PyWornMeasurement) -> PyResult<PyUpdateReport> {
-        let report = self.write(py, |f| f.restart(&worn.0))?;
+    fn restart(
+        &self,
+        py: Python<'_>,
+        worn: &PyWornMeasurement,
+        gone: Argument<'_>,
+    ) -> PyResult<PyUpdateReport> {
+        let gone = vector::<3>("gone", &gone)?;
+        let report = self.write(py, |f| f.restart(&worn.0, &gone))?;
         PyUpdateReport::new(py, report)
     }
 

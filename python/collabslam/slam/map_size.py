@@ -1,0 +1,61 @@
+"""Whether Cf confirms the map's size, view by view, and how far the camera has gone since (METHOD 22)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from collabslam.formats.schema import Check, array, flag, optional, pose
+from collabslam.frontend.worn_size import contradicted_size
+from collabslam.slam.overlaps import Overlaps
+from collabslam.slam.state import PersistentState
+from collabslam.types import Array
+
+_LAST = 30
+"""Views that are remembered."""
+
+
+class MapSize(PersistentState):
+    """What the views of all worn cameras have said of the map that the camera is in."""
+
+    PERSISTENT: ClassVar[Mapping[str, Check]] = {
+        "_told": array("<f8", None),
+        "_confirmed": optional(pose),
+        "_anew": flag,
+    }
+
+    def __init__(self) -> None:
+        self._told = np.empty(0)
+        self._confirmed: Array | None = None
+        self._anew = False
+
+    def take(self, overlap: Overlaps, t_wc: Array) -> None:
+        """Takes in what the views of a frame said, and the pose of Cs (4, 4) in it."""
+        told = [seen.size for seen in overlap.each if not np.isnan(seen.size)]
+        self._told = np.concatenate([self._told, told])[-_LAST:]
+        if told and max(told) <= 1.0:
+            self._confirmed = t_wc
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether views contradict it."""
+        return contradicted_size(self._told)
+
+    @property
+    def doubted(self) -> bool:
+        """Whether they do, or the map was begun because they did: by T_CF, which may as well be wrong."""
+        return self.contradicted or self._anew
+
+    def gone(self, t_wc: Array) -> Array:
+        """Way (3,) in W since it was last confirmed, metres, from a pose of Cs (4, 4)."""
+        return np.zeros(3) if self._confirmed is None else t_wc[:3, 3] - self._confirmed[:3, 3]
+
+    def begin_anew(self) -> None:
+        """The map was left for a new one, because its size was contradicted."""
+        self._told, self._confirmed, self._anew = np.empty(0), None, True
+
+    def leave(self) -> None:
+        """The camera is in another map: one of before, or one that was begun where it was lost."""
+        self._told, self._confirmed, self._anew = np.empty(0), None, False
