@@ -148,13 +148,13 @@ def test_a_map_begun_by_cf_alone_stays_in_doubt_until_the_camera_is_in_another()
         size.take(seen(0.1, size=0.1 if k < 10 else 3.0), pose(np.eye(3), [0.1 * k, 0.0, 0.0]))
     np.testing.assert_allclose(size.gone(pose(np.eye(3), [2.0, 0.0, 0.5])), [1.1, 0.0, 0.5])
     assert size.contradicted
-    size.begin_anew()
+    size.leave(contradicted=True)
     assert size.doubted
     assert not size.contradicted
     for _ in range(20):
         size.take(seen(0.1, size=0.1), np.eye(4))
     assert size.doubted
-    size.leave()
+    size.leave(contradicted=False)
     assert not size.doubted
 
 

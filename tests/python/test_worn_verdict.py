@@ -149,6 +149,24 @@ def test_an_engine_is_not_sure_of_what_its_images_contradict(
     assert all(sure) if good else not any(sure)
 
 
+def test_a_map_that_cf_finds_of_another_size_is_left_and_the_new_one_stays_in_doubt(clip: Clip) -> None:
+    """No image tells how long T_CF is; a map that was right before does not follow it without a word."""
+
+    def stretched(worn: WornView) -> WornView:
+        t_cf = worn.t_cf.copy()
+        t_cf[:3, 3] *= 2.5
+        return replace(worn, t_cf=t_cf)
+
+    slam, said = Slam(clip.recording.camera, clip.recording.worn_camera), []
+    for k, frame in enumerate(clip.frames):
+        worn = frame.worn if frame.worn is None or k < 8 else stretched(frame.worn)
+        said.append(slam.step(frame.t, frame.image, worn))
+    begun = [k for k, s in enumerate(said) if s.diagnostics["restarted"]]
+    assert len(begun) == 1
+    assert {s.status for s in said[begun[0] :]} == {Status.DOUBTFUL}
+    assert {s.diagnostics["doubt"] for s in said[begun[0] :]} == {"size"}
+
+
 def test_images_that_come_again_are_a_jump(clip: Clip) -> None:
     slam, said = Slam(clip.recording.camera, clip.recording.worn_camera), []
     for k in range(16):  # the first eight frames, twice

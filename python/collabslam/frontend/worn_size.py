@@ -18,7 +18,7 @@ _GATE = 3.0
 """Standard deviations within which two ratios are the same."""
 _TIMES = 2.0
 """By how much more points must be at one other size than at the map's own."""
-_LAST, _LEAST_VIEWS = 7, 3
+LAST_VIEWS, _LEAST_VIEWS = 7, 3
 """Views that together speak for a run: most of the last ones, that many at least."""
 
 
@@ -49,5 +49,5 @@ def contradicted_size(against: Array) -> bool:
     against : (N,) float64
         As `ask_size` says of views, in their order.
     """
-    told = against[~np.isnan(against)][-_LAST:]
+    told = against[~np.isnan(against)][-LAST_VIEWS:]
     return len(told) >= _LEAST_VIEWS and bool(np.mean(told > 1.0) > 0.5)

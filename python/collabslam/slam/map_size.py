@@ -8,13 +8,10 @@ from typing import ClassVar
 import numpy as np
 
 from collabslam.formats.schema import Check, array, flag, optional, pose
-from collabslam.frontend.worn_size import contradicted_size
+from collabslam.frontend.worn_size import LAST_VIEWS, contradicted_size
 from collabslam.slam.overlaps import Overlaps
 from collabslam.slam.state import PersistentState
 from collabslam.types import Array
-
-_LAST = 30
-"""Views that are remembered."""
 
 
 class MapSize(PersistentState):
@@ -34,7 +31,7 @@ class MapSize(PersistentState):
     def take(self, overlap: Overlaps, t_wc: Array) -> None:
         """Takes in what the views of a frame said, and the pose of Cs (4, 4) in it."""
         told = [seen.size for seen in overlap.each if not np.isnan(seen.size)]
-        self._told = np.concatenate([self._told, told])[-_LAST:]
+        self._told = np.concatenate([self._told, told])[-LAST_VIEWS:]
         if told and max(told) <= 1.0:
             self._confirmed = t_wc
 
@@ -52,10 +49,6 @@ class MapSize(PersistentState):
         """Way (3,) in W since it was last confirmed, metres, from a pose of Cs (4, 4)."""
         return np.zeros(3) if self._confirmed is None else t_wc[:3, 3] - self._confirmed[:3, 3]
 
-    def begin_anew(self) -> None:
-        """The map was left for a new one, because its size was contradicted."""
-        self._told, self._confirmed, self._anew = np.empty(0), None, True
-
-    def leave(self) -> None:
-        """The camera is in another map: one of before, or one that was begun where it was lost."""
-        self._told, self._confirmed, self._anew = np.empty(0), None, False
+    def leave(self, *, contradicted: bool) -> None:
+        """The camera is in another map: one begun because this one's size was contradicted, or any."""
+        self._told, self._confirmed, self._anew = np.empty(0), None, contradicted

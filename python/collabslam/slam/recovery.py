@@ -64,21 +64,20 @@ class Recovery:
         """
         if not view.started:
             return None
-        if self._size.contradicted and (begun := self._restart(view)) is not None:
-            self._size.begin_anew()
-            self._printed.move(begun.targets)
-            self._known.left()
-            return begun
-        found = self._by_targets(lost=not report.accepted)
+        wrong = self._size.contradicted
+        found = self._restart(view, wrong=True) if wrong else None
+        begun = found is not None
+        if found is None:
+            found = self._by_targets(lost=not report.accepted)
         if found is None:
             found = self._relocaliser.look_back(view) if report.accepted else self._relocaliser.attempt(view)
         in_submap = False
         if found is None and view.lost and not report.accepted:
             found = self._known.attempt(view)
             in_submap = found is not None
-            found = found or self._restart(view)
+            found = found or (None if wrong else self._restart(view, wrong=False))
         if found is not None and found.other_map is not None:
-            self._size.leave()
+            self._size.leave(contradicted=begun)
             self._printed.move(found.targets)
             if not in_submap:
                 self._known.left()
@@ -94,10 +93,10 @@ class Recovery:
             found = find_in_aside(self._filter, self._camera, seen, self._relocaliser, old, lost=lost)
         return found
 
-    def _restart(self, view: View) -> Recovered | None:
+    def _restart(self, view: View, *, wrong: bool) -> Recovered | None:
         """A new map from Cf where prediction puts a lost camera, and its births; None if too few.
 
-        A camera that has never known where it is has nothing to tie a map to.  A map whose size is wrong is
+        A camera that has never known where it is has nothing to tie a map to.  A map of a ``wrong`` size is
         not put aside, to be found again, and where it has led the camera since it was right is in doubt.
         """
         if not (self._metric and self._monitor.found):
@@ -106,7 +105,6 @@ class Recovery:
             overlap = Overlaps((self._worn.match(view, placed, Found.nothing(), self._map.in_view),))
             if overlap.observation is None:
                 continue
-            wrong = self._size.contradicted
             old = None if wrong else self._relocaliser.map_in_use(self._printed)
             gone = self._size.gone(self._filter.pose) if wrong else np.zeros(3)
             report = self._filter.restart(overlap.observation, gone)
