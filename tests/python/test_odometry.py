@@ -350,3 +350,22 @@ def test_a_topic_of_a_bag(clip: Clip, tmp_path: Path, topic: str) -> None:
     if topic == "/odom":
         with pytest.raises(DataError, match="odometry-sd"):
             read_odometry_topic(tmp_path / "bag", OdometryGiven(topic, mount))
+
+
+def test_a_map_that_wheels_vouch_for_is_not_left_for_cfs(clip: Clip) -> None:
+    """Cf contradicts the map's size: that is said, and wheels, which tell metres too, are believed."""
+    odometry = wheels(clip)
+    slam = Slam(clip.recording.camera, clip.recording.worn_camera, t_bc=T_BC)
+    said = []
+    for k, frame in enumerate(clip.frames):
+        for t, twist in _rows(odometry)[1:]:
+            if (clip.frames[k - 1].t if k else 0.0) < t - 0.02 <= frame.t:
+                slam.add_odometry(t, twist, COVARIANCE)
+        worn = frame.worn
+        if worn is not None and k >= 8:
+            t_cf = worn.t_cf.copy()
+            t_cf[:3, 3] *= 2.5
+            worn = replace(worn, t_cf=t_cf)
+        said.append(slam.step(frame.t, frame.image, worn))
+    assert said[-1].diagnostics["doubt"] == "size"
+    assert not any(s.diagnostics["restarted"] for s in said)

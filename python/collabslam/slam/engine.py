@@ -300,7 +300,7 @@ class Slam(EngineParts):
         report = self._update(found, overlap, depths)
         turned = not report.accepted and self._turn(view, last)
         times.done("update")
-        recovered = self._recovery.attempt(view, report)
+        recovered = self._recovery.attempt(view, report, followed=followed)
         times.done("relocalise")
         if recovered is not None:
             change = recovered.begun or MapChange()

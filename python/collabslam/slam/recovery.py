@@ -54,17 +54,18 @@ class Recovery:
         (self._relocaliser, self._known), self._worn = maps, worn
         self._map, (self._monitor, self._size), self._metric = map_manager, judges, metric
 
-    def attempt(self, view: View, report: UpdateReport) -> Recovered | None:
+    def attempt(self, view: View, report: UpdateReport, *, followed: bool) -> Recovered | None:
         """After the update of a frame: puts the camera where images say it is; None if it stays where it was.
 
         An accepted frame may show an earlier map, by a printed target or by views.  One that failed may show
         a target that a map holds; else it is compared with all maps.  A camera that was lost before is looked
         for in the submaps that it started with, too, and if nothing of them is in sight, it may start anew.
         So does one that is in a map whose size Cf contradicts: it can find itself there, but only wrongly.
+        Not where wheels were ``followed``, or the map holds a printed target: they tell metres, too.
         """
         if not view.started:
             return None
-        wrong = self._size.contradicted
+        wrong = self._size.contradicted and not (followed or self._holds_targets())
         found = self._restart(view, wrong=True) if wrong else None
         begun = found is not None
         if found is None:
@@ -92,6 +93,9 @@ class Recovery:
             seen = self._printed.among(old.targets)
             found = find_in_aside(self._filter, self._camera, seen, self._relocaliser, old, lost=lost)
         return found
+
+    def _holds_targets(self) -> bool:
+        return bool(self._printed.in_list(self._filter.landmarks().ids))
 
     def _restart(self, view: View, *, wrong: bool) -> Recovered | None:
         """A new map from Cf where prediction puts a lost camera, and its births; None if too few.
