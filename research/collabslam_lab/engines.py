@@ -8,6 +8,7 @@ Workers see the same files as the machine that asks, and have the same program.
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from typing import Any
 
 from collabslam.errors import DataError, SettingsError
 from collabslam_lab.isolated import one
-from collabslam_lab.processes import spawning
+from collabslam_lab.processes import end_with_parent, spawning
 
 ENGINES = ("local", "dask")
 TRIES = 10
@@ -85,11 +86,13 @@ class Engine:
             If Dask is not installed, or nothing answers at the scheduler's address.
         """
         if self.is_local:
-            with ProcessPoolExecutor(jobs, mp_context=spawning()) as pool:
+            with ProcessPoolExecutor(jobs, mp_context=spawning(), initializer=end_with_parent) as pool:
                 try:
                     yield pool
-                except BaseException:
-                    pool.shutdown(cancel_futures=True)
+                except BaseException:  # nobody waits for what is under way
+                    pool.shutdown(wait=False, cancel_futures=True)
+                    for child in multiprocessing.active_children():
+                        child.terminate()
                     raise
             return
         with self.workers(jobs) as workers:

@@ -16,15 +16,13 @@ import select
 import struct
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from collabslam_lab.processes import ONE_THREAD, use_one_thread
+from collabslam_lab.processes import ONE_THREAD, end_with_parent, use_one_thread
 
 _LENGTH = struct.Struct("<Q")
-_ORPHAN_SECONDS = 1.0
 
 
 _idle: list[subprocess.Popen[bytes]] = []
@@ -166,7 +164,7 @@ def _work() -> None:
         while True:
             function, pieces, parent = _receive(0)
             if not watched:
-                threading.Thread(target=_watch, args=(parent,), daemon=True).start()
+                end_with_parent(parent)
                 watched = True
             for arguments in pieces:
                 try:
@@ -174,13 +172,6 @@ def _work() -> None:
                 except Exception as error:
                     answer = error
                 _send(answers, answer)
-
-
-def _watch(parent: int) -> None:
-    """Ends this process when its parent is gone: nobody waits for what it does."""
-    while os.getppid() == parent:
-        time.sleep(_ORPHAN_SECONDS)
-    os._exit(1)
 
 
 if __name__ == "__main__":

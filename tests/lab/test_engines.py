@@ -92,22 +92,39 @@ def test_a_child_that_did_all_it_was_asked_is_used_again() -> None:
     assert one(pid, (), 20.0) not in (first, second)
 
 
-def test_a_child_ends_with_its_parent(tmp_path: Path) -> None:
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "work",
+    [
+        "one(write_and_sleep, ({mark!r},), 60.0)",
+        "with LOCAL.pool(1) as pool: pool.submit(write_and_sleep, {mark!r}).result()",
+    ],
+    ids=["isolated", "pool"],
+)
+def test_a_child_ends_with_its_parent(tmp_path: Path, work: str, how: signal.Signals) -> None:
     mark = tmp_path / "pid"
-    code = (
-        "from collabslam_lab.isolated import one\nimport test_engines\n"
-        f"one(test_engines.write_and_sleep, ({str(mark)!r},), 60.0)"
-    )
+    script = tmp_path / "work.py"  # children of a pool read it again
+    script.write_text(PARENT + f"    {work.format(mark=str(mark))}\n")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    parent = subprocess.Popen([sys.executable, "-c", code], env=environment)
+    parent = subprocess.Popen([sys.executable, script], env=environment)
     until = time.monotonic() + 30.0
     while not (mark.is_file() and mark.read_text()) and time.monotonic() < until:
         time.sleep(0.05)
     child = psutil.Process(int(mark.read_text()))
-    parent.kill()
-    parent.wait()
+    parent.send_signal(how)
+    parent.wait(timeout=20.0)
     child.wait(timeout=20.0)
     assert not psutil.pid_exists(child.pid)
+
+
+PARENT = """
+import signal
+from collabslam_lab.engines import LOCAL
+from collabslam_lab.isolated import one
+from test_engines import write_and_sleep
+if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, lambda *_: exit(143))
+"""
 
 
 def write_and_sleep(mark: str) -> None:

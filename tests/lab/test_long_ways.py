@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from collabslam.types import Array
+from collabslam_lab.engines import LOCAL
 from collabslam_lab.long_ways.drawing import plan_view
+from collabslam_lab.long_ways.keeping import Way, go
 from collabslam_lab.long_ways.study import summary, ways
 from collabslam_lab.long_ways.walk import Walked
 from collabslam_lab.worlds.route import CELL, Route
@@ -85,6 +90,21 @@ def test_a_hundred_buildings_have_walls_that_repeat() -> None:
     alike = [w for w in ways([3], quick=False) if w.recipe.style.walls == "repeated"]
     assert len({w.recipe.seed for w in alike}) == len({w.recipe.name for w in alike}) == 100
     assert [w.recipe.style.walls for w in ways(None, quick=True)] == ["mixed", "repeated"]
+
+
+def test_what_came_of_a_way_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    way = Way(ways([3], quick=True)[0].recipe, 3, 4)
+    (first,) = go([way], tmp_path, jobs=1, engine=LOCAL)
+    (kept,) = tmp_path.iterdir()
+    assert (first.name, len(first.ms), first.way.shape) == ("ring", 4, (4, 3))
+    (again,) = go([way], tmp_path, jobs=1, engine=LOCAL)
+    assert "1 of 1 ways are there already" in capsys.readouterr().out
+    for field in dataclasses.fields(first):
+        np.testing.assert_array_equal(getattr(again, field.name), getattr(first, field.name))
+    kept.write_text("[1, 2")
+    (anew,) = go([way], tmp_path, jobs=1, engine=LOCAL)
+    assert anew.way.tobytes() == first.way.tobytes()
+    assert way.key() != replace(way, frames=5).key() != replace(way, seed=4, frames=5).key()
 
 
 def test_the_plan_view_is_a_picture() -> None:

@@ -166,7 +166,13 @@ def main(arguments: argparse.Namespace) -> int:
             quick=arguments.quick,
         )
     if set(arguments.names) & set(long_ways.EXPERIMENTS):
-        long_ways.study_loops(arguments.out, seeds=arguments.seeds, jobs=jobs, quick=arguments.quick)
+        long_ways.study_loops(
+            arguments.out,
+            seeds=arguments.seeds,
+            jobs=jobs,
+            engine=engine_of(arguments),
+            quick=arguments.quick,
+        )
     return OK
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +12,10 @@ import numpy as np
 
 from collabslam.formats.files import write_bytes, write_text
 from collabslam.runs.results import jsonable
+from collabslam_lab.engines import LOCAL, Engine
 from collabslam_lab.long_ways.drawing import plan_view
-from collabslam_lab.long_ways.walk import Walked, walk
+from collabslam_lab.long_ways.keeping import Way, go
+from collabslam_lab.long_ways.walk import Walked
 from collabslam_lab.worlds.building import Style
 from collabslam_lab.worlds.catalogue import Recipe
 
@@ -23,24 +24,6 @@ _LAP = "S2 L S2 L S2 L S2 L"
 _LAPS, _FRAMES = 34, 420
 _REPEATED, _QUICK_REPEATED = 100, 1
 _DRAWS = range(50)
-
-
-@dataclass(frozen=True)
-class Way:
-    """One way to go.
-
-    Attributes
-    ----------
-    recipe : Recipe
-    seed : int
-        Of the draw of the noise.
-    frames : int or None
-        The first ones only; None for all.
-    """
-
-    recipe: Recipe
-    seed: int
-    frames: int | None
 
 
 def ways(seeds: Sequence[int] | None, *, quick: bool) -> list[Way]:
@@ -62,7 +45,9 @@ def _laps(count: int) -> str:
     return " ".join([_LAP] * count)
 
 
-def study_loops(folder: Path, *, seeds: Sequence[int] | None, jobs: int, quick: bool) -> dict[str, Any]:
+def study_loops(
+    folder: Path, *, seeds: Sequence[int] | None, jobs: int, quick: bool, engine: Engine = LOCAL
+) -> dict[str, Any]:
     """Goes all ways, writes ``loops.json`` and two pictures, prints the numbers.
 
     Parameters
@@ -74,10 +59,10 @@ def study_loops(folder: Path, *, seeds: Sequence[int] | None, jobs: int, quick: 
         Processes at a time.
     quick : bool
         One draw, one building whose walls repeat, and no long way.
+    engine : Engine
+        What runs the processes.
     """
-    todo = ways(seeds, quick=quick)
-    with ProcessPoolExecutor(jobs) as pool:
-        walked = list(pool.map(walk, *zip(*((w.recipe, w.seed, w.frames) for w in todo), strict=True)))
+    walked = go(ways(seeds, quick=quick), folder / "ways", jobs=jobs, engine=engine)
     numbers = summary(walked)
     write_text(folder / "loops.json", json.dumps(jsonable(numbers), indent=2, sort_keys=True) + "\n")
     for one in (walked[0], walked[-1]):
