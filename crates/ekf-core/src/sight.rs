@@ -56,8 +56,8 @@ pub struct Sight {
 }
 
 /// Fits the pose to matches of landmarks (by their place) with pixels, and tests them by chi-square: the worst is
-/// taken out until each agrees with the others and all together pass. So are matches close together that decide something
-/// alone: a pattern that repeats is found in the wrong place by all that lie on it. `None` if fewer than `least`, or fewer than
+/// taken out until each agrees with the others and all together pass. So are matches, close together or very few, that decide
+/// something alone: a pattern that repeats is found in the wrong place by all that lie on it. `None` if fewer than `least`, or fewer than
 /// half of them, are left, or they leave the pose open.
 ///
 /// # Errors

@@ -1,15 +1,17 @@
-//! Matches close together that decide something alone (METHOD 25): where a pattern repeats they are wrong together, and each
-//! agrees with the others.
+//! Matches that decide something alone (METHOD 25), close together or very few: where a pattern repeats they are wrong together,
+//! and each agrees with the others.
 
 use nalgebra::{DMatrix, Matrix6, Vector2};
 
 /// Distance up to which matches are of one thing, as a share of the image's width.
 const CLOSE: f64 = 0.08;
+/// As many matches agree with some pose whatever they are: three points tell one.
+const FEW: usize = 3;
 /// Share of what is known of a direction beyond which nobody else has checked it.
 const MOST: f64 = 0.9;
 
-/// The matches, by their place, that lie close together and hold nearly all that is known of some direction of the pose, those
-/// that hold most of it; none if every direction is vouched for by others.
+/// The matches, by their place, that hold nearly all that is known of some direction of the pose and lie close together (those
+/// that hold most of it) or are no more than `FEW`; none if every direction is vouched for by others.
 ///
 /// `by_pose` is `2n x 6`, `noise` `2n x 2n`, the residuals' covariance; `width` is the image's, pixels.
 pub(super) fn alone(
@@ -25,21 +27,46 @@ pub(super) fn alone(
     let Some(root) = root else {
         return Vec::new();
     };
-    let mut most = (MOST, Vec::new());
-    for one in uv {
-        let close = |k: &usize| (uv[*k] - one).norm() <= CLOSE * width;
-        let (group, others): (Vec<usize>, Vec<usize>) = everybody.iter().copied().partition(close);
+    // How much of what all say of some direction is not said by those outside of a group.
+    let held = |group: &[usize]| {
+        let others: Vec<usize> = (0..uv.len()).filter(|k| !group.contains(k)).collect();
         let left = information(by_pose, noise, &others).map_or(0.0, |without| {
             let share = root * without * root.transpose();
             ((share + share.transpose()) * 0.5)
                 .symmetric_eigenvalues()
                 .min()
         });
-        if 1.0 - left > most.0 {
-            most = (1.0 - left, group);
-        }
+        1.0 - left
+    };
+    let close = uv.iter().map(|one| {
+        let near = |k: &usize| (uv[*k] - one).norm() <= CLOSE * width;
+        everybody.iter().copied().filter(near).collect()
+    });
+    let (most, group) = largest(close, held);
+    if most > MOST {
+        return group;
     }
-    most.1
+    let mut few = Vec::new();
+    for _ in 0..FEW {
+        let one_more = everybody.iter().filter(|k| !few.contains(*k));
+        let (most, group) = largest(one_more.map(|k| [few.as_slice(), &[*k]].concat()), held);
+        if most > MOST {
+            return group;
+        }
+        few = group;
+    }
+    Vec::new()
+}
+
+/// The group that holds most, and how much.
+fn largest(
+    groups: impl Iterator<Item = Vec<usize>>,
+    held: impl Fn(&[usize]) -> f64,
+) -> (f64, Vec<usize>) {
+    groups.fold((0.0, Vec::new()), |most, group| {
+        let share = held(&group);
+        if share > most.0 { (share, group) } else { most }
+    })
 }
 
 /// What some of the matches say of the pose; `None` where their noise is no covariance.
