@@ -67,7 +67,7 @@ LAB_ALLOWED: dict[str, set[str]] = {
     "paper_worlds": {"figures", "processes", "engines", "worlds", "intervals"},
     "likeness": {"figures", "processes", "engines", "benchmark", "worlds"},
     "wearers": {"figures", "processes", "engines", "paper_simulation"},
-    "long_ways": {"processes", "worlds"},
+    "long_ways": {"processes", "engines", "worlds"},
     "calibrated": {"figures", "processes", "engines", "intervals"},
     "reliability": {"report", "processes", "benchmark"},
     "hardware": {"calibrated", "figures", "report", "worlds"},
