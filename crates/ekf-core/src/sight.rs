@@ -80,7 +80,7 @@ pub fn sight(
         };
         pose = fitted;
         let all_noise = rows.noise(landmarks.covariance, noise);
-        let Some(inverse) = all_noise.clone().cholesky().map(|l| l.inverse()) else {
+        let Some(inverse) = all_noise.cholesky().map(|l| l.inverse()) else {
             return Ok(None);
         };
         let weighted = &inverse * &rows.residual;
@@ -103,7 +103,7 @@ pub fn sight(
             continue;
         }
         let uv: Vec<_> = some.iter().map(|(_, uv)| *uv).collect();
-        let alone = alone::alone(&uv, f64::from(camera.width), &rows.by_pose, &all_noise);
+        let alone = alone::alone(&uv, f64::from(camera.width), &rows.by_pose, &inverse);
         if !alone.is_empty() {
             let mut place = 0..;
             kept.retain(|_| place.next().is_some_and(|k| !alone.contains(&k)));

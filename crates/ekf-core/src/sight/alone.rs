@@ -13,30 +13,32 @@ const MOST: f64 = 0.9;
 /// The matches, by their place, that hold nearly all that is known of some direction of the pose and lie close together (those
 /// that hold most of it) or are no more than `FEW`; none if every direction is vouched for by others.
 ///
-/// `by_pose` is `2n x 6`, `noise` `2n x 2n`, the residuals' covariance; `width` is the image's, pixels.
+/// `by_pose` is `2n x 6`, `weight` `2n x 2n`, the inverse of the residuals' covariance; `width` is the image's, pixels.
 pub(super) fn alone(
     uv: &[Vector2<f64>],
     width: f64,
     by_pose: &DMatrix<f64>,
-    noise: &DMatrix<f64>,
+    weight: &DMatrix<f64>,
 ) -> Vec<usize> {
     let everybody: Vec<usize> = (0..uv.len()).collect();
-    let root = information(by_pose, noise, &everybody)
-        .and_then(|all| all.cholesky())
-        .and_then(|all| all.l().try_inverse());
+    let weighted = weight * by_pose;
+    let known: Matrix6<f64> = (by_pose.transpose() * &weighted).fixed_resize(0.0);
+    let root = known.cholesky().and_then(|all| all.l().try_inverse());
     let Some(root) = root else {
         return Vec::new();
     };
-    // How much of what all say of some direction is not said by those outside of a group.
+    // How much of what all say of some direction is lost without a group; what is left is said with the noise of the others.
     let held = |group: &[usize]| {
-        let others: Vec<usize> = (0..uv.len()).filter(|k| !group.contains(k)).collect();
-        let left = information(by_pose, noise, &others).map_or(0.0, |without| {
-            let share = root * without * root.transpose();
+        let rows: Vec<usize> = group.iter().flat_map(|k| [2 * k, 2 * k + 1]).collect();
+        let own = DMatrix::from_fn(rows.len(), rows.len(), |i, j| weight[(rows[i], rows[j])]);
+        let said = weighted.select_rows(&rows);
+        own.cholesky().map_or(1.0, |own| {
+            let lost: Matrix6<f64> = (said.transpose() * own.solve(&said)).fixed_resize(0.0);
+            let share = root * lost * root.transpose();
             ((share + share.transpose()) * 0.5)
                 .symmetric_eigenvalues()
-                .min()
-        });
-        1.0 - left
+                .max()
+        })
     };
     let close = uv.iter().map(|one| {
         let near = |k: &usize| (uv[*k] - one).norm() <= CLOSE * width;
@@ -67,17 +69,4 @@ fn largest(
         let share = held(&group);
         if share > most.0 { (share, group) } else { most }
     })
-}
-
-/// What some of the matches say of the pose; `None` where their noise is no covariance.
-fn information(
-    by_pose: &DMatrix<f64>,
-    noise: &DMatrix<f64>,
-    which: &[usize],
-) -> Option<Matrix6<f64>> {
-    let rows: Vec<usize> = which.iter().flat_map(|k| [2 * k, 2 * k + 1]).collect();
-    let by = by_pose.select_rows(&rows);
-    let noise = noise.select_rows(&rows).select_columns(&rows);
-    let said = by.transpose() * noise.cholesky()?.solve(&by);
-    Some(said.fixed_view::<6, 6>(0, 0).into_owned())
 }
