@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import as_completed
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.errors import DataError
-from collabslam.formats.files import write_text
-from collabslam.runs.progress import Progress
 from collabslam.runs.runner import run
 from collabslam.settings.table import Settings
 from collabslam.types import Frame, Recording
-from collabslam.version import version
 from collabslam_lab.benchmark.plan import Entry, find_plan
 from collabslam_lab.benchmark.replay import open_entry
 from collabslam_lab.benchmark.store import Item
 from collabslam_lab.engines import Engine
+from collabslam_lab.kept import Task, kept
 from collabslam_lab.likeness.tracking import Tracking
 from collabslam_lab.processes import use_one_thread
 from collabslam_lab.worlds import Recipe, WorldRecording
@@ -52,10 +49,10 @@ class Subject:
     recipe: Recipe | None = None
     frames: int | None = None
 
-    def key(self) -> str:
-        """Changes with everything that the result depends on, but for the recording's own files."""
-        text = f"{self!r} {version()} {Settings.default().hash()}"
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+    @property
+    def stem(self) -> str:
+        """Begins the name of its file."""
+        return self.name
 
 
 def recordings(data: Path, *, quick: bool) -> list[Subject]:
@@ -85,14 +82,18 @@ def measure(
     subjects: Sequence[Subject], folder: Path, *, jobs: int, engine: Engine, progress: bool
 ) -> list[Numbers]:
     """`Tracking.statistics` of each; what `folder` holds is not run again."""
-    done = [_read(_path(folder, subject)) for subject in subjects]
-    waiting = [k for k, numbers in enumerate(done) if numbers is None]
-    with Progress(len(waiting), "tracking", enabled=progress and bool(waiting), unit="run") as bar:
-        for k, numbers in _measured({k: subjects[k] for k in waiting}, jobs, engine):
-            write_text(_path(folder, subjects[k]), json.dumps(numbers))
-            done[k] = numbers
-            bar.update(subjects[k].name)
-    return [numbers for numbers in done if numbers is not None]
+    task = Task(_tracked, _numbers, lambda subject, _: subject.name, "tracking", "run")
+    return kept(task, subjects, folder, jobs=jobs, engine=engine, progress=progress)
+
+
+def _tracked(subject: Subject) -> str:
+    return json.dumps(track(subject))
+
+
+def _numbers(_: Subject, content: Any) -> Numbers:
+    if not isinstance(content, dict):
+        raise ValueError
+    return content
 
 
 def track(subject: Subject) -> Numbers:
@@ -131,26 +132,3 @@ class FirstFrames(WrappedRecording):
     def frame(self, i: int) -> Frame:
         """Frame ``i``."""
         return self._base.frame(i)
-
-
-def _measured(subjects: Mapping[int, Subject], jobs: int, engine: Engine) -> Iterator[tuple[int, Numbers]]:
-    if jobs == 1 and engine.is_local:
-        for k, subject in subjects.items():
-            yield k, track(subject)
-        return
-    with engine.pool(jobs) as pool:
-        futures = {pool.submit(track, subject): k for k, subject in subjects.items()}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-
-
-def _path(folder: Path, subject: Subject) -> Path:
-    return folder / f"{subject.name}-{subject.key()}.json"
-
-
-def _read(path: Path) -> Numbers | None:
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return found if isinstance(found, dict) else None

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Sequence
-from concurrent.futures import as_completed
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from collabslam.formats.files import write_text
-from collabslam.runs.progress import Progress
-from collabslam.settings.table import Settings
 from collabslam.types import Array
-from collabslam.version import version
 from collabslam_lab.engines import Engine
+from collabslam_lab.kept import Task, kept
 from collabslam_lab.long_ways.walk import Walked, walk
 from collabslam_lab.worlds.catalogue import Recipe
 
@@ -41,26 +36,16 @@ class Way:
     seed: int
     frames: int | None
 
-    def key(self) -> str:
-        """Changes with everything that the result depends on."""
-        text = f"{self!r} {version()} {Settings.default().hash()}"
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+    @property
+    def stem(self) -> str:
+        """Begins the name of its file."""
+        return f"{self.recipe.name}-{self.seed}"
 
 
 def go(ways: Sequence[Way], folder: Path, *, jobs: int, engine: Engine) -> list[Walked]:
     """What came of the ways, in their order; those that `folder` already holds are not gone again."""
-    done = {way: walked for way in ways if (walked := _read(_path(folder, way))) is not None}
-    waiting = [way for way in ways if way not in done]
-    if done:
-        print(f"{len(done)} of {len(ways)} ways are there already", flush=True)
-    with engine.pool(jobs) as pool, Progress(len(waiting), "loops", enabled=bool(waiting), unit="way") as bar:
-        futures = {pool.submit(_gone, way): way for way in waiting}
-        for future in as_completed(futures):
-            way, text = futures[future], future.result()
-            write_text(_path(folder, way), text)
-            done[way] = _parsed(text)
-            bar.update(f"{way.recipe.name}, {done[way].loops} loops")
-    return [done[way] for way in ways]
+    task = Task(_gone, _parsed, lambda way, done: f"{way.recipe.name}, {done.loops} loops", "loops", "way")
+    return kept(task, ways, folder, jobs=jobs, engine=engine, progress=True)
 
 
 def _gone(way: Way) -> str:
@@ -73,19 +58,7 @@ def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else value
 
 
-def _path(folder: Path, way: Way) -> Path:
-    return folder / f"{way.recipe.name}-{way.seed}-{way.key()}.json"
-
-
-def _read(path: Path) -> Walked | None:
-    try:
-        return _parsed(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-
-
-def _parsed(text: str) -> Walked:
-    content = json.loads(text)
+def _parsed(_: Way, content: Any) -> Walked:
     arrays: dict[str, Array] = {
         name: np.array(content[name], dtype=np.float64) for name in ("ms", "odometry", "corrected")
     }

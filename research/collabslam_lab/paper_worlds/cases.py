@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Iterable, Sequence
-from concurrent.futures import as_completed
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,13 +12,11 @@ import numpy as np
 
 from collabslam.demo.demo_run import HeldRecording
 from collabslam.errors import CollabslamError
-from collabslam.formats.files import write_text
-from collabslam.runs.progress import Progress
 from collabslam.runs.runner import RunResult, run
 from collabslam.settings.table import Settings
 from collabslam.types import Recording
-from collabslam.version import version
 from collabslam_lab.engines import LOCAL, Engine
+from collabslam_lab.kept import Task, kept
 from collabslam_lab.paper_worlds.poses import sensed
 from collabslam_lab.paper_worlds.variants import Variant, varied
 from collabslam_lab.processes import use_one_thread
@@ -63,10 +59,10 @@ class Case:
         """Name of the world."""
         return self.name if self.plain else self.name + LIFE
 
-    def key(self) -> str:
-        """Changes with everything that the result depends on."""
-        text = f"{self!r} {version()} {Settings.default().hash()}"
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+    @property
+    def stem(self) -> str:
+        """Begins the name of its file."""
+        return f"{self.world}-{self.seed}"
 
 
 @dataclass(frozen=True)
@@ -94,22 +90,9 @@ def gather(
 ) -> dict[Case, CaseResult]:
     """Results of the cases; those that `folder` already holds are not run again."""
     wanted = list(dict.fromkeys(cases))
-    done: dict[Case, CaseResult] = {}
-    waiting = []
-    for case in wanted:
-        found = _read(folder, case)
-        if found is None:
-            waiting.append(case)
-        else:
-            done[case] = found
-    if progress and done:
-        print(f"{len(done)} of {len(wanted)} recordings are there already", flush=True)
-    with Progress(len(waiting), "experiments", enabled=progress and bool(waiting), unit="recording") as bar:
-        for case, text in _texts(waiting, jobs, engine):
-            write_text(_path(folder, case), text)
-            done[case] = _parsed(case, json.loads(text))
-            bar.update(f"{case.name}, {_worst(done[case].rows)}")
-    return done
+    task = Task(run_case, _parsed, _told, "experiments", "recording")
+    results = kept(task, wanted, folder, jobs=jobs, engine=engine, progress=progress)
+    return dict(zip(wanted, results, strict=True))
 
 
 def run_case(case: Case) -> str:
@@ -202,26 +185,8 @@ def _shared_overlap(rows: list[Row]) -> list[Row]:
     return rows
 
 
-def _texts(cases: Sequence[Case], jobs: int, engine: Engine) -> Iterable[tuple[Case, str]]:
-    if jobs == 1 and engine.is_local:
-        for case in cases:
-            yield case, run_case(case)
-        return
-    with engine.pool(jobs) as pool:
-        futures = {pool.submit(run_case, case): case for case in cases}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-
-
-def _path(folder: Path, case: Case) -> Path:
-    return folder / f"{case.world}-{case.seed}-{case.key()}.json"
-
-
-def _read(folder: Path, case: Case) -> CaseResult | None:
-    try:
-        return _parsed(case, json.loads(_path(folder, case).read_text(encoding="utf-8")))
-    except (OSError, ValueError, KeyError):
-        return None
+def _told(case: Case, result: CaseResult) -> str:
+    return f"{case.name}, {_worst(result.rows)}"
 
 
 def _parsed(case: Case, content: dict[str, Any]) -> CaseResult:

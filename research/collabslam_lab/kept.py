@@ -1,0 +1,96 @@
+"""Pieces of work in processes of their own or on a cluster; what came of each is kept in a file."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar
+
+from collabslam.formats.files import write_text
+from collabslam.runs.progress import Progress
+from collabslam.settings.table import Settings
+from collabslam.version import version
+from collabslam_lab.engines import Engine
+
+
+class Piece(Protocol):
+    """A dataclass that prints all its result depends on, but for version, settings and files it reads."""
+
+    @property
+    def stem(self) -> str:
+        """Begins the name of its file."""
+        ...
+
+
+P = TypeVar("P", bound=Piece)
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Task(Generic[P, R]):
+    """What is done with each piece.
+
+    Attributes
+    ----------
+    work : callable
+        Of a module, so that a child process finds it by name: a piece to its result as JSON.
+    parsed : callable
+        A piece and its loaded JSON to the result; raises ValueError, KeyError or TypeError if it is none.
+    said : callable
+        A piece and its result to what the progress line says of it.
+    title, unit : str
+        Of the progress line.
+    """
+
+    work: Callable[[P], str]
+    parsed: Callable[[P, Any], R]
+    said: Callable[[P, R], str]
+    title: str
+    unit: str
+
+
+def kept(
+    task: Task[P, R], pieces: Sequence[P], folder: Path, *, jobs: int, engine: Engine, progress: bool
+) -> list[R]:
+    """Results of the pieces, in their order; those that `folder` already holds are not worked on again."""
+    done = [_read(task, piece, folder) for piece in pieces]
+    waiting = [k for k, result in enumerate(done) if result is None]
+    if progress and len(waiting) < len(pieces):
+        there = len(pieces) - len(waiting)
+        print(f"{there} of {len(pieces)} {task.unit}s are there already", flush=True)
+    shown = progress and bool(waiting)
+    with Progress(len(waiting), task.title, enabled=shown, unit=task.unit) as bar:
+        for k, text in _texts(task.work, {k: pieces[k] for k in waiting}, jobs, engine):
+            write_text(_path(folder, pieces[k]), text)
+            result = done[k] = task.parsed(pieces[k], json.loads(text))
+            bar.update(task.said(pieces[k], result))
+    return [result for result in done if result is not None]
+
+
+def _texts(
+    work: Callable[[P], str], pieces: dict[int, P], jobs: int, engine: Engine
+) -> Iterator[tuple[int, str]]:
+    if jobs == 1 and engine.is_local:
+        for k, piece in pieces.items():
+            yield k, work(piece)
+        return
+    with engine.pool(jobs) as pool:
+        futures = {pool.submit(work, piece): k for k, piece in pieces.items()}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+
+
+def _path(folder: Path, piece: Piece) -> Path:
+    text = f"{piece!r} {version()} {Settings.default().hash()}"
+    return folder / f"{piece.stem}-{hashlib.sha256(text.encode()).hexdigest()[:16]}.json"
+
+
+def _read(task: Task[P, R], piece: P, folder: Path) -> R | None:
+    try:
+        return task.parsed(piece, json.loads(_path(folder, piece).read_text(encoding="utf-8")))
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
