@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Clip
+from conftest import Clip, stretched_later
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from collabslam import DataError, InputError, RecordingWriter, SettingsError, Slam, open_recording, run
@@ -361,11 +361,6 @@ def test_a_map_that_wheels_vouch_for_is_not_left_for_cfs(clip: Clip) -> None:
         for t, twist in _rows(odometry)[1:]:
             if (clip.frames[k - 1].t if k else 0.0) < t - 0.02 <= frame.t:
                 slam.add_odometry(t, twist, COVARIANCE)
-        worn = frame.worn
-        if worn is not None and k >= 8:
-            t_cf = worn.t_cf.copy()
-            t_cf[:3, 3] *= 2.5
-            worn = replace(worn, t_cf=t_cf)
-        said.append(slam.step(frame.t, frame.image, worn))
+        said.append(slam.step(frame.t, frame.image, stretched_later(frame.worn, k)))
     assert said[-1].diagnostics["doubt"] == "size"
     assert not any(s.diagnostics["restarted"] for s in said)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import Clip
+from conftest import Clip, stretched_later
 from posted import Posted
 
 from collabslam import Camera, Slam, Tag
@@ -19,7 +19,6 @@ from collabslam.frontend.worn_verdict import (
     contradicted_lately,
 )
 from collabslam.geometry import pose, rotation_exp, se3_exp
-from collabslam.slam.results import StepResult
 from collabslam.types import Array, Frame, Image, Status, WornView
 
 CAMERA = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5))
@@ -151,26 +150,10 @@ def test_an_engine_is_not_sure_of_what_its_images_contradict(
     assert all(sure) if good else not any(sure)
 
 
-def stretched_later(slam: Slam, frames: Sequence[Frame]) -> list[StepResult]:
-    """What is said of frames whose T_CF is two and a half times as long from the eighth on."""
-
-    def stretched(worn: WornView) -> WornView:
-        t_cf = worn.t_cf.copy()
-        t_cf[:3, 3] *= 2.5
-        return replace(worn, t_cf=t_cf)
-
-    said = []
-    for k, frame in enumerate(frames):
-        worn = frame.worn if frame.worn is None or k < 8 else stretched(frame.worn)
-        said.append(slam.step(frame.t, frame.image, worn))
-    return said
-
-
 def test_a_map_that_cf_finds_of_another_size_is_left_and_the_new_one_stays_in_doubt(clip: Clip) -> None:
     """No image tells how long T_CF is; a map that was right before does not follow it without a word."""
-
     slam = Slam(clip.recording.camera, clip.recording.worn_camera)
-    said = stretched_later(slam, clip.frames)
+    said = [slam.step(f.t, f.image, stretched_later(f.worn, k)) for k, f in enumerate(clip.frames)]
     begun = [k for k, s in enumerate(said) if s.diagnostics["restarted"]]
     assert len(begun) == 1
     assert {s.status for s in said[begun[0] :]} == {Status.DOUBTFUL}
@@ -183,8 +166,9 @@ def test_a_map_that_holds_a_printed_target_is_not_left_for_cfs(clip: Clip) -> No
     posted = Posted(clip.recording, [(tag, clip.recording.truth[0] @ at)], alone=True)
     slam = Slam(clip.recording.camera, clip.recording.worn_camera)
     slam.announce(tag)
-    frames = [replace(f, image=posted.frame(k).image) for k, f in enumerate(clip.frames)]
-    said = stretched_later(slam, frames)
+    said = [
+        slam.step(f.t, posted.frame(k).image, stretched_later(f.worn, k)) for k, f in enumerate(clip.frames)
+    ]
     assert said[-1].diagnostics["doubt"] == "size"
     assert not any(s.diagnostics["restarted"] for s in said)
 
