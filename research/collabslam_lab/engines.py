@@ -1,24 +1,24 @@
 """Where work is done: in processes of this machine, or on the workers of a Dask cluster.
 
-Whatever goes to a worker runs there in a child process of its own under a time limit (`isolated`): what kills
-or hangs that child fails alone, and a worker that dies takes nothing along that is not done again elsewhere.
-Workers see the same files as the machine that asks, and have the same program.
+Whatever is asked runs in a child process of its own under a time limit (`isolated`), here or on a worker:
+what kills or hangs that child fails alone, and a worker that dies takes nothing along that is not done again
+elsewhere.  Workers see the same files as the machine that asks, and have the same program.
 """
 
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 
 from collabslam.errors import DataError, SettingsError
-from collabslam_lab.isolated import one
-from collabslam_lab.processes import end_with_parent, spawning
+from collabslam_lab.isolated import Stop, one
 
 ENGINES = ("local", "dask")
+T = TypeVar("T")
 TRIES = 10
 """Workers that may die under a task before it is said to have failed; Dask's own 3 blame innocent ones."""
 SECONDS = 3600.0
@@ -51,7 +51,7 @@ class Engine:
     scheduler : str or None
         Address of a Dask scheduler; None for workers of this machine.
     seconds : float
-        Limit of each piece of work on a worker.
+        Limit of each piece of work.
     """
 
     kind: str = "local"
@@ -86,17 +86,70 @@ class Engine:
             If Dask is not installed, or nothing answers at the scheduler's address.
         """
         if self.is_local:
-            with ProcessPoolExecutor(jobs, mp_context=spawning(), initializer=end_with_parent) as pool:
+            stop = Stop()
+            with ThreadPoolExecutor(jobs) as threads:
                 try:
-                    yield pool
+                    yield _Isolating(threads.submit, self.seconds, stop)
                 except BaseException:  # nobody waits for what is under way
-                    pool.shutdown(wait=False, cancel_futures=True)
-                    for child in multiprocessing.active_children():
-                        child.terminate()
+                    threads.shutdown(wait=False, cancel_futures=True)
+                    stop.set()
                     raise
             return
         with self.workers(jobs) as workers:
             yield _Isolating(workers.submit, self.seconds)
+
+    def each(
+        self,
+        function: Callable[..., Any],
+        pieces: Sequence[tuple[Any, ...]],
+        jobs: int,
+        hear: Callable[[int, Callable[[], Any]], None],
+    ) -> None:
+        """Calls a function with each of the pieces; one job of this machine is this process itself.
+
+        Parameters
+        ----------
+        function, jobs
+            As of `pool`.
+        pieces : sequence of tuple
+            Arguments of each call.
+        hear : callable
+            Is given, as the pieces come in, the place of each, and what returns its result or raises what has
+            become of it. Where this raises, nobody waits for the others.
+
+        Raises
+        ------
+        DataError
+            As `pool`.
+        """
+        if jobs == 1 and self.is_local:
+            for k, piece in enumerate(pieces):
+                hear(k, partial(function, *piece))
+            return
+        with self.pool(jobs) as pool:
+            places = {pool.submit(function, *piece): k for k, piece in enumerate(pieces)}
+            for future in as_completed(places):
+                hear(places[future], future.result)
+
+    def in_order(
+        self,
+        function: Callable[..., T],
+        pieces: Sequence[tuple[Any, ...]],
+        jobs: int,
+        told: Callable[[], None],
+    ) -> list[T]:
+        """What the function returns for each of the pieces, in their order; ``told`` is called for each.
+
+        The rest is as with `each`; raises what a piece raises, without the others.
+        """
+        results: dict[int, T] = {}
+
+        def hear(k: int, result: Callable[[], T]) -> None:
+            results[k] = result()
+            told()
+
+        self.each(function, pieces, jobs, hear)
+        return [results[k] for k in range(len(pieces))]
 
     @contextlib.contextmanager
     def workers(self, jobs: int) -> Iterator[Workers]:
@@ -128,11 +181,11 @@ LOCAL = Engine()
 
 
 class _Isolating(Executor):
-    """Sends calls to workers, each into a child process."""
+    """Sends calls to threads or workers, and from there each into a child process."""
 
-    def __init__(self, submit: Callable[..., Future[Any]], seconds: float) -> None:
-        self._submit, self._seconds = submit, seconds
+    def __init__(self, submit: Callable[..., Future[Any]], seconds: float, stop: Stop | None = None) -> None:
+        self._submit, self._seconds, self._stop = submit, seconds, stop
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:
         """As of any executor; positional arguments alone."""
-        return self._submit(one, function, arguments, self._seconds)
+        return self._submit(one, function, arguments, self._seconds, self._stop)

@@ -13,13 +13,17 @@ import contextlib
 import os
 import pickle
 import select
+import signal
 import struct
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+import traceback
+from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Any
 
+from collabslam.errors import CollabslamError
 from collabslam_lab.processes import ONE_THREAD, end_with_parent, use_one_thread
 
 _LENGTH = struct.Struct("<Q")
@@ -33,9 +37,46 @@ class Died(RuntimeError):
     """A child process ended, or was ended, before its piece of work was done."""
 
 
+class Stop:
+    """Ends the children of all calls that share it: those at work, and from then on each that begins."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._busy: set[subprocess.Popen[bytes]] = set()
+        self.is_set = False
+
+    def set(self) -> None:
+        """Their pieces have `Died`."""
+        with self._lock:
+            self.is_set = True
+            for child in self._busy:
+                child.kill()
+
+    def begins(self, child: subprocess.Popen[bytes]) -> None:
+        """A child is at work from now on."""
+        with self._lock:
+            self._busy.add(child)
+            if self.is_set:
+                child.kill()
+
+    def ends(self, child: subprocess.Popen[bytes]) -> bool:
+        """It no longer is; whether it was left alone."""
+        with self._lock:
+            self._busy.discard(child)
+            return not self.is_set
+
+
+def why(error: Exception) -> str:
+    """What became of a piece of work, for people."""
+    return str(error) if isinstance(error, (Died, CollabslamError)) else repr(error)
+
+
 def isolated(
-    function: Callable[..., Any], pieces: Sequence[tuple[Any, ...]], seconds: float
-) -> Iterator[Any]:
+    function: Callable[..., Any],
+    pieces: Sequence[tuple[Any, ...]],
+    seconds: float,
+    stop: Stop | None = None,
+) -> Generator[Any, None, None]:
     """Calls a function with each of the pieces, in order, in a child process and a new one after each death.
 
     Parameters
@@ -46,29 +87,26 @@ def isolated(
         Arguments of each call.
     seconds : float
         Limit of each call.
+    stop : Stop, optional
+        What ends it from another thread.
 
     Yields
     ------
     object
-        What the function returned, or the `Died` that says what became of the child.
-
-    Raises
-    ------
-    Exception
-        What the function raised.
+        What the function returned, or the exception that it raised, or the `Died` that says what became of
+        the child.
     """
-    left = list(pieces)
+    left, stop = list(pieces), stop or Stop()
     while left:
         child, whole = _child(), False
+        stop.begins(child)
         try:
             for answer in _answers(child, function, left, seconds):
                 left.pop(0)
-                if isinstance(answer, BaseException) and not isinstance(answer, Died):
-                    raise answer
                 whole = not left and not isinstance(answer, Died)
                 yield answer
         finally:
-            if whole:
+            if stop.ends(child) and whole:
                 _idle.append(child)
             else:
                 _end(child)
@@ -121,10 +159,15 @@ def _answers(
         yield Died(f"its process ended with the code {child.wait()}")
 
 
-def one(function: Callable[..., Any], arguments: tuple[Any, ...], seconds: float) -> Any:
-    """What one call returns in a child process; raises what it raises, or `Died`."""
-    answer = next(isolated(function, [arguments], seconds))
-    if isinstance(answer, Died):
+def one(
+    function: Callable[..., Any],
+    arguments: tuple[Any, ...],
+    seconds: float,
+    stop: Stop | None = None,
+) -> Any:
+    """What one call returns in a child process, as of `isolated`; raises what it raises, or `Died`."""
+    (answer,) = isolated(function, [arguments], seconds, stop)
+    if isinstance(answer, Exception):
         raise answer
     return answer
 
@@ -156,6 +199,7 @@ def _read(pipe: int, count: int, until: float | None) -> bytes:
 
 def _work() -> None:
     """The child: answers through what was standard output, which from now on is standard error."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
     answers = os.dup(1)
     os.dup2(2, 1)
     use_one_thread()
@@ -170,8 +214,19 @@ def _work() -> None:
                 try:
                     answer = function(*arguments)
                 except Exception as error:
-                    answer = error
+                    answer = _as_sent(error)
                 _send(answers, answer)
+
+
+def _as_sent(error: Exception) -> Exception:
+    """An exception that arrives whatever its class is made of; of a fault, people see the traceback."""
+    if not isinstance(error, CollabslamError):
+        traceback.print_exc()
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return RuntimeError(repr(error))
+    return error
 
 
 if __name__ == "__main__":

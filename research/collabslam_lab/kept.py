@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
+from collabslam.errors import DataError
 from collabslam.formats.files import write_text
 from collabslam.runs.progress import Progress
 from collabslam.settings.table import Settings
 from collabslam.version import version
 from collabslam_lab.engines import Engine
+from collabslam_lab.isolated import why
 
 
 class Piece(Protocol):
@@ -28,6 +29,8 @@ class Piece(Protocol):
 
 P = TypeVar("P", bound=Piece)
 R = TypeVar("R")
+_NAMED = 5
+"""Pieces that an error names."""
 
 
 @dataclass(frozen=True)
@@ -56,32 +59,43 @@ class Task(Generic[P, R]):
 def kept(
     task: Task[P, R], pieces: Sequence[P], folder: Path, *, jobs: int, engine: Engine, progress: bool
 ) -> list[R]:
-    """Results of the pieces, in their order; those that `folder` already holds are not worked on again."""
+    """Results of the pieces, in their order; those that `folder` already holds are not worked on again.
+
+    Raises
+    ------
+    DataError
+        When all others are done, if some raised, died or took longer than the engine allows.
+    """
     done = [_read(task, piece, folder) for piece in pieces]
     waiting = [k for k, result in enumerate(done) if result is None]
     if progress and len(waiting) < len(pieces):
         there = len(pieces) - len(waiting)
         print(f"{there} of {len(pieces)} {task.unit}s are there already", flush=True)
+    failed: dict[int, Exception] = {}
     shown = progress and bool(waiting)
     with Progress(len(waiting), task.title, enabled=shown, unit=task.unit) as bar:
-        for k, text in _texts(task.work, {k: pieces[k] for k in waiting}, jobs, engine):
+
+        def hear(at: int, text_of: Callable[[], str]) -> None:
+            k = waiting[at]
+            try:
+                text = text_of()
+            except Exception as error:
+                failed[k] = error
+                bar.update(f"{pieces[k].stem} failed")
+                return
             write_text(_path(folder, pieces[k]), text)
             result = done[k] = task.parsed(pieces[k], json.loads(text))
             bar.update(task.said(pieces[k], result))
+
+        engine.each(task.work, [(pieces[k],) for k in waiting], jobs, hear)
+    if failed:
+        told = [f"{pieces[k].stem} ({why(error)})" for k, error in sorted(failed.items())]
+        more = f" and {len(told) - _NAMED} more" if len(told) > _NAMED else ""
+        raise DataError(
+            f"{len(failed)} of {len(pieces)} {task.unit}s failed: {', '.join(told[:_NAMED])}{more}. "
+            f"The others are in {folder}; the same command does what is missing."
+        ) from next(iter(failed.values()))
     return [result for result in done if result is not None]
-
-
-def _texts(
-    work: Callable[[P], str], pieces: dict[int, P], jobs: int, engine: Engine
-) -> Iterator[tuple[int, str]]:
-    if jobs == 1 and engine.is_local:
-        for k, piece in pieces.items():
-            yield k, work(piece)
-        return
-    with engine.pool(jobs) as pool:
-        futures = {pool.submit(work, piece): k for k, piece in pieces.items()}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
 
 
 def _path(folder: Path, piece: Piece) -> Path:

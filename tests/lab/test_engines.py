@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace
@@ -27,7 +28,7 @@ from collabslam_lab.benchmark.plan import find_plan
 from collabslam_lab.benchmark.running import run_items
 from collabslam_lab.benchmark.store import Item, Row
 from collabslam_lab.cli import main as cli
-from collabslam_lab.engines import Engine
+from collabslam_lab.engines import LOCAL, Engine
 from collabslam_lab.isolated import Died, isolated, one
 
 DASK = Engine("dask", seconds=60.0)
@@ -74,6 +75,46 @@ def test_a_child_that_dies_fails_one_piece() -> None:
         one(act, ("fail",), 20.0)
     with pytest.raises(Died):
         one(act, ("die",), 20.0)
+
+
+class Unsendable(Exception):
+    """Pickles, and cannot be made again from that."""
+
+    def __init__(self, what: str, why: str) -> None:
+        super().__init__(f"{what}: {why}")
+
+
+def raise_unsendable(text: str) -> str:
+    if text == "b":
+        raise Unsendable("this", "that")
+    return text
+
+
+def test_an_exception_is_an_answer_whatever_it_is_made_of(capfd: pytest.CaptureFixture[str]) -> None:
+    first, second, third = isolated(raise_unsendable, [("a",), ("b",), ("c",)], 20.0)
+    assert (first, third) == ("a", "c")
+    assert isinstance(second, RuntimeError)
+    assert "this: that" in str(second)
+    assert "in raise_unsendable" in capfd.readouterr().err
+
+
+def test_whoever_stops_does_not_wait_for_what_is_under_way() -> None:
+    def hear(_: int, result: Callable[[], str]) -> None:
+        raise KeyboardInterrupt(result())
+
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt, match="a"):
+        LOCAL.each(act, [("hang",), ("a",), ("hang",), ("hang",)], 2, hear)
+    assert time.monotonic() - began < 60.0
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_results_come_in_order(jobs: int) -> None:
+    told: list[None] = []
+    doubled = LOCAL.in_order(double, [(k,) for k in range(5)], jobs, lambda: told.append(None))
+    assert (doubled, len(told)) == ([0, 2, 4, 6, 8], 5)
+    with pytest.raises(DataError, match="cannot be done"):
+        LOCAL.in_order(act, [("a",), ("fail",)], jobs, lambda: None)
 
 
 def pid() -> int:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -187,26 +190,44 @@ def test_the_ablation_changes_one_lever_at_a_time(place: Path, tmp_path: Path) -
     assert all(i.done() for i in ablation.lever_items(find_plan(place, None), place, tmp_path, ["walk"], ()))
 
 
-def test_a_process_that_dies_fails_its_run_only(
-    place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def badly_run(item: Item) -> Row:
+    """Stands for a run: one mode kills its process, one has a fault."""
+    if item.mode == "mono":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if item.mode == "collab-init":
+        raise ZeroDivisionError("a fault")
+    return {"status": "done"}
+
+
+def test_a_run_that_dies_fails_alone(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     entry = find_plan(place, None).recordings[0]
-    items = [Item(entry, mode, 0, place, tmp_path) for mode in ("mono", "collab")]
+    modes = ("mono", "collab-init", "collab")
+    monkeypatch.setattr(running, "timed_item", badly_run)
+    items = [Item(entry, mode, 0, place, tmp_path) for mode in modes]
+    died, faulty, done = running.run_items(items, jobs=2, told=lambda *_: None)
+    assert (died["status"], died["error"]) == ("failed", "its process ended with the code -9")
+    assert (faulty["status"], faulty["error"]) == ("failed", "ZeroDivisionError('a fault')")
+    assert done == {"status": "done"}
 
-    class Dead:
-        exitcode, terminate, start = -9, (lambda self: None), (lambda self: None)
 
-        def __init__(self, target: object, args: tuple[Any, list[Item]]) -> None:
-            self._answers = args[0]
+def test_whoever_stops_does_not_wait(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = find_plan(place, None).recordings[0]
+    items = [Item(plan, "mono", seed, place, tmp_path) for seed in range(4)]
+    monkeypatch.setattr(running, "timed_item", first_of_all)
 
-        def join(self) -> None:
-            self._answers.close()
+    def told(*_: object) -> None:
+        raise KeyboardInterrupt
 
-    workers = running._Workers()
-    monkeypatch.setattr(workers._context, "Process", Dead)
-    heard: dict[int, Row] = {}
-    workers.serve(items, [0, 1], heard.__setitem__)
-    assert [heard[k]["error"] for k in (0, 1)] == ["its process ended with the code -9"] * 2
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        running.run_items(items, jobs=2, told=told)
+    assert time.monotonic() - began < 60.0
+
+
+def first_of_all(item: Item) -> Row:
+    """The first is quick; the others take longer than anybody waits."""
+    time.sleep(0.0 if item.seed == 0 else 300.0)
+    return {"status": "done"}
 
 
 def test_pages_hold_medians_bands_and_ratios() -> None:

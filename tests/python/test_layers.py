@@ -56,7 +56,7 @@ LAB_ALLOWED: dict[str, set[str]] = {
     "processes": set(),
     "isolated": {"processes"},
     "engines": {"processes", "isolated"},
-    "kept": {"engines"},
+    "kept": {"engines", "isolated"},
     "figures": {"report"},
     "switches": set(),
     "intervals": set(),

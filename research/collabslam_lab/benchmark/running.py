@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import signal
+import contextlib
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
-from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from collabslam.datasets import open_recording
@@ -18,7 +16,7 @@ from collabslam_lab.benchmark.remote import run_remotely
 from collabslam_lab.benchmark.replay import clear_beside, timed_item
 from collabslam_lab.benchmark.store import Item, Row
 from collabslam_lab.engines import LOCAL, Engine
-from collabslam_lab.processes import spawning
+from collabslam_lab.isolated import Stop, isolated, why
 
 _SECONDS_A_RUN, _SECONDS_A_FRAME, _RENDERED_FRAMES = 1.5, 0.04, 100  # for the estimate of the cost
 
@@ -69,7 +67,7 @@ def run_items(
 
     try:
         if engine.is_local:
-            _run_here(items, list(groups.values()), jobs, hear)
+            _run_here(items, list(groups.values()), jobs, engine.seconds, hear)
         else:
             run_remotely(items, list(groups.values()), jobs=jobs, engine=engine, hear=hear, again=again)
     finally:
@@ -77,15 +75,24 @@ def run_items(
     return [rows[k] for k in range(len(items))]
 
 
-def _run_here(items: Sequence[Item], groups: list[list[int]], jobs: int, hear: Hear) -> None:
-    with _Workers() as workers, ThreadPoolExecutor(jobs) as pool:
+def _run_here(items: Sequence[Item], groups: list[list[int]], jobs: int, seconds: float, hear: Hear) -> None:
+    stop = Stop()
+
+    def serve(group: list[int]) -> None:
+        pieces = [(items[k],) for k in group]
+        with contextlib.closing(isolated(timed_item, pieces, seconds, stop)) as answers:
+            for k, answer in zip(group, answers, strict=True):
+                if stop.is_set:
+                    return
+                hear(k, items[k].failed(why(answer)) if isinstance(answer, Exception) else answer)
+
+    with ThreadPoolExecutor(jobs) as pool:
         try:
-            futures = [pool.submit(workers.serve, items, group, hear) for group in groups]
-            for future in futures:
+            for future in [pool.submit(serve, group) for group in groups]:
                 future.result()
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
-            workers.stop()
+            stop.set()
             raise
 
 
@@ -115,54 +122,3 @@ def _frames(item: Item) -> int:
 @lru_cache(maxsize=64)
 def _length(folder: Path) -> int:
     return len(open_recording(folder))
-
-
-class _Workers:
-    """The processes under way, so that they can be stopped."""
-
-    def __init__(self) -> None:
-        self._context = spawning()
-        self._live: set[BaseProcess] = set()
-        self._stopped = False
-
-    def __enter__(self) -> _Workers:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.stop()
-
-    def stop(self) -> None:
-        """End every process."""
-        self._stopped = True
-        for process in list(self._live):
-            process.terminate()
-
-    def serve(self, items: Sequence[Item], group: Sequence[int], hear: Callable[[int, Row], None]) -> None:
-        """Run a group in a process; where that dies, the run under way has failed and the rest goes on."""
-        left = list(group)
-        while left and not self._stopped:
-            ours, theirs = self._context.Pipe(duplex=False)
-            process = self._context.Process(target=_serve, args=(theirs, [items[k] for k in left]))
-            process.start()
-            self._live.add(process)
-            theirs.close()
-            try:
-                while left:
-                    row = ours.recv()
-                    hear(left.pop(0), row)
-            except EOFError:
-                process.join()
-                if not self._stopped:
-                    k = left.pop(0)
-                    hear(k, items[k].failed(f"its process ended with the code {process.exitcode}"))
-            finally:
-                process.join()
-                self._live.discard(process)
-
-
-def _serve(answers: Connection, items: Sequence[Item]) -> None:
-    """The work of a child process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends it
-    for item in items:
-        answers.send(timed_item(item))
-    answers.close()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any
 
@@ -76,17 +75,7 @@ def reproduce(
 
 def _gone(asked: list[tuple[str, int, Path | None, bool]], jobs: int, engine: Engine) -> list[Drawn]:
     with Progress(len(asked), "T_CF corrected", unit="draw") as bar:
-        if jobs == 1 and engine.is_local:
-            out = []
-            for arguments in asked:
-                out.append(go(*arguments))
-                bar.update()
-            return out
-        with engine.pool(jobs) as pool:
-            futures = [pool.submit(go, *arguments) for arguments in asked]
-            for _ in as_completed(futures):
-                bar.update()
-            return [future.result() for future in futures]
+        return engine.in_order(go, asked, jobs, bar.update)
 
 
 def finding(drawn: list[Drawn]) -> Finding:

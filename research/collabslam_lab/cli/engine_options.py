@@ -27,13 +27,13 @@ def add_engine(parser: argparse.ArgumentParser) -> None:
         "--limit",
         metavar="S",
         type=float,
-        default=3600.0,
-        help="seconds a piece of work may take on a worker",
+        help="seconds a piece of work may take (default: an hour)",
     )
 
 
 def engine_of(arguments: argparse.Namespace) -> Engine:
     """The engine that was asked for; raises SettingsError if there is none such."""
-    from collabslam_lab.engines import Engine
+    from collabslam_lab.engines import SECONDS, Engine
 
-    return Engine(arguments.engine, arguments.scheduler, arguments.limit)
+    limit = SECONDS if arguments.limit is None else arguments.limit
+    return Engine(arguments.engine, arguments.scheduler, limit)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import as_completed
-
 import numpy as np
 
 from collabslam.runs.progress import Progress
@@ -87,17 +85,7 @@ def make(*, seed: int, jobs: int, engine: Engine, quick: bool) -> Finding:
 
 def _walked(count: int, frames: int, seed: int, jobs: int, engine: Engine) -> Ways:
     with Progress(count, "where to look", unit="way") as bar:
-        if jobs == 1 and engine.is_local:
-            ways = []
-            for way in range(count):
-                ways.append(look_along(way, frames, seed))
-                bar.update()
-            return ways
-        with engine.pool(jobs) as pool:
-            futures = [pool.submit(look_along, way, frames, seed) for way in range(count)]
-            for _ in as_completed(futures):
-                bar.update()
-            return [future.result() for future in futures]
+        return engine.in_order(look_along, [(way, frames, seed) for way in range(count)], jobs, bar.update)
 
 
 def _squares(ways: Ways, policy: str, name: str = "error") -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
 from typing import Any, TypeVar
 
 import numpy as np
@@ -130,17 +129,7 @@ def _among_points(runs: int, seed: int, jobs: int, engine: Engine) -> dict[tuple
 def _each(do: Callable[..., Out], work: Sequence[tuple[Any, ...]], jobs: int, engine: Engine) -> list[Out]:
     """What ``do`` gives for each, in order."""
     with Progress(len(work), "persons", unit="part") as bar:
-        if jobs == 1 and engine.is_local:
-            out = []
-            for arguments in work:
-                out.append(do(*arguments))
-                bar.update()
-            return out
-        with engine.pool(jobs) as pool:
-            futures = [pool.submit(do, *arguments) for arguments in work]
-            for _ in as_completed(futures):
-                bar.update()
-            return [future.result() for future in futures]
+        return engine.in_order(do, work, jobs, bar.update)
 
 
 def _summary(told: list[Told], runs: int) -> dict[str, float]:
