@@ -13,13 +13,13 @@ from collabslam.errors import DataError
 from collabslam.formats.files import write_text
 from collabslam.runs.progress import Progress
 from collabslam.settings.table import Settings
-from collabslam.version import version
 from collabslam_lab.engines import Engine
 from collabslam_lab.isolated import why
+from collabslam_lab.program import made_by
 
 
 class Piece(Protocol):
-    """A dataclass that prints all its result depends on, but for version, settings and files it reads."""
+    """A dataclass that prints all its result depends on, but for program, settings and files it reads."""
 
     @property
     def stem(self) -> str:
@@ -83,7 +83,7 @@ def kept(
                 failed[k] = error
                 bar.update(f"{pieces[k].stem} failed")
                 return
-            write_text(_path(folder, pieces[k]), text)
+            write_text(_path(task, pieces[k], folder), text)
             result = done[k] = task.parsed(pieces[k], json.loads(text))
             bar.update(task.said(pieces[k], result))
 
@@ -98,13 +98,13 @@ def kept(
     return [result for result in done if result is not None]
 
 
-def _path(folder: Path, piece: Piece) -> Path:
-    text = f"{piece!r} {version()} {Settings.default().hash()}"
+def _path(task: Task[P, R], piece: P, folder: Path) -> Path:
+    text = f"{piece!r} {made_by(task.work)} {Settings.default().hash()}"
     return folder / f"{piece.stem}-{hashlib.sha256(text.encode()).hexdigest()[:16]}.json"
 
 
 def _read(task: Task[P, R], piece: P, folder: Path) -> R | None:
     try:
-        return task.parsed(piece, json.loads(_path(folder, piece).read_text(encoding="utf-8")))
+        return task.parsed(piece, json.loads(_path(task, piece, folder).read_text(encoding="utf-8")))
     except (OSError, ValueError, KeyError, TypeError):
         return None

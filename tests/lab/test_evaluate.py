@@ -32,9 +32,10 @@ from collabslam_lab.benchmark import (
 from collabslam_lab.benchmark.evaluate import Choice, chosen, evaluate
 from collabslam_lab.benchmark.figures import NAMES
 from collabslam_lab.benchmark.plan import find_plan, parse_plan
-from collabslam_lab.benchmark.store import Item, Row, code_hash
+from collabslam_lab.benchmark.store import Item, Row
 from collabslam_lab.cli import main as lab
 from collabslam_lab.intervals import t_interval
+from collabslam_lab.program import code_hash
 from collabslam_lab.switches import with_switches
 
 PLAN = """

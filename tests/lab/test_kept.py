@@ -12,8 +12,10 @@ from typing import Any
 import pytest
 
 from collabslam.errors import DataError
+from collabslam_lab import kept as kept_module
 from collabslam_lab.engines import LOCAL, Engine
 from collabslam_lab.kept import Task, kept
+from collabslam_lab.program import made_by
 
 
 @dataclass(frozen=True)
@@ -90,3 +92,13 @@ def test_a_file_that_is_none_is_made_again(tmp_path: Path) -> None:
         path.write_text(broken)
         assert go([1], tmp_path, jobs=1) == [2]
         assert path.read_text() == "2"
+
+
+def test_other_code_is_another_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    go([1], tmp_path, jobs=1)
+    monkeypatch.setattr(kept_module, "made_by", lambda work: f"{work.__name__}, changed")
+    go([1], tmp_path, jobs=1)
+    assert len(list(tmp_path.iterdir())) == 2
+    first, second = made_by(add), made_by(DataError)
+    assert first == made_by(parsed) != second  # of one module, and of another
+    assert first.split()[:-1] == second.split()[:-1]

@@ -33,8 +33,9 @@ from collabslam.slam.worn_frame import NEW_POINTS
 from collabslam.types import Array, Indices, Mask
 from collabslam_lab.benchmark.pairs import Pair, Scene, choose_pairs, true_inverse_ranges
 from collabslam_lab.benchmark.plan import Entry, Plan
-from collabslam_lab.benchmark.store import KEY, Row, code_hash, files_hash, slug
+from collabslam_lab.benchmark.store import KEY, Row, files_hash, slug
 from collabslam_lab.processes import use_one_thread
+from collabslam_lab.program import code_hash
 from collabslam_lab.report import markdown_table
 
 EDGES = (0.0, 5.0, 10.0, 20.0, 30.0, 180.0)

@@ -11,19 +11,18 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import collabslam
 from collabslam.runs.plan import MODE_KEY
 from collabslam.runs.results import SUMMARY
 from collabslam.settings.table import Settings
 from collabslam.version import version
 from collabslam_lab.benchmark.plan import Entry
+from collabslam_lab.program import code_hash
 from collabslam_lab.switches import with_switches
 
 Row = dict[str, Any]
 
 KEY = "evaluated_as"
 """Where a summary's options say what it was made from."""
-_LOOKS_ONLY = {"cli", "checks", "viz"}
 
 
 @dataclass(frozen=True)
@@ -149,18 +148,6 @@ class Item:
     def failed(self, why: str) -> Row:
         """The row of a run that could not be finished."""
         return {**self.row, "status": "failed", "error": why}
-
-
-@cache
-def code_hash() -> str:
-    """Of everything in the package that a result depends on, the compiled core included."""
-    root = Path(collabslam.__file__).parent
-    digest = hashlib.sha256()
-    for path in sorted(root.rglob("*")):
-        part = path.relative_to(root)
-        if path.suffix in (".py", ".so", ".pyd") and part.parts[0] not in _LOOKS_ONLY:
-            digest.update(part.as_posix().encode() + path.read_bytes())
-    return digest.hexdigest()
 
 
 @cache
