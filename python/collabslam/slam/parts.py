@@ -51,7 +51,7 @@ from collabslam.slam.submaps import Submaps
 from collabslam.slam.target_start import TargetStart
 from collabslam.slam.tracks import Tracks
 from collabslam.slam.worn_frame import WornMatcher
-from collabslam.types import Board, Tag, Target, WornView
+from collabslam.types import Target, WornView
 
 KIND, VERSION = "engine state", 14
 """Of the file that `EngineParts.save` writes; the version counts the changes of what is in it."""
@@ -142,16 +142,6 @@ class EngineParts:
             metric=metric,
         )
         self._guard = Guard(core, list(persistent_parts(self).values()))
-
-    @alone
-    def announce(self, target: Tag | Board) -> None:
-        """Announces a printed target, as `Slam.add_tag` and `Slam.add_board` do."""
-        if not self._metric:
-            raise InputError(
-                f"Lengths are in an arbitrary unit here and the target {target} is in metres; start with "
-                "start='target'."
-            )
-        self._printed.add(target)
 
     @alone
     def where_to_look(self, who: str | None = None) -> Look | None:
