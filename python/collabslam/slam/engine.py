@@ -21,7 +21,7 @@ from collabslam.images import check_grey
 from collabslam.settings.table import Settings
 from collabslam.slam.blank_image import FROZEN
 from collabslam.slam.depth_input import Depths
-from collabslam.slam.diagnostics import StageTimes, recovery_counts, search_counts
+from collabslam.slam.diagnostics import StageTimes
 from collabslam.slam.doubts import NOTHING
 from collabslam.slam.engine_inputs import EngineInputs, stamp
 from collabslam.slam.feature_states import (
@@ -32,7 +32,8 @@ from collabslam.slam.feature_states import (
 from collabslam.slam.guard import all_or_nothing, alone
 from collabslam.slam.late_views import Views
 from collabslam.slam.looking import counts as look_counts
-from collabslam.slam.map_change import ImagePoints, MapChange
+from collabslam.slam.map_change import MapChange
+from collabslam.slam.outcome import Outcome
 from collabslam.slam.overlaps import Overlaps
 from collabslam.slam.relocalise import searchable
 from collabslam.slam.results import Landmarks, StepResult, SubmapPoses
@@ -191,37 +192,25 @@ class Slam(EngineInputs):
         self._relocaliser.forget(change.deleted)
         if recovered is None:
             self._size.take(overlap, self.filter.pose)
-        seen = _matched(found, report) if recovered is None else recovered.seen
-        self._late.keep(view, found, seen, change)
+        outcome = Outcome(
+            view,
+            expected,
+            found,
+            overlap,
+            report,
+            recovered,
+            change,
+            followed=followed,
+            slipped=slipped,
+            turned=turned,
+        )
+        self._late.keep(view, found, outcome.seen, change)
         counts = {
-            **search_counts(len(expected), found, report),
-            **overlap.counts(report),
-            **recovery_counts(recovered),
-            **change.counts(),
+            **outcome.counts(),
             **self._printed.counts(),
-            "accepted": _inliers(view, seen, change),
-            "slipped": int(slipped),
-            "turned": int(turned),
             "target_residual_px": self._target_residual(image),
         }
-        status = self._judge(
-            t,
-            counts["accepted"],
-            accepted=report.accepted or recovered is not None or turned,
-            followed=followed,
-            identified=recovered is not None and recovered.identified,
-        )
-        # Where wheels predicted, it is they who may be wrong.
-        jumped = recovered is not None and recovered.jumped and not (view.lost or followed)
-        judged = report, len(found.ids), overlap, change
-        # A map that was in doubt is no better where a lost camera finds itself in it again.
-        counts["doubt"] = self._doubts.standing() if view.lost else self._doubts.judge(*judged, jumped=jumped)
-        if status is Status.OK and not counts["relocalised"]:
-            self._relocaliser.remember(view, self.filter.pose, seen)
-        if status is Status.OK and counts["doubt"] != NOTHING:
-            status = Status.DOUBTFUL
-        trusted = status is Status.OK and not counts["relocalised"]
-        counts["loops"] = self._submaps.follow(view, seen.without(change.deleted)) if trusted else 0
+        status = self._verdict(outcome, counts)
         times.done("map")
         features = frame_features(expected, found, report, overlap)
         where = overlap.poses(self.filter, report, view) if recovered is None else {}
@@ -336,6 +325,29 @@ class Slam(EngineInputs):
         pairs = followed_points(images, self._camera, turn, self._options.flow, view.hidden)
         return self.filter.predict_again(last[0], *pairs)
 
+    def _verdict(self, outcome: Outcome, counts: dict[str, Any]) -> Status:
+        """What is said of the frame (METHOD 22); a place that is trusted is kept.  Counts doubt and loops."""
+        view, change = outcome.view, outcome.change
+        status = self._judge(
+            view.t,
+            outcome.inliers,
+            accepted=outcome.accepted,
+            followed=outcome.followed,
+            identified=outcome.recovered is not None and outcome.recovered.identified,
+        )
+        if view.lost:  # a map that was in doubt is no better where a lost camera finds itself in it again
+            doubt = self._doubts.standing()
+        else:
+            measured = outcome.report, len(outcome.found.ids), outcome.overlap, change
+            doubt = self._doubts.judge(*measured, jumped=outcome.jumped)
+        trusted = status is Status.OK and not outcome.found_again
+        if trusted:
+            self._relocaliser.remember(view, self.filter.pose, outcome.seen)
+        follows = trusted and doubt == NOTHING
+        counts["doubt"] = doubt
+        counts["loops"] = self._submaps.follow(view, outcome.seen.without(change.deleted)) if follows else 0
+        return Status.DOUBTFUL if status is Status.OK and doubt != NOTHING else status
+
     def _judge(
         self, t: float, inliers: int, *, accepted: bool, followed: bool, identified: bool = False
     ) -> Status:
@@ -403,14 +415,3 @@ def _by_name(worn_camera: Camera | Mapping[str, Camera] | None) -> dict[str, Cam
     if worn_camera is None:
         return {}
     return {"": worn_camera} if isinstance(worn_camera, Camera) else dict(worn_camera)
-
-
-def _matched(found: Found, report: UpdateReport) -> ImagePoints:
-    """Features that were found and that the update accepted."""
-    accepted = report.bearings.accepted
-    return ImagePoints(found.ids[accepted], found.uv[accepted])
-
-
-def _inliers(view: View, seen: ImagePoints, change: MapChange) -> int:
-    """Measurements that the pose rests on; a start without depth has none but its features."""
-    return len(seen) + change.with_depth + (0 if view.started else len(change.undelayed))
