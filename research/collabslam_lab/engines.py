@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import Executor, Future, as_completed
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
 from collabslam.errors import DataError, SettingsError
-from collabslam_lab.isolated import Stop, one
+from collabslam_lab.isolated import Stop, asking, one
 
 ENGINES = ("local", "dask")
 T = TypeVar("T")
@@ -86,14 +86,8 @@ class Engine:
             If Dask is not installed, or nothing answers at the scheduler's address.
         """
         if self.is_local:
-            stop = Stop()
-            with ThreadPoolExecutor(jobs) as threads:
-                try:
-                    yield _Isolating(threads.submit, self.seconds, stop)
-                except BaseException:  # nobody waits for what is under way
-                    threads.shutdown(wait=False, cancel_futures=True)
-                    stop.set()
-                    raise
+            with asking(jobs) as (threads, stop):
+                yield _Isolating(threads.submit, self.seconds, stop)
             return
         with self.workers(jobs) as workers:
             yield _Isolating(workers.submit, self.seconds)

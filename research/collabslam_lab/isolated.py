@@ -21,6 +21,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from collabslam.errors import CollabslamError
@@ -110,6 +111,19 @@ def isolated(
                 _idle.append(child)
             else:
                 _end(child)
+
+
+@contextlib.contextmanager
+def asking(jobs: int) -> Iterator[tuple[ThreadPoolExecutor, Stop]]:
+    """Threads that ask children, and what ends these; where the body raises, nobody waits for them."""
+    stop = Stop()
+    with ThreadPoolExecutor(jobs) as threads:
+        try:
+            yield threads, stop
+        except BaseException:
+            threads.shutdown(wait=False, cancel_futures=True)
+            stop.set()
+            raise
 
 
 def _child() -> subprocess.Popen[bytes]:

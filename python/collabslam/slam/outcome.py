@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from collabslam._core import Prediction, UpdateReport
@@ -61,7 +62,7 @@ class Outcome:
         jumped = self.recovered is not None and self.recovered.jumped
         return jumped and not (self.view.lost or self.followed)
 
-    @property
+    @cached_property
     def seen(self) -> ImagePoints:
         """Features that the pose rests on."""
         if self.recovered is not None:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from collabslam_lab.benchmark.replay import timed_item
 from collabslam_lab.benchmark.store import Item, Row
 from collabslam_lab.engines import Engine
-from collabslam_lab.isolated import isolated, why
+from collabslam_lab.isolated import isolated
 
 
 def run_remotely(
@@ -60,10 +60,7 @@ def run_remotely(
 def replay(items: Sequence[Item], seconds: float, again: bool) -> list[Row]:
     """The work of a worker: items one after the other in a child process; a row for each."""
     answers = isolated(replay_item, [(item, again) for item in items], seconds)
-    return [
-        item.failed(why(answer)) if isinstance(answer, Exception) else answer
-        for item, answer in zip(items, answers, strict=True)
-    ]
+    return [item.row_of(answer) for item, answer in zip(items, answers, strict=True)]
 
 
 def replay_item(item: Item, again: bool) -> Row:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from collabslam_lab.benchmark.remote import run_remotely
 from collabslam_lab.benchmark.replay import clear_beside, timed_item
 from collabslam_lab.benchmark.store import Item, Row
 from collabslam_lab.engines import LOCAL, Engine
-from collabslam_lab.isolated import Stop, isolated, why
+from collabslam_lab.isolated import asking, isolated
 
 _SECONDS_A_RUN, _SECONDS_A_FRAME, _RENDERED_FRAMES = 1.5, 0.04, 100  # for the estimate of the cost
 
@@ -76,24 +75,18 @@ def run_items(
 
 
 def _run_here(items: Sequence[Item], groups: list[list[int]], jobs: int, seconds: float, hear: Hear) -> None:
-    stop = Stop()
+    with asking(jobs) as (threads, stop):
 
-    def serve(group: list[int]) -> None:
-        pieces = [(items[k],) for k in group]
-        with contextlib.closing(isolated(timed_item, pieces, seconds, stop)) as answers:
-            for k, answer in zip(group, answers, strict=True):
-                if stop.is_set:
-                    return
-                hear(k, items[k].failed(why(answer)) if isinstance(answer, Exception) else answer)
+        def serve(group: list[int]) -> None:
+            pieces = [(items[k],) for k in group]
+            with contextlib.closing(isolated(timed_item, pieces, seconds, stop)) as answers:
+                for k, answer in zip(group, answers, strict=True):
+                    if stop.is_set:
+                        return
+                    hear(k, items[k].row_of(answer))
 
-    with ThreadPoolExecutor(jobs) as pool:
-        try:
-            for future in [pool.submit(serve, group) for group in groups]:
-                future.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            stop.set()
-            raise
+        for future in [threads.submit(serve, group) for group in groups]:
+            future.result()
 
 
 def outcome(row: Row) -> str:

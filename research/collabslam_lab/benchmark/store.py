@@ -16,6 +16,7 @@ from collabslam.runs.results import SUMMARY
 from collabslam.settings.table import Settings
 from collabslam.version import version
 from collabslam_lab.benchmark.plan import Entry
+from collabslam_lab.isolated import why
 from collabslam_lab.program import code_hash
 from collabslam_lab.switches import with_switches
 
@@ -145,9 +146,13 @@ class Item:
         """The row of a summary."""
         return {**summary, **self.row, "status": "done"}
 
-    def failed(self, why: str) -> Row:
+    def failed(self, error: str) -> Row:
         """The row of a run that could not be finished."""
-        return {**self.row, "status": "failed", "error": why}
+        return {**self.row, "status": "failed", "error": error}
+
+    def row_of(self, answer: Row | Exception) -> Row:
+        """The row of what `isolated` answered."""
+        return self.failed(why(answer)) if isinstance(answer, Exception) else answer
 
 
 @cache
