@@ -24,11 +24,11 @@ def code_hash() -> str:
 
 @cache
 def made_by(work: Callable[..., Any]) -> str:
-    """Changes when version or package do, the lab's worlds and people, or the module of a function."""
+    """Changes when version or package do, the lab's worlds and people, or a function's folder."""
     root = Path(__file__).parent
     parts = [_hash(root / part, set()) for part in _WORLDS]
-    module = Path(inspect.getfile(work)).read_bytes()
-    return " ".join([version(), code_hash(), *parts, hashlib.sha256(module).hexdigest()])
+    around = _hash(Path(inspect.getfile(work)).parent, set())
+    return " ".join([version(), code_hash(), *parts, around])
 
 
 def _hash(root: Path, without: set[str]) -> str:
