@@ -93,7 +93,7 @@ $(VENV)/.fetched: Cargo.lock
 
 $(VENV)/.built: $(VENV)/.installed $(VENV)/.fetched $(SOURCES)
 	$(BIN)/pip install --quiet --no-build-isolation --editable '.[dev]'
-	$(BIN)/pip install --quiet --editable 'research[cluster,learned]'
+	$(BIN)/pip install --quiet --editable 'research[cluster,learned,surf]'
 	touch $@
 
 # Faults put into the core's maths one by one, and whether its Rust tests notice: target/mutants.out. Each costs a short build

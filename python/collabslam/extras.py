@@ -13,7 +13,6 @@ _LIBRARIES = {
     "ros": "rosbags",
     "viz": "rerun-sdk",
     "plot": "matplotlib",
-    "surf": "mahotas",
     "live": "eclipse-zenoh, cryptography, rosbags and websockets",
 }
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
 
 import cv2
 import numpy as np
@@ -235,7 +234,7 @@ def test_consensus_does_not_shrink_the_baseline():
     assert consensus.agree[30:].mean() > 0.95
 
 
-@pytest.mark.parametrize("kind", [kind for kind in DESCRIPTORS if kind != "surf"])
+@pytest.mark.parametrize("kind", DESCRIPTORS)
 def test_descriptors_follow_the_rotation(kind):
     image = texture(400, 500, 1)
     angle = 0.6
@@ -252,28 +251,6 @@ def test_descriptors_follow_the_rotation(kind):
     assert describe(image, NONE, 0.0, 36.0, kind).shape == (0, a.shape[1])
     one = describe(image, uv[:1], np.zeros(1), 36.0, kind)
     assert (one @ a[0])[0] > 0.95  # a crop does not change what is described
-
-
-def test_surf_finds_the_rotation_by_itself():
-    pytest.importorskip("mahotas")
-    image = texture(400, 500, 1)
-    turned = cv2.rotate(image, cv2.ROTATE_90_CLOCKWISE)
-    uv = detect_corners(image[60:340, 60:440], NONE, 60, SETTINGS.detect, 15) + 60.0
-    place = np.c_[399.0 - uv[:, 1], uv[:, 0]]
-    a, b = describe(image, uv, 0.0, 36.0, "surf"), describe(turned, place, 0.0, 36.0, "surf")
-    assert a.shape == (len(uv), 64)
-    assert np.allclose(np.linalg.norm(a, axis=1), 1.0, atol=1e-3)
-    # mahotas samples whole pixels: a quarter turn shifts them, and every third point is taken for another
-    assert ((a @ b.T).argmax(axis=1) == np.arange(len(uv))).mean() > 0.5
-    edge = describe(image, np.array([[2.0, 3.0], [497.0, 396.0]]), 0.0, 36.0, "surf")
-    assert edge.shape == (2, 64)  # none is dropped at the border
-    assert describe(image, NONE, 0.0, 36.0, "surf").shape == (0, 64)
-
-
-def test_surf_without_mahotas_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "mahotas.features", None)
-    with pytest.raises(DataError, match=r"collabslam\[surf\]"):
-        describe(texture(100, 100, 0), np.array([[50.0, 50.0]]), 0.0, 36.0, "surf")
 
 
 def test_unknown_descriptor():

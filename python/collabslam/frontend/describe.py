@@ -3,12 +3,11 @@
 ``warped-sift`` is SIFT's histogram of gradients (4 x 4 cells, 8 directions) over a window that is first
 warped as the other view sees it: the relative pose of the two cameras is known well enough to undo rotation,
 scale and foreshortening, so neither a scale space nor a dominant direction has to be found.  ``sift`` and
-``orb`` are OpenCV's, with the rotation given and one scale; ``surf`` is mahotas', which finds the rotation.
+``orb`` are OpenCV's, with the rotation given and one scale.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import cv2
@@ -17,7 +16,6 @@ from numpy.typing import NDArray
 
 from collabslam import _core
 from collabslam.errors import InputError
-from collabslam.extras import needs
 from collabslam.types import Array, Image
 
 Descriptors = NDArray[np.float32]
@@ -26,7 +24,6 @@ Describe = Callable[[Image, Array, Array, float], Descriptors]
 _GRID = 8  # samples along a window's side
 _SIFT_SUPPORT = 6.0  # side of OpenCV's SIFT window over KeyPoint.size
 _ORB_PATCH = 31
-_SURF_SUPPORT = 20.0  # side of SURF's window over its scale
 
 
 def describe(
@@ -52,14 +49,12 @@ def describe(
     Returns
     -------
     (N, D) float32
-        Unit vectors; D is 128 for ``sift`` and ``warped-sift``, 64 for ``surf``, 256 for ``orb``.
+        Unit vectors; D is 128 for ``sift`` and ``warped-sift``, 256 for ``orb``.
 
     Raises
     ------
     InputError
         If the kind is unknown.
-    DataError
-        If ``surf`` is wanted and mahotas is missing.
     """
     if kind not in DESCRIPTORS:
         raise InputError(f"There is no descriptor '{kind}'; choose one of {', '.join(DESCRIPTORS)}.")
@@ -94,14 +89,14 @@ def describe_warped(image: Image, uv: Array, axes: Array, size_px: float) -> Des
     return _core.describe_windows(half, 0.5 * uv, 0.5 * axes, step)
 
 
-def _crop(image: Image, uv: Array, margin: float) -> tuple[Image, Array]:
+def crop_around(image: Image, uv: Array, margin: float) -> tuple[Image, Array]:
     """Bounding box of the points with a margin (a crop costs less than a mask), and the points in it."""
     low = np.maximum(np.floor(uv.min(axis=0) - margin), 0).astype(int)
     high = np.minimum(np.ceil(uv.max(axis=0) + margin) + 1, image.shape[::-1]).astype(int)
     return np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]]), uv - low
 
 
-def _angle_scale(axes: Array) -> tuple[Array, Array]:
+def angle_and_scale(axes: Array) -> tuple[Array, Array]:
     """Rotation (radians) and scale of affine maps."""
     angle = np.arctan2(axes[:, 1, 0] - axes[:, 0, 1], axes[:, 0, 0] + axes[:, 1, 1])
     return angle, np.sqrt(np.abs(np.linalg.det(axes)))
@@ -111,8 +106,8 @@ def _describe_sift(image: Image, uv: Array, axes: Array, size_px: float) -> Desc
     """OpenCV's SIFT; one octave only (its number is packed into the key point), whatever the scale."""
     if len(uv) == 0:
         return np.empty((0, 128), dtype=np.float32)
-    angle, scale = _angle_scale(axes)
-    crop, points = _crop(image, uv, size_px * float(scale.max()))
+    angle, scale = angle_and_scale(axes)
+    crop, points = crop_around(image, uv, size_px * float(scale.max()))
     first_layer = 1 << 8
     keys = [
         cv2.KeyPoint(
@@ -133,8 +128,8 @@ def _describe_orb(image: Image, uv: Array, axes: Array, size_px: float) -> Descr
     """OpenCV's ORB as vectors of +-1/16: their squared distance is the Hamming distance over 64."""
     if len(uv) == 0:
         return np.empty((0, 256), dtype=np.float32)
-    angle, _ = _angle_scale(axes)
-    crop, points = _crop(image, uv, size_px)
+    angle, _ = angle_and_scale(axes)
+    crop, points = crop_around(image, uv, size_px)
     padded = cv2.copyMakeBorder(crop, _ORB_PATCH, _ORB_PATCH, _ORB_PATCH, _ORB_PATCH, cv2.BORDER_REPLICATE)
     keys = [
         cv2.KeyPoint(
@@ -153,27 +148,8 @@ def _describe_orb(image: Image, uv: Array, axes: Array, size_px: float) -> Descr
     return np.asarray((2.0 * bits - 1.0) / 16.0, dtype=np.float32)
 
 
-def _describe_surf(image: Image, uv: Array, axes: Array, size_px: float) -> Descriptors:
-    """SURF (Bay et al., 2008), with its own dominant direction; the scale is that of the map, rounded.
-
-    At scales that are no whole numbers mahotas (1.4) describes a texture differently when it is turned.
-    """
-    with needs("surf"):
-        from mahotas.features import surf
-    if len(uv) == 0:
-        return np.empty((0, 64), dtype=np.float32)
-    _, scale = _angle_scale(axes)
-    scales = np.clip(np.round(scale * size_px / _SURF_SUPPORT), 1.0, 4.0)
-    border = math.ceil(_SURF_SUPPORT * float(scales.max()))
-    crop, points = _crop(image, uv, border)
-    padded = cv2.copyMakeBorder(crop, border, border, border, border, cv2.BORDER_REPLICATE)
-    places = np.column_stack([points[:, ::-1] + border, scales, np.ones((len(uv), 2))])
-    return np.asarray(surf.descriptors(padded, places, descriptor_only=True), dtype=np.float32)
-
-
 DESCRIPTORS: dict[str, Describe] = {
     "warped-sift": describe_warped,
     "sift": _describe_sift,
     "orb": _describe_orb,
-    "surf": _describe_surf,
 }

@@ -118,9 +118,9 @@ class WornSettings:
 
     descriptor: str = _name(
         "warped-sift",
-        ("warped-sift", "sift", "orb", "surf"),
-        "Descriptor: SIFT on windows warped as Cf sees them, OpenCV's SIFT, ORB, or SURF (extra surf).",
-        "Take orb to save time where both cameras look the same way, surf to compare with the paper.",
+        ("warped-sift", "sift", "orb"),
+        "Descriptor: SIFT on windows warped as Cf sees them, OpenCV's SIFT, or ORB.",
+        "Take orb to save time where both cameras look the same way.",
     )
     ratio: float = _number(
         0.85,

@@ -34,6 +34,7 @@ from collabslam.types import Array, Indices, Mask
 from collabslam_lab.benchmark.pairs import Pair, Scene, choose_pairs, true_inverse_ranges
 from collabslam_lab.benchmark.plan import Entry, Plan
 from collabslam_lab.benchmark.store import KEY, Row, files_hash, slug
+from collabslam_lab.benchmark.surf import known_surf
 from collabslam_lab.processes import use_one_thread
 from collabslam_lab.program import code_hash
 from collabslam_lab.report import markdown_table
@@ -60,7 +61,7 @@ def measure(entry: Entry, data: Path, *, seed: int = 0, kinds: Iterable[str] | N
     seed : int
         Of the noise of ``T_CF``.
     kinds : iterable of str, optional
-        Of `DESCRIPTORS`; all if left out.
+        Of `DESCRIPTORS`, or `SURF`; all if left out.
 
     Returns
     -------
@@ -78,7 +79,8 @@ def measure(entry: Entry, data: Path, *, seed: int = 0, kinds: Iterable[str] | N
     for pair in choose_pairs(scene):
         look = Look(scene, pair, errors)
         facts = {"recording": entry.name, **pair.facts()}
-        rows += [{**facts, **look.measure(kind)} for kind in kinds or DESCRIPTORS]
+        with known_surf():
+            rows += [{**facts, **look.measure(kind)} for kind in kinds or DESCRIPTORS]
     return rows
 
 
@@ -253,7 +255,10 @@ class Kept:
 
     def _facts(self, entry: Entry) -> str:
         here = Path(__file__)
-        code = [code_hash(), files_hash(here), files_hash(here.with_name("pairs.py"))]
+        code = [
+            code_hash(),
+            *(files_hash(here.with_name(name)) for name in (here.name, "pairs.py", "surf.py")),
+        ]
         recording = "" if entry.rendered else files_hash(self._data / entry.folder)
         return repr([*code, recording, self._seed, entry.worn, entry.noise, Settings.default().hash()])
 

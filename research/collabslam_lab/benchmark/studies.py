@@ -6,6 +6,6 @@ ACCURACY, ABLATION, DESCRIPTORS, BLACKOUT = "evaluate", "ablation", "descriptors
 
 STUDIES = {
     ABLATION: "the plan's levers, changed one at a time, instead",
-    DESCRIPTORS: "compare descriptors by viewpoint angle on pairs of views, instead (needs the extra surf)",
+    DESCRIPTORS: "compare descriptors by viewpoint angle on pairs of views, instead (needs its extra surf)",
     BLACKOUT: "take a second away here and there and see how soon the camera is found again, instead",
 }
