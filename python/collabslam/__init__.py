@@ -27,9 +27,10 @@ if TYPE_CHECKING:
     from collabslam.runs.runner import RunResult, resume, run
     from collabslam.settings.table import Settings
     from collabslam.slam.engine import Slam
+    from collabslam.slam.map.saved_map import SavedMap
     from collabslam.slam.results import StepResult
-    from collabslam.slam.saved_map import SavedMap
-    from collabslam.types import Board, Frame, Status, Tag, Target, WornView
+    from collabslam.targets.kinds import Board, Tag
+    from collabslam.types import Frame, Status, Target, WornView
 
     __version__: str
 
@@ -68,7 +69,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Board": "types",
+    "Board": "targets.kinds",
     "Camera": "_core",
     "DepthMeasurement": "_core",
     "Filter": "_core",
@@ -76,13 +77,13 @@ _HOMES = {
     "Output": "runs.plan",
     "RecordingWriter": "datasets",
     "RunResult": "runs.runner",
-    "SavedMap": "slam.saved_map",
+    "SavedMap": "slam.map.saved_map",
     "Settings": "settings.table",
     "Slam": "slam.engine",
     "Source": "datasets",
     "Status": "types",
     "StepResult": "slam.results",
-    "Tag": "types",
+    "Tag": "targets.kinds",
     "Target": "types",
     "WornMeasurement": "_core",
     "WornSpec": "datasets",

@@ -16,8 +16,8 @@ from collabslam.datasets import write_recording
 from collabslam.datasets.ros.sensors import WornSensors, read_sensors, write_sensors
 from collabslam.datasets.ros.writer import TOPICS
 from collabslam.errors import DataError, InputError
+from collabslam.targets.kinds import Board
 from collabslam.targets.printed import pose_between
-from collabslam.types import Board
 from collabslam.worn_pose import AhrsErrors, Person, WornPoseConfig, WornPoseEstimate, calibrate_person
 from collabslam.worn_pose.attitude import AttitudeTrack
 from collabslam.worn_pose.lever import trunk

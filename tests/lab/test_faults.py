@@ -14,9 +14,9 @@ from collabslam.runs.report import unused_text
 from collabslam.runs.runner import run
 from collabslam.runs.summary import is_trusted
 from collabslam.settings.frontend import BlankImageSettings
-from collabslam.slam.blank_image import BlankImageDetector
 from collabslam.slam.engine import Slam
 from collabslam.slam.results import StepResult
+from collabslam.slam.tracking.blank_image import BlankImageDetector
 from collabslam.types import Frame, Recording, Status, WornView
 from collabslam_lab.reliability.attacks.streams import STREAMS
 from collabslam_lab.reliability.faults import FAULTS, FaultyRecording, inject

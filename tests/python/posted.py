@@ -10,7 +10,8 @@ import numpy as np
 from collabslam import Board, Camera, Frame, Tag, WornView
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.geometry import pose_inverse
-from collabslam.types import FAMILIES, Array, Image, Recording
+from collabslam.targets.kinds import FAMILIES
+from collabslam.types import Array, Image, Recording
 
 CELLS = 40
 """Pixels of a cell of the texture."""

@@ -13,10 +13,10 @@ import pytest
 from collabslam.geometry import pose
 from collabslam.settings.table import Settings
 from collabslam.slam.doubts import CAUSES, NOTHING, Doubts
+from collabslam.slam.map.size import MapSize
 from collabslam.slam.map_change import MapChange
-from collabslam.slam.map_size import MapSize
-from collabslam.slam.overlaps import Overlaps
-from collabslam.slam.worn_frame import Overlap
+from collabslam.slam.worn.matcher import Overlap
+from collabslam.slam.worn.overlaps import Overlaps
 from collabslam.types import WornView
 
 FRAMES, FOUND = 40, 30

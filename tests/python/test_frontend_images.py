@@ -17,7 +17,7 @@ from collabslam.geometry import se3_exp
 from collabslam.settings.frontend import FRONTEND, SearchSettings
 from collabslam.settings.table import Settings
 from collabslam.slam.map_change import ImagePoints, MapChange
-from collabslam.slam.tracks import Tracks
+from collabslam.slam.tracking.tracks import Tracks
 
 SETTINGS = Settings.default().frontend()
 NONE = np.empty((0, 2))

@@ -14,11 +14,11 @@ from collabslam.frontend import worn_match
 from collabslam.frontend.describe import DESCRIPTORS, describe
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.epipolar import inverse_ranges
-from collabslam.frontend.target import find_target
 from collabslam.frontend.two_views import TwoViews, ViewedPoints
 from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
 from collabslam.settings.table import Settings
+from collabslam.slam.targets.patches import find_target
 from collabslam.types import Target
 
 SETTINGS = Settings.default().frontend()

@@ -19,7 +19,7 @@ from collabslam.errors import CollabslamError, DataError
 from collabslam.formats import container
 from collabslam.runs import checkpoint
 from collabslam.runs.results import CHECKPOINT
-from collabslam.slam import saved_map
+from collabslam.slam.map import saved_map
 from collabslam.slam.parts import CLASSES
 from collabslam.types import Target
 

@@ -36,16 +36,28 @@ ALLOWED: dict[str, set[str]] = {
     "frontend": BASE | {"settings", "targets"},
     "slam": BASE | {"images", "settings", "formats", "targets", "frontend"},
     "datasets": BASE | {"images", "formats", "worn_pose", "targets"},
-    "runs": BASE | {"version", "settings", "formats", "evaluation", "slam", "datasets"},
+    "runs": BASE | {"version", "settings", "formats", "evaluation", "targets", "slam", "datasets"},
     "live": BASE
     | {"version", "images", "worn_pose", "targets", "settings", "formats", "slam", "datasets", "runs"},
     "viz": BASE | {"formats", "evaluation", "slam", "runs"},
     "checks": BASE | {"targets", "frontend", "datasets", "runs"},
     "demo": BASE | {"settings", "formats", "datasets", "runs", "viz"},
     "cli": BASE
-    | {"version", "settings", "formats", "worn_pose", "datasets", "runs", "live", "viz", "checks", "demo"},
+    | {
+        "version",
+        "settings",
+        "formats",
+        "worn_pose",
+        "targets",
+        "datasets",
+        "runs",
+        "live",
+        "viz",
+        "checks",
+        "demo",
+    },
     "__main__": {"cli"},
-    "__init__": {"_core", "errors", "types", "images", "settings", "slam", "datasets", "runs"},
+    "__init__": {"_core", "errors", "types", "images", "settings", "targets", "slam", "datasets", "runs"},
 }
 """Part of the package, and the parts that it may import."""
 

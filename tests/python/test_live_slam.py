@@ -21,7 +21,7 @@ from collabslam.live.messages import status_from
 from collabslam.live.slam import BOUNDS, LiveSlam
 from collabslam.live.views import BROKEN, EARLY, LATE, NO_CLOCK, OTHER, REFUSED, REPEATED, SURPLUS, LiveView
 from collabslam.settings.table import Settings
-from collabslam.slam.looking import DIAGNOSTICS
+from collabslam.slam.worn.looking import DIAGNOSTICS
 from collabslam.types import Frame, WornView
 
 FRAMES = 14

@@ -25,7 +25,8 @@ from collabslam.datasets.worn_calibration import CalibratedWorn, WornCalibration
 from collabslam.runs import runner
 from collabslam.runs.plan import Output
 from collabslam.runs.run_folder import RunFolder
-from collabslam.types import Board, Frame, WornView, worn_cameras
+from collabslam.targets.kinds import Board
+from collabslam.types import Frame, WornView, worn_cameras
 from collabslam_lab.switches import with_switches
 
 FRAMES = 8

@@ -25,7 +25,7 @@ from collabslam.runs.plan import Output
 from collabslam.runs.runner import run
 from collabslam.settings.modes import STARTS
 from collabslam.slam.engine import Slam
-from collabslam.slam.saved_map import SavedMap
+from collabslam.slam.map.saved_map import SavedMap
 from collabslam.types import Array, Image, Status
 
 OTHER = Camera("radtan", 640, 400, (500.0, 505.0, 322.0, 199.0), (-0.04, 0.01, 0.0, 0.0005))

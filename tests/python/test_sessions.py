@@ -13,9 +13,9 @@ from collabslam.demo import DemoRecording, corridor_recording
 from collabslam.errors import DataError
 from collabslam.geometry import pose_inverse, se3_log
 from collabslam.slam.engine import Slam
-from collabslam.slam.known_submaps import as_map
-from collabslam.slam.saved_map import SavedMap
-from collabslam.slam.submap_chain import Chain
+from collabslam.slam.map.saved_map import SavedMap
+from collabslam.slam.recovery.known_submaps import as_map
+from collabslam.slam.submaps.chain import Chain
 from collabslam.types import Status
 
 FIRST, AGAIN = 44, range(4, 22)

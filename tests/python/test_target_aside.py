@@ -11,7 +11,7 @@ from posted import Posted, paint
 
 from collabslam import Frame, Settings, Slam, Tag
 from collabslam.geometry import pose, pose_inverse, rotation_exp, se3_log
-from collabslam.slam.relocalise import Relocaliser
+from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.results import StepResult
 from collabslam.types import Array, Image, Status, WornView
 

@@ -15,7 +15,7 @@ from collabslam.cli import main as cli
 from collabslam.datasets.wrapped import FirstFrames
 from collabslam.evaluation.record import RunRecord
 from collabslam.geometry import pose, pose_inverse, rotation_exp, se3_exp, se3_log
-from collabslam.slam.printed_targets import SIZE_SD
+from collabslam.slam.targets.in_map import SIZE_SD
 from collabslam.targets.pose import pose_from_points
 from collabslam.targets.printed import pose_between, printed_corners, sightings
 

@@ -13,7 +13,7 @@ from collabslam._core import Camera
 from collabslam.frontend.search import AMBIGUOUS, FOUND
 from collabslam.settings.table import Settings
 from collabslam.slam.map_change import ImagePoints, MapChange, Recovered
-from collabslam.slam.tracks import Tracks
+from collabslam.slam.tracking.tracks import Tracks
 from collabslam.slam.view import View
 from collabslam.types import Array, Ids, Image
 

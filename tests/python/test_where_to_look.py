@@ -12,7 +12,7 @@ from conftest import Clip
 from collabslam import Settings, Slam, run
 from collabslam.demo import corridor_recording
 from collabslam.runs.results import FRAMES
-from collabslam.slam.looking import DIAGNOSTICS, Look
+from collabslam.slam.worn.looking import DIAGNOSTICS, Look
 from collabslam.types import WornView
 
 KEY = "frontend.worn.where_to_look"

@@ -9,8 +9,9 @@ import numpy as np
 from collabslam.datasets.persons import check_alone
 from collabslam.datasets.wrapped import Together
 from collabslam.errors import DataError, InputError
+from collabslam.targets.kinds import Board
 from collabslam.targets.printed import pose_between
-from collabslam.types import Array, Board, Recording
+from collabslam.types import Array, Recording
 
 
 def board_poses(recording: Recording, board: Board) -> tuple[Array, Array]:

@@ -10,8 +10,9 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.errors import DataError
+from collabslam.targets.kinds import Board
 from collabslam.targets.printed import board_corners
-from collabslam.types import Array, Board, Image
+from collabslam.types import Array, Image
 
 MOST_LOOKED_AT = 150
 """Pictures of a recording in which the board is looked for, spread over it."""

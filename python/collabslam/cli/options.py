@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from collabslam.datasets.source import Source
     from collabslam.runs.runner import Watch
     from collabslam.settings.table import Settings
-    from collabslam.types import Board, Recording, Tag
+    from collabslam.targets.kinds import Board, Tag
+    from collabslam.types import Recording
 
 T = TypeVar("T")
 
@@ -334,7 +335,7 @@ def topics(text: str) -> dict[str, str]:
 
 def tag(text: str) -> Tag:
     """``36h11:3=0.16`` as a tag."""
-    from collabslam.types import Tag
+    from collabslam.targets.kinds import Tag
 
     with _argument():
         return Tag.parse(text)
@@ -342,7 +343,7 @@ def tag(text: str) -> Tag:
 
 def board(text: str) -> Board:
     """``7x5:0.03`` as a board."""
-    from collabslam.types import Board
+    from collabslam.targets.kinds import Board
 
     with _argument():
         return Board.parse(text)

@@ -9,8 +9,9 @@ from collabslam._core import Camera
 from collabslam.datasets.calibration import check_resolution
 from collabslam.datasets.stream import StreamRecording
 from collabslam.errors import DataError, InputError, SettingsError
+from collabslam.targets.kinds import Board, Tag
 from collabslam.targets.printed import pose_between
-from collabslam.types import Board, Image, Tag, WornView
+from collabslam.types import Image, WornView
 
 KINDS = ("tag:", "board:")
 PRINTED_ROLE = "tag:36h11:3=0.16 or board:9x6:0.03 (a printed target that both cameras see; several with +)"

@@ -11,8 +11,8 @@ import numpy as np
 
 from collabslam.live import link, messages, names
 from collabslam.live.core import LivePose
-from collabslam.slam import looking
 from collabslam.slam.engine import Slam
+from collabslam.slam.worn import looking
 
 STATUS_EVERY, MAP_EVERY, VIEW_EVERY = 0.5, 2.0, 0.3
 """Seconds between two messages of a kind."""

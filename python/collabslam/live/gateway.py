@@ -17,7 +17,7 @@ from collabslam.live import link, messages, names
 from collabslam.live.clock import ClockEstimator, Exchange
 from collabslam.live.pace import Pace
 from collabslam.live.steady import SteadyClock
-from collabslam.slam.looking import DIAGNOSTICS
+from collabslam.slam.worn.looking import DIAGNOSTICS
 from collabslam.types import Array
 
 WIDTHS = {10_000: (480, 0.5), 7_000: (400, 0.45), 5_000: (320, 0.4)}

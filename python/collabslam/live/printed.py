@@ -14,8 +14,9 @@ from collabslam.errors import DataError
 from collabslam.live.tracked import OwnWorlds, shared
 from collabslam.live.views import LiveView, OwnPose
 from collabslam.slam.engine import Slam
+from collabslam.targets.kinds import Board, Tag
 from collabslam.targets.printed import Sighting, between, pose_between, sightings
-from collabslam.types import Board, Image, Tag, WornView
+from collabslam.types import Image, WornView
 
 KEPT = 12
 """Frames of Cs that are kept for views of their time."""

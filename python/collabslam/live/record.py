@@ -21,7 +21,7 @@ from collabslam.live.core import ClockReading, Event, OdometrySample, RobotFrame
 from collabslam.live.steady import nanoseconds
 from collabslam.live.views import LiveView, OwnPose, sender_of
 from collabslam.runs.results import jsonable
-from collabslam.types import Board, Tag
+from collabslam.targets.kinds import Board, Tag
 
 ROBOT_IMAGE, ROBOT_INFO = "/cs/image_raw", "/cs/camera_info"
 WORN_IMAGE, WORN_INFO = "/cf/image/compressed", "/cf/camera_info"

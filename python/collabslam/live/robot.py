@@ -27,7 +27,8 @@ from collabslam.runs.folder import claim, locked
 from collabslam.runs.plan import MODE_KEY
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
-from collabslam.types import Board, Tag, worn_cameras
+from collabslam.targets.kinds import Board, Tag
+from collabslam.types import worn_cameras
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ from collabslam.live.core import ClockReading, Event, LiveCore, LivePose, Odomet
 from collabslam.live.printed import printed_poses
 from collabslam.live.views import SURPLUS, LiveView
 from collabslam.slam.engine import Slam
-from collabslam.types import Board, Image, Tag
+from collabslam.targets.kinds import Board, Tag
+from collabslam.types import Image
 
 BOUNDS: dict[type, int] = {RobotFrame: 4, LiveView: 16, ClockReading: 32, OdometrySample: 1000}
 """Events of each kind that wait for the filter at most, views of each person; the oldest gives way."""

@@ -16,8 +16,9 @@ import numpy as np
 
 from collabslam.geometry import adjoint, pose_inverse
 from collabslam.live.views import OwnPose
+from collabslam.targets.kinds import Board, Tag
 from collabslam.targets.printed import Sighting
-from collabslam.types import Array, Board, Tag
+from collabslam.types import Array
 
 WAY_SD = 0.02
 """Standard deviation of each coordinate by drift, as a share of the way; it is assumed, not measured."""

@@ -26,17 +26,16 @@ from collabslam.runs.results import ResultWriter, jsonable
 from collabslam.runs.summary import INTERRUPTED, TERMINATED, Summary, summarise
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
+from collabslam.slam.map.saved_map import SavedMap
 from collabslam.slam.results import SubmapPoses
-from collabslam.slam.saved_map import SavedMap
+from collabslam.targets.kinds import Board, Tag
 from collabslam.types import (
     Array,
-    Board,
     Frame,
     Image,
     Indices,
     Odometry,
     Recording,
-    Tag,
     WornView,
     worn_cameras,
 )

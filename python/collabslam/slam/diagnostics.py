@@ -10,7 +10,7 @@ import numpy as np
 from collabslam._core import UpdateReport
 from collabslam.frontend.search import SearchCode
 from collabslam.slam.map_change import Recovered
-from collabslam.slam.tracks import Found
+from collabslam.slam.tracking.tracks import Found
 
 
 class StageTimes:

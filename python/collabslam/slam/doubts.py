@@ -14,11 +14,11 @@ from collabslam._core import Outcomes, UpdateReport, chi2_quantile
 from collabslam.formats.schema import Check, array, fields, table, whole
 from collabslam.frontend.worn_verdict import contradicted, contradicted_lately
 from collabslam.settings.setting import Value
+from collabslam.slam.map.size import MapSize
 from collabslam.slam.map_change import MapChange
-from collabslam.slam.map_size import MapSize
-from collabslam.slam.overlaps import Overlaps
 from collabslam.slam.state import PersistentState
-from collabslam.slam.worn_frame import Overlap
+from collabslam.slam.worn.matcher import Overlap
+from collabslam.slam.worn.overlaps import Overlaps
 from collabslam.types import Array
 
 NOTHING = ""

@@ -10,7 +10,8 @@ from collabslam._core import Camera
 from collabslam.errors import InputError
 from collabslam.slam.guard import alone
 from collabslam.slam.parts import EngineParts
-from collabslam.types import Board, Tag, WornView
+from collabslam.targets.kinds import Board, Tag
+from collabslam.types import WornView
 
 
 class EngineInputs(EngineParts):

@@ -8,8 +8,8 @@ import numpy as np
 
 from collabslam._core import Prediction, UpdateReport
 from collabslam.frontend.search import AMBIGUOUS, FOUND, LOW_SCORE
-from collabslam.slam.overlaps import Overlaps
-from collabslam.slam.tracks import Found
+from collabslam.slam.tracking.tracks import Found
+from collabslam.slam.worn.overlaps import Overlaps
 from collabslam.types import Array, Ids
 
 STATES = ("accepted", "rejected", "unlike", "ambiguous", "outside", "not searched")

@@ -9,9 +9,9 @@ from typing import Any
 from collabslam._core import Prediction, UpdateReport
 from collabslam.slam.diagnostics import recovery_counts, search_counts
 from collabslam.slam.map_change import ImagePoints, MapChange, Recovered
-from collabslam.slam.overlaps import Overlaps
-from collabslam.slam.tracks import Found
+from collabslam.slam.tracking.tracks import Found
 from collabslam.slam.view import View
+from collabslam.slam.worn.overlaps import Overlaps
 
 
 @dataclass(frozen=True)

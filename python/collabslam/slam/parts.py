@@ -26,31 +26,31 @@ from collabslam.frontend.patch import Patch
 from collabslam.settings.modes import SLAM_STARTS
 from collabslam.settings.table import STATE as SETTINGS_STATE
 from collabslam.settings.table import Settings
-from collabslam.slam.blank_image import BlankImageDetector
-from collabslam.slam.depth_input import DepthInput
 from collabslam.slam.doubts import Doubts
-from collabslam.slam.fixed_content import FixedContent
-from collabslam.slam.free_start import FreeStart
 from collabslam.slam.guard import Guard, alone
-from collabslam.slam.known_submaps import KnownSubmaps
-from collabslam.slam.late_views import KeptFrame, LateViews
-from collabslam.slam.looking import Look, Looking, WornPose
-from collabslam.slam.loop_search import Wanted
-from collabslam.slam.map_aside import MapAside
-from collabslam.slam.map_management import MapManager, scarce_below
-from collabslam.slam.map_size import MapSize
-from collabslam.slam.printed_targets import PrintedTargets
-from collabslam.slam.recovery import Recovery
-from collabslam.slam.relocalise import Relocaliser
+from collabslam.slam.map.free_start import FreeStart
+from collabslam.slam.map.management import MapManager, scarce_below
+from collabslam.slam.map.saved_map import SavedMap
+from collabslam.slam.map.size import MapSize
+from collabslam.slam.recovery.known_submaps import KnownSubmaps
+from collabslam.slam.recovery.map_aside import MapAside
+from collabslam.slam.recovery.recovery import Recovery
+from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.results import Loop
-from collabslam.slam.saved_map import SavedMap
 from collabslam.slam.state import check_camera, persistent_parts
 from collabslam.slam.status import StatusMonitor
-from collabslam.slam.submap_chain import Submap
-from collabslam.slam.submaps import Submaps
-from collabslam.slam.target_start import TargetStart
-from collabslam.slam.tracks import Tracks
-from collabslam.slam.worn_frame import WornMatcher
+from collabslam.slam.submaps.chain import Submap
+from collabslam.slam.submaps.loop_search import Wanted
+from collabslam.slam.submaps.submaps import Submaps
+from collabslam.slam.targets.in_map import PrintedTargets
+from collabslam.slam.targets.start import TargetStart
+from collabslam.slam.tracking.blank_image import BlankImageDetector
+from collabslam.slam.tracking.depth_input import DepthInput
+from collabslam.slam.tracking.fixed_content import FixedContent
+from collabslam.slam.tracking.tracks import Tracks
+from collabslam.slam.worn.late_views import KeptFrame, LateViews
+from collabslam.slam.worn.looking import Look, Looking, WornPose
+from collabslam.slam.worn.matcher import WornMatcher
 from collabslam.types import Target, WornView
 
 KIND, VERSION = "engine state", 14

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from collabslam._core import Camera
 from collabslam.errors import SettingsError
 from collabslam.settings.modes import MODES, SLAM_STARTS
-from collabslam.slam.saved_map import SavedMap
-from collabslam.types import Board, Tag, Target
+from collabslam.slam.map.saved_map import SavedMap
+from collabslam.targets.kinds import Board, Tag
+from collabslam.types import Target
 
 
 def check_start(

@@ -17,8 +17,9 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.errors import DataError, InputError
 from collabslam.geometry import adjoint, pose_inverse, se3_log
+from collabslam.targets.kinds import FAMILIES, Board, Tag
 from collabslam.targets.pose import pose_from_points, project_points
-from collabslam.types import FAMILIES, Array, Board, Image, Tag
+from collabslam.types import Array, Image
 
 SIGMA = 0.3
 """Standard deviation of a tag's corner, pixels; of a board's, which has many, the scatter tells it."""

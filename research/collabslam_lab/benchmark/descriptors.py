@@ -29,7 +29,7 @@ from collabslam.geometry import pose_inverse
 from collabslam.runs.report import number
 from collabslam.runs.results import write_summary
 from collabslam.settings.table import Settings
-from collabslam.slam.worn_frame import NEW_POINTS
+from collabslam.slam.worn.matcher import NEW_POINTS
 from collabslam.types import Array, Indices, Mask
 from collabslam_lab.benchmark.pairs import Pair, Scene, choose_pairs, true_inverse_ranges
 from collabslam_lab.benchmark.plan import Entry, Plan

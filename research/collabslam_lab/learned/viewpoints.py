@@ -26,7 +26,7 @@ from collabslam.frontend.patch import SIZE
 from collabslam.runs.report import number
 from collabslam.runs.results import write_summary
 from collabslam.settings.table import Settings
-from collabslam.slam.worn_frame import NEW_POINTS
+from collabslam.slam.worn.matcher import NEW_POINTS
 from collabslam.types import Array, Indices
 from collabslam_lab.benchmark.descriptors import EDGES, Look, pose_errors, right_matches
 from collabslam_lab.benchmark.pairs import Pair, Scene, choose_pairs

@@ -30,7 +30,7 @@ from collabslam.formats.trajectory import read_covariances, write_covariances, w
 from collabslam.runs.run_folder import read_frames, read_summary
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
-from collabslam.slam.saved_map import SavedMap
+from collabslam.slam.map.saved_map import SavedMap
 from collabslam_lab.benchmark.plan import find_plan
 from collabslam_lab.reliability.samples import SmallRecording, bag, engine_state, saved_map
 

@@ -13,7 +13,7 @@ from collabslam.datasets.ros.writer import write_bag
 from collabslam.frontend.patch import capture
 from collabslam.geometry import se3_exp
 from collabslam.slam.engine import Slam
-from collabslam.slam.saved_map import SavedMap
+from collabslam.slam.map.saved_map import SavedMap
 from collabslam.types import Frame, Image, WornView
 
 WIDTH, HEIGHT, FRAMES = 48, 32, 3

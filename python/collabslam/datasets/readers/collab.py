@@ -51,7 +51,8 @@ from collabslam.datasets.recording import ImageRecording, RecordedView, Recorded
 from collabslam.datasets.stream import StreamRecording
 from collabslam.errors import CollabslamError, DataError
 from collabslam.geometry import pose_from_quaternion
-from collabslam.types import Array, Board, Odometry, Tag
+from collabslam.targets.kinds import Board, Tag
+from collabslam.types import Array, Odometry
 
 LAYOUT = "a two-camera recording (recording.yaml, cam0/, cam1/, relpose/data.csv)"
 FORMAT = "collabslam-recording"

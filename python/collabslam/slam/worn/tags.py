@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from collabslam.slam.late_views import LateViews
 from collabslam.slam.map_change import ImagePoints
-from collabslam.slam.overlaps import Overlaps
-from collabslam.slam.printed_targets import PrintedTargets
-from collabslam.slam.tracks import Found
+from collabslam.slam.targets.in_map import PrintedTargets
+from collabslam.slam.tracking.tracks import Found
 from collabslam.slam.view import PlacedWorn, View
-from collabslam.slam.worn_frame import Overlap, WornMatcher
+from collabslam.slam.worn.late_views import LateViews
+from collabslam.slam.worn.matcher import Overlap, WornMatcher
+from collabslam.slam.worn.overlaps import Overlaps
 
 
 def overlaps(

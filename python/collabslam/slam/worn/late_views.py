@@ -37,9 +37,9 @@ from collabslam.settings.frontend import FrontendSettings
 from collabslam.settings.table import Settings
 from collabslam.slam.map_change import ImagePoints, MapChange
 from collabslam.slam.state import SECONDS, PersistentState
-from collabslam.slam.tracks import Found, Tracks
+from collabslam.slam.tracking.tracks import Found, Tracks
 from collabslam.slam.view import PlacedViews, PlacedWorn, View
-from collabslam.slam.worn_frame import WornMatcher
+from collabslam.slam.worn.matcher import WornMatcher
 from collabslam.types import Array, Ids, Image, WornView
 
 MOST_PENDING = 32

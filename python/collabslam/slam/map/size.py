@@ -9,8 +9,8 @@ import numpy as np
 
 from collabslam.formats.schema import Check, array, flag, optional, pose
 from collabslam.frontend.worn_size import LAST_VIEWS, contradicted_size
-from collabslam.slam.overlaps import Overlaps
 from collabslam.slam.state import PersistentState
+from collabslam.slam.worn.overlaps import Overlaps
 from collabslam.types import Array
 
 

@@ -13,12 +13,12 @@ from collabslam.formats.schema import Check, whole
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.place_recognition import locate, most_alike
 from collabslam.settings.frontend import FrontendSettings
-from collabslam.slam.map_aside import MapAside
 from collabslam.slam.map_change import Recovered
-from collabslam.slam.relocalise import Relocaliser
+from collabslam.slam.recovery.map_aside import MapAside
+from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.state import PersistentState
-from collabslam.slam.submap_chain import Chain, Submap
-from collabslam.slam.submaps import Submaps
+from collabslam.slam.submaps.chain import Chain, Submap
+from collabslam.slam.submaps.submaps import Submaps
 from collabslam.slam.view import View
 
 STRETCH = 50

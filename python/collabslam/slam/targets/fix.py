@@ -15,10 +15,10 @@ import numpy as np
 from collabslam._core import Camera, Filter
 from collabslam.frontend.place_recognition import Fix
 from collabslam.geometry import nearest_rotation, pose, pose_inverse, se3_log
-from collabslam.slam.map_aside import MapAside
 from collabslam.slam.map_change import ImagePoints, Recovered
-from collabslam.slam.printed_targets import SeenTarget
-from collabslam.slam.relocalise import Relocaliser
+from collabslam.slam.recovery.map_aside import MapAside
+from collabslam.slam.recovery.relocalise import Relocaliser
+from collabslam.slam.targets.in_map import SeenTarget
 from collabslam.targets.printed import AMBIGUOUS, planar_solutions
 from collabslam.types import Array, Ids
 

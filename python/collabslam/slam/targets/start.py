@@ -14,12 +14,12 @@ from collabslam.formats.schema import Check, array, items
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.patch import SIZE, Patch, capture, warp_templates
 from collabslam.frontend.search import FOUND, active_search
-from collabslam.frontend.target import RADIUS, SIGMA, find_target
 from collabslam.geometry import pose_inverse
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints
-from collabslam.slam.printed_targets import PrintedTargets, by_pose_error, known_points
 from collabslam.slam.state import PATCH, PersistentState
+from collabslam.slam.targets.in_map import PrintedTargets, by_pose_error, known_points
+from collabslam.slam.targets.patches import RADIUS, SIGMA, find_target
 from collabslam.slam.view import View
 from collabslam.targets.printed import Sighting
 from collabslam.types import Array, Image, Mask, Target

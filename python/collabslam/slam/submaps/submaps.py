@@ -32,11 +32,11 @@ from collabslam.formats.schema import (
 )
 from collabslam.frontend.patch import capture
 from collabslam.settings.frontend import FrontendSettings
-from collabslam.slam.beside import Beside
-from collabslam.slam.loop_search import Answer, LoopSearch, Wanted
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import PersistentState
-from collabslam.slam.submap_chain import Chain, Submap, check_chain
+from collabslam.slam.submaps.beside import Beside
+from collabslam.slam.submaps.chain import Chain, Submap, check_chain
+from collabslam.slam.submaps.loop_search import Answer, LoopSearch, Wanted
 from collabslam.slam.view import View
 from collabslam.types import Array, Ids
 

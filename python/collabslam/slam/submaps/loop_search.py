@@ -32,7 +32,7 @@ from collabslam.frontend.place_recognition import (
 )
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.results import Loop
-from collabslam.slam.submap_chain import Chain, Submap
+from collabslam.slam.submaps.chain import Chain, Submap
 from collabslam.types import Ids, Image
 
 CANDIDATES = 2

@@ -14,7 +14,7 @@ from collabslam.errors import InputError
 from collabslam.formats.schema import Check, array, items, refuse
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import PersistentState
-from collabslam.slam.tracks import Found
+from collabslam.slam.tracking.tracks import Found
 from collabslam.slam.view import View
 from collabslam.types import Array, Ids, Indices, Mask
 

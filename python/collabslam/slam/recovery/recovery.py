@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from collabslam._core import Camera, Filter, UpdateReport
-from collabslam.slam.known_submaps import KnownSubmaps
+from collabslam.slam.map.management import MapManager
+from collabslam.slam.map.size import MapSize
 from collabslam.slam.map_change import Recovered
-from collabslam.slam.map_management import MapManager
-from collabslam.slam.map_size import MapSize
-from collabslam.slam.overlaps import Overlaps
-from collabslam.slam.printed_targets import PrintedTargets
-from collabslam.slam.relocalise import Relocaliser
+from collabslam.slam.recovery.known_submaps import KnownSubmaps
+from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.status import StatusMonitor
-from collabslam.slam.target_fix import find_by_targets, find_in_aside
-from collabslam.slam.tracks import Found
+from collabslam.slam.targets.fix import find_by_targets, find_in_aside
+from collabslam.slam.targets.in_map import PrintedTargets
+from collabslam.slam.tracking.tracks import Found
 from collabslam.slam.view import View
-from collabslam.slam.worn_frame import WornMatcher
+from collabslam.slam.worn.matcher import WornMatcher
+from collabslam.slam.worn.overlaps import Overlaps
 
 
 class Recovery:

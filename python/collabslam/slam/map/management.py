@@ -8,14 +8,14 @@ import numpy as np
 
 from collabslam._core import Filter, UpdateReport
 from collabslam.settings.table import Settings
-from collabslam.slam.depth_input import Depths
-from collabslam.slam.free_start import FreeStart
+from collabslam.slam.map.free_start import FreeStart
 from collabslam.slam.map_change import ImagePoints, MapChange
-from collabslam.slam.overlaps import Overlaps
-from collabslam.slam.printed_targets import PrintedTargets
-from collabslam.slam.target_start import TargetStart
-from collabslam.slam.tracks import Found
+from collabslam.slam.targets.in_map import PrintedTargets
+from collabslam.slam.targets.start import TargetStart
+from collabslam.slam.tracking.depth_input import Depths
+from collabslam.slam.tracking.tracks import Found
 from collabslam.slam.view import View
+from collabslam.slam.worn.overlaps import Overlaps
 from collabslam.types import Array, Ids
 
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from collabslam.formats.schema import array, covariance, instance, items, refuse
 from collabslam.frontend.patch import Patch
-from collabslam.slam.printed_targets import check_targets
 from collabslam.slam.state import PATCH
+from collabslam.slam.targets.in_map import check_targets
 from collabslam.types import Array, Ids
 
 

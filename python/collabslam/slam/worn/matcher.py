@@ -20,7 +20,7 @@ from collabslam.settings.frontend import FrontendSettings
 from collabslam.settings.table import Settings
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import SECONDS
-from collabslam.slam.tracks import Found
+from collabslam.slam.tracking.tracks import Found
 from collabslam.slam.view import PlacedWorn, View
 from collabslam.types import Array, Ids, WornView
 

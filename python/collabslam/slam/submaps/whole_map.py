@@ -7,7 +7,7 @@ import numpy as np
 from collabslam._core import Placed, skew
 from collabslam.errors import FilterError
 from collabslam.slam.results import Landmarks, SubmapPoses
-from collabslam.slam.submap_chain import Chain, Submap
+from collabslam.slam.submaps.chain import Chain, Submap
 from collabslam.types import Array
 
 _SPOILT = "What a submap handed on has a singular covariance; start a new map."

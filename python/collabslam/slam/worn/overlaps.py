@@ -11,7 +11,7 @@ from collabslam._core import Filter, Outcomes, UpdateReport, WornMeasurement
 from collabslam.frontend.patch import Patch
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.view import PlacedCamera, View
-from collabslam.slam.worn_frame import Overlap
+from collabslam.slam.worn.matcher import Overlap
 from collabslam.types import Array, Ids
 
 

@@ -20,11 +20,11 @@ from collabslam.frontend.patch import Patch, capture
 from collabslam.frontend.place_recognition import MIN_PATCHES, SUPPORT, Fix, describe_views, locate
 from collabslam.frontend.search import GATE
 from collabslam.settings.frontend import FrontendSettings, SearchSettings
-from collabslam.slam.map_aside import MapAside, check_aside
 from collabslam.slam.map_change import ImagePoints, Recovered
-from collabslam.slam.printed_targets import PrintedTargets
+from collabslam.slam.recovery.map_aside import MapAside, check_aside
 from collabslam.slam.state import PATCH, SECONDS, PersistentState
-from collabslam.slam.tracks import Tracks
+from collabslam.slam.targets.in_map import PrintedTargets
+from collabslam.slam.tracking.tracks import Tracks
 from collabslam.slam.view import View
 from collabslam.types import Array, Ids
 

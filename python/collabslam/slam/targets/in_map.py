@@ -15,10 +15,11 @@ from collabslam.frontend.search import FOUND
 from collabslam.geometry import pose_inverse, skew
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import PersistentState
-from collabslam.slam.tracks import Found
+from collabslam.slam.tracking.tracks import Found
 from collabslam.slam.view import View
+from collabslam.targets.kinds import Board, Tag
 from collabslam.targets.printed import Sighting, printed_corners, sighting
-from collabslam.types import Array, Board, Ids, Image, Tag
+from collabslam.types import Array, Ids, Image
 
 SIZE_SD = 0.005
 """Of each corner from its place, as a share of a target's size: measured, printed and flattened so well."""

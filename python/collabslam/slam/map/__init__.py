@@ -1,0 +1,1 @@
+"""What the map gains and loses, and how it is kept."""

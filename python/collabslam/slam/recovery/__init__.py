@@ -1,0 +1,1 @@
+"""Finding a camera that is not where prediction puts it."""

@@ -1,0 +1,1 @@
+"""Submaps of a long way, and the loops between them."""

@@ -1,0 +1,1 @@
+"""Printed and known targets as features of the map."""

@@ -1,0 +1,1 @@
+"""What Cs itself measures in a frame."""

@@ -1,0 +1,1 @@
+"""What the worn cameras see, and where they are."""
