@@ -6,10 +6,13 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from collabslam.errors import SettingsError
 from collabslam.geometry import pose_inverse
 from collabslam_lab.cli.main import main
 from collabslam_lab.hardware import clocks
+from collabslam_lab.hardware.free_running import WornClock
 from collabslam_lab.hardware.offset_tables import found_table, offset_table
 from collabslam_lab.hardware.wrong_stamps import KNOWN, WrongStamps, side_by_side
 
@@ -91,3 +94,9 @@ def test_the_command_writes_its_page(tmp_path: Path) -> None:
     assert "finds of it by a run and the views" in page
     assert (tmp_path / "clocks.png").read_bytes().startswith(b"\x89PNG")
     assert (tmp_path / "clocks.csv").read_text().count("\n") == 1 + len(numbers["clocks"])
+
+
+def test_an_impossible_clock_is_refused() -> None:
+    for numbers in ((0.0,), (10.0, -1.0), (10.0, 0.0, -1.0), (float("nan"),)):
+        with pytest.raises(SettingsError):
+            WornClock(*numbers)

@@ -27,11 +27,11 @@ from collabslam.checks.mistakes import (
 from collabslam.checks.trials import Trial, clock_trials
 from collabslam.cli import main as cli
 from collabslam.datasets.at_frames import AtFrames
-from collabslam.datasets.emulated.free_running import FreeRunning, WornAt, WornClock
 from collabslam.datasets.poses import interpolate_track
 from collabslam.datasets.wrapped import FirstFrames, WrappedRecording
 from collabslam.demo import corridor_recording
 from collabslam.types import Array, Frame, Image, Recording
+from collabslam_lab.hardware.free_running import FreeRunning, WornAt, WornClock
 
 FRAMES = 54
 """Of the demo's recording: Cf is there in the first and in the last fourteen."""

@@ -13,9 +13,7 @@ from conftest import GLOBAL_SHUTTER
 
 import collabslam
 from collabslam import InputError, Settings, Slam
-from collabslam.datasets.emulated.free_running import WornClock
 from collabslam.demo import corridor_recording
-from collabslam.errors import SettingsError
 from collabslam.types import WornView
 
 
@@ -170,9 +168,3 @@ def test_a_filter_starts_from_a_view_that_comes_late() -> None:
     true = np.linalg.inv(corridor().truth[0]) @ corridor().truth[6]
     off = result.pose[:3, 3] - true[:3, 3]
     assert np.linalg.norm(off) < 0.25 * np.linalg.norm(true[:3, 3])
-
-
-def test_an_impossible_clock_is_refused() -> None:
-    for numbers in ((0.0,), (10.0, -1.0), (10.0, 0.0, -1.0), (float("nan"),)):
-        with pytest.raises(SettingsError):
-            WornClock(*numbers)

@@ -9,12 +9,12 @@ import pytest
 
 from collabslam import InputError, RecordingWriter, open_recording
 from collabslam.datasets import write_recording
-from collabslam.datasets.emulated.free_running import FreeRunning, WornClock
 from collabslam.datasets.readers.stamped import LONGEST, own_time, views_of_frames
 from collabslam.datasets.ros.writer import write_bag
 from collabslam.datasets.wrapped import FirstFrames
 from collabslam.demo import corridor_recording
 from collabslam.types import Recording
+from collabslam_lab.hardware.free_running import FreeRunning, WornClock
 
 MS = 1_000_000
 

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from collabslam import run
-from collabslam.datasets.emulated.free_running import FreeRunning, WornAt, WornClock
 from collabslam.datasets.wrapped import FirstFrames
 from collabslam.demo import corridor_recording
 from collabslam.demo.demo_run import HeldRecording
@@ -18,6 +17,7 @@ from collabslam.demo.recording import DemoRecording
 from collabslam.evaluation.consistency import nees, pose_tangent_error
 from collabslam.runs.runner import RunResult
 from collabslam.types import Array
+from collabslam_lab.hardware.free_running import FreeRunning, WornAt, WornClock
 from collabslam_lab.hardware.wrong_stamps import AHEAD
 
 Row = dict[str, Any]
