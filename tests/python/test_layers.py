@@ -82,7 +82,7 @@ LAB_ALLOWED: dict[str, set[str]] = {
     "likeness": {"figures", "processes", "engines", "kept", "benchmark", "worlds"},
     "wearers": {"figures", "processes", "engines", "paper_simulation"},
     "long_ways": {"processes", "engines", "kept", "worlds"},
-    "calibrated": {"figures", "processes", "engines", "intervals"},
+    "calibrated": {"figures", "processes", "engines", "intervals", "benchmark"},
     "reliability": {"report", "processes", "benchmark"},
     "hardware": {"calibrated", "figures", "report", "worlds"},
     "learned": {"report", "processes", "benchmark"},

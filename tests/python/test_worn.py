@@ -14,8 +14,9 @@ from collabslam.datasets import attach_worn, open_recording, write_recording
 from collabslam.datasets.emulated.pixel_noise import exposed_again, noise_sd
 from collabslam.datasets.emulated.pose_noise import PoseNoise
 from collabslam.datasets.emulated.view_overlap import grid_points, view_overlap
+from collabslam.datasets.emulated.views import PosedViews
 from collabslam.errors import DataError, SettingsError
-from collabslam.types import Frame
+from collabslam.types import Frame, Recording
 
 SIZE = (32, 24)
 EXACT = (0.0, 0.0, 0.0, 0.0)
@@ -248,31 +249,26 @@ distortion_model: none
 """
 
 
-def line(stamp: int, t: np.ndarray) -> str:
-    w, x, y, z = g.quaternion_wxyz(t[:3, :3])
-    return " ".join([str(stamp), *(repr(float(v)) for v in [*t[:3, 3], x, y, z, w])])
-
-
-def make_keyframes(root: Path, keyframes: list[tuple[int, np.ndarray]], frames: int = 12) -> None:
-    """A still camera at the origin, and keyframes (nanoseconds after the start, T_WF)."""
+def make_still(root: Path, frames: int = 12) -> None:
+    """A camera that stands at the origin."""
     stamps = [START_NS + 50_000_000 * k for k in range(frames)]
     data = root / "mav0" / "cam0" / "data"
     data.mkdir(parents=True)
     (root / "mav0" / "cam0" / "sensor.yaml").write_text(SENSOR)
     for s in stamps:
         cv2.imwrite(str(data / f"{s}.png"), np.zeros((24, 32), np.uint8))
-    (root / "derived").mkdir()
-    (root / "derived" / "cam0_segment_T_world_cam0.txt").write_text(
-        "\n".join(line(s, np.eye(4)) for s in stamps)
-    )
-    (root / "keys").mkdir()
-    lines = []
-    for k, (after, pose) in enumerate(keyframes):
-        stamp = START_NS + after
-        lines.append(line(stamp, pose))
-        cv2.imwrite(str(root / "keys" / f"{stamp}_0.png"), np.full((24, 32), k, np.uint8))
-        cv2.imwrite(str(root / "keys" / f"{stamp}_1.png"), np.full((24, 32), 200, np.uint8))
-    (root / "derived" / "keyframes_T_world_cam0.txt").write_text("\n".join(lines))
+    truth = root / "mav0" / "state_groundtruth_estimate0" / "data.csv"
+    truth.parent.mkdir()
+    truth.write_text("\n".join(f"{s},0,0,0,1,0,0,0" for s in stamps))
+
+
+def make_views(root: Path, recording: Recording, views: list[tuple[float, np.ndarray]]) -> PosedViews:
+    """Images of the same camera: seconds after the start, T_WF."""
+    paths = [root / f"view{k}.png" for k in range(len(views))]
+    for k, path in enumerate(paths):
+        cv2.imwrite(str(path), np.full((24, 32), k, np.uint8))
+    stamps = START_NS / 10**9 + np.asarray([after for after, _ in views])
+    return PosedViews(recording.camera, paths, np.asarray([pose for _, pose in views]), stamps)
 
 
 def beside(x: float, yaw: float = 0.0) -> np.ndarray:
@@ -280,38 +276,36 @@ def beside(x: float, yaw: float = 0.0) -> np.ndarray:
 
 
 def test_views_choose_the_largest_overlap_and_take_turns(tmp_path: Path) -> None:
-    second = 10**9
-    keyframes = [
-        (-9 * second, beside(0.5)),
-        (-8 * second, beside(0.8)),
-        (-7 * second, beside(0.01)),
-        (-6 * second, beside(0.5, 1.0)),
-        (second // 4, beside(0.45)),
-    ]
-    make_keyframes(tmp_path, keyframes)
+    make_still(tmp_path)
     recording = open_recording(tmp_path)
-    worn = attach_worn(recording, "views:keys", noise=EXACT)
+    given = [
+        (-9.0, beside(0.5)),
+        (-8.0, beside(0.8)),
+        (-7.0, beside(0.01)),
+        (-6.0, beside(0.5, 1.0)),
+        (0.25, beside(0.45)),
+    ]
+    worn = attach_worn(recording, make_views(tmp_path, recording, given), noise=EXACT)
     seen = []
     for i in range(12):
         view = worn.frame(i).worn
         assert view is not None
         seen.append(int(view.image[0, 0]))
-        np.testing.assert_allclose(view.t_cf, keyframes[seen[-1]][1], atol=1e-6)
+        np.testing.assert_allclose(view.t_cf, given[seen[-1]][1], atol=1e-6)
     assert seen == [0] * 5 + [1] * 5 + [0] * 2
-    elsewhere = attach_worn(recording, f"views:{tmp_path / 'keys'}", noise=EXACT).frame(0).worn
-    assert elsewhere is not None
-    assert elsewhere.image[0, 0] == 0
 
 
 def test_no_view_with_overlap_means_no_view(tmp_path: Path) -> None:
-    make_keyframes(tmp_path, [(-(10**9), beside(0.5, 1.5)), (-2 * 10**9, beside(30.0))])
-    assert shown(attach_worn(open_recording(tmp_path), "views:keys")) == []
+    make_still(tmp_path)
+    recording = open_recording(tmp_path)
+    views = make_views(tmp_path, recording, [(-1.0, beside(0.5, 1.5)), (-2.0, beside(30.0))])
+    assert shown(attach_worn(recording, views)) == []
 
 
 def test_views_of_another_recording_and_a_missing_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    make_keyframes(tmp_path / "a", [(-(10**9), beside(0.5))])
+    make_still(tmp_path / "a")
     other = tmp_path / "other"
     (other / "images").mkdir(parents=True)
     cv2.imwrite(str(other / "images" / "0.png"), np.full((24, 32), 9, np.uint8))

@@ -11,9 +11,7 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.checks.samples import spread
-from collabslam.datasets import open_recording
 from collabslam.datasets.emulated.view_overlap import grid_points
-from collabslam.datasets.emulated.views import load_views
 from collabslam.datasets.images import read_grey
 from collabslam.datasets.recording import Rig
 from collabslam.demo.recording import DemoRecording, demo_recording
@@ -24,6 +22,7 @@ from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import pose_inverse
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.types import Array, Image, Recording
+from collabslam_lab.benchmark.opening import open_folder, views_of
 from collabslam_lab.benchmark.plan import Entry
 
 PER_BIN = 6
@@ -76,12 +75,11 @@ class Scene:
     @classmethod
     def of(cls, entry: Entry, data: Path, seed: int) -> Scene:
         """The recording of an entry; raises DataError if it lacks true poses or the rig asked for."""
-        folder = data / entry.folder
-        recording: Recording = demo_recording(seed) if entry.rendered else open_recording(folder)
+        recording: Recording = demo_recording(seed) if entry.rendered else open_folder(entry, data)
         truth = recording.truth
         if truth is None:
             raise DataError(f"{entry.name} has no true poses; matches cannot be judged.")
-        kind, _, value = (entry.worn or "lag").partition(":")
+        kind = (entry.worn or "lag").partition(":")[0]
         if kind == "rig":
             rig: Any = getattr(recording, "rig", None)
             if not isinstance(rig, Rig):
@@ -92,7 +90,7 @@ class Scene:
             other = Others(rig.camera, lambda j: read_grey(rig.paths[j], rig.camera), poses)
             return cls(recording, truth, other, kind)
         if kind == "views":
-            views = load_views(recording, value)
+            views = views_of(entry, recording)
             other = Others(views.camera, lambda j: read_grey(views.paths[j], views.camera), views.poses)
             return cls(recording, truth, other, kind)
         return cls(recording, truth, Others(recording.camera, recording.image, truth), "frames")

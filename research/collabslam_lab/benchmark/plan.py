@@ -56,6 +56,11 @@ class Entry:
         A scene of `RENDERED` in place of a folder.
     worn : str or None
         How the worn camera is emulated (`collabslam.attach_worn`); None takes the recording as it is.
+    truth : str or None
+        A file in the folder with stamped poses of Cs in TUM's order, in place of the recording's own truth.
+    view_poses : str or None
+        A file in the folder with stamped poses of the images of ``views:FOLDER``, in TUM's order; they are
+        of Cs, and their names are their stamps.
     available, period : float
         Share of each period, and its seconds, during which the worn camera is there.
     noise : tuple of float or None
@@ -82,6 +87,8 @@ class Entry:
     folder: str
     rendered: str | None = None
     worn: str | None = None
+    truth: str | None = None
+    view_poses: str | None = None
     available: float = 1.0
     period: float = 5.0
     noise: tuple[float, ...] | None = None
@@ -303,6 +310,8 @@ _FIELDS: dict[str, Callable[[Any, str], Any]] = {
     "folder": _text,
     "rendered": _choice(RENDERED),
     "worn": _text,
+    "truth": _text,
+    "view_poses": _text,
     "available": _number,
     "period": _number,
     "noise": _noise,

@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets import attach_worn, open_recording
+from collabslam.datasets import attach_worn
+from collabslam.datasets.emulated.views import PosedViews
 from collabslam.datasets.ordered import in_order
 from collabslam.datasets.readers import collab
 from collabslam.datasets.wrapped import WrappedRecording
@@ -29,6 +30,7 @@ from collabslam.runs.plan import Output
 from collabslam.runs.results import write_summary
 from collabslam.runs.runner import run
 from collabslam.types import Recording
+from collabslam_lab.benchmark.opening import open_folder, worn_of
 from collabslam_lab.benchmark.store import KEY, Item, Row
 from collabslam_lab.processes import use_one_thread
 
@@ -46,15 +48,15 @@ def open_entry(item: Item) -> Recording:
     if entry.draws:
         recording: Recording = in_order(collab.open(folder, folder / entry.draws[item.seed] / "data.csv"))
     else:
-        recording = _rendered(item.seed) if entry.rendered else open_recording(folder)
+        recording = _rendered(item.seed) if entry.rendered else open_folder(entry, item.data)
     if entry.calibration_sd is not None:
         recording = Miscalibrated(recording, entry.calibration_sd, item.seed)
     if entry.worn is not None:
-        recording = _with_worn(recording, entry.worn, item)
+        recording = _with_worn(recording, worn_of(entry, recording), item)
     return recording if entry.scored else Unscored(recording)
 
 
-def _with_worn(recording: Recording, worn: str, item: Item) -> Recording:
+def _with_worn(recording: Recording, worn: str | PosedViews, item: Item) -> Recording:
     entry = item.entry
     return attach_worn(
         recording,

@@ -112,6 +112,7 @@ class Item:
         entry = self.entry
         facts = {
             "worn": [entry.worn, entry.available, entry.period, entry.noise, self.bias_per_block],
+            "poses": [entry.truth, entry.view_poses],
             "calibration": entry.calibration_sd,
             "draws": entry.draws,
             "scored": entry.scored,

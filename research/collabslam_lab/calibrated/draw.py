@@ -7,16 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from collabslam import Settings, attach_worn, open_recording
+from collabslam import Settings, attach_worn
 from collabslam.checks.worn_bias.recorded import LastingError, lasting_error
 from collabslam.datasets.worn_calibration import CalibratedWorn
 from collabslam.runs.runner import run
 from collabslam.types import Array, Recording
+from collabslam_lab.benchmark.opening import open_folder, worn_of
+from collabslam_lab.benchmark.plan import find_plan
 from collabslam_lab.calibrated.ways import SECONDS, Erring, Stated, Untrue, drawn_error, rendered
 from collabslam_lab.processes import use_one_thread
 
-LAGS = {"hololens_000": "lag:0.7", "scenes7_redkitchen": "lag:2.0", "euroc_v101": "views:stereo_keyframes"}
-"""Recordings that are taken where --data has them, and their Cf; it is there for 40 % of each 5 s."""
+RECORDED = ("hololens_000", "scenes7_redkitchen", "euroc_v101")
+"""Recordings of the plan of `collabslam-lab evaluate` that are taken where --data has them."""
 EVEN = ("even", "one axis")
 FRAMES, QUICK_FRAMES = 100, 40
 """Of a rendered way."""
@@ -76,8 +78,8 @@ def go(way: str, seed: int, data: Path | None, quick: bool) -> Drawn:
     use_one_thread()
     out = Drawn(way, seed)
     error, clock = drawn_error(seed)
-    if data is not None and way in LAGS:
-        base: Recording = attach_worn(open_recording(data / way), LAGS[way], available=0.4, seed=seed)
+    if data is not None and way in RECORDED:
+        base = _recorded(way, seed, data)
     else:
         base = rendered(way, QUICK_FRAMES if quick else FRAMES, seed)
     out.score("calibrated", base)
@@ -87,3 +89,10 @@ def go(way: str, seed: int, data: Path | None, quick: bool) -> Drawn:
     out.correct("views alone", wrong, lasting_error(Untrue(wrong)))
     out.correct("true poses", wrong, lasting_error(wrong))
     return out
+
+
+def _recorded(name: str, seed: int, data: Path) -> Recording:
+    entry = next(entry for entry in find_plan(data, None).recordings if entry.name == name)
+    recording = open_folder(entry, data)
+    worn = worn_of(entry, recording)
+    return attach_worn(recording, worn, available=entry.available, period=entry.period, seed=seed)

@@ -11,7 +11,7 @@ from collabslam.errors import SettingsError
 from collabslam.evaluation.consistency import nees_band
 from collabslam.runs.progress import Progress
 from collabslam.runs.report import number
-from collabslam_lab.calibrated.draw import EVEN, LAGS, Drawn, go
+from collabslam_lab.calibrated.draw import EVEN, RECORDED, Drawn, go
 from collabslam_lab.calibrated.ways import DEGREES, METRES, SECONDS, WALKS
 from collabslam_lab.engines import LOCAL, Engine
 from collabslam_lab.figures import style
@@ -43,7 +43,7 @@ def reproduce(
     ----------
     out : Path
     data : Path or None
-        Where the recordings of `LAGS` are, if there are any.
+        Where the recordings of `RECORDED` are, if there are any.
     seed : int
         Of the first draw of noise and error.
     jobs : int
@@ -64,7 +64,7 @@ def reproduce(
         raise SettingsError(f"jobs {jobs}, seed {seed}: give 1 job or more, seed 0 or more.")
     ways = list(WALKS)
     if data is not None:
-        ways += [name for name in LAGS if (data / name).is_dir()]
+        ways += [name for name in RECORDED if (data / name).is_dir()]
     count = {way: 1 if quick else EVEN_DRAWS if way in EVEN else DRAWS for way in ways}
     asked = [(way, seed + k, data, quick) for way in ways for k in range(count[way])]
     drawn = _gone(asked, jobs, engine or LOCAL)

@@ -10,10 +10,7 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.datasets.emulated.view_overlap import grid_points, view_overlap
-from collabslam.datasets.images import list_images
 from collabslam.datasets.opening import open_recording
-from collabslam.datasets.poses import interpolate_track, parse_stamp, read_track
-from collabslam.datasets.readers.folder import images_of
 from collabslam.datasets.recording import ImageRecording
 from collabslam.errors import DataError
 from collabslam.geometry import pose_inverse
@@ -34,7 +31,7 @@ class PosedViews:
     poses : (N, 4, 4) float64
         ``T_WF``, NaN where it is missing.
     stamps : (N,) float64 or None
-        Seconds in the recording's own clock, where the views have any.
+        Seconds in the recording's own clock, or None: views of its own time span are left out by them.
     """
 
     camera: Camera
@@ -43,28 +40,10 @@ class PosedViews:
     stamps: Array | None
 
 
-def _keyframe_views(recording: Recording, folder: Path) -> PosedViews | None:
-    """EuRoC keyframes: names ``<ns>`` or ``<ns>_0``, poses in the recording's ``derived/*T_world_cam0*``."""
-    tracks = [
-        f
-        for f in sorted(Path(recording.source).glob("derived/*T_world_cam0*.txt"))
-        if "segment" not in f.name
-    ]
-    if not tracks or images_of(folder) != folder:
-        return None
-    paths = [p for p in list_images(folder) if p.stem.removesuffix("_0").isdigit()]
-    if not paths:
-        return None
-    stamps = np.asarray([parse_stamp(p.stem.removesuffix("_0"), str(p)) for p in paths])
-    order = np.argsort(stamps)
-    found = interpolate_track(*read_track(tracks[0]), stamps[order], widest=0.0)
-    return PosedViews(recording.camera, [paths[k] for k in order], found, stamps[order])
-
-
 def load_views(recording: Recording, folder: str) -> PosedViews:
     """Posed views of a folder, given relative to the recording's source or as an absolute path.
 
-    The folder holds keyframes of an EuRoC sequence, or is any recording with a truth in the same world.
+    The folder is any recording with a truth in the same world.
 
     Raises
     ------
@@ -76,17 +55,14 @@ def load_views(recording: Recording, folder: str) -> PosedViews:
         raise DataError(
             f"There is no folder {path}; views:FOLDER lies in the recording, or is given as an absolute path."
         )
-    views = _keyframe_views(recording, path)
-    if views is None:
-        other = open_recording(path)
-        if not isinstance(other, ImageRecording) or other.truth is None:
-            raise DataError(
-                f"The views in {path} have no poses; give a folder whose images are posed in the same world."
-            )
-        views = PosedViews(other.camera, other.paths, other.truth, None)
-    if not bool(np.any(np.isfinite(views.poses))):
+    other = open_recording(path)
+    if not isinstance(other, ImageRecording) or other.truth is None:
+        raise DataError(
+            f"The views in {path} have no poses; give a folder whose images are posed in the same world."
+        )
+    if not bool(np.any(np.isfinite(other.truth))):
         raise DataError(f"None of the views in {path} has a pose; give poses in the recording's own clock.")
-    return views
+    return PosedViews(other.camera, other.paths, other.truth, None)
 
 
 def choose_views(

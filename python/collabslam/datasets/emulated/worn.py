@@ -16,7 +16,7 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.datasets.emulated.pixel_noise import exposed_again
 from collabslam.datasets.emulated.pose_noise import RIG_NOISE, SENSOR_NOISE, PoseNoise
-from collabslam.datasets.emulated.views import choose_views, load_views
+from collabslam.datasets.emulated.views import PosedViews, choose_views, load_views
 from collabslam.datasets.images import read_grey
 from collabslam.datasets.recording import Rig
 from collabslam.datasets.wrapped import OnlyPersons, WrappedRecording
@@ -126,7 +126,7 @@ def _truth(recording: Recording, spec: str) -> Array:
 
 
 def _lag_samples(
-    recording: Recording, spec: str, value: str, blocks: Sequence[int | None], seed: int
+    recording: Recording, value: str, blocks: Sequence[int | None], seed: int
 ) -> dict[int, _Sample]:
     """Images of the same recording ``value`` seconds later, nearest by time within half a frame period.
 
@@ -138,9 +138,9 @@ def _lag_samples(
         lag = 0.0
     if not np.isfinite(lag) or lag == 0.0:
         raise SettingsError(
-            f"The worn camera '{spec}' needs a lag in seconds other than zero, such as lag:2.0."
+            f"The worn camera 'lag:{value}' needs a lag in seconds other than zero, such as lag:2.0."
         )
-    truth, times = _truth(recording, spec), recording.times
+    truth, times = _truth(recording, f"lag:{value}"), recording.times
     half = 0.5 * float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     known = np.all(np.isfinite(truth), axis=(1, 2))
     out: dict[int, _Sample] = {}
@@ -170,10 +170,10 @@ def _rig_samples(recording: Recording) -> tuple[Camera, dict[int, _Sample]]:
 
 
 def _view_samples(
-    recording: Recording, spec: str, folder: str, blocks: Sequence[int | None]
+    recording: Recording, given: str | PosedViews, blocks: Sequence[int | None]
 ) -> tuple[Camera, dict[int, _Sample]]:
-    _truth(recording, spec)
-    views = load_views(recording, folder)
+    _truth(recording, "views")
+    views = load_views(recording, given) if isinstance(given, str) else given
     chosen = choose_views(recording, views, [b is not None for b in blocks])
     return views.camera, {
         i: _Sample(partial(read_grey, views.paths[j], views.camera), t_cf) for i, (j, t_cf) in chosen.items()
@@ -201,7 +201,7 @@ def _availability(
 
 def attach_worn(
     recording: Recording,
-    spec: str,
+    spec: str | PosedViews,
     *,
     available: float = 1.0,
     period: float = 5.0,
@@ -222,7 +222,8 @@ def attach_worn(
         worn camera walked ahead (a negative lag: behind).
         Their pixels get fresh noise (`collabslam.datasets.emulated.pixel_noise`).
         ``rig``: the second camera of the rig.  ``views:FOLDER``: posed views of the same place, the one with
-        the largest overlap each time (:func:`collabslam.datasets.emulated.views.choose_views`).
+        the largest overlap each time (:func:`collabslam.datasets.emulated.views.choose_views`).  Or these
+        views themselves.
     available
         Share of each period, from the first stamp, during which the worn camera is there; it is there first.
     period
@@ -245,7 +246,7 @@ def attach_worn(
     DataError
         If the recording lacks what ``spec`` needs: true poses, a rig, posed views.
     """
-    kind, value = _parse(spec)
+    kind, value = _parse(spec) if isinstance(spec, str) else ("views", "")
     mask = _availability(available, period, intervals)
     if seed < 0:
         raise SettingsError(f"The seed {seed} is not allowed; give a whole number that is zero or more.")
@@ -259,11 +260,11 @@ def attach_worn(
             recording = OnlyPersons(recording, value.split(","))
         return WornRecording(recording, worn_cameras(recording), {}, blocks, None)
     if kind == "lag":
-        camera, samples = recording.camera, _lag_samples(recording, spec, value, blocks, seed)
+        camera, samples = recording.camera, _lag_samples(recording, value, blocks, seed)
     elif kind == "rig":
         camera, samples = _rig_samples(recording)
     else:
-        camera, samples = _view_samples(recording, spec, value, blocks)
+        camera, samples = _view_samples(recording, value if isinstance(spec, str) else spec, blocks)
     return WornRecording(
         recording, {"": camera}, samples, blocks, PoseErrors(_pose_noise(noise, kind), seed, bias_per_block)
     )

@@ -1,8 +1,7 @@
 """EuRoC (ASL layout): ``mav0/cam0`` is Cs, ``mav0/cam1`` the rig's second camera.
 
-Truth comes from the first of these that exists: ``derived/*segment*T_world_cam0*.txt`` (poses of the camera),
-``mav0/state_groundtruth_estimate0/data.csv`` and ``gt/*.txt`` (poses of the body, composed with ``T_BS``).
-Files named ``*_original.txt`` are passed over.
+The truth is ``mav0/state_groundtruth_estimate0/data.csv``, if that is there: poses of the body, composed with
+the camera's ``T_BS``.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from collabslam.datasets.calibration import load_camera, load_extrinsics
 from collabslam.datasets.poses import interpolate_track, read_track, seconds
 from collabslam.datasets.readers.stamped import match_stamps, read_stream
 from collabslam.datasets.recording import ImageRecording, Rig
-from collabslam.errors import DataError
 from collabslam.geometry import pose_inverse
 from collabslam.types import Array
 
@@ -33,21 +31,10 @@ def matches(path: Path) -> bool:
 
 
 def _truth(root: Path, times: Array) -> Array | None:
-    for file in sorted(root.glob("derived/*T_world_cam0*.txt")):
-        if "segment" in file.name:
-            return interpolate_track(*read_track(file), times)
     body = root / "mav0" / "state_groundtruth_estimate0" / "data.csv"
-    if body.is_file():
-        stamps, poses = read_track(body, euroc=True)
-    else:
-        files = [f for f in sorted(root.glob("gt/*.txt")) if not f.stem.endswith("_original")]
-        if not files:
-            return None
-        if len(files) > 1:
-            raise DataError(
-                f"{root / 'gt'} holds {len(files)} trajectories; leave only the one of this sequence."
-            )
-        stamps, poses = read_track(files[0])
+    if not body.is_file():
+        return None
+    stamps, poses = read_track(body, euroc=True)
     t_bc = load_extrinsics(root / "mav0" / "cam0" / "sensor.yaml")
     return interpolate_track(stamps, poses @ t_bc, times)
 
