@@ -15,9 +15,8 @@ from typing import Any
 
 import psutil
 import pytest
-from conftest import Clip
-from test_evaluate import PLAN
-from test_viewing import Short
+from helpers.clip import Clip, Short
+from helpers.plans import PLAN
 
 from collabslam.datasets import write_recording
 from collabslam.errors import DataError, SettingsError

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from posted import Posted, paint
+from helpers.posted import Posted, paint
 
 from collabslam import Camera, Tag
 from collabslam.datasets.wrapped import WrappedRecording

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Clip
+from helpers.clip import Clip
 
 BENCHES = Path(__file__).parents[2] / "benches"
 REPLAY = BENCHES / "replay.py"

@@ -16,12 +16,10 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from conftest import Clip
-from posted import paint
-from test_bags import Maker
-from test_targets import TAG, walk_past
-from test_viewing import Short
-from test_worn_pose import write_sensor_bag
+from helpers.bags import Maker
+from helpers.clip import Clip, Short
+from helpers.posted import TAG, paint, walk_past
+from helpers.sensed_person import write_sensor_bag
 
 import collabslam
 from collabslam import Board

@@ -25,38 +25,15 @@ deviation is too large by a factor of ten.
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 import pytest
+from helpers.whole_runs import LARGEST_NEES, MODES, scores
 
-import collabslam
 from collabslam.demo import corridor_recording, demo_recording
 
-MODES = ("mono", "collab-tight")
 SEEDS = range(3)
-LARGEST_NEES = 16.3
 LEAST_NEES = 0.03
-
-
-class Rendered:
-    """A recording whose frames are rendered once for all runs."""
-
-    def __init__(self, recording: Any) -> None:
-        self._recording = recording
-        self.frame = cache(recording.frame)
-
-    def __len__(self) -> int:
-        return len(self._recording)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._recording, name)
-
-
-def scores(recording: Any) -> dict[str, dict[str, Any]]:
-    """The summary of each mode."""
-    rendered: Any = Rendered(recording)
-    return {mode: collabslam.run(rendered, mode=mode).summary for mode in MODES}
 
 
 @pytest.fixture(scope="module", params=[corridor_recording, demo_recording], ids=["plain", "demo"])

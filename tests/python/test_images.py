@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import Clip
+from helpers.clip import Clip
 
 from collabslam import InputError, Slam, to_grey
 from collabslam.types import Image

@@ -337,7 +337,7 @@ STREAMS: tuple[tuple[str, str, Make], ...] = (
 BY_NAME = {name: make for name, _, make in STREAMS}
 
 BEYOND = ("t-cf-feet", "focal-both", "stabilised-whole")
-"""What no image tells: `tests/lab/test_attacks.py` holds the figures."""
+"""What no image tells: `tests/lab/reliability/test_attacks.py` holds the figures."""
 
 ATTACKS = tuple(
     Attack(

@@ -1,0 +1,173 @@
+"""Attacks: the table is whole, what must not happen is seen when it happens, and one of each kind holds."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from collabslam import Camera
+from collabslam.frontend.worn_verdict import ask_images
+from collabslam.geometry import pose, se3_exp
+from collabslam_lab.reliability.attacks import perform as performing
+from collabslam_lab.reliability.attacks.attack import HELD, REFUSED, Attack, Deed, Outcome, Result
+from collabslam_lab.reliability.attacks.perform import Ending, judge, perform
+from collabslam_lab.reliability.attacks.scene import Ground, Scene
+from collabslam_lab.reliability.attacks.table import ATTACKS, attacks_markdown
+
+ROOT = Path(__file__).parents[3]
+BY_NAME = {(attack.group, attack.name): attack for attack in ATTACKS}
+ONE_EACH = (
+    ("image", "gif"),
+    ("calibration", "nan"),
+    ("list", "repeated"),
+    ("relative pose", "negative"),
+    ("truth", "far"),
+    ("settings", "object"),
+    ("bag", "encoding"),
+    ("checkpoint", "victim"),
+    ("map", "crooked"),
+    ("command", "letters"),
+    ("place", "map-pipe"),
+    ("place", "record-above"),
+    ("limit", "small-files"),
+    ("signal", "term"),
+    ("call", "interrupted"),
+    ("stream", "dark"),
+)
+
+
+@pytest.fixture(scope="module")
+def ground(tmp_path_factory: pytest.TempPathFactory) -> Ground:
+    return Ground(tmp_path_factory.mktemp("ground"), length_m=1.8)
+
+
+def test_the_table_is_whole() -> None:
+    assert len(ATTACKS) >= 200
+    assert len(BY_NAME) == len(ATTACKS)
+    assert {group for group, _ in ONE_EACH} == {attack.group for attack in ATTACKS}
+    assert max(Counter(attack.what for attack in ATTACKS).values()) == 1
+    page = (ROOT / "docs" / "reliability.md").read_text(encoding="utf-8")
+    rows = {tuple(row.split(" | ")[:2]) for row in page.splitlines() if row.startswith("| ")}
+    missing = [key for key in BY_NAME if (f"| {key[0]}", f"`{key[1]}`") not in rows]
+    assert not missing, "collabslam-lab reliability attacks prints the table"
+
+
+@pytest.mark.parametrize("name", ONE_EACH, ids="-".join)
+def test_one_of_each_kind(ground: Ground, name: tuple[str, str]) -> None:
+    result = perform(BY_NAME[name], ground)
+    assert result.good, result
+
+
+def _program(scene: Scene, text: str) -> Deed:
+    module = scene.folder / "attacker.py"
+    module.write_text(text)
+    return Deed(["attacker"], environment={"PYTHONPATH": str(scene.folder)})
+
+
+@pytest.mark.parametrize(
+    ("text", "outcome"),
+    [
+        ("raise KeyError('x')", Outcome.TRACEBACK),
+        ("import os; os.abort()", Outcome.TRACEBACK),
+        ("import sys; sys.exit(3)", Outcome.TRACEBACK),
+        ("import time; time.sleep(60)", Outcome.HANG),
+        ("import os; os.remove(__file__)", Outcome.LOST),
+        ("open(__file__, 'a').write('#')", Outcome.LOST),
+        ("import sys; block = b'x' * 400_000_000; sys.exit(2)", Outcome.MEMORY),
+        ("import sys; sys.exit(2)", Outcome.UNNAMED),
+        ("import sys; print('collabslam: error: bad luck', file=sys.stderr); sys.exit(2)", Outcome.UNNAMED),
+        ("import sys; print('collabslam: error: bad word', file=sys.stderr); sys.exit(2)", Outcome.REFUSED),
+        ("import sys; sys.exit(4)", Outcome.CHANGED),
+        ("import sys; sys.exit(1)", Outcome.TOLD),
+        ("pass", Outcome.HELD),
+    ],
+)
+def test_what_must_not_happen_is_seen(
+    ground: Ground, monkeypatch: pytest.MonkeyPatch, text: str, outcome: Outcome
+) -> None:
+    if outcome in (Outcome.MEMORY, Outcome.UNNAMED):  # the kernel hands a child the peak of its parent
+        monkeypatch.setattr(performing, "MEGABYTES", 300.0)
+    ours = b"x" * 400_000_000 if outcome is Outcome.UNNAMED else b""
+    attack = Attack("test", "it", "what", lambda scene: _program(scene, text), REFUSED, "word")
+    result = perform(attack, ground, seconds=3.0)
+    del ours
+    assert result.outcome is outcome
+    assert result.good == (outcome is Outcome.REFUSED)
+
+
+def test_ok_beside_a_wrong_pose_is_seen(ground: Ground) -> None:
+    attack = Attack("test", "it", "what", lambda scene: scene.run(), HELD)
+    ending = Ending(0, 1.0, 100.0, "", "", hung=False)
+    assert judge(attack, ending, [], {"ok_but_wrong_share": 0.019}) is Outcome.HELD
+    assert judge(attack, ending, [], {"ok_but_wrong_share": 0.021}) is Outcome.WRONG
+    assert judge(attack, replace(ending, status=1), [], {"ok_but_wrong_share": 0.021}) is Outcome.WRONG
+    assert judge(attack, ending, [], {"ok_but_wrong_share": None}) is Outcome.HELD
+    result = perform(attack, ground)
+    assert result.good
+    assert result.ok_share == 1.0
+    row = json.loads(json.dumps(result.jsonable()))
+    assert (row["outcome"], row["good"]) == ("held", True)
+    assert "| test | `it` | what | held |" in attacks_markdown([result])
+    bad = perform(Attack("test", "it", "what", lambda scene: scene.run(), REFUSED), ground)
+    assert bad.succeeded
+    assert "**held**" in attacks_markdown([bad])
+
+
+@pytest.mark.parametrize("beyond", [False, True])
+def test_what_no_image_tells_is_listed_and_is_not_held(beyond: bool) -> None:
+    attack = Attack("test", "it", "what", lambda scene: scene.run(), HELD, beyond=beyond)
+    result = Result(attack, Outcome.WRONG, 0, 1.0, 1.0, "")
+    assert not result.good
+    assert result.succeeded == (not beyond)
+    assert ("wrong pose: no image tells |" in attacks_markdown([result])) == beyond
+    assert ("**OK beside" in attacks_markdown([result])) == (not beyond)
+    assert Result(attack, Outcome.TRACEBACK, 0, 1.0, 1.0, "").succeeded
+
+
+def _against(pixels: list[np.ndarray], t_cf: np.ndarray, focals: tuple[float, float]) -> float:
+    """How much matches of Cs and Cf contradict a pose stated to 3 cm and 0.5 degrees, 1 in yaw."""
+    cameras = [Camera("pinhole", 720, 480, (f, f, 359.5, 239.5)) for f in focals]
+    rays_s, rays_f = (camera.unproject(uv) for camera, uv in zip(cameras, pixels, strict=True))
+    sds = np.array([0.03, 0.03, 0.03, 0.0087, 0.0175, 0.0087])
+    verdict = ask_images(rays_s, rays_f, t_cf, np.diag(sds**2), focals)
+    assert verdict is not None
+    return verdict.against
+
+
+@pytest.mark.parametrize("degrees", [0.0, 5.0])
+def test_no_image_tells_of_feet_nor_of_both_focal_lengths(degrees: float) -> None:
+    """The cameras of the demo, beside each other, Cf a little turned against Cs; the pixels are exact."""
+    t_cf = pose(
+        se3_exp([0.0, 0.0, 0.0, 0.0, np.deg2rad(degrees), 0.0])[:3, :3], np.array([-0.74, -0.76, 0.19])
+    )
+    points = np.random.default_rng(1).uniform((-2.0, -1.5, 5.0), (2.0, 1.5, 20.0), (80, 3))
+    right = Camera("pinhole", 720, 480, (620.0, 620.0, 359.5, 239.5))
+    pixels = [right.project(p).uv for p in (points, (points - t_cf[:3, 3]) @ t_cf[:3, :3])]
+    feet = t_cf.copy()
+    feet[:3, 3] /= 0.3048
+    assert _against(pixels, t_cf, (620.0, 620.0)) < 1e-6
+    assert _against(pixels, feet, (620.0, 620.0)) < 1e-6
+    assert _against(pixels, t_cf, (682.0, 682.0)) < 0.3
+    assert _against(pixels, t_cf, (682.0, 620.0)) > 1.0
+
+
+@pytest.mark.parametrize(("crop", "told"), [(1.0, False), (1.1, True)])
+def test_a_stabilised_camera_is_told_by_its_enlarged_image_alone(crop: float, told: bool) -> None:
+    """Turned by half a degree in pitch, and yaw, the calibration of Cs being that of the image as it was."""
+    points = np.random.default_rng(1).uniform((-2.0, -1.5, 5.0), (2.0, 1.5, 20.0), (80, 3))
+    t_cf = pose(np.eye(3), np.array([-0.74, -0.76, 0.19]))
+    turned = se3_exp([0.0, 0.0, 0.0, np.deg2rad(0.5), np.deg2rad(0.5), 0.0])
+    right = Camera("pinhole", 720, 480, (620.0, 620.0, 359.5, 239.5))
+    larger = Camera("pinhole", 720, 480, (620.0 * crop, 620.0 * crop, 359.5, 239.5))
+    pixels = [larger.project(points @ turned[:3, :3]).uv, right.project(points - t_cf[:3, 3]).uv]
+    assert (_against(pixels, t_cf, (620.0, 620.0)) > 1.0) == told
+
+
+def test_the_processes_run_this_python() -> None:
+    assert performing.program(["m", "w"], {"n": 5})[-4:] == [sys.executable, "-m", "m", "w"]

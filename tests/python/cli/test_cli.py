@@ -1,0 +1,333 @@
+"""The command line and the run behind it, with a stand-in for the engine."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.stand_ins import FakeSlam, Walk
+
+from collabslam.cli import COMMANDS, options
+from collabslam.cli import main as cli
+from collabslam.datasets import FirstFrames
+from collabslam.demo import demo_run
+from collabslam.errors import DataError, FilterError, SettingsError
+from collabslam.runs import runner
+from collabslam.runs.plan import MODE_KEY, Output, Plan
+from collabslam.runs.report import median_summary, summary_text, untrusted_text
+from collabslam.runs.summary import is_trusted
+from collabslam.settings.table import Settings
+from collabslam.types import Frame
+from collabslam.viz.plot import plot_run
+
+
+def go(recording: Walk, out: Path | Output | None = None, **options):
+    slam = options.pop("slam", None) or FakeSlam(recording)
+    return runner.run(recording, slam=slam, out=out, **options).summary
+
+
+@pytest.fixture
+def _no_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures are slow, and the tests of the run itself need none."""
+    monkeypatch.setattr("collabslam.viz.plot.plot_run", lambda result, path: None)
+
+
+@pytest.fixture
+def _walk_instead(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command line meets the walk and the stand-in, whatever it is asked to open."""
+    monkeypatch.setattr("collabslam.datasets.source.open_recording", lambda source, **_: Walk())
+    monkeypatch.setattr(runner, "make_engine", lambda *_: FakeSlam(Walk()))
+
+
+def test_run_writes_results_and_scores_them(tmp_path: Path) -> None:
+    summary = go(Walk(), Output(tmp_path, notes={"seed": 3}), mode="collab-tight")
+    stored = json.loads((tmp_path / "summary.json").read_text())
+    assert stored["frames"] == stored["frames_ok"] == 30
+    assert stored["scale_error"] == pytest.approx(1 / 1.05 - 1, abs=1e-6)
+    assert stored["options"]["seed"] == 3
+    assert stored["depth_measurements"] == 45
+    assert stored["overlap_ratio"] == pytest.approx(0.5)
+    assert stored["ms_per_frame"]["update"] == 1.0
+    assert stored["ms_per_frame"]["step"] > 0.0
+    assert stored["fps"] > 0
+    assert stored["settings_hash"] == summary["settings_hash"] == Settings.default().hash()
+    for key in ("mode", "source", "version", "path_length_m", "ate_rmse_m", "avg_position_error_m",
+                "final_position_error_m", "final_error_pct", "nees_mean", "ate_pct_all_frames", "coverage",
+                "ok_share", "ok_but_wrong_share", "nees_position", "nees_attitude", "sharpness_position",
+                "sharpness_attitude", "ms_p99", "ms_max"):  # fmt: skip
+        assert stored[key] is not None
+    assert Settings.load(tmp_path / "config.yaml") == Settings.default()
+    assert is_trusted(summary)
+    assert "average position error" in summary_text(summary)
+
+
+def test_two_runs_write_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        go(Walk(), tmp_path / name)
+    for file in (
+        "trajectory.tum",
+        "trajectory.cov",
+        "frames.csv",
+        "map.ply",
+        "config.yaml",
+    ):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+def test_two_pictures_of_a_run_are_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a.png", "b.png"):
+        plot_run(runner.run(Walk(), slam=FakeSlam(Walk())), tmp_path / name)
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_mode_and_settings_agree(tmp_path: Path) -> None:
+    mono = Settings.default().replace({MODE_KEY: "mono"})
+    assert go(Walk(), settings=mono)["mode"] == "mono"
+    assert go(Walk(), tmp_path, mode="mono")["settings_hash"] == mono.hash()
+    assert Settings.load(tmp_path / "config.yaml") == mono
+    with pytest.raises(SettingsError, match="'best'"):
+        go(Walk(), mode="best")
+
+
+def test_a_scale_free_run_never_speaks_of_metres(tmp_path: Path) -> None:
+    for start, word in (("scale-free", "an arbitrary unit"), ("worn", "metres")):
+        walk = Walk()
+        summary = go(walk, tmp_path / start, start=start, slam=FakeSlam(walk, scale=40.0))
+        assert summary["unit"] == word
+        assert f"seconds, {word};" in (tmp_path / start / "trajectory.tum").read_text().splitlines()[0]
+        assert ("not metres" in summary_text(summary)) == (start == "scale-free")
+        assert summary["metric"] == (start == "worn")
+        arbitrary = start == "scale-free"
+        assert (summary["nees_position"] is None) == (summary["ate_rmse_m"] is None) == arbitrary
+        for name in ("trajectory.cov", "groundtruth.tum"):
+            head = "".join((tmp_path / start / name).read_text().splitlines()[:4])
+            assert word in head, name
+            assert ("metres" in head) != arbitrary, name
+        assert word.encode() in (tmp_path / start / "map.ply").read_bytes()[:200]
+
+
+def test_max_frames_ends_the_run() -> None:
+    for count, frames in ((7, 7), (700, 30)):
+        assert go(FirstFrames(Walk(), count), slam=FakeSlam(Walk()))["frames"] == frames
+    with pytest.raises(SettingsError, match="1 or more"):
+        FirstFrames(Walk(), 0)
+
+
+@pytest.mark.usefixtures("_no_picture")
+def test_a_lost_camera_is_told(tmp_path: Path) -> None:
+    walk = Walk()
+    summary = go(walk, tmp_path, slam=FakeSlam(walk, lost_from=20))
+    assert not is_trusted(summary)
+    assert summary["frames_lost"] == 10
+    assert len(np.loadtxt(tmp_path / "trajectory.tum", comments="#")) == 20
+
+
+@pytest.mark.parametrize("scale", [1.05, 40.0])
+@pytest.mark.parametrize(
+    ("run", "trusted"),
+    [
+        ({}, True),
+        ({"lost_from": 29}, False),  # it ends lost
+        ({"doubted": range(29, 30)}, False),  # it ends in doubt
+        ({"doubted": range(10, 13)}, True),
+        ({"doubted": range(10, 14)}, False),  # more than a tenth
+    ],
+)
+def test_trust_is_what_the_run_says_with_a_truth_or_without(
+    run: dict[str, object], trusted: bool, scale: float
+) -> None:
+    known, unknown = Walk(), Walk()
+    unknown.truth = None
+    for walk in (known, unknown):
+        assert is_trusted(go(walk, slam=FakeSlam(known, scale=scale, **run))) == trusted
+
+
+def test_half_of_the_frames_must_say_ok() -> None:
+    summary = {"frames": 10, "frames_ok_reported": 5, "frames_doubtful": 0, "status_final": "OK"}
+    assert is_trusted(summary)
+    assert not is_trusted(summary | {"frames_ok_reported": 4})
+    assert not is_trusted(summary | {"frames": 0, "frames_ok_reported": 0})
+
+
+def test_why_a_run_is_not_trusted_is_told() -> None:
+    walk = Walk()
+    summary = go(walk, slam=FakeSlam(walk, scale=40.0, doubted=range(5, 30)))
+    told = untrusted_text(summary)
+    assert "5 of 30 frames say OK, 25 are in doubt: more matches are refused" in told
+    assert "the last one is DOUBTFUL" in told
+    assert "frames OK but over 5 sigma off" in summary_text(summary)
+
+
+@pytest.mark.usefixtures("_no_picture")
+def test_ctrl_c_keeps_what_was_done(tmp_path: Path) -> None:
+    walk = Walk()
+    summary = go(walk, tmp_path, slam=FakeSlam(walk, stop_at=12))
+    assert summary["interrupted"]
+    assert summary["frames"] == 12
+    assert (tmp_path / "summary.json").exists()
+
+
+def test_a_recording_that_breaks_off_leaves_the_part_before(tmp_path: Path) -> None:
+    walk = Walk(breaks_at=7)
+    with pytest.raises(DataError, match=r"7\.png"):
+        go(walk, tmp_path)
+    assert len(np.loadtxt(tmp_path / "trajectory.tum", comments="#")) == 7
+
+
+def test_modes_and_starts_must_fit_the_recording() -> None:
+    alone = Walk()
+    alone.worn_camera = None
+    settings = Settings.default()
+    for mode, start, part in (
+        ("mono", "magic", "start 'magic'"),
+        ("collab", "scale-free", "needs a worn camera"),
+        ("mono", "worn", "needs a worn camera"),
+        ("mono", "target", "known target"),
+    ):
+        with pytest.raises(SettingsError, match=part):
+            runner.make_engine(alone, Plan(mode, start, True, settings))
+
+
+@pytest.mark.usefixtures("_walk_instead", "_no_picture")
+def test_run_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["run", "anything", "--worn-available", "40%"]) == 0
+    shown = capsys.readouterr()
+    assert "walk, collab-tight, start worn" in shown.out
+    assert "30/30 frames" in shown.err  # no terminal: plain lines
+    stored = json.loads(Path("results/walk-collab-tight/summary.json").read_text())
+    assert stored["options"]["worn_available"] == 0.4
+    assert stored["frames_worn"] == 15
+    assert cli.main(["run", "anything", "--worn", "none", "--out", "mono"]) == 0
+    assert "the mode is mono" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("_walk_instead")
+def test_bad_input_gives_2_and_says_what(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["run", "x", "--set", "filter.nonsense=1", "--out", str(tmp_path)]) == 2
+    assert cli.main(["run", "x", "--worn", "lag:never", "--out", str(tmp_path)]) == 2
+    (tmp_path / "mine.txt").write_text("mine")
+    assert cli.main(["run", "x", "--out", str(tmp_path)]) == 2
+    errors = capsys.readouterr().err
+    assert errors.count("collabslam: error:") == 3
+    assert "no collabslam result" in errors
+
+
+@pytest.mark.usefixtures("_walk_instead")
+def test_a_filter_that_gives_up_gives_1(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise FilterError("The innovation covariance is not positive.")
+
+    monkeypatch.setattr(FakeSlam, "step", fail)
+    assert cli.main(["run", "x", "--out", str(tmp_path)]) == 1
+
+
+def test_a_missing_recording_gives_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["run", str(tmp_path / "none")]) == 2
+    assert "does not exist" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run"],
+        ["run", "x", "--mode", "best"],
+        ["run", "x", "--worn-available", "140%"],
+        ["run", "x", "--worn-intervals", "3"],
+        ["run", "x", "--worn-noise", "1,2"],
+        ["demo", "--seeds", "a"],
+    ],
+)
+def test_words_that_are_not_understood_give_2(words: list[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        cli.main(words)
+    assert caught.value.code == 2
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        cli.main([command, "--help"])
+    assert caught.value.code == 0
+    assert COMMANDS[command] in " ".join(capsys.readouterr().out.split())
+
+
+def test_option_texts() -> None:
+    assert options.share("40%") == pytest.approx(0.4)
+    assert options.share("0.4") == pytest.approx(0.4)
+    assert options.intervals("0-2,5-7.5") == [(0.0, 2.0), (5.0, 7.5)]
+    assert options.noise("0.03,0.5,0.5,1") == (0.03, 0.5, 0.5, 1.0)
+    assert options.seed_list("0-2") == [0, 1, 2]
+    assert options.seed_list("4,1") == [4, 1]
+    with pytest.raises(argparse.ArgumentTypeError):
+        options.seed_list("3-1")
+
+
+def test_settings_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["settings", "dump"]) == 0
+    path = tmp_path / "all.yaml"
+    path.write_text(capsys.readouterr().out)
+    assert cli.main(["settings", "check", str(path)]) == 0
+    assert Settings.default().hash() in capsys.readouterr().out
+    assert cli.main(["settings", "show", "frontend."]) == 0
+    assert "frontend.detect.quality" in capsys.readouterr().out
+    path.write_text("frontend: {detect: {qualty: 3}}\n")
+    assert cli.main(["settings", "check", str(path)]) == 2
+    assert "quality" in capsys.readouterr().err
+
+
+def test_help_needs_no_heavy_import() -> None:
+    code = "import sys; from collabslam.cli import main as cli; print([m for m in %r if m in sys.modules])"
+    heavy = ("numpy", "cv2", "matplotlib", "yaml", "tqdm", "collabslam._core")
+    done = subprocess.run([sys.executable, "-c", code % (heavy,)], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+    subprocess.run([sys.executable, "-m", "collabslam", "run", "--help"], capture_output=True, check=True)
+
+
+@pytest.mark.usefixtures("_no_picture")
+def test_demo_runs_both_modes_on_one_rendering(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rendered = []
+
+    class Counted(Walk):
+        def frame(self, i: int) -> Frame:
+            rendered.append(i)
+            return super().frame(i)
+
+    scales = {"mono": 1.4, "collab": 1.1}
+    monkeypatch.setattr(demo_run, "demo_recording", lambda seed: Counted())
+    monkeypatch.setattr(
+        runner, "make_engine", lambda recording, plan, map, printed: FakeSlam(Walk(), scale=scales[plan.mode])
+    )
+    medians = demo_run.run_demo(tmp_path, seeds=[0], progress=False)
+    assert rendered == list(range(30))
+    assert medians["collab"]["avg_position_error_m"] < medians["mono"]["avg_position_error_m"]
+    assert "collab over mono: 0.25" in capsys.readouterr().out
+    assert (tmp_path / "comparison.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "mono" / "summary.json").exists()
+
+
+@pytest.mark.usefixtures("_no_picture")
+def test_demo_of_several_seeds_gives_medians(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("collabslam.viz.plot.plot_comparison", lambda *_, **__: None)
+    monkeypatch.setattr(demo_run, "demo_recording", lambda seed: Walk())
+    monkeypatch.setattr(runner, "make_engine", lambda *_: FakeSlam(Walk()))
+    demo_run.run_demo(tmp_path, seeds=[0, 1], progress=False)
+    assert (tmp_path / "seed-1" / "collab" / "summary.json").exists()
+    assert (tmp_path / "medians.json").exists()
+
+
+def test_medians_are_over_the_runs_that_have_the_number() -> None:
+    base = {"name": "a", "flag": True, "ms_per_frame": {"step": 1.0}, "frames": 3}
+    runs = [{**base, "x": 1.0}, {**base, "x": 5.0}, {**base, "x": None}]
+    assert median_summary(runs)["x"] == 3.0
+    assert median_summary(runs)["frames"] == 3

@@ -1,0 +1,294 @@
+"""Robot and worn camera on a link: who may write what, and what comes out at the other end."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.clip import Clip
+
+pytest.importorskip("zenoh", reason="the extra live is not installed")
+pytest.importorskip("cryptography", reason="the extra live is not installed")
+
+from helpers.driven import T_BC, Driven, wheels
+
+from collabslam import DataError, Settings, SettingsError
+from collabslam.datasets import write_recording
+from collabslam.datasets.wrapped import WrappedRecording
+from collabslam.live import link, messages, names
+from collabslam.live.cameras import PlayedRecording
+from collabslam.live.core import OdometrySample
+from collabslam.live.keys import Keys, make_keys
+from collabslam.live.link import Address
+from collabslam.live.record import EventReader
+from collabslam.live.replay import replay
+from collabslam.live.results import ENGINE
+from collabslam.live.robot import RobotNode, RobotOptions
+from collabslam.live.sending import send_all
+from collabslam.live.steady import SteadyClock
+from collabslam.live.worn import WornDevice
+from collabslam.types import Frame, Image
+
+
+class Held(WrappedRecording):
+    """The clip as a recording."""
+
+    def __init__(self, clip: Clip) -> None:
+        super().__init__(clip.recording)
+        self._frames = clip.frames
+        self.times = np.array([f.t for f in clip.frames])
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def frame(self, i: int) -> Frame:
+        return self._frames[i]
+
+    def image(self, i: int) -> Image:
+        return self._frames[i].image
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("keys")
+    make_keys(folder, hosts=["127.0.0.1"], devices=["anna", "berta"])
+    return folder
+
+
+@pytest.fixture
+def address() -> Address:
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return Address("127.0.0.1", s.getsockname()[1])
+
+
+def until(true: object, seconds: float = 60.0) -> bool:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if true():  # type: ignore[operator]
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def test_live_over_the_link_and_its_record_again(
+    clip: Clip, folder: Path, address: Address, tmp_path: Path
+) -> None:
+    recording = Held(clip)
+    options = RobotOptions(tmp_path / "live", Settings.default(), record=tmp_path / "record")
+    summaries = []
+    with link.open_robot(address, Keys.read(folder / "robot")) as session:
+        node = RobotNode(session, PlayedRecording(recording), options)
+        robot = threading.Thread(target=lambda: summaries.append(node.run()))
+        with link.open_device(address, Keys.read(folder / "anna")) as at_device:
+            assert until(lambda: link.connected(at_device))
+            robot.start()
+            assert clip.recording.worn_camera is not None
+            camera = PlayedRecording(recording)
+            camera.clock = SteadyClock(100.0)
+            poses: list[bytes] = []
+            heard = link.subscriber(at_device, names.POSE, lambda key, data: poses.append(data))
+            with WornDevice(at_device, "anna", clip.recording.worn_camera, camera.clock) as device:
+                send_all(device, camera, lambda: not robot.is_alive())
+                robot.join(60.0)
+            heard.undeclare()
+    (summary,) = summaries
+    assert summary["frames"] + summary.get("dropped frames", 0) == len(recording)
+    assert summary["links"]["collab"] >= len(recording) // 2  # a busy machine is late with some
+    assert summary["statuses"]["OK"] >= len(recording) // 2
+    assert len(poses) >= len(recording) // 2
+    t, pose, covariance = messages.pose_from(poses[-1], "test")
+    assert t in recording.times
+    assert np.isfinite(pose).all()
+    assert np.linalg.eigvalsh(covariance)[0] > 0.0
+    again = replay(tmp_path / "record", tmp_path / "again")
+    assert again["frames"] == summary["frames"]
+    for name in ("trajectory.tum", "trajectory.cov"):
+        live = (tmp_path / "live" / name).read_bytes()
+        assert live.count(b"\n") > 10
+        assert (tmp_path / "again" / name).read_bytes() == live
+    kept = json.loads((tmp_path / "live" / "summary.json").read_text())
+    assert kept["links"] == summary["links"]
+
+
+def test_a_robot_follows_the_odometry_that_comes_with_its_images(
+    clip: Clip, address: Address, tmp_path: Path
+) -> None:
+    odometry = wheels(clip)
+    options = RobotOptions(
+        tmp_path / "live", Settings.default(), mode="mono", start="odometry", record=tmp_path / "record"
+    )
+    with link.open_robot(address, None) as session:
+        summary = RobotNode(session, PlayedRecording(Driven(clip, odometry)), options).run()
+    assert summary["frames"] >= len(clip.frames) // 2  # a busy machine drops some
+    reader = EventReader(tmp_path / "record")
+    samples = [event for event in reader.events() if isinstance(event, OdometrySample)]
+    assert len(samples) >= len(odometry.times) - 10
+    np.testing.assert_allclose(np.reshape(reader.plan.t_bc, (4, 4)), T_BC)
+    again = replay(tmp_path / "record", tmp_path / "again")
+    assert again["frames"] == summary["frames"]
+    told = [(tmp_path / run / "trajectory.tum").read_bytes() for run in ("live", "again")]
+    assert told[0] == told[1]
+    assert told[0].count(b"\n") > 5
+
+
+@pytest.fixture
+def robot(folder: Path, address: Address) -> Iterator[list[tuple[str, int]]]:
+    """What a robot with keys hears."""
+    heard: list[tuple[str, int]] = []
+    with link.open_robot(address, Keys.read(folder / "robot")) as session:
+        taken = [
+            link.subscriber(session, f"{above}/**", lambda key, data: heard.append((key, len(data))))
+            for above in (names.WORN, names.ROBOT)
+        ]
+        yield heard
+        for subscriber in taken:
+            subscriber.undeclare()
+
+
+def test_a_device_writes_its_own_keys_only(
+    folder: Path, address: Address, robot: list[tuple[str, int]]
+) -> None:
+    with link.open_device(address, Keys.read(folder / "berta")) as session:
+        assert until(lambda: link.connected(session))
+        others = [names.key("anna", names.IMAGE), names.POSE, names.STATUS, "collabslam/worn/anna"]
+        for key in (*others, names.key("berta", names.IMAGE)):
+            session.put(key, b"x" * 1000)
+        assert until(lambda: len(robot) >= 1)
+        time.sleep(0.3)
+    assert robot == [(names.key("berta", names.IMAGE), 1000)]
+
+
+def test_images_go_as_datagrams_and_the_rest_does_not(
+    folder: Path, address: Address, robot: list[tuple[str, int]]
+) -> None:
+    """Both links are of one device, and it writes its own keys only by either of them."""
+    with link.open_device(address, Keys.read(folder / "berta")) as session:
+        assert until(lambda: len(list(session.info.links())) == 2)
+        kinds = {str(of.reliability).rpartition(".")[2] for of in session.info.links()}
+        assert kinds == {"BEST_EFFORT", "RELIABLE"}
+        for datagrams in (True, False):
+            for device in ("anna", "berta"):
+                out = link.publisher(session, names.key(device, names.IMAGE), datagrams=datagrams)
+                out.put(bytes(10_000 + datagrams))
+            time.sleep(0.3)  # what comes at once is held to be a flood
+        assert until(lambda: len(robot) >= 2)
+    assert sorted(robot) == [(names.key("berta", names.IMAGE), n) for n in (10_000, 10_001)]
+
+
+def test_a_message_that_is_too_large_does_not_arrive(
+    folder: Path, address: Address, robot: list[tuple[str, int]]
+) -> None:
+    with link.open_device(address, Keys.read(folder / "anna")) as session:
+        assert until(lambda: link.connected(session))
+        session.put(names.key("anna", names.IMAGE), bytes(link.LARGEST_PUT + 1000))
+        session.put(names.key("anna", names.T_CF), bytes(100))
+        assert until(lambda: bool(robot))
+    assert robot == [(names.key("anna", names.T_CF), 100)]
+
+
+def test_a_foreign_certificate_and_none_are_refused(
+    folder: Path, address: Address, robot: list[tuple[str, int]], tmp_path: Path
+) -> None:
+    make_keys(tmp_path, hosts=["127.0.0.1"], devices=["anna"])
+    for keys in (Keys.read(tmp_path / "anna"), None):
+        with link.open_device(address, keys) as session:
+            assert not until(lambda s=session: link.connected(s), 1.5)  # type: ignore[misc]
+            session.put(names.key("anna", names.IMAGE), b"x")
+    assert robot == []
+
+
+def test_without_keys_only_this_machine_is_served(address: Address) -> None:
+    with (
+        pytest.raises(SettingsError, match="collabslam live keys"),
+        link.open_robot(Address("0.0.0.0"), None),
+    ):
+        pass
+    with pytest.raises(SettingsError, match="collabslam live keys"):
+        link.keys_of(None, insecure=False)
+    with link.open_robot(address, None), link.open_device(address, None) as session:
+        assert until(lambda: link.connected(session))
+    with pytest.raises(DataError, match="lacks"):
+        Keys.read(Path("nowhere"))
+
+
+def test_an_address_in_use_is_named(address: Address) -> None:
+    refused = pytest.raises(DataError, match=str(address.port))
+    with link.open_robot(address, None), refused, link.open_robot(address, None):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "port"),
+    [
+        ("robot", "robot", names.PORT),
+        ("10.0.0.2:99", "10.0.0.2", 99),
+        ("[fe80::1]:99", "fe80::1", 99),
+        ("[::1]", "::1", names.PORT),
+    ],
+)
+def test_addresses(text: str, host: str, port: int) -> None:
+    assert Address.parse(text) == Address(host, port)
+
+
+def test_private_keys_are_private_and_made_once(folder: Path) -> None:
+    before = (folder / "anna" / "key.pem").read_bytes()
+    assert make_keys(folder, hosts=[], devices=["anna", "carl"]) == [folder / "carl"]
+    assert (folder / "anna" / "key.pem").read_bytes() == before
+    assert Keys.read(folder / "robot").devices == ("anna", "berta", "carl")
+    assert {p.stat().st_mode & 0o077 for p in folder.rglob("*.key")} == {0}
+    assert {p.stat().st_mode & 0o077 for p in folder.rglob("key.pem")} == {0}
+    with pytest.raises(SettingsError, match="called"):
+        make_keys(folder, hosts=[], devices=["../anna"])
+
+
+def test_a_robot_that_was_killed_goes_on_from_its_checkpoint(
+    clip: Clip, address: Address, tmp_path: Path
+) -> None:
+    walk, out = write_recording(Held(clip), tmp_path / "walk"), tmp_path / "out"
+    command = [sys.executable, "-m", "collabslam", "live", "robot", str(walk), "--insecure"]
+    command += ["--listen", f"127.0.0.1:{address.port}", "--out", str(out), "--start", "scale-free"]
+    command += ["--mode", "mono", "--checkpoint-every", "3"]
+    process = subprocess.Popen(command)
+    assert until(lambda: (out / ENGINE).is_file() and lines(out / "frames.csv") > 7)
+    process.kill()
+    process.wait()
+    before = (out / "trajectory.tum").read_text()
+    done = subprocess.run([*command, "--resume"], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    after = (out / "trajectory.tum").read_text()
+    assert after.startswith(before.rpartition("\n")[0])
+    header, *rows = (out / "frames.csv").read_text().splitlines()
+    stamps = [float(row.split(",")[header.split(",").index("t")]) for row in rows]
+    assert stamps[-1] == clip.frames[-1].t
+    assert sorted(set(stamps)) == stamps
+    assert json.loads((out / "summary.json").read_text())["frames"] == lines(out / "frames.csv") - 1
+
+
+def lines(path: Path) -> int:
+    return path.read_text().count("\n") if path.is_file() else 0
+
+
+def test_ctrl_c_ends_with_everything_written(clip: Clip, address: Address, tmp_path: Path) -> None:
+    walk, out = write_recording(Held(clip), tmp_path / "walk"), tmp_path / "out"
+    command = [sys.executable, "-m", "collabslam", "live", "robot", str(walk), "--insecure"]
+    command += ["--listen", f"127.0.0.1:{address.port}", "--out", str(out), "--record", str(tmp_path / "rec")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert until(lambda: lines(out / "frames.csv") > 3)
+    process.send_signal(signal.SIGINT)
+    said, _ = process.communicate(timeout=60.0)
+    assert process.returncode == 0
+    assert str(out) in said
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["interrupted"] is True
+    assert summary["frames"] == lines(out / "frames.csv") - 1
+    assert replay(tmp_path / "rec", tmp_path / "again")["frames"] == summary["frames"]

@@ -1,0 +1,120 @@
+"""What is shown of a run: Rerun recordings that Rerun itself reads, and the animated picture."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import rerun
+import rerun_cli
+from helpers.clip import Clip, Short
+from PIL import Image as Pictures
+
+from collabslam import DataError, Slam
+from collabslam.runs import runner
+from collabslam.slam.feature_states import STATES
+from collabslam.viz.animation import animate
+from collabslam.viz.rerun_log import COLOURS, RerunLog
+
+RERUN = str(Path(sys.executable).parent / "rerun")
+
+
+def test_features_say_what_became_of_them(clip: Clip) -> None:
+    slam = Slam(clip.recording.camera, clip.recording.worn_camera)
+    for frame in clip.frames[:3]:
+        result = slam.step(frame.t, frame.image, frame.worn)
+    features = result.features
+    assert len(features.ids) == len(features.states) == len(features.found) == result.diagnostics["predicted"]
+    assert set(features.states) <= set(STATES) == set(COLOURS)
+    used = np.array([s == "accepted" for s in features.states])
+    assert used.sum() > 15
+    assert np.isfinite(features.found[used]).all()
+    assert np.linalg.norm(features.found[used] - features.predicted[used], axis=1).max() < 30.0
+
+
+def test_rerun_reads_the_recording(clip: Clip, tmp_path: Path) -> None:
+    recording, path = Short(clip, 6), tmp_path / "deep" / "view.rrd"
+    with RerunLog(recording, save=path) as log:
+        runner.run(recording, watch=log.frame)
+    subprocess.run([RERUN, "rrd", "verify", str(path)], check=True, capture_output=True)
+    listing = subprocess.run(
+        [RERUN, "rrd", "stats", str(path)], check=True, capture_output=True, text=True
+    ).stdout
+    for entity in ("/world/cs/image/features", "/world/cs/image/ellipses", "/cf/image", "/world/map",
+                   "/world/path", "/world/path_covariance", "/world/truth", "/world/overlap/cs",
+                   "/curves/status/status", "/curves/time/ms_total"):  # fmt: skip
+        assert f"{entity}:" in listing
+
+
+def test_loops_are_shown_with_the_way_that_they_correct(clip: Clip, tmp_path: Path) -> None:
+    recording, path = Short(clip, 2), tmp_path / "view.rrd"
+    poses = np.stack([np.eye(4), np.eye(4)])
+    poses[1, :3, 3] = 1.0
+    points = SimpleNamespace(points=poses[:, :3, 3], covariance=np.stack([1e-4 * np.eye(3)] * 2))
+    way = SimpleNamespace(poses=poses, loops=[SimpleNamespace(first=0, second=1)], landmarks=points)
+    with RerunLog(recording, save=path) as log:
+
+        def watch(frame: Any, step: Any, engine: Any) -> None:
+            shown = SimpleNamespace(landmarks=engine.landmarks, filter=engine.filter, submaps=lambda: way)
+            log.frame(frame, step, shown)
+
+        def closed(frame: Any, step: Any, engine: Any) -> None:
+            step.diagnostics["loops"] = int(frame.index == 1)
+            watch(frame, step, engine)
+
+        runner.run(recording, watch=closed)
+    listing = subprocess.run([RERUN, "rrd", "stats", str(path)], check=True, capture_output=True, text=True)
+    for entity in ("/world/submaps", "/world/loops", "/world/whole_map"):
+        assert f"{entity}:" in listing.stdout
+
+
+def test_without_rerun_the_extra_is_named(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(DataError, match=r"pip install 'collabslam\[viz\]'"):
+        RerunLog(clip.recording, save=Path("x.rrd"))
+
+
+def test_a_viewer_needs_a_display(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    with pytest.raises(DataError, match="--save"):
+        RerunLog(clip.recording, view=True)
+
+
+def test_the_viewer_is_the_environments_own(clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where no search path leads to it, as in an environment that is not activated."""
+    monkeypatch.setenv("PATH", "/nowhere")
+    monkeypatch.setenv("DISPLAY", ":0")
+    spawned: dict[str, Any] = {}
+    monkeypatch.setattr(rerun, "spawn", lambda **options: spawned.update(options))
+    with RerunLog(clip.recording, view=True):
+        pass
+    found = Path(spawned["executable_path"])
+    assert found.is_file()
+    assert found.parent == Path(rerun_cli.__file__).parent
+    monkeypatch.setattr("collabslam.viz.rerun_log.find_spec", lambda name: None)
+    with pytest.raises(DataError, match="without its viewer"):
+        RerunLog(clip.recording, view=True)
+
+
+def test_the_animation_moves(clip: Clip, tmp_path: Path) -> None:
+    recording = Short(clip, 12)
+    results = {mode: runner.run(recording, mode=mode) for mode in ("mono", "collab")}
+    animate(recording, results, tmp_path / "walk.gif")
+    with Pictures.open(tmp_path / "walk.gif") as picture:
+        assert picture.n_frames == 3
+        first = np.asarray(picture.convert("RGB"), dtype=float)
+        picture.seek(2)
+        assert np.abs(np.asarray(picture.convert("RGB"), dtype=float) - first).max() > 50
+        assert np.linalg.norm(first.reshape(-1, 3) - [209, 73, 91], axis=1).min() < 25  # the colour of mono
+    for result in results.values():
+        result.record.steps[:] = [
+            SimpleNamespace(**{**vars(s), "features": None}) for s in result.record.steps
+        ]
+    animate(recording, results, tmp_path / "plain.gif")  # an engine of one's own need not tell its features
