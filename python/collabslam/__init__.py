@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from collabslam._core import Camera, DepthMeasurement, Filter, WornMeasurement
     from collabslam.datasets import RecordingWriter, Source, WornSpec, attach_worn, open_recording
     from collabslam.images import to_grey
+    from collabslam.results import StepResult
     from collabslam.runs.plan import Output
     from collabslam.runs.runner import RunResult, resume, run
     from collabslam.settings.table import Settings
     from collabslam.slam.engine import Slam
     from collabslam.slam.map.saved_map import SavedMap
-    from collabslam.slam.results import StepResult
     from collabslam.targets.kinds import Board, Tag
     from collabslam.types import Frame, Status, Target, WornView
 
@@ -82,7 +82,7 @@ _HOMES = {
     "Slam": "slam.engine",
     "Source": "datasets",
     "Status": "types",
-    "StepResult": "slam.results",
+    "StepResult": "results",
     "Tag": "targets.kinds",
     "Target": "types",
     "WornMeasurement": "_core",

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
 from collabslam import geometry as g
 from collabslam._core import Camera
 from collabslam.errors import DataError
-from collabslam.types import Frame, WornView
+from collabslam.results import Landmarks, StepResult
+from collabslam.types import Frame, Status, WornView
 
 
 class Walk:
@@ -55,7 +56,7 @@ class FakeSlam:
         self._doubted = doubted
         self._frame = 0
 
-    def step(self, t: float, image: np.ndarray, worn: WornView | None = None) -> SimpleNamespace:
+    def step(self, t: float, image: np.ndarray, worn: WornView | None = None) -> StepResult:
         k = self._frame
         self._frame += 1
         if k == self._stop_at:
@@ -63,17 +64,37 @@ class FakeSlam:
         pose = self._recording.truth[k].copy()
         pose[:3, 3] = self._scale * (pose[:3, 3])
         doubted = k in self._doubted
-        status = "LOST" if k >= self._lost_from else "DOUBTFUL" if doubted else "OK"
+        status = Status.LOST if k >= self._lost_from else Status.DOUBTFUL if doubted else Status.OK
         diagnostics = {"accepted": 20, "overlap": worn is not None, "depth_rows": 3 if worn else 0,
                        "ms_update": 1.0, "ms_total": 2.0, "nis": 30.0, "nis_dof": 40,
                        "doubt": "matches" if doubted else ""}  # fmt: skip
-        return SimpleNamespace(
-            t=t, pose=pose, covariance=np.eye(6) * (1e-3 * (k + 1)), status=status, valid=status != "LOST",
-            started=True, diagnostics=diagnostics,
-        )  # fmt: skip
+        return step_result(t, pose, np.eye(6) * (1e-3 * (k + 1)), diagnostics, status)
 
-    def landmarks(self) -> SimpleNamespace:
+    def landmarks(self) -> Landmarks:
         points = np.array([[1.0, 0.0, 2.0], [-1.0, 0.5, 3.0]])
-        return SimpleNamespace(
-            ids=np.arange(2), points=points, covariance=np.tile(np.eye(3) * 1e-3, (2, 1, 1))
-        )
+        return Landmarks(np.arange(2), points, np.tile(np.eye(3) * 1e-3, (2, 1, 1)))
+
+
+def step_result(
+    t: float,
+    pose: np.ndarray,
+    covariance: np.ndarray,
+    diagnostics: dict[str, Any],
+    status: Status = Status.OK,
+    *,
+    started: bool = True,
+) -> StepResult:
+    """An answer made by hand, as of an engine in metres that has closed no loop."""
+    return StepResult(
+        t=t,
+        pose=pose,
+        covariance=covariance,
+        status=status,
+        valid=started and status is not Status.LOST,
+        started=started,
+        metric=True,
+        scale_sd=0.01,
+        pose_map=pose,
+        covariance_map=covariance,
+        diagnostics=diagnostics,
+    )

@@ -4,75 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from collabslam.errors import DataError
-from collabslam.evaluation.worn_places import Places, places_from, places_of, places_state
-from collabslam.types import Array, Ids, Mask, Status
-
-
-class Step(Protocol):
-    """The engine's answer to one frame (``engine.StepResult``).
-
-    Attributes
-    ----------
-    t : float
-        Seconds.
-    pose : (4, 4) float64
-        ``T_WC``.
-    covariance : (6, 6) float64
-        Of ``pose`` over (translation, rotation), tangent on the right, m^2 and rad^2.
-    status : Status
-    valid : bool
-        Whether the pose may be used.
-    started : bool
-        Whether the filter has its origin by now.
-    diagnostics : mapping
-
-    Engines that place worn cameras have ``worn``, too: see `worn_places`.
-    """
-
-    @property
-    def t(self) -> float: ...
-    @property
-    def pose(self) -> Array: ...
-    @property
-    def covariance(self) -> Array: ...
-    @property
-    def status(self) -> Any: ...
-    @property
-    def valid(self) -> bool: ...
-    @property
-    def started(self) -> bool: ...
-    @property
-    def diagnostics(self) -> Mapping[str, Any]: ...
-
-
-class Landmarks(Protocol):
-    """The map's points: ``ids`` (M,), ``points`` (M, 3) metres in W, ``covariance`` (M, 3, 3) m^2."""
-
-    @property
-    def ids(self) -> Ids: ...
-    @property
-    def points(self) -> Array: ...
-    @property
-    def covariance(self) -> Array: ...
-
-
-@dataclass(frozen=True)
-class RecordedStep:
-    """A `Step` read back from a checkpoint."""
-
-    t: float
-    pose: Array
-    covariance: Array
-    status: Any
-    valid: bool
-    started: bool
-    diagnostics: Mapping[str, Any]
-    worn: Places = field(default_factory=dict)
+from collabslam.evaluation.worn_places import places_from, places_state
+from collabslam.results import StepResult
+from collabslam.types import Array, Mask, Status
 
 
 @dataclass
@@ -81,18 +20,18 @@ class RunRecord:
 
     Attributes
     ----------
-    steps : list of Step
+    steps : list of StepResult
     worn : list of bool
         Whether a view of the worn camera was at hand in that frame (whatever the mode makes of it).
     seconds : list of float
         Wall time of the step, seconds, without reading or rendering the images.
     """
 
-    steps: list[Step] = field(default_factory=list)
+    steps: list[StepResult] = field(default_factory=list)
     worn: list[bool] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
 
-    def append(self, step: Step, *, worn: bool, seconds: float) -> None:
+    def append(self, step: StepResult, *, worn: bool, seconds: float) -> None:
         """Add one frame."""
         self.steps.append(step)
         self.worn.append(worn)
@@ -109,12 +48,16 @@ class RunRecord:
             "poses": self.poses,
             "covariances": self.covariances,
             "statuses": self.statuses,
-            "usable": np.array([bool(s.valid) for s in self.steps], bool),
+            "usable": np.array([s.valid for s in self.steps], bool),
             "started": self.started,
+            "metric": np.array([s.metric for s in self.steps], bool),
+            "scale_sds": np.array([s.scale_sd for s in self.steps], np.float64),
+            "poses_map": np.array([s.pose_map for s in self.steps], np.float64).reshape(-1, 4, 4),
+            "covariances_map": np.array([s.covariance_map for s in self.steps], np.float64).reshape(-1, 6, 6),
             "worn": np.array(self.worn, bool),
             "seconds": np.array(self.seconds, np.float64),
             "diagnostics": {k: _column([s.diagnostics.get(k) for s in self.steps]) for k in keys},
-            "places": places_state([places_of(step) for step in self.steps]),
+            "places": places_state([step.worn for step in self.steps]),
         }
 
     @classmethod
@@ -136,11 +79,15 @@ class RunRecord:
                 map(Status, state["statuses"]),
                 state["usable"].tolist(),
                 state["started"].tolist(),
+                state["metric"].tolist(),
+                state["scale_sds"].tolist(),
+                state["poses_map"],
+                state["covariances_map"],
                 rows or [{} for _ in state["statuses"]],
                 places_from(state["places"], len(state["times"])),
                 strict=True,
             )
-            record = cls([RecordedStep(*frame) for frame in frames])
+            record = cls([StepResult(*frame) for frame in frames])
             record.worn, record.seconds = state["worn"].tolist(), state["seconds"].tolist()
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
             raise DataError("The file holds no record of a run; take an earlier one.") from error
@@ -166,7 +113,7 @@ class RunRecord:
     @property
     def statuses(self) -> list[str]:
         """OK, DOUBTFUL, COASTING or LOST per frame."""
-        return [status_name(s.status) for s in self.steps]
+        return [s.status.value for s in self.steps]
 
     def valid_at(self, index: int) -> bool:
         """Whether the pose of one frame may be used, as `valid` says of all."""
@@ -187,7 +134,7 @@ class RunRecord:
     @property
     def started(self) -> Mask:
         """(N,) whether the filter has its origin."""
-        return np.array([bool(s.started) for s in self.steps], bool)
+        return np.array([s.started for s in self.steps], bool)
 
     @property
     def start(self) -> int | None:
@@ -220,12 +167,7 @@ def _column(values: list[Any]) -> Any:
     return np.array(values, np.int64) if kinds == {int} else values
 
 
-def is_valid(step: Step) -> bool:
+def is_valid(step: StepResult) -> bool:
     """Whether a frame's pose may be used: started, not lost, and finite."""
     finite = np.isfinite(step.pose).all() and np.isfinite(step.covariance).all()
     return bool(step.valid and step.started and finite)
-
-
-def status_name(status: Any) -> str:
-    """``OK``, ``DOUBTFUL``, ``COASTING`` or ``LOST`` of a Status or its name."""
-    return str(getattr(status, "value", status))

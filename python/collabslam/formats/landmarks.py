@@ -3,26 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from collabslam.errors import DataError
-from collabslam.evaluation.record import Landmarks
 from collabslam.formats.files import read_bytes, write_bytes, write_text
 from collabslam.formats.trajectory import METRES
-from collabslam.types import Array, Ids
+from collabslam.results import Landmarks
+from collabslam.types import Array
 
 _UPPER = (("xx", 0, 0), ("xy", 0, 1), ("xz", 0, 2), ("yy", 1, 1), ("yz", 1, 2), ("zz", 2, 2))
 _PLY_TYPES = {"double": "<f8", "float": "<f4", "int": "<i4"}
-
-
-class MapPoints(NamedTuple):
-    """``ids`` (M,), ``points`` (M, 3) metres in W, ``covariance`` (M, 3, 3) m^2."""
-
-    ids: Ids
-    points: Array
-    covariance: Array
 
 
 def write_ply(path: Path, landmarks: Landmarks, unit: str = METRES) -> None:
@@ -51,7 +42,7 @@ def write_csv(path: Path, landmarks: Landmarks) -> None:
     write_text(path, "\n".join([",".join(names), *lines]) + "\n")
 
 
-def read_ply(path: Path) -> MapPoints:
+def read_ply(path: Path) -> Landmarks:
     """A map that `write_ply` wrote.
 
     Raises
@@ -79,7 +70,7 @@ def read_ply(path: Path) -> MapPoints:
     for name, i, j in _UPPER:
         covariance[:, i, j] = covariance[:, j, i] = table[f"cov_{name}"]
     points = np.stack([table[axis] for axis in "xyz"], axis=1)
-    return MapPoints(table["id"].astype(np.int64), points, covariance)
+    return Landmarks(table["id"].astype(np.int64), points, covariance)
 
 
 def _columns(landmarks: Landmarks) -> dict[str, Array]:

@@ -19,8 +19,8 @@ from collabslam.live.decoding import view_image
 from collabslam.live.persons import WaitingPersons
 from collabslam.live.printed import PrintedPoses
 from collabslam.live.views import BROKEN, LATEST, REFUSED, UNPOSED, LiveView, TimedView
+from collabslam.results import StepResult
 from collabslam.slam.engine import Slam
-from collabslam.slam.results import StepResult
 from collabslam.types import Array, Image, WornView
 
 

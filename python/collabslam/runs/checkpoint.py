@@ -19,10 +19,10 @@ from collabslam.runs.results import CHECKPOINT, SUMMARY
 from collabslam.slam.doubts import CAUSES, NOTHING
 from collabslam.slam.engine import Slam
 from collabslam.slam.parts import CLASSES
-from collabslam.types import Recording, Status, worn_cameras
+from collabslam.types import Array, Recording, Status, worn_cameras
 from collabslam.version import version
 
-KIND, VERSION = "run checkpoint", 9
+KIND, VERSION = "run checkpoint", 10
 """The version counts the changes of what a checkpoint holds; the engine's own state has another one."""
 
 _COLUMN = schema.any_of(
@@ -39,6 +39,10 @@ _RECORD = schema.fields(
     statuses=schema.items(schema.text([s.value for s in Status])),
     usable=schema.array("|b1", None),
     started=schema.array("|b1", None),
+    metric=schema.array("|b1", None),
+    scale_sds=schema.array("<f8", None, nan=True),
+    poses_map=schema.array("<f8", None, 4, 4, nan=True),
+    covariances_map=schema.array("<f8", None, 6, 6, nan=True),
     worn=schema.array("|b1", None),
     seconds=schema.array("<f8", None),
     diagnostics=schema.table(str, _COLUMN),
@@ -65,16 +69,23 @@ def _check_record(value: Any, where: str) -> None:
         schema.refuse(where, f"a record of {count} frames")
     if not (np.diff(value["times"]) > 0.0).all():
         schema.refuse(f"{where}.times", "an increasing series")
-    for pose in value["poses"][np.isfinite(value["poses"]).all(axis=(1, 2))]:
-        schema.pose(pose, f"{where}.poses")
+    for name in ("poses", "poses_map"):
+        for pose in value[name][np.isfinite(value[name]).all(axis=(1, 2))]:
+            schema.pose(pose, f"{where}.{name}")
+    for name in ("covariances", "covariances_map"):
+        _check_covariances(value[name], f"{where}.{name}")
     for name, places in value["places"].items():
         _check_places(places, count, f"{where}.places.{name}")
-    known = value["covariances"][np.isfinite(value["covariances"]).all(axis=(1, 2))]
+
+
+def _check_covariances(value: Array, where: str) -> None:
+    """(N, 6, 6) of which the finite ones are covariances."""
+    known = value[np.isfinite(value).all(axis=(1, 2))]
     for covariance in known:
-        schema.covariance(6)(covariance, f"{where}.covariances")
+        schema.covariance(6)(covariance, where)
     variances = np.linalg.eigvalsh(known)
     if (variances[:, 0] < -1e-6 * variances[:, -1]).any():
-        schema.refuse(f"{where}.covariances", "a covariance")
+        schema.refuse(where, "a covariance")
 
 
 def _check_places(places: dict[str, Any], count: int, where: str) -> None:

@@ -26,8 +26,7 @@ from typing import Any
 import numpy as np
 
 from collabslam.errors import CollabslamError, DataError
-from collabslam.evaluation.record import Landmarks, RunRecord, Step, status_name
-from collabslam.evaluation.worn_places import places_of
+from collabslam.evaluation.record import RunRecord
 from collabslam.formats.files import LineFile, remove_parts, write_text
 from collabslam.formats.landmarks import write_ply
 from collabslam.formats.trajectory import (
@@ -38,9 +37,9 @@ from collabslam.formats.trajectory import (
     write_covariances,
     write_tum,
 )
+from collabslam.results import Landmarks, StepResult, SubmapPoses
 from collabslam.runs.folder import CONFIG, unwritable
 from collabslam.runs.worn_results import PATTERNS, WornTracks, worn_cells, worn_columns
-from collabslam.slam.results import SubmapPoses
 from collabslam.types import Array
 
 FRAMES, TRAJECTORY, COVARIANCE = "frames.csv", "trajectory.tum", "trajectory.cov"
@@ -312,11 +311,11 @@ def frame_columns(diagnostics: Mapping[str, Any], persons: Iterable[str] = ()) -
 
 
 def frame_cells(
-    step: Step, index: int, *, worn: bool, more: Mapping[str, Any], columns: Iterable[str]
+    step: StepResult, index: int, *, worn: bool, more: Mapping[str, Any], columns: Iterable[str]
 ) -> list[str]:
     """Cells of a line of ``frames.csv``: the step's own, and ``more`` by column."""
-    row: dict[str, Any] = {**more, **worn_cells(places_of(step))}
-    row.update(index=index, t=f"{step.t:.9f}", status=status_name(step.status), worn=worn)
+    row: dict[str, Any] = {**more, **worn_cells(step.worn)}
+    row.update(index=index, t=f"{step.t:.9f}", status=step.status.value, worn=worn)
     row.update(valid=bool(step.valid), started=bool(step.started))
     finite = bool(np.isfinite(step.pose).all())
     numbers = [f"{v:.9f}" for v in position_quaternion(step.pose)] if finite else [""] * len(POSE_COLUMNS)

@@ -12,8 +12,9 @@ from typing import Any
 from collabslam.datasets.poses import read_track
 from collabslam.errors import DataError
 from collabslam.formats.files import read_text
-from collabslam.formats.landmarks import MapPoints, read_ply
+from collabslam.formats.landmarks import read_ply
 from collabslam.formats.trajectory import ARBITRARY, read_covariances
+from collabslam.results import Landmarks
 from collabslam.runs.folder import is_result_folder
 from collabslam.runs.results import CORRECTED, COVARIANCE, FRAMES, MAP, SUMMARY, TRAJECTORY
 from collabslam.runs.worn_results import worn_files
@@ -63,7 +64,7 @@ class RunFolder:
         path = self.path / CORRECTED
         return read_track(path)[1] if path.exists() else None
 
-    def landmarks(self) -> MapPoints:
+    def landmarks(self) -> Landmarks:
         """The map at the end."""
         return read_ply(self.path / MAP)
 

@@ -14,9 +14,10 @@ import numpy as np
 from collabslam.datasets.source import Source
 from collabslam.datasets.stamps import usable_frames
 from collabslam.errors import CollabslamError, DataError, FilterError, InputError, SettingsError, Terminated
-from collabslam.evaluation.record import Landmarks, RunRecord, Step, status_name
+from collabslam.evaluation.record import RunRecord
 from collabslam.evaluation.scoring import AlignedTruth, align_truth
 from collabslam.formats.files import try_place
+from collabslam.results import Landmarks, StepResult, SubmapPoses
 from collabslam.runs.checkpoint import Checkpoint, fingerprint
 from collabslam.runs.folder import claim, locked
 from collabslam.runs.interrupts import Interrupts
@@ -27,7 +28,6 @@ from collabslam.runs.summary import INTERRUPTED, TERMINATED, Summary, summarise
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
 from collabslam.slam.map.saved_map import SavedMap
-from collabslam.slam.results import SubmapPoses
 from collabslam.targets.kinds import Board, Tag
 from collabslam.types import (
     Array,
@@ -45,7 +45,9 @@ from collabslam.version import version
 class SlamLike(Protocol):
     """What a run asks of the engine."""
 
-    def step(self, t: float, image: Image, worn: WornView | Sequence[WornView] | None = None) -> Step: ...
+    def step(
+        self, t: float, image: Image, worn: WornView | Sequence[WornView] | None = None
+    ) -> StepResult: ...
     def landmarks(self) -> Landmarks: ...
 
 
@@ -339,14 +341,14 @@ class _Run:
                 return error
         return None
 
-    def _step(self, t: float, frame: Frame) -> Step:
+    def _step(self, t: float, frame: Frame) -> StepResult:
         began = time.perf_counter()
         odometry = getattr(self.recording, "odometry", None)
         if odometry is not None and isinstance(self.engine, Slam) and self.plan.metric:
             give_odometry(self.engine, odometry, t)
         if frame.depth is not None and isinstance(self.engine, Slam):
             self.engine.add_depth(frame.depth.uv, frame.depth.depth, frame.depth.sigma)
-        step: Step = self.engine.step(t, frame.image, frame.views if frame.further else frame.worn)
+        step: StepResult = self.engine.step(t, frame.image, frame.views if frame.further else frame.worn)
         self.record.append(step, worn=bool(frame.views), seconds=time.perf_counter() - began)
         return step
 
@@ -421,7 +423,7 @@ class _Saver:
         self._count()
 
 
-def _note(step: Step) -> str:
-    text = status_name(step.status) if step.started else "not started"
+def _note(step: StepResult) -> str:
+    text = step.status.value if step.started else "not started"
     accepted = step.diagnostics.get("accepted")
     return text if accepted is None else f"{text}, {int(accepted)} features"

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from collabslam.evaluation.record import Landmarks, RunRecord
+from collabslam.evaluation.record import RunRecord
 from collabslam.evaluation.scoring import score
+from collabslam.results import Landmarks
 from collabslam.runs.plan import Plan
 from collabslam.runs.worn_results import worn_numbers
 from collabslam.types import Array, Recording, worn_cameras

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from collabslam.evaluation.record import Step, is_valid
-from collabslam.evaluation.worn_places import Place, Places, places_of
+from collabslam.evaluation.record import is_valid
+from collabslam.evaluation.worn_places import Places
 from collabslam.formats.files import LineFile, read_text, write_text
 from collabslam.formats.trajectory import covariance_header, covariance_line, tum_header, tum_line
+from collabslam.results import PlacedCamera, StepResult
 
 PATTERNS = ("worn.tum", "worn.cov", "worn-*.tum", "worn-*.cov")
 """Names of these files."""
@@ -50,11 +51,11 @@ class WornTracks:
         self._files: dict[str, tuple[LineFile, LineFile]] = {}
         self._last = dict.fromkeys(names, -float("inf"))
 
-    def begin(self, steps: Iterable[Step] = ()) -> None:
+    def begin(self, steps: Iterable[StepResult] = ()) -> None:
         """Write whole files from the frames that there are."""
         self.close()
         self._last = dict.fromkeys(self._last, -float("inf"))
-        lines: dict[str, list[Place]] = {name: [] for name in self._last}
+        lines: dict[str, list[PlacedCamera]] = {name: [] for name in self._last}
         for step in steps:
             for name, place in self._following(step):
                 lines[name].append(place)
@@ -84,7 +85,7 @@ class WornTracks:
             poses, covariances = paths
             self._files[name] = LineFile(poses), LineFile(covariances)
 
-    def frame(self, step: Step) -> None:
+    def frame(self, step: StepResult) -> None:
         """Add a frame's."""
         for name, place in self._following(step):
             poses, covariances = self._files[name]
@@ -109,10 +110,10 @@ class WornTracks:
         poses, covariances = worn_files(name)
         return self._folder / poses, self._folder / covariances
 
-    def _following(self, step: Step) -> list[tuple[str, Place]]:
+    def _following(self, step: StepResult) -> list[tuple[str, PlacedCamera]]:
         """The places of a frame with a valid pose, each later than its camera's last one."""
         out = []
-        for name, place in places_of(step).items() if is_valid(step) else ():
+        for name, place in step.worn.items() if is_valid(step) else ():
             finite = np.isfinite(place.pose).all() and np.isfinite(place.covariance).all()
             t = round(place.t, 9)  # as files have it
             if name in self._last and finite and t > self._last[name]:
@@ -131,14 +132,14 @@ def worn_cells(places: Places) -> dict[str, Any]:
     return {f"worn_{name}": place.matches if place.measured else 0 for name, place in places.items() if name}
 
 
-def worn_numbers(names: Sequence[str], steps: Sequence[Step]) -> list[dict[str, Any]]:
+def worn_numbers(names: Sequence[str], steps: Sequence[StepResult]) -> list[dict[str, Any]]:
     """For ``summary.json``: of each person the views that were looked at, those whose matches tell where the
     camera was, matches in such a view, the mean claimed standard deviation of its position, metres, and by
     how much its views are taken after their stamps with the standard deviation of that, seconds, as known at
     the end."""
     out = []
     for name in names:
-        places = [found[name] for step in steps if name in (found := places_of(step))]
+        places = [step.worn[name] for step in steps if name in step.worn]
         measured = [place for place in places if place.measured]
         sd = [float(np.sqrt(max(np.trace(place.covariance[:3, :3]), 0.0))) for place in measured]
         clock = places[-1].clock if places else None

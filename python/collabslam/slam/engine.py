@@ -18,27 +18,23 @@ from collabslam.frontend.flow import FlowImage
 from collabslam.frontend.followed import followed_points
 from collabslam.frontend.patch import SIZE
 from collabslam.images import check_grey
+from collabslam.results import FrameFeatures, Landmarks, PlacedCamera, StepResult, SubmapPoses
 from collabslam.settings.table import Settings
 from collabslam.slam.diagnostics import StageTimes
 from collabslam.slam.doubts import NOTHING
 from collabslam.slam.engine_inputs import EngineInputs, stamp
-from collabslam.slam.feature_states import (
-    FrameFeatures,
-    frame_features,
-    unsearched_features,
-)
+from collabslam.slam.feature_states import frame_features, unsearched_features
 from collabslam.slam.guard import all_or_nothing, alone
 from collabslam.slam.map.saved_map import SavedMap
 from collabslam.slam.map_change import MapChange
 from collabslam.slam.outcome import Outcome
 from collabslam.slam.recovery.relocalise import searchable
-from collabslam.slam.results import Landmarks, StepResult, SubmapPoses
 from collabslam.slam.starts import check_start
 from collabslam.slam.submaps.whole_map import whole_way
 from collabslam.slam.tracking.blank_image import FROZEN
 from collabslam.slam.tracking.depth_input import Depths
 from collabslam.slam.tracking.tracks import Found
-from collabslam.slam.view import PlacedCamera, PlacedViews, View
+from collabslam.slam.view import PlacedViews, View
 from collabslam.slam.worn.late_views import Views
 from collabslam.slam.worn.looking import counts as look_counts
 from collabslam.slam.worn.overlaps import Overlaps

@@ -2,53 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from collabslam._core import Prediction, UpdateReport
 from collabslam.frontend.search import AMBIGUOUS, FOUND, LOW_SCORE
+from collabslam.results import FrameFeatures
 from collabslam.slam.tracking.tracks import Found
 from collabslam.slam.worn.overlaps import Overlaps
-from collabslam.types import Array, Ids
-
-STATES = ("accepted", "rejected", "unlike", "ambiguous", "outside", "not searched")
-"""Used by the filter; found but refused; patch not found; found twice; outside the image; not looked for."""
-
-
-@dataclass(frozen=True)
-class FrameFeatures:
-    """The features that should be visible in a frame.
-
-    Attributes
-    ----------
-    ids : (N,) int64
-    predicted : (N, 2) float64
-        Pixels where they are expected.
-    s : (N, 2, 2) float64
-        Innovation covariance of those, px^2.
-    found : (N, 2) float64
-        Pixels where they were found; NaN elsewhere.
-    states : (N,) of str
-        One of `STATES` each.
-    pairs : (M, 4) float64
-        What both cameras see: pixels in Cs, when Cf took its view, and in Cf; of several worn cameras one
-        after the other.
-    pair_names : list of str
-        Whose worn camera each pair is of.
-    """
-
-    ids: Ids
-    predicted: Array
-    s: Array
-    found: Array
-    states: list[str]
-    pairs: Array
-    pair_names: list[str]
-
-    def pairs_of(self, name: str) -> Array:
-        """(K, 4) the pairs of one worn camera."""
-        return np.asarray(self.pairs[np.array([whose == name for whose in self.pair_names], bool)])
 
 
 def frame_features(

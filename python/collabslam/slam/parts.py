@@ -23,6 +23,7 @@ from collabslam.formats.schema import (
     text,
 )
 from collabslam.frontend.patch import Patch
+from collabslam.results import Loop
 from collabslam.settings.modes import SLAM_STARTS
 from collabslam.settings.table import STATE as SETTINGS_STATE
 from collabslam.settings.table import Settings
@@ -36,7 +37,6 @@ from collabslam.slam.recovery.known_submaps import KnownSubmaps
 from collabslam.slam.recovery.map_aside import MapAside
 from collabslam.slam.recovery.recovery import Recovery
 from collabslam.slam.recovery.relocalise import Relocaliser
-from collabslam.slam.results import Loop
 from collabslam.slam.state import check_camera, persistent_parts
 from collabslam.slam.status import StatusMonitor
 from collabslam.slam.submaps.chain import Submap

@@ -8,7 +8,7 @@ import numpy as np
 
 from collabslam._core import WornMeasurement
 from collabslam.frontend.detect import Corners, Hidden
-from collabslam.types import Array, Image, WornView
+from collabslam.types import Image, WornView
 
 
 @dataclass(frozen=True)
@@ -42,35 +42,6 @@ class PlacedWorn:
             capture=capture,
             who=number,
         )
-
-
-@dataclass(frozen=True)
-class PlacedCamera:
-    """Where a worn camera was when its view was taken.
-
-    Attributes
-    ----------
-    pose : (4, 4) float64
-        T_WF: maps points of F into W, metres.
-    covariance : (6, 6) float64
-        Of it over (translation, rotation), tangent on the right, m^2 and rad^2.
-    measured : bool
-        Whether matches of the view tell it; else it is where T_CF says, seen from the pose of Cs.
-    t : float
-        When that was, seconds, by the clock of Cs.
-    matches : int
-        Matches of the view that the filter was given.
-    clock : tuple of (float, float) or None
-        By how much its views are taken after their stamps, by the clock of Cs, as far as the filter
-        knows, and the standard deviation of that, seconds; None where the clock is exact.
-    """
-
-    pose: Array
-    covariance: Array
-    measured: bool
-    t: float
-    matches: int
-    clock: tuple[float, float] | None = None
 
 
 PlacedViews = tuple[tuple[int, PlacedWorn], ...]

@@ -19,14 +19,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from collabslam.evaluation.record import RunRecord
-from collabslam.evaluation.worn_places import places_of
 from collabslam.formats.files import write_bytes
 from collabslam.types import Array, Mask
 
 if TYPE_CHECKING:
     from collabslam.evaluation.scoring import AlignedTruth
+    from collabslam.results import SubmapPoses
     from collabslam.runs.runner import RunResult
-    from collabslam.slam.results import SubmapPoses
 
 
 TRUTH, WORN, POINTS, LOOPS, PERSONS = "#1b1b1b", "#f2b134", "#8a94a0", "#2a9d6f", "#b97f0a"
@@ -187,7 +186,7 @@ def _scene(axes: Axes, runs: list[RunResult]) -> None:
 
 def _persons(axes: Axes, record: RunRecord) -> None:
     """Where each of several persons' worn cameras was when its views were measured."""
-    frames = [places_of(step) for step in record.steps]
+    frames = [step.worn for step in record.steps]
     names = dict.fromkeys(name for places in frames for name in places if name)
     for name, marker in zip(names, itertools.cycle("^vs<>D")):
         places = [places[name] for places in frames if name in places and places[name].measured]

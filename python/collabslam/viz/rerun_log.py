@@ -19,7 +19,7 @@ from collabslam._core import Camera
 from collabslam.errors import DataError
 from collabslam.extras import needs
 from collabslam.formats.files import try_place
-from collabslam.slam.feature_states import FrameFeatures
+from collabslam.results import FrameFeatures
 from collabslam.types import Array, Frame, Recording, WornView, worn_cameras
 from collabslam.viz.rerun_layout import LOGGED, blueprint, curve, picture_of
 

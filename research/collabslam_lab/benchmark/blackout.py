@@ -19,10 +19,10 @@ from collabslam.evaluation.scoring import OK_SIGMAS
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.place_recognition import confirmed
 from collabslam.geometry import pose_inverse
+from collabslam.results import StepResult
 from collabslam.runs.report import number
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.engine import Slam
-from collabslam.slam.results import StepResult
 from collabslam.types import Array, Frame, Image, Recording, Status
 from collabslam_lab.benchmark.plan import Entry, Plan
 from collabslam_lab.benchmark.replay import open_entry

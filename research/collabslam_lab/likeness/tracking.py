@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
+from collabslam.results import StepResult
 from collabslam.slam.engine import Slam
-from collabslam.slam.results import StepResult
 from collabslam.types import Array, Frame, Ids
 
 LAGS = (1, 10)

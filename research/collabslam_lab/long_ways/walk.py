@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from collabslam.geometry import pose_inverse, se3_log
+from collabslam.results import Loop
 from collabslam.slam.engine import Slam
-from collabslam.slam.results import Loop
 from collabslam.types import Array
 from collabslam_lab.processes import use_one_thread
 from collabslam_lab.worlds.catalogue import Recipe

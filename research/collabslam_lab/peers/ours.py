@@ -8,7 +8,7 @@ from typing import Any
 
 from collabslam.datasets import attach_worn
 from collabslam.demo.demo_run import HeldRecording
-from collabslam.evaluation.record import Landmarks, Step
+from collabslam.results import Landmarks, StepResult
 from collabslam.runs.plan import Plan
 from collabslam.runs.runner import SlamLike, make_engine, run
 from collabslam.settings.table import Settings
@@ -29,7 +29,7 @@ class _Timed:
     engine: SlamLike
     cpu: list[float] = field(default_factory=list)
 
-    def step(self, t: float, image: Image, worn: WornView | None = None) -> Step:
+    def step(self, t: float, image: Image, worn: WornView | None = None) -> StepResult:
         began = time.process_time()
         step = self.engine.step(t, image, worn)
         self.cpu.append(time.process_time() - began)

@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -27,6 +26,7 @@ from collabslam.errors import CollabslamError
 from collabslam.formats.container import seal
 from collabslam.formats.landmarks import read_ply, write_ply
 from collabslam.formats.trajectory import read_covariances, write_covariances, write_tum
+from collabslam.results import Landmarks
 from collabslam.runs.run_folder import read_frames, read_summary
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
@@ -210,9 +210,7 @@ def _use_map(path: Path) -> None:
 
 _T = np.arange(3.0)
 _POSES = np.tile(np.eye(4), (3, 1, 1))
-_LANDMARKS = SimpleNamespace(
-    ids=np.arange(3), points=np.arange(9.0).reshape(3, 3), covariance=np.tile(np.eye(3), (3, 1, 1))
-)
+_LANDMARKS = Landmarks(np.arange(3), np.arange(9.0).reshape(3, 3), np.tile(np.eye(3), (3, 1, 1)))
 
 
 def _written(write: Callable[[Path], object]) -> bytes:

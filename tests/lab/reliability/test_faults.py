@@ -10,12 +10,12 @@ from collabslam.demo import corridor_recording
 from collabslam.demo.demo_run import HeldRecording
 from collabslam.errors import CollabslamError, InputError
 from collabslam.geometry import se3_exp
+from collabslam.results import StepResult
 from collabslam.runs.report import unused_text
 from collabslam.runs.runner import run
 from collabslam.runs.summary import is_trusted
 from collabslam.settings.frontend import BlankImageSettings
 from collabslam.slam.engine import Slam
-from collabslam.slam.results import StepResult
 from collabslam.slam.tracking.blank_image import BlankImageDetector
 from collabslam.types import Frame, Recording, Status, WornView
 from collabslam_lab.reliability.attacks.streams import STREAMS

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.stand_ins import step_result
 
 from collabslam import geometry as g
 from collabslam._core import chi2_quantile
@@ -14,6 +15,7 @@ from collabslam.errors import InputError
 from collabslam.evaluation import consistency, metrics, overlap, scoring
 from collabslam.evaluation.alignment import umeyama
 from collabslam.evaluation.record import RunRecord
+from collabslam.types import Status
 
 
 def walk(frames: int = 60, step: float = 0.1) -> np.ndarray:
@@ -29,10 +31,7 @@ def record_of(poses: np.ndarray, covariance: np.ndarray | None = None, **diagnos
     p = np.eye(6) * 1e-2 if covariance is None else covariance
     for k, pose in enumerate(poses):
         extra = {key: values[k] for key, values in diagnostics.items()}
-        step = SimpleNamespace(
-            t=5.0 + 0.1 * k, pose=pose, covariance=p, status="OK", valid=True, started=True, diagnostics=extra
-        )
-        record.append(step, worn=False, seconds=0.01)
+        record.append(step_result(5.0 + 0.1 * k, pose, p, extra), worn=False, seconds=0.01)
     return record
 
 
@@ -192,9 +191,8 @@ def test_scores_skip_missing_truth_late_starts_and_invalid_poses() -> None:
     estimate = truth.copy()
     record = record_of(estimate)
     for k in range(10):
-        record.steps[k].started = record.steps[k].valid = False
-        record.steps[k].status = "COASTING"
-    record.steps[40].valid, record.steps[40].pose = False, estimate[40] + 9.0
+        record.steps[k] = replace(record.steps[k], started=False, valid=False, status=Status.COASTING)
+    record.steps[40] = replace(record.steps[40], valid=False, pose=estimate[40] + 9.0)
     partial = truth.copy()
     partial[12:15] = np.nan
     scores = scoring.score(record, partial)
@@ -207,8 +205,7 @@ def test_scores_skip_missing_truth_late_starts_and_invalid_poses() -> None:
 def lost_from(frame: int, poses: np.ndarray) -> RunRecord:
     """A record whose camera is lost from a frame on, and says so."""
     record = record_of(poses)
-    for step in record.steps[frame:]:
-        step.valid, step.status = False, "LOST"
+    record.steps[frame:] = [replace(step, valid=False, status=Status.LOST) for step in record.steps[frame:]]
     return record
 
 
@@ -264,7 +261,7 @@ def test_the_truth_starts_where_the_filter_did() -> None:
     ago[3] = 0.3
     record = record_of(estimate, start_ago_s=ago)
     for k in range(3):
-        record.steps[k].started = record.steps[k].valid = False
+        record.steps[k] = replace(record.steps[k], started=False, valid=False)
     aligned = scoring.align_truth(record, truth)
     assert aligned is not None
     assert (aligned.start, int(aligned.known.sum())) == (3, len(truth) - 3)
@@ -308,15 +305,14 @@ def test_scores_without_truth_and_without_a_start() -> None:
     assert scores["overlap_ratio"] == pytest.approx(0.5)
     assert scores["depth_measurements"] == 120
     never = record_of(walk(3))
-    for step in never.steps:
-        step.started = False
+    never.steps = [replace(step, started=False) for step in never.steps]
     assert scoring.score(never, walk(3))["frames_ok"] == 0
     assert scoring.score(RunRecord(), walk(3))["frames"] == 0
 
 
 def test_a_pose_that_is_not_finite_is_reported_and_left_out() -> None:
     record = record_of(walk())
-    record.steps[20].pose = np.full((4, 4), np.nan)
+    record.steps[20] = replace(record.steps[20], pose=np.full((4, 4), np.nan))
     scores = scoring.score(record, walk())
     assert scores["all_finite"] is False
     assert scores["ate_rmse_m"] == pytest.approx(0.0, abs=1e-9)

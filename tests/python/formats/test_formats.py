@@ -6,10 +6,10 @@ import json
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers.stand_ins import step_result
 from rosbags.highlevel import AnyReader
 
 from collabslam import geometry as g
@@ -18,6 +18,7 @@ from collabslam.errors import DataError
 from collabslam.evaluation.record import RunRecord
 from collabslam.formats import landmarks, trajectory
 from collabslam.formats import ros_odometry as rosbag
+from collabslam.results import Landmarks
 from collabslam.runs.folder import MARK
 from collabslam.runs.results import ResultWriter
 from collabslam.runs.run_folder import RunFolder
@@ -56,14 +57,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     record = RunRecord()
     points = draw.normal(size=(7, 3))
     spread = draw.normal(size=(7, 3, 3))
-    cloud = SimpleNamespace(
-        ids=np.arange(7) * 3, points=points, covariance=spread @ spread.transpose(0, 2, 1)
-    )
+    cloud = Landmarks(np.arange(7) * 3, points, spread @ spread.transpose(0, 2, 1))
     with ResultWriter(folder, MARK + ": test\n") as writer:
         for k in range(COUNT):
             pose = TRUTH[k] @ g.se3_exp(SIGMAS * draw.normal(size=6))
-            step = SimpleNamespace(t=TIMES[k], pose=pose, covariance=np.diag(SIGMAS**2), status="OK",
-                                   valid=True, started=True, diagnostics={"accepted": 20})  # fmt: skip
+            step = step_result(TIMES[k], pose, np.diag(SIGMAS**2), {"accepted": 20})
             record.append(step, worn=False, seconds=0.01)
             writer.frame(record)
         writer.finish(record, cloud, TRUTH, {"mode": "mono"})

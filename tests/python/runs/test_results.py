@@ -10,39 +10,36 @@ import subprocess
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from helpers.stand_ins import step_result
 
 from collabslam import geometry as g
 from collabslam.errors import DataError
 from collabslam.evaluation.record import RunRecord
 from collabslam.formats.files import LineFile
 from collabslam.formats.landmarks import write_ply
+from collabslam.results import Landmarks, StepResult, SubmapPoses
 from collabslam.runs import results
 from collabslam.runs.folder import MARK, claim, locked
-from collabslam.slam.results import SubmapPoses
+from collabslam.types import Status
 
 CONFIG = MARK + ": test\n"
 
 
-def landmarks(count: int = 5) -> SimpleNamespace:
+def landmarks(count: int = 5) -> Landmarks:
     points = np.arange(3.0 * count).reshape(count, 3)
-    return SimpleNamespace(
-        ids=np.arange(count), points=points, covariance=np.tile(np.diag([1.0, 4.0, 9.0]), (count, 1, 1))
-    )
+    return Landmarks(np.arange(count), points, np.tile(np.diag([1.0, 4.0, 9.0]), (count, 1, 1)))
 
 
-def step(k: int, valid: bool = True) -> SimpleNamespace:
-    return SimpleNamespace(
-        t=1.5e9 + 0.1 * k,
-        pose=g.se3_exp([0.1 * k, 0.0, 0.2 * k, 0.0, 0.1 * k, 0.0]),
-        covariance=np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]) * 1e-4 + 1e-5,
-        status="OK" if valid else "LOST",
-        valid=valid,
-        started=True,
-        diagnostics={"accepted": 12 + k, "nis": np.float64(3.25), "overlap": True, "own_number": 7},
+def step(k: int, valid: bool = True) -> StepResult:
+    return step_result(
+        1.5e9 + 0.1 * k,
+        g.se3_exp([0.1 * k, 0.0, 0.2 * k, 0.0, 0.1 * k, 0.0]),
+        np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]) * 1e-4 + 1e-5,
+        {"accepted": 12 + k, "nis": np.float64(3.25), "overlap": True, "own_number": 7},
+        Status.OK if valid else Status.LOST,
     )
 
 

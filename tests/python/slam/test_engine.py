@@ -13,10 +13,10 @@ from helpers.clip import Clip
 
 from collabslam import geometry as g
 from collabslam.errors import InputError, SettingsError
+from collabslam.results import StepResult
 from collabslam.runs.results import DIAGNOSTICS
 from collabslam.settings.modes import MODES
 from collabslam.slam.engine import Slam
-from collabslam.slam.results import StepResult
 from collabslam.types import Frame, Status, WornView
 
 

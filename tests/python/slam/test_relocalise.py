@@ -22,10 +22,10 @@ from collabslam.frontend.place_recognition import (
     pose_of_agreeing,
 )
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
+from collabslam.results import StepResult
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
 from collabslam.slam.recovery.relocalise import Relocaliser
-from collabslam.slam.results import StepResult
 from collabslam.slam.status import StatusMonitor
 from collabslam.targets.pose import pose_from_points
 from collabslam.types import Array, Image, Status

@@ -15,8 +15,8 @@ from collabslam._core import Factor, PoseGraph
 from collabslam.demo import DemoRecording, corridor_recording
 from collabslam.errors import DataError, FilterError, InputError
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
+from collabslam.results import StepResult
 from collabslam.slam.engine import Slam
-from collabslam.slam.results import StepResult
 from collabslam.slam.submaps.beside import Beside
 from collabslam.slam.submaps.whole_map import whole_way
 from collabslam.types import Array, Status

@@ -11,8 +11,8 @@ from helpers.posted import Posted, paint
 
 from collabslam import Frame, Settings, Slam, Tag
 from collabslam.geometry import pose, pose_inverse, rotation_exp, se3_log
+from collabslam.results import StepResult
 from collabslam.slam.recovery.relocalise import Relocaliser
-from collabslam.slam.results import StepResult
 from collabslam.types import Array, Image, Status, WornView
 
 TAG = Tag("36h11", 3, 0.24)

@@ -13,7 +13,7 @@ from helpers.posted import Posted, paint
 from collabslam import Camera, DataError, InputError, RecordingWriter, SavedMap, Slam, Tag
 from collabslam.cli import main as cli
 from collabslam.geometry import pose, pose_inverse, rotation_exp, se3_exp, se3_log
-from collabslam.slam.results import StepResult
+from collabslam.results import StepResult
 from collabslam.slam.targets.fix import find_by_targets
 from collabslam.slam.targets.in_map import SeenTarget, check_targets
 from collabslam.targets.printed import planar_solutions, printed_corners

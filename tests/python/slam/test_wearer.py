@@ -13,9 +13,9 @@ from helpers.clip import Clip
 from collabslam import Camera
 from collabslam.frontend.wearer_mask import covered
 from collabslam.geometry import rotation_exp
+from collabslam.results import StepResult
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
-from collabslam.slam.results import StepResult
 from collabslam.types import Array
 from collabslam_lab.switches import with_switches
 

@@ -13,7 +13,7 @@ from helpers.posted import Posted, paint
 from collabslam import RecordingWriter, Slam, Tag, WornView
 from collabslam.cli import main as cli
 from collabslam.geometry import pose, pose_inverse, rotation_exp, se3_exp, se3_log
-from collabslam.slam.results import StepResult
+from collabslam.results import StepResult
 from collabslam.types import Array
 
 TAG = Tag("36h11", 3, 0.24)

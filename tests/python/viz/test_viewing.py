@@ -16,8 +16,8 @@ from helpers.clip import Clip, Short
 from PIL import Image as Pictures
 
 from collabslam import DataError, Slam
+from collabslam.results import FEATURE_STATES
 from collabslam.runs import runner
-from collabslam.slam.feature_states import STATES
 from collabslam.viz.animation import animate
 from collabslam.viz.rerun_log import COLOURS, RerunLog
 
@@ -30,7 +30,7 @@ def test_features_say_what_became_of_them(clip: Clip) -> None:
         result = slam.step(frame.t, frame.image, frame.worn)
     features = result.features
     assert len(features.ids) == len(features.states) == len(features.found) == result.diagnostics["predicted"]
-    assert set(features.states) <= set(STATES) == set(COLOURS)
+    assert set(features.states) <= set(FEATURE_STATES) == set(COLOURS)
     used = np.array([s == "accepted" for s in features.states])
     assert used.sum() > 15
     assert np.isfinite(features.found[used]).all()

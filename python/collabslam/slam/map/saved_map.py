@@ -16,7 +16,7 @@ from collabslam.formats.schema import array, covariance, fields, flag, refuse, t
 from collabslam.frontend.map_views import in_one_list, in_other_camera
 from collabslam.frontend.patch import Patch
 from collabslam.frontend.place_recognition import SUPPORT, describe_views
-from collabslam.slam.results import Loop
+from collabslam.results import Loop
 from collabslam.slam.state import PATCH, check_camera
 from collabslam.slam.submaps.chain import Chain, Submap, check_chain
 from collabslam.slam.targets.in_map import check_targets

@@ -15,7 +15,7 @@ from collabslam._core import Edge, Factor, PoseGraph, adjoint, pose_inverse
 from collabslam.errors import FilterError
 from collabslam.formats.schema import array, covariance, fields, instance, items, number, pose, refuse, whole
 from collabslam.frontend.patch import Patch
-from collabslam.slam.results import Loop
+from collabslam.results import Loop
 from collabslam.slam.state import PATCH, SECONDS
 from collabslam.types import Array, Ids, Indices
 

@@ -30,8 +30,8 @@ from collabslam.frontend.place_recognition import (
     locate,
     votes,
 )
+from collabslam.results import Loop
 from collabslam.settings.frontend import FrontendSettings
-from collabslam.slam.results import Loop
 from collabslam.slam.submaps.chain import Chain, Submap
 from collabslam.types import Ids, Image
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from collabslam._core import Placed, skew
 from collabslam.errors import FilterError
-from collabslam.slam.results import Landmarks, SubmapPoses
+from collabslam.results import Landmarks, SubmapPoses
 from collabslam.slam.submaps.chain import Chain, Submap
 from collabslam.types import Array
 

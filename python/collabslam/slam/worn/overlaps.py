@@ -9,8 +9,9 @@ import numpy as np
 
 from collabslam._core import Filter, Outcomes, UpdateReport, WornMeasurement
 from collabslam.frontend.patch import Patch
+from collabslam.results import PlacedCamera
 from collabslam.slam.map_change import ImagePoints
-from collabslam.slam.view import PlacedCamera, View
+from collabslam.slam.view import View
 from collabslam.slam.worn.matcher import Overlap
 from collabslam.types import Array, Ids
 

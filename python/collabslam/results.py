@@ -1,4 +1,4 @@
-"""What the engine answers: a frame's pose and status, and the map."""
+"""What the filter answers: a frame's pose and status, where worn cameras were, the map, submaps and loops."""
 
 from __future__ import annotations
 
@@ -9,10 +9,74 @@ from typing import Any
 import numpy as np
 
 from collabslam._core import pose_inverse
-from collabslam.formats.trajectory import ARBITRARY, METRES
-from collabslam.slam.feature_states import FrameFeatures
-from collabslam.slam.view import PlacedCamera
 from collabslam.types import Array, Ids, Status
+
+FEATURE_STATES = ("accepted", "rejected", "unlike", "ambiguous", "outside", "not searched")
+"""Used by the filter; found but refused; patch not found; found twice; outside the image; not looked for."""
+
+
+@dataclass(frozen=True)
+class FrameFeatures:
+    """The features that should be visible in a frame.
+
+    Attributes
+    ----------
+    ids : (N,) int64
+    predicted : (N, 2) float64
+        Pixels where they are expected.
+    s : (N, 2, 2) float64
+        Innovation covariance of those, px^2.
+    found : (N, 2) float64
+        Pixels where they were found; NaN elsewhere.
+    states : (N,) of str
+        One of `FEATURE_STATES` each.
+    pairs : (M, 4) float64
+        What both cameras see: pixels in Cs, when Cf took its view, and in Cf; of several worn cameras one
+        after the other.
+    pair_names : list of str
+        Whose worn camera each pair is of.
+    """
+
+    ids: Ids = field(default_factory=lambda: np.empty(0, np.int64))
+    predicted: Array = field(default_factory=lambda: np.empty((0, 2)))
+    s: Array = field(default_factory=lambda: np.empty((0, 2, 2)))
+    found: Array = field(default_factory=lambda: np.empty((0, 2)))
+    states: list[str] = field(default_factory=list)
+    pairs: Array = field(default_factory=lambda: np.empty((0, 4)))
+    pair_names: list[str] = field(default_factory=list)
+
+    def pairs_of(self, name: str) -> Array:
+        """(K, 4) the pairs of one worn camera."""
+        return np.asarray(self.pairs[np.array([whose == name for whose in self.pair_names], bool)])
+
+
+@dataclass(frozen=True)
+class PlacedCamera:
+    """Where a worn camera was when its view was taken.
+
+    Attributes
+    ----------
+    pose : (4, 4) float64
+        T_WF: maps points of F into W, metres.
+    covariance : (6, 6) float64
+        Of it over (translation, rotation), tangent on the right, m^2 and rad^2.
+    measured : bool
+        Whether matches of the view tell it; else it is where T_CF says, seen from the pose of Cs.
+    t : float
+        When that was, seconds, by the clock of Cs.
+    matches : int
+        Matches of the view that the filter was given.
+    clock : tuple of (float, float) or None
+        By how much its views are taken after their stamps, by the clock of Cs, as far as the filter
+        knows, and the standard deviation of that, seconds; None where the clock is exact.
+    """
+
+    pose: Array
+    covariance: Array
+    measured: bool
+    t: float
+    matches: int
+    clock: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -33,10 +97,6 @@ class StepResult:
         Whether the pose may be used: the filter has started and is not LOST.
     started : bool
         Whether there is a map to localise in.
-    diagnostics : dict
-        Counts, reasons of rejection, milliseconds per stage.
-    features : FrameFeatures
-        What became of each feature that should be visible.
     metric : bool
         Whether lengths are metres; otherwise they are in a unit that the start chose, and that drifts.
     scale_sd : float
@@ -45,8 +105,12 @@ class StepResult:
     pose_map, covariance_map : (4, 4), (6, 6) float64
         The same pose in the map of all submaps, as loops correct it, and its covariance.  ``pose`` and
         ``covariance`` until one is found: those never jump when an earlier place is recognised, these do.
+    diagnostics : dict
+        Counts, reasons of rejection, milliseconds per stage.
     worn : dict
         Where the worn cameras are whose views this frame used or looked at, by name; a `PlacedCamera` each.
+    features : FrameFeatures
+        What became of each feature that should be visible; a checkpoint does not keep it.
     """
 
     t: float
@@ -55,23 +119,18 @@ class StepResult:
     status: Status
     valid: bool
     started: bool
-    diagnostics: dict[str, Any]
-    features: FrameFeatures
     metric: bool
     scale_sd: float
     pose_map: Array
     covariance_map: Array
+    diagnostics: dict[str, Any]
     worn: Mapping[str, PlacedCamera] = field(default_factory=dict)
+    features: FrameFeatures = field(default_factory=FrameFeatures)
 
     @property
     def t_map_odom(self) -> Array:
         """(4, 4): what moves ``pose`` to ``pose_map``, from the world of the odometry into the map."""
         return np.asarray(self.pose_map @ pose_inverse(self.pose))
-
-    @property
-    def unit(self) -> str:
-        """Of lengths: `METRES` or `ARBITRARY`."""
-        return METRES if self.metric else ARBITRARY
 
 
 @dataclass(frozen=True)
