@@ -25,11 +25,12 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is imported
 import cv2
 import numpy as np
 
-from collabslam.demo.demo_run import MODES, HeldRecording
-from collabslam.demo.recording import corridor_recording
+from collabslam.demo import MODES
 from collabslam.errors import CollabslamError
 from collabslam.evaluation.headline import frame_times
 from collabslam.runs.report import STAGES, text_table
+from collabslam.simulation.held import HeldRecording
+from collabslam.simulation.recording import corridor_recording
 from collabslam.slam.engine import Slam
 from collabslam.types import Recording
 from collabslam_lab.peers.compare import some_images
@@ -111,7 +112,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("results/frames.json"))
     parser.add_argument("--envs", type=Path, default=default_folder(), help="of collabslam-lab peers")
     arguments = parser.parse_args()
-    recording = HeldRecording(corridor_recording(arguments.seed), progress=True)
+    recording = HeldRecording(corridor_recording(arguments.seed))
     where = one_core()
     times = {mode: measure(recording, mode, arguments.runs) for mode in MODES}
     mono, _ = times["mono"]

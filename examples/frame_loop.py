@@ -7,7 +7,7 @@ import argparse
 import numpy as np
 
 from collabslam import Slam, Status, WornView
-from collabslam.demo import corridor_recording
+from collabslam.simulation import corridor_recording
 
 
 def main() -> None:

@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 
 import collabslam
-from collabslam.demo import corridor_recording
+from collabslam.simulation import corridor_recording
 
 
 def main() -> None:

@@ -10,7 +10,7 @@ import argparse
 import numpy as np
 
 from collabslam import Slam
-from collabslam.demo import corridor_recording
+from collabslam.simulation import corridor_recording
 
 BEAMS = 60
 NOISE = 0.02

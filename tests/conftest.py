@@ -7,7 +7,7 @@ import signal
 import pytest
 from helpers.clip import FRAMES, Clip
 
-from collabslam.demo import corridor_recording
+from collabslam.simulation import corridor_recording
 
 
 @pytest.fixture(scope="session", autouse=True)

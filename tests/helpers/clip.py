@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from collabslam.datasets.wrapped import WrappedRecording
-from collabslam.demo import DemoRecording
 from collabslam.errors import DataError
 from collabslam.evaluation.record import RunRecord
 from collabslam.frontend.detect import Corners
 from collabslam.settings.frontend import DetectSettings
+from collabslam.simulation import SimulatedRecording
 from collabslam.slam.view import View
 from collabslam.types import Frame, Image, WornView
 
@@ -24,7 +24,7 @@ GLOBAL_SHUTTER = {"filter.calibration.readout": 0.0, "filter.calibration.readout
 class Clip:
     """The first frames of the demo recording."""
 
-    recording: DemoRecording
+    recording: SimulatedRecording
     frames: list[Frame]
 
 

@@ -11,12 +11,12 @@ from helpers.posted import Posted, paint
 
 from collabslam import Camera, Tag
 from collabslam.datasets.wrapped import WrappedRecording
-from collabslam.demo import corridor_recording
-from collabslam.demo.demo_run import HeldRecording
-from collabslam.demo.recording import DemoRecording
-from collabslam.demo.rendered import PIXEL_NOISE
-from collabslam.demo.walk import CorridorWalk
 from collabslam.geometry import pose, rotation_exp
+from collabslam.simulation import corridor_recording
+from collabslam.simulation.held import HeldRecording
+from collabslam.simulation.recording import SimulatedRecording
+from collabslam.simulation.rendered import PIXEL_NOISE
+from collabslam.simulation.trajectory import CorridorWalk
 from collabslam.types import Array, Frame, Image
 
 TAG = Tag("36h11", 3, 0.3)
@@ -34,9 +34,9 @@ class ThereAndBack(WrappedRecording):
     def __init__(self) -> None:
         seconds = 0.5 * WAY * (1.0 - np.cos(np.linspace(0.0, np.pi, STEPS + 1))) / _SPEED
         first = corridor_recording()
-        there = DemoRecording(first.renderer, CorridorWalk(_SPEED), seconds, "there", 0)
+        there = SimulatedRecording(first.renderer, CorridorWalk(_SPEED), seconds, "there", 0)
         posted = Posted(there, [(TAG, tag_pose(there))], alone=True)
-        super().__init__(HeldRecording(posted, progress=False))
+        super().__init__(HeldRecording(posted))
         self.times = np.arange(3000) / RATE
         self._order = [*range(STEPS + 1), *range(STEPS - 1, 0, -1)]
         self.truth = np.stack([there.truth[self._at(i)] for i in range(len(self))])
@@ -51,7 +51,7 @@ class ThereAndBack(WrappedRecording):
         return self._order[i % len(self._order)]
 
 
-def tag_pose(there: DemoRecording) -> Array:
+def tag_pose(there: SimulatedRecording) -> Array:
     """T_WT (4, 4)."""
     return np.asarray(there.truth[0] @ AHEAD)
 
@@ -59,7 +59,7 @@ def tag_pose(there: DemoRecording) -> Array:
 def phone_video(path: Path) -> Path:
     """What the phone films: one picture with other noise again and again, as JPEGs one after another."""
     first = corridor_recording()
-    there = DemoRecording(first.renderer, CorridorWalk(_SPEED), np.array([0.0, 1.0]), "there", 0)
+    there = SimulatedRecording(first.renderer, CorridorWalk(_SPEED), np.array([0.0, 1.0]), "there", 0)
     stand = there.person(0.0)
     clean = paint(there.renderer.render(stand, PHONE), PHONE, stand, TAG, tag_pose(there))
     generator = np.random.default_rng(0)
@@ -74,7 +74,7 @@ def phone_video(path: Path) -> Path:
 def tracked_shots() -> list[tuple[Image, Array]]:
     """Pictures of a phone that is carried, and T_WF of each (4, 4); the tag is in the first one alone."""
     first = corridor_recording()
-    there = DemoRecording(first.renderer, CorridorWalk(_SPEED), np.array([0.0, 1.0]), "there", 0)
+    there = SimulatedRecording(first.renderer, CorridorWalk(_SPEED), np.array([0.0, 1.0]), "there", 0)
     stand = there.person(0.0)
     steps = [(0.0, 0.0), (0.06, 0.02), (-0.05, -0.03), (0.02, 0.04), (0.1, 0.0)]
     generator = np.random.default_rng(0)

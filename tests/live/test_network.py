@@ -24,13 +24,13 @@ from scenario import HERE, Outcome, Walk, dark, error_without, play, stopped, wa
 
 import collabslam
 from collabslam.datasets.wrapped import FirstFrames
-from collabslam.demo import corridor_recording
-from collabslam.demo.recording import DemoRecording
-from collabslam.demo.walk import CorridorWalk
 from collabslam.live.keys import make_keys
 from collabslam.live.pace import LEVELS
 from collabslam.live.replay import replay
 from collabslam.live.views import LATEST
+from collabslam.simulation import corridor_recording
+from collabslam.simulation.recording import SimulatedRecording
+from collabslam.simulation.trajectory import CorridorWalk
 from collabslam_lab.worlds.recording import world_recording
 
 RESULTS = HERE.parents[1] / "results" / "live.json"
@@ -84,7 +84,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
     corridors = [corridor_recording(seed) for seed in SEEDS]
     first = corridors[0]
     always = CorridorWalk(1.5, glances=((0.0, CorridorWalk.period),))
-    ahead = DemoRecording(first.renderer, always, first.times, "ahead", 0)
+    ahead = SimulatedRecording(first.renderer, always, first.times, "ahead", 0)
     return Place(
         folder,
         folder / "keys",

@@ -20,9 +20,9 @@ import cv2
 import rclpy
 from scenario import frames_of
 
-from collabslam.demo import corridor_recording
 from collabslam.live import messages
 from collabslam.live.ros_types import message_class
+from collabslam.simulation import corridor_recording
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of the parsers that rclpy brings
 

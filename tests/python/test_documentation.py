@@ -22,13 +22,12 @@ from helpers.posted import TAG, paint, walk_past
 from helpers.sensed_person import write_sensor_bag
 
 import collabslam
-from collabslam import Board
+from collabslam import Board, demo
 from collabslam import geometry as g
 from collabslam.cli import COMMANDS
 from collabslam.cli import main as cli
 from collabslam.datasets import write_recording
 from collabslam.datasets.calibration import sensor_mapping
-from collabslam.demo import demo_run
 from collabslam_lab import wearers
 from collabslam_lab.benchmark import evaluate
 from collabslam_lab.cli import main as lab
@@ -146,7 +145,7 @@ def place(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def there(place: Path, clip: Clip, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Work in that folder; the demo is a short one."""
     monkeypatch.chdir(place)
-    monkeypatch.setattr(demo_run, "demo_recording", lambda seed: Short(clip, FRAMES))
+    monkeypatch.setattr(demo, "demo_recording", lambda seed: Short(clip, FRAMES))
     monkeypatch.setattr(evaluate, "run_items", lambda items, **_: [])
     monkeypatch.setattr(evaluate.descriptors, "measure_all", lambda *_: ([], []))
     monkeypatch.setattr(evaluate.blackout, "measure_all", lambda *_: ([], []))

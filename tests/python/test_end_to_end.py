@@ -30,7 +30,7 @@ from typing import Any
 import pytest
 from helpers.whole_runs import LARGEST_NEES, MODES, scores
 
-from collabslam.demo import corridor_recording, demo_recording
+from collabslam.simulation import corridor_recording, demo_recording
 
 SEEDS = range(3)
 LEAST_NEES = 0.03

@@ -42,7 +42,8 @@ ALLOWED: dict[str, set[str]] = {
     | {"version", "images", "worn_pose", "targets", "settings", "formats", "slam", "datasets", "runs"},
     "viz": BASE | {"formats", "evaluation", "slam", "runs"},
     "checks": BASE | {"targets", "frontend", "datasets", "runs"},
-    "demo": BASE | {"settings", "formats", "datasets", "runs", "viz"},
+    "simulation": BASE | {"datasets"},
+    "demo": BASE | {"settings", "formats", "datasets", "runs", "viz", "simulation"},
     "cli": BASE
     | {
         "version",

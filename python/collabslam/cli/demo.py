@@ -27,7 +27,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def main(arguments: argparse.Namespace) -> int:
     """Render, run both modes, print the comparison."""
-    from collabslam.demo.demo_run import run_demo
+    from collabslam.demo import run_demo
     from collabslam.runs.summary import is_trusted
 
     summaries = run_demo(

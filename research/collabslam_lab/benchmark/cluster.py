@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from collabslam.datasets import write_recording
-from collabslam.demo import corridor_recording
 from collabslam.errors import DataError
 from collabslam.formats.files import write_text
 from collabslam.runs.results import COVARIANCE, MAP, TRAJECTORY, write_summary
+from collabslam.simulation import corridor_recording
 from collabslam_lab.benchmark.plan import Plan, parse_plan
 from collabslam_lab.benchmark.running import run_items
 from collabslam_lab.benchmark.store import Item, Row

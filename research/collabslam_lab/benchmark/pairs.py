@@ -14,13 +14,13 @@ from collabslam.checks.samples import spread
 from collabslam.datasets.emulated.view_overlap import grid_points
 from collabslam.datasets.images import read_grey
 from collabslam.datasets.recording import Rig
-from collabslam.demo.recording import DemoRecording, demo_recording
 from collabslam.errors import DataError
 from collabslam.frontend.epipolar import inverse_ranges
 from collabslam.frontend.two_views import TwoViews, ViewedPoints
 from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import pose_inverse
 from collabslam.settings.frontend import FrontendSettings
+from collabslam.simulation.recording import SimulatedRecording, demo_recording
 from collabslam.types import Array, Image, Recording
 from collabslam_lab.benchmark.opening import open_folder, views_of
 from collabslam_lab.benchmark.plan import Entry
@@ -154,7 +154,7 @@ def true_inverse_ranges(scene: Scene, i: int, uv: Array, options: FrontendSettin
     of them must agree within 8 %.
     """
     rays = scene.camera.unproject(uv).reshape(-1, 3)
-    if isinstance(scene.recording, DemoRecording):
+    if isinstance(scene.recording, SimulatedRecording):
         depth = scene.recording.renderer.depth(scene.poses[i], scene.camera)
         u, v = (np.clip(np.rint(uv[:, k]).astype(int), 0, depth.shape[1 - k] - 1) for k in (0, 1))
         return np.asarray(rays[:, 2] / depth[v, u])

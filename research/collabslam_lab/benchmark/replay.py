@@ -23,12 +23,12 @@ from collabslam.datasets.emulated.views import PosedViews
 from collabslam.datasets.ordered import in_order
 from collabslam.datasets.readers import collab
 from collabslam.datasets.wrapped import WrappedRecording
-from collabslam.demo.demo_run import HeldRecording
-from collabslam.demo.recording import demo_recording
 from collabslam.errors import CollabslamError
 from collabslam.runs.plan import Output
 from collabslam.runs.results import write_summary
 from collabslam.runs.runner import run
+from collabslam.simulation.held import HeldRecording
+from collabslam.simulation.recording import demo_recording
 from collabslam.types import Recording
 from collabslam_lab.benchmark.opening import open_folder, worn_of
 from collabslam_lab.benchmark.store import KEY, Item, Row
@@ -96,7 +96,7 @@ class Miscalibrated(WrappedRecording):
 
 @lru_cache(maxsize=1)
 def _rendered(seed: int) -> Recording:
-    return HeldRecording(demo_recording(seed), progress=False)
+    return HeldRecording(demo_recording(seed))
 
 
 def run_item(item: Item) -> Row:

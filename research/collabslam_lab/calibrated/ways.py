@@ -9,11 +9,11 @@ import numpy as np
 from collabslam.datasets.poses import interpolate_track
 from collabslam.datasets.worn_calibration import corrected
 from collabslam.datasets.wrapped import WrappedRecording
-from collabslam.demo.recording import DemoRecording
-from collabslam.demo.renderer import Renderer
-from collabslam.demo.walk import CorridorWalk, camera_pose, waves
-from collabslam.demo.world import corridor
 from collabslam.geometry import pose_inverse, se3_exp
+from collabslam.simulation.recording import SimulatedRecording
+from collabslam.simulation.renderer import Renderer
+from collabslam.simulation.trajectory import CorridorWalk, camera_pose, waves
+from collabslam.simulation.world import corridor
 from collabslam.types import Array, Frame, Image, Recording
 
 RATE = 10.0
@@ -80,10 +80,10 @@ WALKS: dict[str, type[CorridorWalk]] = {
 }
 
 
-def rendered(walk: str, frames: int, seed: int) -> DemoRecording:
+def rendered(walk: str, frames: int, seed: int) -> SimulatedRecording:
     """A way of so many frames; the seed is of the noise."""
     renderer = Renderer(corridor(1.4 * frames / RATE + 8.0))
-    return DemoRecording(renderer, WALKS[walk](), np.arange(frames) / RATE, walk, seed)
+    return SimulatedRecording(renderer, WALKS[walk](), np.arange(frames) / RATE, walk, seed)
 
 
 def drawn_error(seed: int) -> tuple[Array, float]:
@@ -130,7 +130,7 @@ class Erring(WrappedRecording):
     def _late(self, frame: Frame) -> Frame:
         if frame.worn is None or not self._clock:
             return frame
-        if isinstance(self._base, DemoRecording):
+        if isinstance(self._base, SimulatedRecording):
             worn = self._base.worn_at(frame.t + self._clock, frame.index)
             return replace(frame, worn=None if worn is None else replace(worn, t=None))
         assert self.truth is not None, "Cf was emulated by true poses"

@@ -11,11 +11,11 @@ import numpy as np
 
 from collabslam import run
 from collabslam.datasets.wrapped import FirstFrames
-from collabslam.demo import corridor_recording
-from collabslam.demo.demo_run import HeldRecording
-from collabslam.demo.recording import DemoRecording
 from collabslam.evaluation.consistency import nees, pose_tangent_error
 from collabslam.runs.runner import RunResult
+from collabslam.simulation import corridor_recording
+from collabslam.simulation.held import HeldRecording
+from collabslam.simulation.recording import SimulatedRecording
 from collabslam.types import Array
 from collabslam_lab.hardware.free_running import FreeRunning, WornAt, WornClock
 from collabslam_lab.hardware.wrong_stamps import AHEAD
@@ -47,7 +47,7 @@ def clock_rows(seeds: Sequence[int], clocks: Sequence[WornClock], frames: int | 
     """
     for seed in seeds:
         world = corridor_recording(seed, length_m=WAY_M, glances=AHEAD)
-        held = HeldRecording(world if frames is None else FirstFrames(world, frames), progress=False)
+        held = HeldRecording(world if frames is None else FirstFrames(world, frames))
         worn = _worn_of(world)
         for clock in dict.fromkeys((TOGETHER, *clocks)):
             result = run(FreeRunning(held, worn, clock))
@@ -60,7 +60,7 @@ def clock_rows(seeds: Sequence[int], clocks: Sequence[WornClock], frames: int | 
             }
 
 
-def _worn_of(world: DemoRecording) -> WornAt:
+def _worn_of(world: SimulatedRecording) -> WornAt:
     """What Cf sees at a time, whatever the clock.
 
     The noise of a view and of its T_CF is that of the nearest frame's instant, so that clocks are compared

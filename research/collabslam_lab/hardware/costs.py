@@ -9,7 +9,7 @@ import numpy as np
 from collabslam import run
 from collabslam._core import Camera
 from collabslam.datasets.wrapped import FirstFrames, WrappedRecording
-from collabslam.demo import corridor_recording
+from collabslam.simulation import corridor_recording
 from collabslam.types import Image, Recording
 from collabslam_lab.report import markdown_table
 

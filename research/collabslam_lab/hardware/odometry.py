@@ -11,11 +11,11 @@ import numpy as np
 from collabslam import Settings, Slam, run
 from collabslam.datasets.odometry import increments, mounted
 from collabslam.datasets.wrapped import WrappedRecording
-from collabslam.demo.demo_run import HeldRecording
 from collabslam.evaluation.consistency import nees, pose_tangent_error
 from collabslam.evaluation.metrics import path_length
 from collabslam.geometry import pose_inverse
 from collabslam.runs.runner import RunResult
+from collabslam.simulation.held import HeldRecording
 from collabslam.types import Array, Frame, Image, Odometry, Recording
 from collabslam_lab.report import markdown_table
 from collabslam_lab.worlds import world_recording
@@ -152,7 +152,7 @@ def odometry_rows(
     for name in worlds:
         for seed in seeds:
             world = world_recording(name, seed)
-            held = HeldRecording(world, progress=False)
+            held = HeldRecording(world)
             span = float(world.times[-1] - world.times[0])
             dark = (0.5 * (span - DARK), 0.5 * (span + DARK))
             for case in cases:

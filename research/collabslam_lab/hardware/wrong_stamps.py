@@ -7,10 +7,10 @@ from functools import cache
 import numpy as np
 
 from collabslam.datasets.wrapped import FirstFrames, WrappedRecording
-from collabslam.demo import DemoRecording, corridor_recording
-from collabslam.demo.demo_run import HeldRecording
-from collabslam.demo.recording import POSITION_SD, ROTATION_SD, measured_pose
 from collabslam.geometry import pose_inverse
+from collabslam.simulation import SimulatedRecording, corridor_recording
+from collabslam.simulation.held import HeldRecording
+from collabslam.simulation.recording import POSITION_SD, ROTATION_SD, measured_pose
 from collabslam.types import Frame, Image, WornView
 from collabslam_lab.calibrated.ways import rendered
 from collabslam_lab.worlds import WorldRecording, world_recording
@@ -33,13 +33,13 @@ class SideBySide(HeldRecording):
 
     Parameters
     ----------
-    world : DemoRecording or WorldRecording
+    world : SimulatedRecording or WorldRecording
     frames : int, optional
         Only so many from the first one on.
     """
 
-    def __init__(self, world: DemoRecording | WorldRecording, frames: int | None = None) -> None:
-        super().__init__(world if frames is None else FirstFrames(world, frames), progress=False)
+    def __init__(self, world: SimulatedRecording | WorldRecording, frames: int | None = None) -> None:
+        super().__init__(world if frames is None else FirstFrames(world, frames))
         self.world = world
         self.worn_picture = cache(self._worn_picture)
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from collabslam.demo.demo_run import HeldRecording
 from collabslam.errors import CollabslamError
 from collabslam.runs.runner import RunResult, run
 from collabslam.settings.table import Settings
+from collabslam.simulation.held import HeldRecording
 from collabslam.types import Recording
 from collabslam_lab.engines import LOCAL, Engine
 from collabslam_lab.kept import Task, kept
@@ -100,7 +100,7 @@ def run_case(case: Case) -> str:
     use_one_thread()
     seed = case.seed
     world = world_recording(case.world, seed, keep=True)
-    held = HeldRecording(world, progress=False)
+    held = HeldRecording(world)
     rows: list[Row] = []
     tracks = {"truth": _rounded(world.truth[:, :2, 3])}
     if case.variants:

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from collabslam.datasets import attach_worn
-from collabslam.demo.demo_run import HeldRecording
 from collabslam.results import Landmarks, StepResult
 from collabslam.runs.plan import Plan
 from collabslam.runs.runner import SlamLike, make_engine, run
 from collabslam.settings.table import Settings
+from collabslam.simulation.held import HeldRecording
 from collabslam.types import Image, Recording, WornView
 from collabslam_lab.benchmark.replay import open_entry
 from collabslam_lab.benchmark.store import Item
@@ -47,7 +47,7 @@ def opened(item: Item) -> Recording:
 def run_ours(item: Item) -> dict[str, Found]:
     """What one camera alone finds, scale-free, and what it finds with Cf; in a process with one thread."""
     use_one_thread()
-    recording = HeldRecording(opened(item), progress=False)
+    recording = HeldRecording(opened(item))
     return {
         ALONE: measured(attach_worn(recording, "none"), "mono", "scale-free", item.settings),
         TOGETHER: measured(recording, "collab", item.entry.start, item.settings),

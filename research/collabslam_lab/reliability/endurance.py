@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from collabslam.demo.recording import corridor_recording
+from collabslam.simulation.recording import corridor_recording
 from collabslam.slam.engine import Slam
 from collabslam.types import Frame, Recording
 

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from collabslam.datasets import FirstFrames, write_recording
-from collabslam.demo import corridor_recording
 from collabslam.errors import DataError
 from collabslam.runs.folder import CONFIG
 from collabslam.runs.results import (
@@ -27,6 +26,7 @@ from collabslam.runs.results import (
     SUMMARY,
     TRAJECTORY,
 )
+from collabslam.simulation import corridor_recording
 
 SAME = (CONFIG, TRAJECTORY, COVARIANCE, GROUND_TRUTH, MAP)
 """Files that are the same to the byte; frames.csv and the summary are, but for wall times."""

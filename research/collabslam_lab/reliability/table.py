@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from collabslam.demo.demo_run import HeldRecording
-from collabslam.demo.recording import corridor_recording
 from collabslam.errors import CollabslamError
 from collabslam.runs.plan import Output
 from collabslam.runs.runner import run
+from collabslam.simulation.held import HeldRecording
+from collabslam.simulation.recording import corridor_recording
 from collabslam.types import Recording
 from collabslam_lab.reliability.faults import FAULTS, Fault, inject
 from collabslam_lab.report import markdown_table
@@ -87,7 +87,7 @@ def measure_faults(
     faults = list(faults)
     outcomes: dict[str, list[dict[str, Any]]] = {fault.name: [] for fault in faults}
     for seed in seeds:
-        clean = HeldRecording(corridor_recording(seed, length_m=length_m), progress=progress)
+        clean = HeldRecording(corridor_recording(seed, length_m=length_m))
         best = _run(clean, progress)[ERROR]
         for fault in faults:
             outcomes[fault.name].append({**_run(inject(clean, fault, seed), progress), "clean": best})

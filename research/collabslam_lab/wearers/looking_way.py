@@ -15,11 +15,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from collabslam._core import CandidateViews
-from collabslam.demo.recording import DemoRecording, pose_with_error
-from collabslam.demo.renderer import Renderer
-from collabslam.demo.walk import CorridorWalk
-from collabslam.demo.world import corridor
 from collabslam.geometry import pose_inverse, rotation_exp
+from collabslam.simulation.recording import SimulatedRecording, pose_with_error
+from collabslam.simulation.renderer import Renderer
+from collabslam.simulation.trajectory import CorridorWalk
+from collabslam.simulation.world import corridor
 from collabslam.slam.engine import Slam
 from collabslam.types import Array, Image, WornView
 from collabslam_lab.processes import use_one_thread
@@ -87,7 +87,7 @@ class Way:
         length = SPEED * (STARTS[-1] + 0.1 * frames) + 1.0
         times = STARTS[number % len(STARTS)] + np.arange(frames) / RATE
         renderer, walk = Renderer(corridor(length)), CorridorWalk(SPEED)
-        self.recording = DemoRecording(renderer, walk, times, f"way-{number}", own)
+        self.recording = SimulatedRecording(renderer, walk, times, f"way-{number}", own)
         self.pictures: list[Image] = [self.recording.image(i) for i in range(frames)]
         self.result = Looked()
 

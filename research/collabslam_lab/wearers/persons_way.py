@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collabslam.demo.recording import DemoRecording, pose_with_error
-from collabslam.demo.renderer import Renderer
-from collabslam.demo.walk import CorridorWalk
-from collabslam.demo.world import corridor
 from collabslam.evaluation.consistency import nees, pose_tangent_error
 from collabslam.geometry import pose_inverse, rotation_exp
+from collabslam.simulation.recording import SimulatedRecording, pose_with_error
+from collabslam.simulation.renderer import Renderer
+from collabslam.simulation.trajectory import CorridorWalk
+from collabslam.simulation.world import corridor
 from collabslam.slam.engine import Slam
 from collabslam.types import Array, Image, WornView
 from collabslam_lab.processes import use_one_thread
@@ -79,7 +79,7 @@ class PersonsWay:
         own = int(np.random.SeedSequence((seed, number)).generate_state(1)[0])
         times = STEP * number + np.arange(frames) / RATE
         renderer = Renderer(corridor(SPEED * float(times[-1]) + 3.0))
-        self.recording = DemoRecording(renderer, CorridorWalk(SPEED), times, f"way-{number}", own)
+        self.recording = SimulatedRecording(renderer, CorridorWalk(SPEED), times, f"way-{number}", own)
         self.pictures: list[Image] = [self.recording.image(i) for i in range(frames)]
         self._views = {
             (i, who): self._picture(i, who) for i in range(0, frames, EVERY) for who in range(len(NAMES))

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collabslam.demo import textures
-from collabslam.demo.renderer import Mover, Renderer
-from collabslam.demo.textures import Grey, Rng
-from collabslam.demo.world import box
+from collabslam.simulation import textures
+from collabslam.simulation.renderer import Mover, Renderer
+from collabslam.simulation.textures import Grey, Rng
+from collabslam.simulation.world import box
 from collabslam.types import Array
 
 HIP = 0.86

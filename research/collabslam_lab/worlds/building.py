@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from collabslam.demo import textures
-from collabslam.demo.textures import Grey, Rng, faded, repeating
-from collabslam.demo.walls import wall
-from collabslam.demo.world import HEIGHT, Panel, Vector, box, panel, plant
+from collabslam.simulation import textures
+from collabslam.simulation.textures import Grey, Rng, faded, repeating
+from collabslam.simulation.walls import wall
+from collabslam.simulation.world import HEIGHT, Panel, Vector, box, panel, plant
 from collabslam.types import Array
 from collabslam_lab.worlds.route import CELL, Cell
 

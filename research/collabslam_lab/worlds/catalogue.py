@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from collabslam.demo.rendered import Sensor
+from collabslam.simulation.rendered import Sensor
 from collabslam.targets.kinds import Board
 from collabslam_lab.worlds.building import Style
 from collabslam_lab.worlds.motion import Station

@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from collabslam.demo.rendered import Sensor
 from collabslam.errors import InputError
+from collabslam.simulation.rendered import Sensor
 from collabslam_lab.worlds.catalogue import SETS, WITH_BOARD, Recipe, with_board
 
 LIFE = "-life"

@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
-from collabslam.demo.tremor import Tremor
-from collabslam.demo.walk import camera_pose, smooth_step, waves
+from collabslam.simulation.trajectory import camera_pose, smooth_step, waves
+from collabslam.simulation.tremor import Tremor
 from collabslam.types import Array
 from collabslam_lab.worlds.bodies import upright
 from collabslam_lab.worlds.route import Route

@@ -11,11 +11,11 @@ from functools import cached_property
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.demo.exposure import ExposureControl
-from collabslam.demo.recording import measured_pose
-from collabslam.demo.rendered import RenderedRecording
 from collabslam.errors import InputError
 from collabslam.geometry import rounded_covariance
+from collabslam.simulation.exposure import ExposureControl
+from collabslam.simulation.recording import measured_pose
+from collabslam.simulation.rendered import RenderedRecording
 from collabslam.types import Array, Frame, Image, WornView
 from collabslam_lab.worlds.building import Building
 from collabslam_lab.worlds.catalogue import Recipe

@@ -12,9 +12,9 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.demo import textures
-from collabslam.demo.renderer import Mover, Renderer, Shutter
-from collabslam.demo.world import Panel, panel
+from collabslam.simulation import textures
+from collabslam.simulation.renderer import Mover, Renderer, Shutter
+from collabslam.simulation.world import Panel, panel
 from collabslam.types import Array, Image
 from collabslam_lab.worlds.bodies import Person, robot
 from collabslam_lab.worlds.building import Building, build

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from collabslam.demo.renderer import Renderer
 from collabslam.errors import SettingsError
 from collabslam.geometry import pose_inverse, se3_log
+from collabslam.simulation.renderer import Renderer
 from collabslam_lab.cli import main as lab
 from collabslam_lab.paper_worlds import EXPERIMENTS, cases, paired, run_experiments
 from collabslam_lab.paper_worlds.cases import DIRECT, MODES, SENSORS, Case

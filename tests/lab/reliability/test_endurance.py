@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from collabslam.demo.recording import corridor_recording
 from collabslam.errors import DataError
+from collabslam.simulation.recording import corridor_recording
 from collabslam_lab.reliability import measure as reliability
 from collabslam_lab.reliability.endurance import endure_session, looped, many_dropped
 

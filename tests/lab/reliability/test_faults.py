@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from collabslam.datasets.wrapped import WrappedRecording
-from collabslam.demo import corridor_recording
-from collabslam.demo.demo_run import HeldRecording
 from collabslam.errors import CollabslamError, InputError
 from collabslam.geometry import se3_exp
 from collabslam.results import StepResult
@@ -15,6 +13,8 @@ from collabslam.runs.report import unused_text
 from collabslam.runs.runner import run
 from collabslam.runs.summary import is_trusted
 from collabslam.settings.frontend import BlankImageSettings
+from collabslam.simulation import corridor_recording
+from collabslam.simulation.held import HeldRecording
 from collabslam.slam.engine import Slam
 from collabslam.slam.tracking.blank_image import BlankImageDetector
 from collabslam.types import Frame, Recording, Status, WornView
@@ -29,7 +29,7 @@ BY_NAME = {fault.name: fault for fault in FAULTS}
 @pytest.fixture(scope="module")
 def walk() -> Recording:
     """The first 36 frames of the corridor, rendered once."""
-    return HeldRecording(corridor_recording(0, length_m=5.4), progress=False)
+    return HeldRecording(corridor_recording(0, length_m=5.4))
 
 
 def slam_on(recording: Recording) -> Slam:

@@ -14,14 +14,14 @@ from collabslam.datasets import open_recording, write_recording
 from collabslam.datasets.ros.bag import Bag
 from collabslam.datasets.ros.writer import TOPICS, write_bag
 from collabslam.datasets.wrapped import WrappedRecording
-from collabslam.demo.conditions import HARD
-from collabslam.demo.rendered import Sensor
-from collabslam.demo.renderer import Renderer, Shutter
-from collabslam.demo.walk import camera_pose
-from collabslam.demo.world import Panel, panel
 from collabslam.errors import InputError
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
 from collabslam.runs.runner import run
+from collabslam.simulation.conditions import HARD
+from collabslam.simulation.rendered import Sensor
+from collabslam.simulation.renderer import Renderer, Shutter
+from collabslam.simulation.trajectory import camera_pose
+from collabslam.simulation.world import Panel, panel
 from collabslam.types import Frame
 from collabslam_lab.worlds import SETS, WorldRecording, recipe, world_recording
 from collabslam_lab.worlds.building import Style, build

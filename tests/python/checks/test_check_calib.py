@@ -29,7 +29,7 @@ from collabslam.cli import main as cli
 from collabslam.datasets.at_frames import AtFrames
 from collabslam.datasets.poses import interpolate_track
 from collabslam.datasets.wrapped import FirstFrames, WrappedRecording
-from collabslam.demo import corridor_recording
+from collabslam.simulation import corridor_recording
 from collabslam.types import Array, Frame, Image, Recording
 from collabslam_lab.hardware.free_running import FreeRunning, WornAt, WornClock
 

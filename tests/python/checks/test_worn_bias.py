@@ -20,8 +20,8 @@ from collabslam.cli import main as cli
 from collabslam.datasets.source import STATE, Source, WornSpec
 from collabslam.datasets.worn_calibration import CalibratedWorn, WornCalibration, corrected
 from collabslam.datasets.wrapped import WrappedRecording
-from collabslam.demo import corridor_recording
 from collabslam.errors import DataError
+from collabslam.simulation import corridor_recording
 from collabslam.types import Array, Frame, WornView
 
 Motion = Callable[[float], Array]

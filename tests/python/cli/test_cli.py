@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from helpers.stand_ins import FakeSlam, Walk
 
+from collabslam import demo
 from collabslam.cli import COMMANDS, options
 from collabslam.cli import main as cli
 from collabslam.datasets import FirstFrames
-from collabslam.demo import demo_run
 from collabslam.errors import DataError, FilterError, SettingsError
 from collabslam.runs import runner
 from collabslam.runs.plan import MODE_KEY, Output, Plan
@@ -304,11 +304,11 @@ def test_demo_runs_both_modes_on_one_rendering(
             return super().frame(i)
 
     scales = {"mono": 1.4, "collab": 1.1}
-    monkeypatch.setattr(demo_run, "demo_recording", lambda seed: Counted())
+    monkeypatch.setattr(demo, "demo_recording", lambda seed: Counted())
     monkeypatch.setattr(
         runner, "make_engine", lambda recording, plan, map, printed: FakeSlam(Walk(), scale=scales[plan.mode])
     )
-    medians = demo_run.run_demo(tmp_path, seeds=[0], progress=False)
+    medians = demo.run_demo(tmp_path, seeds=[0], progress=False)
     assert rendered == list(range(30))
     assert medians["collab"]["avg_position_error_m"] < medians["mono"]["avg_position_error_m"]
     assert "collab over mono: 0.25" in capsys.readouterr().out
@@ -319,9 +319,9 @@ def test_demo_runs_both_modes_on_one_rendering(
 @pytest.mark.usefixtures("_no_picture")
 def test_demo_of_several_seeds_gives_medians(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("collabslam.viz.plot.plot_comparison", lambda *_, **__: None)
-    monkeypatch.setattr(demo_run, "demo_recording", lambda seed: Walk())
+    monkeypatch.setattr(demo, "demo_recording", lambda seed: Walk())
     monkeypatch.setattr(runner, "make_engine", lambda *_: FakeSlam(Walk()))
-    demo_run.run_demo(tmp_path, seeds=[0, 1], progress=False)
+    demo.run_demo(tmp_path, seeds=[0, 1], progress=False)
     assert (tmp_path / "seed-1" / "collab" / "summary.json").exists()
     assert (tmp_path / "medians.json").exists()
 

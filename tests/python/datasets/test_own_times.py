@@ -12,7 +12,7 @@ from collabslam.datasets import write_recording
 from collabslam.datasets.readers.stamped import LONGEST, own_time, views_of_frames
 from collabslam.datasets.ros.writer import write_bag
 from collabslam.datasets.wrapped import FirstFrames
-from collabslam.demo import corridor_recording
+from collabslam.simulation import corridor_recording
 from collabslam.types import Recording
 from collabslam_lab.hardware.free_running import FreeRunning, WornClock
 

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from collabslam._core import Camera, Filter
-from collabslam.demo import corridor_recording
 from collabslam.errors import InputError
 from collabslam.frontend.flow import FlowImage
 from collabslam.frontend.followed import followed_points
 from collabslam.settings.frontend import FlowSettings
+from collabslam.simulation import corridor_recording
 
 CAMERA = Camera("radtan", 720, 480, (780.0, 780.0, 360.0, 240.0), (0.0, 0.0, 0.0, 0.0))
 TURN = np.array([0.0, 0.08, 0.01])  # 4.6 degrees to the right

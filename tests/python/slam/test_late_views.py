@@ -13,7 +13,7 @@ from helpers.clip import GLOBAL_SHUTTER
 
 import collabslam
 from collabslam import InputError, Settings, Slam
-from collabslam.demo import corridor_recording
+from collabslam.simulation import corridor_recording
 from collabslam.types import WornView
 
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from collabslam._core import settings_schema
-from collabslam.demo import DemoRecording, corridor_recording
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.patch import capture
 from collabslam.frontend.place_recognition import (
@@ -24,6 +23,7 @@ from collabslam.frontend.place_recognition import (
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
 from collabslam.results import StepResult
 from collabslam.settings.table import Settings
+from collabslam.simulation import SimulatedRecording, corridor_recording
 from collabslam.slam.engine import Slam
 from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.status import StatusMonitor
@@ -37,19 +37,19 @@ SECOND = 10
 
 
 @pytest.fixture(scope="module")
-def recording() -> DemoRecording:
+def recording() -> SimulatedRecording:
     return corridor_recording()
 
 
 @pytest.fixture(scope="module")
-def images(recording: DemoRecording) -> list[Image]:
+def images(recording: SimulatedRecording) -> list[Image]:
     return [recording.image(i) for i in range(SEEN + 2 * SECOND + 4)]
 
 
 class Walk:
     """The first frames of the demo through the filter; what follows is up to the test."""
 
-    def __init__(self, recording: DemoRecording, *, mode: str = "mono", seen: int = SEEN) -> None:
+    def __init__(self, recording: SimulatedRecording, *, mode: str = "mono", seen: int = SEEN) -> None:
         self.recording = recording
         self.slam = Slam(recording.camera, recording.worn_camera, mode=mode)
         for i in range(seen):
@@ -92,7 +92,7 @@ def _covered(image: Image) -> Iterator[Image]:
 
 
 @pytest.mark.parametrize("how", ["black", "covered"])
-def test_a_second_in_the_dark(recording: DemoRecording, images: list[Image], how: str) -> None:
+def test_a_second_in_the_dark(recording: SimulatedRecording, images: list[Image], how: str) -> None:
     walk = Walk(recording)
     before, ids = walk.last, walk.ids()
     dark = _dark(images[0].shape) if how == "black" else _covered(images[SEEN])
@@ -116,7 +116,7 @@ def test_a_second_in_the_dark(recording: DemoRecording, images: list[Image], how
         walk.is_right(later)
 
 
-def _jump(recording: DemoRecording, images: list[Image]) -> tuple[Walk, list[StepResult]]:
+def _jump(recording: SimulatedRecording, images: list[Image]) -> tuple[Walk, list[StepResult]]:
     """Ten frames cut out: from one frame to the next the camera is a metre and a half farther on."""
     walk = Walk(recording)
     steps = []
@@ -132,7 +132,7 @@ def _is_a_jump(step: StepResult) -> bool:
     return step.valid and step.status is Status.DOUBTFUL and step.diagnostics["doubt"] == "jump"
 
 
-def test_a_jump(recording: DemoRecording, images: list[Image]) -> None:
+def test_a_jump(recording: SimulatedRecording, images: list[Image]) -> None:
     walk, steps = _jump(recording, images)
     jump = np.linalg.norm((pose_inverse(recording.truth[SEEN]) @ recording.truth[SEEN + SECOND])[:3, 3])
     assert len(steps) == 1  # what fails is compared with the map at once
@@ -152,13 +152,13 @@ def test_a_jump(recording: DemoRecording, images: list[Image]) -> None:
         walk.is_right(later)
 
 
-def test_a_jump_ends_alike_to_the_bit(recording: DemoRecording, images: list[Image]) -> None:
+def test_a_jump_ends_alike_to_the_bit(recording: SimulatedRecording, images: list[Image]) -> None:
     (one, _), (two, _) = _jump(recording, images), _jump(recording, images)
     assert one.last.pose.tobytes() == two.last.pose.tobytes()
     assert one.last.covariance.tobytes() == two.last.covariance.tobytes()
 
 
-def _elsewhere(recording: DemoRecording, mode: str) -> tuple[Walk, list[StepResult]]:
+def _elsewhere(recording: SimulatedRecording, mode: str) -> tuple[Walk, list[StepResult]]:
     """From its first frames to nine metres on: nothing of the map is in sight, and Cf sees what Cs sees."""
     walk = Walk(recording, mode=mode, seen=12)
     steps = []
@@ -170,7 +170,7 @@ def _elsewhere(recording: DemoRecording, mode: str) -> tuple[Walk, list[StepResu
     return walk, steps
 
 
-def test_lost_it_starts_again_where_cf_sees_what_it_sees(recording: DemoRecording) -> None:
+def test_lost_it_starts_again_where_cf_sees_what_it_sees(recording: SimulatedRecording) -> None:
     walk, steps = _elsewhere(recording, "collab-tight")
     assert [s.status for s in steps] == [Status.COASTING] * 2 + [Status.LOST] + [Status.OK] * 5
     assert [s.diagnostics["restarted"] for s in steps] == [0, 0, 0, 1, 0, 0, 0, 0]
@@ -185,14 +185,14 @@ def test_lost_it_starts_again_where_cf_sees_what_it_sees(recording: DemoRecordin
     assert walk.slam.filter.soundness() > -1e-10
 
 
-def test_without_cf_there_is_no_second_map(recording: DemoRecording) -> None:
+def test_without_cf_there_is_no_second_map(recording: SimulatedRecording) -> None:
     walk, steps = _elsewhere(recording, "mono")
     assert [s.status for s in steps] == [Status.COASTING] * 2 + [Status.LOST] * 6
     assert all(s.diagnostics["accepted"] == s.diagnostics["restarted"] == 0 for s in steps)
     assert not walk.last.valid
 
 
-def test_back_in_the_first_map(recording: DemoRecording, images: list[Image], tmp_path: Path) -> None:
+def test_back_in_the_first_map(recording: SimulatedRecording, images: list[Image], tmp_path: Path) -> None:
     walk, steps = _elsewhere(recording, "collab-tight")
     unsure = np.trace(steps[-1].covariance)
     walk.slam.save(tmp_path / "engine")
@@ -216,7 +216,7 @@ def test_back_in_the_first_map(recording: DemoRecording, images: list[Image], tm
 
 
 def test_it_looks_back_while_it_is_ok(
-    recording: DemoRecording, images: list[Image], monkeypatch: pytest.MonkeyPatch
+    recording: SimulatedRecording, images: list[Image], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     walk = Walk(recording, mode="collab", seen=8)
     dark = _dark(images[0].shape)
@@ -235,7 +235,7 @@ def test_it_looks_back_while_it_is_ok(
     walk.is_right(i)
 
 
-def test_elsewhere_it_stays_lost(recording: DemoRecording, images: list[Image]) -> None:
+def test_elsewhere_it_stays_lost(recording: SimulatedRecording, images: list[Image]) -> None:
     walk = Walk(recording)
     ids = walk.ids()
     statuses = [walk.step(recording.image(i)).status for i in range(88, 96)]
@@ -321,7 +321,7 @@ class TestPlaceRecognition:
         landmark, corner = match_descriptors(nothing, np.empty(0, np.int64), nothing[None], 0.9, 0.8)
         assert len(landmark) == len(corner) == 0
 
-    def test_a_pose_among_wrong_matches(self, recording: DemoRecording) -> None:
+    def test_a_pose_among_wrong_matches(self, recording: SimulatedRecording) -> None:
         generator = np.random.default_rng(3)
         truth = se3_exp(np.array([0.3, -0.2, 0.1, 0.05, -0.1, 0.2]))
         uv = generator.uniform([20, 20], [700, 460], (40, 2))
@@ -333,13 +333,13 @@ class TestPlaceRecognition:
         assert set(range(25, 40)) <= set(found[1].tolist())
         np.testing.assert_allclose(found[0], truth, atol=1e-3)
 
-    def test_no_pose_from_too_little(self, recording: DemoRecording) -> None:
+    def test_no_pose_from_too_little(self, recording: SimulatedRecording) -> None:
         uv = np.array([[100.0, 100.0], [200.0, 100.0], [100.0, 300.0]])
         assert pose_by_ransac(np.ones((3, 3)), uv, recording.camera, 3.0, 100) is None
 
 
 def test_wrong_matches_leave_a_pose_in_few_rounds(
-    recording: DemoRecording, monkeypatch: pytest.MonkeyPatch
+    recording: SimulatedRecording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Their number does not decide how long a frame takes."""
     rng = np.random.default_rng(5)

@@ -15,8 +15,6 @@ from helpers.clip import Clip
 from collabslam._core import Camera
 from collabslam.cli.main import main
 from collabslam.datasets import FirstFrames
-from collabslam.demo import DemoRecording
-from collabslam.demo.recording import WORN_CAMERA
 from collabslam.errors import DataError, InputError, SettingsError
 from collabslam.frontend.map_views import in_other_camera
 from collabslam.frontend.patch import Patch, capture
@@ -24,6 +22,8 @@ from collabslam.geometry import pose_inverse, se3_log
 from collabslam.runs.plan import Output
 from collabslam.runs.runner import run
 from collabslam.settings.modes import STARTS
+from collabslam.simulation import SimulatedRecording
+from collabslam.simulation.recording import WORN_CAMERA
 from collabslam.slam.engine import Slam
 from collabslam.slam.map.saved_map import SavedMap
 from collabslam.types import Array, Image, Status
@@ -47,7 +47,7 @@ def file(slam: Slam, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def _other_image(recording: DemoRecording, pose: Array, seed: int) -> Image:
+def _other_image(recording: SimulatedRecording, pose: Array, seed: int) -> Image:
     clean = recording.renderer.render(pose, OTHER)
     noise = np.random.default_rng(seed).normal(0.0, 2.5, clean.shape)
     return np.clip(np.rint(clean + noise), 0, 255).astype(np.uint8)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from collabslam._core import Camera
-from collabslam.demo import DemoRecording, corridor_recording
 from collabslam.errors import DataError
 from collabslam.geometry import pose_inverse, se3_log
+from collabslam.simulation import SimulatedRecording, corridor_recording
 from collabslam.slam.engine import Slam
 from collabslam.slam.map.saved_map import SavedMap
 from collabslam.slam.recovery.known_submaps import as_map
@@ -23,12 +23,12 @@ FIRST, AGAIN = 44, range(4, 22)
 
 
 @pytest.fixture(scope="module")
-def recording() -> DemoRecording:
+def recording() -> SimulatedRecording:
     return corridor_recording()
 
 
 @pytest.fixture(scope="module")
-def first(recording: DemoRecording) -> Slam:
+def first(recording: SimulatedRecording) -> Slam:
     slam = Slam(recording.camera, recording.worn_camera)
     for i in range(FIRST):
         frame = recording.frame(i)
@@ -61,7 +61,9 @@ def test_a_map_holds_the_submaps(first: Slam, file: Path) -> None:
             assert new == alive.index(old) if old in alive else new < 0
 
 
-def test_a_second_run_is_found_in_one_of_them(recording: DemoRecording, file: Path, tmp_path: Path) -> None:
+def test_a_second_run_is_found_in_one_of_them(
+    recording: SimulatedRecording, file: Path, tmp_path: Path
+) -> None:
     known = _upside_down(SavedMap.load(file))
     second = Slam(recording.camera, mode="mono", start="map", map=known)
     before = len(known.submaps.submaps)
@@ -89,7 +91,7 @@ def test_a_second_run_is_found_in_one_of_them(recording: DemoRecording, file: Pa
 
 
 def test_two_runs_with_a_worn_camera_each_end_in_one_frame(
-    first: Slam, recording: DemoRecording, file: Path, tmp_path: Path
+    first: Slam, recording: SimulatedRecording, file: Path, tmp_path: Path
 ) -> None:
     # Another person, whose measured poses err in another way, looks ahead at other times.
     other = corridor_recording(seed=7, glances=((0.5, 0.9), (1.3, 1.6)))

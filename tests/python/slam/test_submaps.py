@@ -12,10 +12,10 @@ from helpers.clip import GLOBAL_SHUTTER
 
 import collabslam
 from collabslam._core import Factor, PoseGraph
-from collabslam.demo import DemoRecording, corridor_recording
 from collabslam.errors import DataError, FilterError, InputError
 from collabslam.geometry import pose_inverse, se3_exp, se3_log
 from collabslam.results import StepResult
+from collabslam.simulation import SimulatedRecording, corridor_recording
 from collabslam.slam.engine import Slam
 from collabslam.slam.submaps.beside import Beside
 from collabslam.slam.submaps.whole_map import whole_way
@@ -123,7 +123,7 @@ def _times() -> Array:
 class Walk:
     """Out through the demo's corridor, and the same way back, looking ahead."""
 
-    def __init__(self, recording: DemoRecording) -> None:
+    def __init__(self, recording: SimulatedRecording) -> None:
         self.recording = recording
         settings = collabslam.Settings.default().replace({"filter.map.max_features": 60, **GLOBAL_SHUTTER})
         self.slam = Slam(recording.camera, recording.worn_camera, settings=settings)
@@ -142,12 +142,12 @@ class Walk:
 
 
 @pytest.fixture(scope="module")
-def recording() -> DemoRecording:
+def recording() -> SimulatedRecording:
     return corridor_recording()
 
 
 @pytest.fixture(scope="module")
-def walk(recording: DemoRecording) -> Walk:
+def walk(recording: SimulatedRecording) -> Walk:
     there_and_back = Walk(recording)
     there_and_back.go()
     return there_and_back
@@ -187,7 +187,7 @@ def test_the_pose_goes_on_as_odometry_and_the_map_pose_as_the_loops_say(walk: Wa
         walk.slam.between_submaps(0, 1000)
 
 
-def test_the_whole_map_has_what_the_filter_has_left_behind(walk: Walk, recording: DemoRecording) -> None:
+def test_the_whole_map_has_what_the_filter_has_left_behind(walk: Walk, recording: SimulatedRecording) -> None:
     short = Walk(recording)
     short.go(1)
     while len(short.slam.submaps().times) < 3:
@@ -226,7 +226,7 @@ def test_a_loop_counts_ten_frames_after_the_end_of_the_submap(walk: Walk) -> Non
 
 
 def test_an_engine_of_a_file_finds_the_same_loops_however_long_that_takes(
-    walk: Walk, recording: DemoRecording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    walk: Walk, recording: SimulatedRecording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = next(k for k, step in enumerate(walk.steps) if step.diagnostics["loops"])
     again = Walk(recording)
@@ -269,7 +269,7 @@ def test_a_chain_of_other_worn_cameras_than_the_filter_has_is_refused(walk: Walk
         Slam.from_state(bad)
 
 
-def test_of_two_persons_both_errors_are_handed_on(recording: DemoRecording) -> None:
+def test_of_two_persons_both_errors_are_handed_on(recording: SimulatedRecording) -> None:
     slam = Slam(recording.camera, {"anna": recording.worn_camera, "ben": recording.worn_camera})
     for i in range(3):
         frame = recording.frame(i)

@@ -10,8 +10,8 @@ import pytest
 from helpers.clip import Clip
 
 from collabslam import Settings, Slam, run
-from collabslam.demo import corridor_recording
 from collabslam.runs.results import FRAMES
+from collabslam.simulation import corridor_recording
 from collabslam.slam.worn.looking import DIAGNOSTICS, Look
 from collabslam.types import WornView
 

@@ -12,9 +12,9 @@ from typing import Any
 from collabslam.datasets import FirstFrames, open_recording, write_recording
 from collabslam.datasets.ros.writer import write_bag
 from collabslam.datasets.source import Source
-from collabslam.demo import corridor_recording
 from collabslam.runs.plan import Output
 from collabslam.runs.runner import run
+from collabslam.simulation import corridor_recording
 from collabslam_lab.reliability.attacks.attack import Deed
 
 SHORT, STOPPED_AT = 8, 4

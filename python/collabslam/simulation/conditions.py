@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from collabslam.demo.rendered import Sensor
+from collabslam.simulation.rendered import Sensor
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,9 @@ import cv2
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.demo.textures import Grey, Shade
-from collabslam.demo.world import Panel
 from collabslam.geometry import pose_inverse
+from collabslam.simulation.textures import Grey, Shade
+from collabslam.simulation.world import Panel
 from collabslam.types import Array, Indices
 
 SCALE = 2

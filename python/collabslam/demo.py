@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from collabslam.datasets.wrapped import WrappedRecording
-from collabslam.demo.recording import demo_recording
 from collabslam.extras import drawing
 from collabslam.formats.files import try_place
 from collabslam.runs.folder import is_result_folder, numbered
@@ -16,39 +14,14 @@ from collabslam.runs.report import median_summary, number, side_by_side
 from collabslam.runs.results import write_summary
 from collabslam.runs.runner import RunResult, run
 from collabslam.settings.table import Settings
-from collabslam.types import Frame, Image, Recording
+from collabslam.simulation.held import HeldRecording
+from collabslam.simulation.recording import demo_recording
+from collabslam.types import Recording
 
 MODES = ("mono", "collab")
 PICTURE = "comparison.png"
 
 Summary = dict[str, Any]
-
-
-class HeldRecording(WrappedRecording):
-    """A recording with every frame in memory, so that several runs share one rendering.
-
-    Parameters
-    ----------
-    base : Recording
-    progress : bool
-        Whether to show on standard error how far the rendering is.
-    """
-
-    def __init__(self, base: Recording, *, progress: bool) -> None:
-        super().__init__(base)
-        self._frames: list[Frame] = []
-        with Progress(len(base), f"{base.name} rendering", enabled=progress) as bar:
-            for i in range(len(base)):
-                self._frames.append(base.frame(i))
-                bar.update()
-
-    def frame(self, i: int) -> Frame:
-        """Frame ``i``, from memory."""
-        return self._frames[i]
-
-    def image(self, i: int) -> Image:
-        """The (H, W) uint8 image of Cs in frame ``i``."""
-        return self._frames[i].image
 
 
 def run_demo(
@@ -91,7 +64,9 @@ def run_demo(
         try_place(animation)
     for seed, part in zip(seeds, parts, strict=True):
         folder = out / part
-        held = HeldRecording(demo_recording(seed), progress=progress)
+        recording = demo_recording(seed)
+        with Progress(len(recording), f"{recording.name} rendering", enabled=progress) as bar:
+            held = HeldRecording(recording, bar.update)
         results = run_pair(held, folder, seed=seed, settings=settings, progress=progress)
         for mode, result in results.items():
             runs[mode].append(result.summary)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from collabslam.demo.textures import (
+from collabslam.simulation.textures import (
     Grey,
     Rng,
     blocks,

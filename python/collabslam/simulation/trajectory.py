@@ -1,4 +1,4 @@
-"""The demo's walk: poses of the robot's and of the worn camera as smooth functions of time.
+"""The walk: poses of the robot's and of the worn camera as smooth functions of time.
 
 World axes as in `world`: x along the way, y to the left, z up, metres. Times are seconds from the start.
 """
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from collabslam.demo.tremor import Tremor
+from collabslam.simulation.tremor import Tremor
 from collabslam.types import Array
 
 _OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])

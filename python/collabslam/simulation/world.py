@@ -1,4 +1,4 @@
-"""The scenes of the demo: textured rectangles in metres.
+"""Scenes: textured rectangles in metres.
 
 World axes of every scene: x along the way, y to the left, z up; z = 0 is the floor.
 """
@@ -11,10 +11,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from collabslam.demo import textures
-from collabslam.demo.conditions import PLAIN, Conditions
-from collabslam.demo.textures import Grey, Rng, faded, repeating
-from collabslam.demo.walls import wall
+from collabslam.simulation import textures
+from collabslam.simulation.conditions import PLAIN, Conditions
+from collabslam.simulation.textures import Grey, Rng, faded, repeating
+from collabslam.simulation.walls import wall
 from collabslam.types import Array
 
 Vector = Array

@@ -1,4 +1,4 @@
-"""Procedural grey textures of the demo's scenes.
+"""Procedural grey textures of the scenes.
 
 Every function draws one picture (H, W) uint8 from the generator it is given, so a scene is fixed by its seed.
 The pictures rest on 1/f noise, whose spectrum is that of natural images, and carry what a corridor carries:

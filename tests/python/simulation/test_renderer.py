@@ -12,15 +12,15 @@ import numpy.typing as npt
 import pytest
 
 from collabslam._core import Camera
-from collabslam.demo import DemoRecording, corridor_recording, demo_recording
-from collabslam.demo.conditions import HARD, PLAIN
-from collabslam.demo.recording import DEMO_METRES
-from collabslam.demo.rendered import Sensor
-from collabslam.demo.renderer import Renderer
-from collabslam.demo.walk import CorridorWalk, camera_pose
-from collabslam.demo.world import Panel, box, corridor, panel
 from collabslam.errors import InputError
 from collabslam.geometry import pose_inverse, se3_log
+from collabslam.simulation import SimulatedRecording, corridor_recording, demo_recording
+from collabslam.simulation.conditions import HARD, PLAIN
+from collabslam.simulation.recording import DEMO_METRES
+from collabslam.simulation.rendered import Sensor
+from collabslam.simulation.renderer import Renderer
+from collabslam.simulation.trajectory import CorridorWalk, camera_pose
+from collabslam.simulation.world import Panel, box, corridor, panel
 
 Array = npt.NDArray[np.float64]
 
@@ -29,7 +29,7 @@ WIDE = Camera("wideangle", 640, 480, (380.0, 380.0, 320.0, 240.0), (1.5e-6,))
 
 
 @pytest.fixture(scope="module")
-def recording() -> DemoRecording:
+def recording() -> SimulatedRecording:
     return corridor_recording(seed=0)
 
 
@@ -59,7 +59,7 @@ def sift_matches(a: npt.NDArray[np.uint8], b: npt.NDArray[np.uint8]) -> tuple[Ar
     return np.array([ka[m.queryIdx].pt for m in pairs]), np.array([kb[m.trainIdx].pt for m in pairs])
 
 
-def overlap(recording: DemoRecording, i: int) -> float:
+def overlap(recording: SimulatedRecording, i: int) -> float:
     """Share of a grid of Cs's pixels whose surface lies inside Cf's picture."""
     f, (cx, cy) = recording.camera.intrinsics[:2], recording.camera.intrinsics[2:]
     coarse = Camera("pinhole", 36, 24, (f[0] / 20, f[1] / 20, cx / 20 - 0.475, cy / 20 - 0.475), ())
@@ -165,14 +165,14 @@ def test_fine_stripes_far_away_melt_into_grey() -> None:
     assert np.abs(seen.astype(float) - 127.5).max() < 12
 
 
-def test_the_corridor_has_no_holes(recording: DemoRecording) -> None:
+def test_the_corridor_has_no_holes(recording: SimulatedRecording) -> None:
     white = [Panel(p.origin, p.u, p.v, np.full((8, 8), 200, np.uint8)) for p in corridor(15.0)]
     renderer = Renderer(white)
     for i in (0, 47, 99):
         assert (renderer.render(recording.truth[i], recording.camera) == 200).all()
 
 
-def test_frames_repeat_in_any_order_and_follow_the_seed(recording: DemoRecording) -> None:
+def test_frames_repeat_in_any_order_and_follow_the_seed(recording: SimulatedRecording) -> None:
     first, again, other = recording, corridor_recording(seed=0), corridor_recording(seed=1)
     again.frame(44)
     a, b, c = first.frame(3), again.frame(3), other.frame(3)
@@ -193,7 +193,7 @@ def test_frames_repeat_in_any_order_and_follow_the_seed(recording: DemoRecording
 
 
 def test_measured_pose_has_the_covariance_it_claims(
-    recording: DemoRecording, monkeypatch: pytest.MonkeyPatch
+    recording: SimulatedRecording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     blank = np.zeros((480, 720), np.uint8)
     monkeypatch.setattr(Renderer, "render", lambda *_, **__: blank)
@@ -213,7 +213,7 @@ def test_measured_pose_has_the_covariance_it_claims(
     assert np.all(np.abs(np.mean(errors, axis=0)) < 4 * expected / np.sqrt(len(errors)))
 
 
-def test_overlap_comes_and_goes(recording: DemoRecording) -> None:
+def test_overlap_comes_and_goes(recording: SimulatedRecording) -> None:
     walk = CorridorWalk()
     sent = np.array([walk.looks_ahead(float(t)) for t in recording.times])
     assert len(recording) == 100
@@ -263,7 +263,7 @@ def test_the_demo_is_the_hard_corridor() -> None:
     assert np.array_equal(demo.image(3), corridor_recording(length_m=DEMO_METRES, conditions=HARD).image(3))
 
 
-def test_the_walk_is_smooth_and_of_the_asked_length(recording: DemoRecording) -> None:
+def test_the_walk_is_smooth_and_of_the_asked_length(recording: SimulatedRecording) -> None:
     walk = CorridorWalk()
     path = np.stack([walk.robot(t)[:3, 3] for t in np.arange(0.0, 10.001, 0.01)])
     speed = np.linalg.norm(np.diff(path, axis=0), axis=1) / 0.01
@@ -275,7 +275,7 @@ def test_the_walk_is_smooth_and_of_the_asked_length(recording: DemoRecording) ->
     assert np.rad2deg(max(turns)) < 1.5
 
 
-def test_epipolar_geometry_holds_along_the_walk_and_across_the_cameras(recording: DemoRecording) -> None:
+def test_epipolar_geometry_holds_along_the_walk_and_across_the_cameras(recording: SimulatedRecording) -> None:
     cs, cf = recording.camera, recording.worn_camera
     for i in (0, 45, 85):
         frame = recording.frame(i)
@@ -314,7 +314,7 @@ def test_bad_options_are_named(options: dict[str, float], word: str) -> None:
         corridor_recording(**options)  # type: ignore[arg-type]
 
 
-def test_a_frame_that_does_not_exist_is_named(recording: DemoRecording) -> None:
+def test_a_frame_that_does_not_exist_is_named(recording: SimulatedRecording) -> None:
     with pytest.raises(InputError, match="frame 100"):
         recording.frame(100)
     with pytest.raises(InputError, match="frame -1"):

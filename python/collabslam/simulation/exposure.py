@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from collabslam.demo.walk import waves
+from collabslam.simulation.trajectory import waves
 
 JUMP_SECONDS = (2.0, 5.0)
 """From one step of the exposure to the next, at least and at most."""

@@ -1,4 +1,4 @@
-"""The demo's recording: a walk through a scene, seen by two cameras, with noise.
+"""A simulated recording: a walk through a scene, seen by two cameras, with noise.
 
 The scene and the walk are fixed. The seed governs only the noise: of the pictures, and of the measured pose
 of Cf relative to Cs. Each frame has its own generator, so that frames may be asked for in any order.
@@ -12,15 +12,15 @@ from functools import lru_cache
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.demo.conditions import HARD, PLAIN, Conditions
-from collabslam.demo.exposure import ExposureControl
-from collabslam.demo.rendered import RenderedRecording
-from collabslam.demo.renderer import Renderer, Shutter
-from collabslam.demo.tremor import Tremor
-from collabslam.demo.walk import GLANCES, CorridorWalk
-from collabslam.demo.world import corridor
 from collabslam.errors import InputError
 from collabslam.geometry import pose_inverse, se3_exp
+from collabslam.simulation.conditions import HARD, PLAIN, Conditions
+from collabslam.simulation.exposure import ExposureControl
+from collabslam.simulation.rendered import RenderedRecording
+from collabslam.simulation.renderer import Renderer, Shutter
+from collabslam.simulation.trajectory import GLANCES, CorridorWalk
+from collabslam.simulation.tremor import Tremor
+from collabslam.simulation.world import corridor
 from collabslam.types import Array, Frame, Image, WornView
 
 ROBOT_CAMERA = (720, 480, (620.0, 620.0, 359.5, 239.5), (-0.06, 0.02, 0.0005, -0.0004))
@@ -38,7 +38,7 @@ DEMO_METRES = 40.0
 _MOTION_SEED = 276
 
 
-class DemoRecording(RenderedRecording):
+class SimulatedRecording(RenderedRecording):
     """A recording of a scene and a walk; Cf's view is there where the person looks ahead.
 
     Parameters
@@ -160,7 +160,7 @@ def corridor_recording(
     rate: float = 10.0,
     glances: Sequence[tuple[float, float]] = GLANCES,
     conditions: Conditions = PLAIN,
-) -> DemoRecording:
+) -> SimulatedRecording:
     """A robot and a person go down a straight corridor together.
 
     Parameters
@@ -180,7 +180,7 @@ def corridor_recording(
 
     Returns
     -------
-    DemoRecording
+    SimulatedRecording
         Cf's view is there in about 40 % of the frames with the demo's own glances, from the first one on.
 
     Raises
@@ -204,10 +204,10 @@ def corridor_recording(
         tremor = Tremor(np.random.Generator(np.random.PCG64((_MOTION_SEED, 5))), *conditions.shake)
     walk = CorridorWalk(speed, glances=glances, tremor=tremor)
     renderer = _corridor_renderer(length_m, conditions)
-    return DemoRecording(renderer, walk, times, "corridor", seed, conditions)
+    return SimulatedRecording(renderer, walk, times, "corridor", seed, conditions)
 
 
-def demo_recording(seed: int = 0) -> DemoRecording:
+def demo_recording(seed: int = 0) -> SimulatedRecording:
     """What `collabslam demo` runs: `DEMO_METRES` of a corridor as hard as recordings are.
 
     Parameters

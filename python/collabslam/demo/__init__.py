@@ -1,7 +1,0 @@
-"""Recordings that are rendered, not filmed: a small scene, a walk through it and two cameras."""
-
-from __future__ import annotations
-
-from collabslam.demo.recording import DemoRecording, corridor_recording, demo_recording
-
-__all__ = ["DemoRecording", "corridor_recording", "demo_recording"]
