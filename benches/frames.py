@@ -60,7 +60,7 @@ def timed_run(recording: Recording, mode: str) -> tuple[np.ndarray, np.ndarray]:
     for i in range(len(recording)):
         frame = recording.frame(i)
         began = time.perf_counter()
-        step: Any = engine.step(frame.t, frame.image, frame.worn)
+        step: Any = engine.step(frame.t, frame.image, frame.views)
         total = 1e3 * (time.perf_counter() - began)
         stages = [step.diagnostics[f"ms_{stage}"] for stage in STAGES[:-1]]
         rows.append([*stages, total - sum(stages), total])

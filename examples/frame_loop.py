@@ -17,12 +17,9 @@ def main() -> None:
     slam = Slam(recording.camera, recording.worn_camera)
     for i in range(parser.parse_args().frames):
         frame = recording.frame(i)  # in life: the robot's camera
-        worn = frame.worn
-        if (
-            worn is not None
-        ):  # in life: the worn camera's image, its measured pose T_CF and that one's covariance
-            worn = WornView(worn.image, worn.t_cf, worn.covariance)
-        result = slam.step(frame.t, frame.image, worn)
+        # in life: the worn camera's image, its measured pose T_CF and that one's covariance
+        views = [WornView(view.image, view.t_cf, view.covariance) for view in frame.views]
+        result = slam.step(frame.t, frame.image, views)
         if result.valid and result.status is Status.OK:
             sigma = np.sqrt(result.covariance.diagonal()[:3])
             print(f"{result.t:5.2f} s  position {result.pose[:3, 3].round(3)} m  sigma {sigma.round(4)} m")

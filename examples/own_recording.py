@@ -22,7 +22,7 @@ def main() -> None:
         with collabslam.RecordingWriter(folder, source.camera, source.worn_camera) as writer:
             for i in range(parser.parse_args().frames):
                 frame = source.frame(i)
-                writer.add(frame.t, frame.image, frame.worn, truth=source.truth[i])
+                writer.add(frame.t, frame.image, frame.views, truth=source.truth[i])
         result = collabslam.run(folder)
     print(f"{result.summary['frames_ok']} of {result.summary['frames']} frames OK")
 

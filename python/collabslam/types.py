@@ -6,8 +6,8 @@ Frames: W world, C robot camera Cs, F worn camera Cf (METHOD section 1).  ``t_ab
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -115,30 +115,17 @@ class Frame:
         Time stamp, seconds.
     image : (H, W) uint8
         Grey image of Cs.
-    worn : WornView or None
-        The worn camera's view, where there is one; of several the first.
+    views : tuple of WornView
+        Of the worn cameras: at most one of each, none where nobody's has come.
     depth : DepthPoints or None
         Depths, where there are some.
-    further : tuple of WornView
-        Views of further worn cameras, where several persons wear one.
     """
 
     index: int
     t: float
     image: Image
-    worn: WornView | None = None
+    views: tuple[WornView, ...] = ()
     depth: DepthPoints | None = None
-    further: tuple[WornView, ...] = ()
-
-    @property
-    def views(self) -> tuple[WornView, ...]:
-        """The views of all worn cameras."""
-        return self.further if self.worn is None else (self.worn, *self.further)
-
-    def with_views(self, views: Iterable[WornView]) -> Frame:
-        """The same frame with these views of worn cameras, and no others."""
-        some = tuple(views)
-        return replace(self, worn=some[0] if some else None, further=some[1:])
 
 
 @dataclass(frozen=True)

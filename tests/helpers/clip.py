@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,13 +55,11 @@ def make_view(image: Image) -> View:
     return View(0.0, image, None, None, corners, started=True, lost=False)
 
 
-def stretched_later(worn: WornView | None, k: int) -> WornView | None:
-    """The view of the k-th frame: its T_CF is two and a half times as long from the eighth on."""
-    if worn is None or k < 8:
-        return worn
-    t_cf = worn.t_cf.copy()
-    t_cf[:3, 3] *= 2.5
-    return replace(worn, t_cf=t_cf)
+def stretched_later(views: Sequence[WornView], k: int) -> list[WornView]:
+    """The views of the k-th frame: their T_CF is two and a half times as long from the eighth on."""
+    stretch = np.ones((4, 4))
+    stretch[:3, 3] = 1.0 if k < 8 else 2.5
+    return [replace(view, t_cf=stretch * view.t_cf) for view in views]
 
 
 def length_share(record: RunRecord, truth: np.ndarray) -> float:

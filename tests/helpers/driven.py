@@ -44,7 +44,7 @@ class Driven(WrappedRecording):
 
     def frame(self, i: int) -> Frame:
         frame = self._frames[i]
-        return replace(frame, image=0 * frame.image, worn=None) if i in self._dark else frame
+        return replace(frame, image=0 * frame.image, views=()) if i in self._dark else frame
 
 
 def tf(*links: tuple[str, str, float, np.ndarray]) -> Any:

@@ -113,15 +113,16 @@ class Posted(WrappedRecording):
     def _made(self, i: int) -> Frame:
         frame = self._base.frame(i)
         t_wc = self._base.truth[i]  # type: ignore[index]
-        image, worn = frame.image, frame.worn
+        image = frame.image
         for target, t_wt in self._posts:
             image = paint(image, self.camera, t_wc, target, t_wt)
-        if worn is None or self._alone:
-            return Frame(i, frame.t, image)
-        picture, t_wf = worn.image, t_wc @ self._base.true_t_cf(i)  # type: ignore[attr-defined]
-        for target, t_wt in self._posts:
-            picture = paint(picture, self.worn_camera, t_wf, target, t_wt)  # type: ignore[arg-type]
-        return Frame(i, frame.t, image, WornView(picture, worn.t_cf, worn.covariance))
+        views = []
+        for view in () if self._alone else frame.views:
+            picture, t_wf = view.image, t_wc @ self._base.true_t_cf(i)  # type: ignore[attr-defined]
+            for target, t_wt in self._posts:
+                picture = paint(picture, self.worn_camera, t_wf, target, t_wt)  # type: ignore[arg-type]
+            views.append(WornView(picture, view.t_cf, view.covariance))
+        return Frame(i, frame.t, image, tuple(views))
 
 
 TAG = Tag("36h11", 3, 0.16)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -36,8 +37,8 @@ class Walk:
     def frame(self, i: int) -> Frame:
         if i == self._breaks_at:
             raise DataError("The image 7.png is broken; replace it.")
-        worn = WornView(self.image(i), np.eye(4), np.eye(6) * 1e-4) if i < len(self) // 2 else None
-        return Frame(i, float(self.times[i]), self.image(i), worn)
+        view = WornView(self.image(i), np.eye(4), np.eye(6) * 1e-4)
+        return Frame(i, float(self.times[i]), self.image(i), (view,) if i < len(self) // 2 else ())
 
 
 class FakeSlam:
@@ -56,7 +57,7 @@ class FakeSlam:
         self._doubted = doubted
         self._frame = 0
 
-    def step(self, t: float, image: np.ndarray, worn: WornView | None = None) -> StepResult:
+    def step(self, t: float, image: np.ndarray, views: Sequence[WornView] = ()) -> StepResult:
         k = self._frame
         self._frame += 1
         if k == self._stop_at:
@@ -65,7 +66,7 @@ class FakeSlam:
         pose[:3, 3] = self._scale * (pose[:3, 3])
         doubted = k in self._doubted
         status = Status.LOST if k >= self._lost_from else Status.DOUBTFUL if doubted else Status.OK
-        diagnostics = {"accepted": 20, "overlap": worn is not None, "depth_rows": 3 if worn else 0,
+        diagnostics = {"accepted": 20, "overlap": bool(views), "depth_rows": 3 if views else 0,
                        "ms_update": 1.0, "ms_total": 2.0, "nis": 30.0, "nis_dof": 40,
                        "doubt": "matches" if doubted else ""}  # fmt: skip
         return step_result(t, pose, np.eye(6) * (1e-3 * (k + 1)), diagnostics, status)

@@ -62,8 +62,7 @@ def test_the_plan_names_the_poses(data: Path) -> None:
     assert [path.stem[-2:] for path in views.paths] == ["_0", "_0"]
     assert views.stamps is not None
     np.testing.assert_allclose(views.stamps, START_NS / 10**9 - np.array([2.0, 1.0]))
-    view = attach_worn(recording, worn_of(flight, recording), noise=(0.0, 0.0, 0.0, 0.0)).frame(0).worn
-    assert view is not None
+    (view,) = attach_worn(recording, worn_of(flight, recording), noise=(0.0, 0.0, 0.0, 0.0)).frame(0).views
     assert view.image[0, 0] == 1
     np.testing.assert_allclose(view.t_cf[:3, 3], [0.5, 0.0, 0.0])
 

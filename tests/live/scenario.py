@@ -128,13 +128,13 @@ class Small(WrappedRecording):
         super().__init__(base)
         encoder, self._small = Encoder(), {}
         for i in range(len(base)):
-            worn = base.frame(i).worn
-            if worn is not None:
-                data = encoder.encode(worn.image, LEVELS[0].size)
-                self._small[i] = replace(worn, image=view_image(data, base.worn_camera))
+            self._small[i] = tuple(
+                replace(view, image=view_image(encoder.encode(view.image, LEVELS[0].size), base.worn_camera))
+                for view in base.frame(i).views
+            )
 
     def frame(self, i: int) -> Frame:
-        return replace(super().frame(i), worn=self._small.get(i))
+        return replace(super().frame(i), views=self._small[i])
 
 
 class Without(WrappedRecording):
@@ -146,7 +146,7 @@ class Without(WrappedRecording):
 
     def frame(self, i: int) -> Frame:
         frame = super().frame(i)
-        return replace(frame, worn=None) if self._gone(i) else frame
+        return replace(frame, views=()) if self._gone(i) else frame
 
 
 def error_without(walk: Walk, gone: Callable[[int], bool], out: Path) -> float:

@@ -77,8 +77,7 @@ def test_images_in_and_the_pose_out(monkeypatch: pytest.MonkeyPatch) -> None:
             out["--cf-info"].publish(messages.camera_info(0.0, "cf", recording.worn_camera))
             time.sleep(0.1)
         for frame in frames:
-            t, worn = frame.t + 1.0, frame.worn
-            assert worn is not None
+            t, worn = frame.t + 1.0, frame.views[0]
             jpeg = cv2.imencode(".jpg", worn.image)[1].tobytes()
             out["--t-cf"].publish(messages.pose(t, "cs", worn.t_cf, worn.covariance))
             out["--cf"].publish(messages.compressed_image(t, "cf", jpeg))

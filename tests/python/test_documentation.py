@@ -64,11 +64,11 @@ def make_bag(path: Path, short: Short) -> None:
             maker.image("/cs/image_raw", stamp, frame.image)
             info(maker, "/cs/camera_info", stamp, short.camera)
             info(maker, "/cf/camera_info", stamp, short.worn_camera)
-            if frame.worn is not None:
-                maker.image("/cf/image_raw", stamp, frame.worn.image)
-                fixed = g.tangent_to_fixed(frame.worn.t_cf, frame.worn.covariance)
-                maker.pose_cov("/relpose", stamp, frame.worn.t_cf, fixed)
-                maker.link("/tf", stamp, "cs", "cf", frame.worn.t_cf)
+            if frame.views:
+                maker.image("/cf/image_raw", stamp, frame.views[0].image)
+                fixed = g.tangent_to_fixed(frame.views[0].t_cf, frame.views[0].covariance)
+                maker.pose_cov("/relpose", stamp, frame.views[0].t_cf, fixed)
+                maker.link("/tf", stamp, "cs", "cf", frame.views[0].t_cf)
             vector = partial(maker.make, "geometry_msgs/msg/Vector3")
             twist = maker.make("geometry_msgs/msg/Twist", vector(1.5, 0.0, 0.0), vector(0.0, 0.0, 0.0))
             maker.write("/odom", "geometry_msgs/msg/TwistStamped", stamp, maker.header(stamp), twist)
@@ -79,7 +79,7 @@ def make_camchain(path: Path, short: Short) -> None:
     lenses = [{"camera_model": "pinhole", "distortion_model": "radtan", "intrinsics": list(c.intrinsics),
                "distortion_coeffs": list(c.distortion), "resolution": [c.width, c.height]}
               for c in (short.camera, short.worn_camera)]  # fmt: skip
-    bound = np.linalg.inv(next(f.worn.t_cf for f in short.frames if f.worn is not None))
+    bound = np.linalg.inv(next(f.views[0].t_cf for f in short.frames if f.views))
     path.write_text(yaml.safe_dump({"cam0": lenses[0], "cam1": {**lenses[1], "T_cn_cnm1": bound.tolist()}}))
 
 

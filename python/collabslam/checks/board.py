@@ -45,9 +45,9 @@ def board_poses(recording: Recording, board: Board) -> tuple[Array, Array]:
     together = Together(recording)
     for i in range(count):
         frame = together.frame(i)
-        if frame.worn is None:
+        if not frame.views:
             continue
         with contextlib.suppress(DataError):  # one of them does not see it
-            pair = (frame.image, recording.camera, frame.worn.image, worn_camera)
+            pair = (frame.image, recording.camera, frame.views[0].image, worn_camera)
             poses[i], covariances[i] = pose_between(*pair, [board])
     return poses, covariances

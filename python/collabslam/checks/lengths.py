@@ -17,7 +17,7 @@ from collabslam.checks.samples import CLEAR_GAIN, spread
 from collabslam.datasets.at_frames import AtFrames
 from collabslam.frontend.epipolar import inverse_ranges
 from collabslam.geometry import pose_inverse
-from collabslam.types import Array, Mask, Recording
+from collabslam.types import Array, Mask
 
 VIEWS = 12
 UNITS = {
@@ -98,10 +98,10 @@ def check_lengths(recording: AtFrames, robot: RobotReport, undo: PoseMistake | N
     return LengthReport(ratio, [text], [])
 
 
-def _plausible(recording: Recording) -> LengthReport:
+def _plausible(recording: AtFrames) -> LengthReport:
     lengths = []
     for i in spread(range(len(recording)), VIEWS):
-        worn = recording.frame(i).worn
+        worn = recording.view(i)
         if worn is not None:
             lengths.append(float(np.linalg.norm(worn.t_cf[:3, 3])))
     if lengths and np.median(lengths) > LONGEST:
@@ -120,7 +120,7 @@ def _triples(recording: AtFrames, robot: RobotReport, undo: PoseMistake | None) 
     known: Mask = np.asarray(np.isfinite(poses).all(axis=(1, 2)))
     out: list[_Triple] = []
     for i in spread(range(len(recording)), 4 * VIEWS):
-        worn = recording.frame(i).worn
+        worn = recording.view(i)
         if worn is None or not known[i] or len(out) == VIEWS:
             continue
         here, there = describe(recording.image(i)), describe(worn.image)

@@ -53,16 +53,16 @@ def sample_views(recording: AtFrames) -> list[View]:
             points[k] = describe(recording.image(k))
         return points[k]
 
-    asked = {i: recording.frame(i).worn is not None for i in spread(range(len(recording)), 4 * VIEWS)}
+    asked = {i: recording.view(i) for i in spread(range(len(recording)), 4 * VIEWS)}
     block_of, block = {}, 0
-    for i, there in asked.items():
-        block += not there
+    for i, worn in asked.items():
+        block += worn is None
         block_of[i] = block
     views: list[View] = []
     used: set[float] = set()
-    for i in spread([i for i, there in asked.items() if there], VIEWS):
-        worn = recording.frame(i).worn
-        assert worn is not None
+    there = {i: worn for i, worn in asked.items() if worn is not None}
+    for i in spread(list(there), VIEWS):
+        worn = there[i]
         if worn.t is not None:  # one may be the nearest of several frames
             if worn.t in used:
                 continue
@@ -72,7 +72,7 @@ def sample_views(recording: AtFrames) -> list[View]:
             continue
         around = [m for m in (step * n for n in range(-3, 4)) if 0 <= i + m < len(recording)]
         matches = {m: match_points(of_robot(i + m), seen) for m in around if m}
-        poses = {m: w.t_cf for m in around if (w := recording.frame(i + m).worn) is not None}
+        poses = {m: w.t_cf for m in around if (w := recording.view(i + m)) is not None}
         views.append(View(i, block_of[i], {**matches, 0: found}, poses, recording.moved(i), worn.covariance))
     return views
 

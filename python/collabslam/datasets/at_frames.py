@@ -59,39 +59,36 @@ class AtFrames(WrappedRecording):
     def frame(self, i: int) -> Frame:
         """Frame ``i`` with the view nearest to it, if one is near."""
         frame = self._read(i)
-        if not self.free:
-            return frame
-        worn = self._nearest(i)
-        return replace(frame, worn=None if worn is None else self._at(worn, i))
+        return replace(frame, views=tuple(self._nearest(i))) if self.free else frame
+
+    def view(self, i: int) -> WornView | None:
+        """That view; None if none is near."""
+        return next(iter(self.frame(i).views), None)
 
     def moved(self, i: int) -> Array:
         """(4, 4) pose of Cs at the time of frame ``i``'s view in Cs at the frame.
 
         The identity where both are of one time, where there is no view, and where no poses tell.
         """
-        worn = self.frame(i).worn if self.free else None
+        worn = self.view(i) if self.free else None
         moved = None if worn is None else self._between(worn, float(self.times[i]))
         return np.eye(4) if moved is None else moved
 
     @staticmethod
     def _is_together(frame: Frame) -> bool:
-        return frame.worn is None or abs(_taken(frame.worn, frame.t) - frame.t) <= TOGETHER
+        return all(abs(_taken(view, frame.t) - frame.t) <= TOGETHER for view in frame.views)
 
-    def _nearest(self, i: int) -> WornView | None:
-        t, best = float(self.times[i]), None
+    def _nearest(self, i: int) -> list[WornView]:
+        t, near = float(self.times[i]), list[WornView]()
         for j in range(i, len(self)):
             if self.times[j] > t + LATEST:
                 break
-            worn = self._read(j).worn
-            if worn is None:
-                continue
-            taken = _taken(worn, float(self.times[j]))
-            off = abs(taken - t)
-            if off <= self._reach and (best is None or off < abs(best[0] - t)):
-                best = taken, worn
-            if taken >= t:
+            came = [replace(view, t=_taken(view, float(self.times[j]))) for view in self._read(j).views]
+            near += [view for view in came if abs(_taken(view, t) - t) <= self._reach]
+            if any(_taken(view, t) >= t for view in came):
                 break
-        return None if best is None else replace(best[1], t=best[0])
+        near.sort(key=lambda view: abs(_taken(view, t) - t))
+        return [self._at(view, i) for view in near[:1]]
 
     def _at(self, worn: WornView, i: int) -> WornView:
         """The view as frame ``i`` has it: less certain where nothing tells how Cs moved between the two."""

@@ -124,10 +124,10 @@ class ImageRecording:
     def frame(self, i: int) -> Frame:
         """Frame ``i``, with the recorded views of the worn cameras where there are some."""
         i = frame_index(self, i)
-        views = [worn.read(i, name) for name, worn in self.worn.items() if i in worn.views]
+        views = tuple(worn.read(i, name) for name, worn in self.worn.items() if i in worn.views)
         depth = None if self.depth is None else self.depth.get(i)
         points = None if depth is None else depth.points(self.camera)
-        return Frame(i, float(self.times[i]), self.image(i), depth=points).with_views(views)
+        return Frame(i, float(self.times[i]), self.image(i), views, points)
 
 
 def check_frames(source: str, times: Array, truth: Array | None) -> None:

@@ -122,7 +122,7 @@ class RecordingWriter:
         self,
         t: float,
         image: Image,
-        worn: WornView | Sequence[WornView] | None = None,
+        views: Sequence[WornView] = (),
         truth: ArrayLike | None = None,
     ) -> None:
         """Adds a frame.  What is refused leaves the recording as it was.
@@ -133,9 +133,9 @@ class RecordingWriter:
             Time stamp, seconds, not negative; kept to the nanosecond, and later than the last one.
         image : (H, W) uint8
             Grey image of Cs; `collabslam.to_grey` makes one of any other.
-        worn : WornView or sequence of WornView, optional
-            The worn camera's view at the same instant or, with its time, of another one; one of each person.
-            Read back it comes with the first frame from its time on, whenever it arrived here.
+        views : sequence of WornView, optional
+            At most one of each worn camera, at the same instant or, with its time, of another one.  Read back
+            it comes with the first frame from its time on, whenever it arrived here.
         truth : (4, 4) array, optional
             True ``T_WC`` of Cs, for scores only.
 
@@ -152,17 +152,18 @@ class RecordingWriter:
             raise InputError("The recording is closed; begin another one, in another folder.")
         stamp = _stamp(t, self._last)
         image = check_grey(image, self._camera, "image")
-        worn = () if worn is None else (worn,) if isinstance(worn, WornView) else worn
-        views = {(one.who, self._taken(one, stamp)): self._checked(one) for one in worn}
-        if len(views) < len(worn):
+        if not isinstance(views, Sequence):
+            raise InputError(f"The views are {type(views).__name__}; give a list of WornView.")
+        checked = {(view.who, self._taken(view, stamp)): self._checked(view) for view in views}
+        if len(checked) < len(views):
             raise InputError("A worn view is given twice; give one of each person.")
         true = None if truth is None else _pose(truth, "truth")
         with self._writable():
             # The lists last, so that they name nothing that is not there.
             name = self._write_image(self._partial / "cam0", stamp, image)
-            for (who, taken), view in views.items():
+            for (who, taken), view in checked.items():
                 self._write_view(who, taken, *view)
-            self._views.update(views)
+            self._views.update(checked)
             if true is not None:
                 line = ",".join([str(stamp), *_pose_fields(true)])
                 self._append(self._partial / "groundtruth" / "data.csv", _POSE_COLUMNS, line)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from collabslam.datasets.emulated.pose_noise import RIG_NOISE
 from collabslam.datasets.images import read_grey
 from collabslam.datasets.recording import Rig
@@ -33,7 +35,7 @@ class RigRecording(WrappedRecording):
             return frame
         covariance = RIG_NOISE.covariance
         image = read_grey(self._rig.paths[i], self._rig.camera)
-        return frame.with_views([WornView(image, self._rig.t_cf, covariance, covariance)])
+        return replace(frame, views=(WornView(image, self._rig.t_cf, covariance, covariance),))
 
 
 def with_rig(recording: Recording) -> Recording:

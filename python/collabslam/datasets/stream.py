@@ -75,7 +75,7 @@ class StreamRecording:
         for view in views:
             check_resolution(self.worn_cameras[view.who], view.image, f"of Cf in frame {i} of {self.source}")
         depth = None if self.read_depth is None else self.read_depth(i)
-        return Frame(i, float(self.times[i]), image, depth=depth).with_views(views)
+        return Frame(i, float(self.times[i]), image, tuple(views), depth)
 
     @property
     def has_depth(self) -> bool:

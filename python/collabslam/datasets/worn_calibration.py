@@ -191,7 +191,7 @@ class CalibratedWorn(WrappedRecording):
             views |= {
                 view.who: self._corrected(other.t, view) for view in other.views if view.who == self._who
             }
-        return frame.with_views(views[name] for name in self.worn_cameras if name in views)
+        return replace(frame, views=tuple(views[name] for name in self.worn_cameras if name in views))
 
     def _corrected(self, t: float, view: WornView) -> WornView:
         """A view that came with the frame at ``t``, seconds."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from collabslam._core import Camera
 from collabslam.errors import SettingsError
@@ -66,7 +67,8 @@ class Together(WrappedRecording):
     def frame(self, i: int) -> Frame:
         """Frame ``i``, without views of another time."""
         frame = self._base.frame(i)
-        return frame.with_views(v for v in frame.views if v.t is None or abs(v.t - frame.t) <= TOGETHER)
+        together = (v for v in frame.views if v.t is None or abs(v.t - frame.t) <= TOGETHER)
+        return replace(frame, views=tuple(together))
 
 
 class FirstFrames(WrappedRecording):
@@ -122,4 +124,4 @@ class OnlyPersons(WrappedRecording):
     def frame(self, i: int) -> Frame:
         """Frame ``i`` with their views."""
         frame = self._base.frame(i)
-        return frame.with_views(view for view in frame.views if view.who in self.worn_cameras)
+        return replace(frame, views=tuple(v for v in frame.views if v.who in self.worn_cameras))

@@ -93,7 +93,7 @@ def _view(frame: Frame, *, alone: bool) -> tuple[float, Image, tuple[Array, Arra
     """When a frame's view of Cf was taken, its image, T_CF and covariance; the image where Cf is alone."""
     if alone:
         return frame.t, frame.image, None
-    worn = frame.worn
-    if worn is None:
+    if not frame.views:
         return None
+    worn = frame.views[0]
     return frame.t if worn.t is None else worn.t, worn.image, (worn.t_cf, worn.covariance)

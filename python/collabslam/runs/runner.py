@@ -45,9 +45,7 @@ from collabslam.version import version
 class SlamLike(Protocol):
     """What a run asks of the engine."""
 
-    def step(
-        self, t: float, image: Image, worn: WornView | Sequence[WornView] | None = None
-    ) -> StepResult: ...
+    def step(self, t: float, image: Image, views: Sequence[WornView] = ()) -> StepResult: ...
     def landmarks(self) -> Landmarks: ...
 
 
@@ -348,7 +346,7 @@ class _Run:
             give_odometry(self.engine, odometry, t)
         if frame.depth is not None and isinstance(self.engine, Slam):
             self.engine.add_depth(frame.depth.uv, frame.depth.depth, frame.depth.sigma)
-        step: StepResult = self.engine.step(t, frame.image, frame.views if frame.further else frame.worn)
+        step: StepResult = self.engine.step(t, frame.image, frame.views)
         self.record.append(step, worn=bool(frame.views), seconds=time.perf_counter() - began)
         return step
 

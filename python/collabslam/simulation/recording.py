@@ -108,12 +108,12 @@ class SimulatedRecording(RenderedRecording):
 
     def _take_frame(self, i: int) -> Frame:
         t = float(self.times[i])
-        worn = None
+        views: tuple[WornView, ...] = ()
         if self._walk.looks_ahead(t):
             generator = self._noise(i)
             t_cf, covariance = measured_pose(self.true_t_cf(i), generator)
-            worn = WornView(self._expose(1, t, generator.spawn(2)[1]), t_cf, covariance)
-        return Frame(i, t, self.image(i), worn)
+            views = (WornView(self._expose(1, t, generator.spawn(2)[1]), t_cf, covariance),)
+        return Frame(i, t, self.image(i), views)
 
     def _expose(self, which: int, t: float, generator: np.random.Generator) -> Image:
         """What Cs (0) or Cf (1) delivers at the stamp `t`: the rendered picture with vignetting and noise."""

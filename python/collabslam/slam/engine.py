@@ -116,7 +116,7 @@ class Slam(EngineInputs):
             self._printed.begin(map.targets, ids)
 
     @all_or_nothing
-    def step(self, t: float, image: Image, worn: WornView | Sequence[WornView] | None = None) -> StepResult:
+    def step(self, t: float, image: Image, views: Sequence[WornView] = ()) -> StepResult:
         """Takes one frame (METHOD section 7).
 
         An image without contrast, or one that repeats the last to the bit, measures nothing: the frame is
@@ -128,9 +128,9 @@ class Slam(EngineInputs):
             Time stamp, seconds; must follow the last one.
         image : (H, W) uint8
             Grey image of Cs; `collabslam.to_grey` makes one of any other.
-        worn : WornView or sequence of WornView, optional
-            The worn camera's view at the same instant or, with its time, of before; one of each worn camera
-            where there are several.  See also `add_worn`.
+        views : sequence of WornView, optional
+            At most one of each worn camera, at the same instant or, with its time, of before.  See also
+            `add_worn`.
 
         Raises
         ------
@@ -144,7 +144,7 @@ class Slam(EngineInputs):
         t, image = stamp(t), check_grey(image, self._camera, "image")
         blank = self._blank.judge(image)
         began = None
-        for frame in self._late.frames(t, image, self._worn.checked(worn)):
+        for frame in self._late.frames(t, image, self._worn.checked(views)):
             before = self.filter.started
             result = self._frame(*frame, blank if frame[0] == t else "")
             if self.filter.started and not before:

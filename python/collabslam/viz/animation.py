@@ -99,10 +99,10 @@ class _Scene:
         frame = self._recording.frame(k)
         self._cs.set_data(frame.image)
         blank = np.full_like(frame.image, 30)
-        self._cf.set_data(blank if frame.worn is None else frame.worn.image)
+        self._cf.set_data(frame.views[0].image if frame.views else blank)
         self._cf.axes.set_title(
-            "worn camera" if frame.worn is not None else "worn camera: looks elsewhere", fontsize=9,
-            color=WORN if frame.worn is not None else "#8a94a0",
+            "worn camera" if frame.views else "worn camera: looks elsewhere", fontsize=9,
+            color=WORN if frame.views else "#8a94a0",
         )  # fmt: skip
         features: Any = getattr(self._results[-1].record.steps[k], "features", None)
         if features is not None:

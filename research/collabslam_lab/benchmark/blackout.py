@@ -100,7 +100,7 @@ def measure(entry: Entry, data: Path, out: Path, *, seed: int = 0) -> list[Row]:
     rows: list[Row] = []
     for i in range(max(places, default=0)):
         frame = recording.frame(i)
-        last = slam.step(frame.t, frame.image, frame.worn)
+        last = slam.step(frame.t, frame.image, frame.views)
         if i + 1 in places and last.status is Status.OK and np.isfinite(recording.truth[i]).all():
             landmarks = slam.landmarks().points
             views = MapViews.of(landmarks, slam.saved_map().views)
@@ -136,7 +136,7 @@ def _lose(place: _Place, kind: str, blind: int, after: int, seed: int) -> Row:
         since = float(recording.times[i] - recording.times[first])
         if in_sight is None and place.in_sight(i, frame.image):
             in_sight = since
-        result = slam.step(frame.t - shift, frame.image, frame.worn)
+        result = slam.step(frame.t - shift, frame.image, frame.views)
         if result.status is Status.LOST and said is None:
             said = frames
         if result.status in (Status.OK, Status.DOUBTFUL):  # after a jump the run itself is in doubt
@@ -159,7 +159,7 @@ def _blind(place: _Place, kind: str, count: int, seed: int) -> Iterator[Frame]:
         if kind == "hand":
             glow = 0.1 * cv2.GaussianBlur(frame.image, (0, 0), frame.image.shape[1] / 12.0).astype(np.float64)
             image = np.clip(glow + noise.normal(0.0, 2.5, image.shape), 0, 255).astype(np.uint8)
-        yield replace(frame, image=image, worn=None)
+        yield replace(frame, image=image, views=())
 
 
 def _is_wrong(place: _Place, result: StepResult, i: int) -> bool:

@@ -122,24 +122,23 @@ class Erring(WrappedRecording):
         """Frame ``i``; it is made once."""
         if i not in self._frames:
             frame = self._late(self._base.frame(i))
-            if frame.worn is not None:
-                frame = replace(frame, worn=replace(frame.worn, t_cf=corrected(frame.worn.t_cf, self._error)))
-            self._frames[i] = frame
+            views = (replace(view, t_cf=corrected(view.t_cf, self._error)) for view in frame.views)
+            self._frames[i] = replace(frame, views=tuple(views))
         return self._frames[i]
 
     def _late(self, frame: Frame) -> Frame:
-        if frame.worn is None or not self._clock:
+        if not frame.views or not self._clock:
             return frame
         if isinstance(self._base, SimulatedRecording):
             worn = self._base.worn_at(frame.t + self._clock, frame.index)
-            return replace(frame, worn=None if worn is None else replace(worn, t=None))
+            return replace(frame, views=() if worn is None else (replace(worn, t=None),))
         assert self.truth is not None, "Cf was emulated by true poses"
         known = np.isfinite(self.truth).all(axis=(1, 2))
         later = interpolate_track(self.times[known], self.truth[known], np.array([frame.t + self._clock]))[0]
         if not np.isfinite(later).all():
-            return replace(frame, worn=None)
-        moved = pose_inverse(later) @ self.truth[frame.index] @ frame.worn.t_cf
-        return replace(frame, worn=replace(frame.worn, t_cf=moved))
+            return replace(frame, views=())
+        moved = pose_inverse(later) @ self.truth[frame.index]
+        return replace(frame, views=tuple(replace(view, t_cf=moved @ view.t_cf) for view in frame.views))
 
 
 class Stated(WrappedRecording):
@@ -152,11 +151,9 @@ class Stated(WrappedRecording):
     def frame(self, i: int) -> Frame:
         """Frame ``i``."""
         frame = self._base.frame(i)
-        if frame.worn is None:
-            return frame
         lasting = np.diag(np.repeat([METRES, np.radians(DEGREES)], 3) ** 2 / 3.0)
-        worn = replace(frame.worn, covariance=frame.worn.covariance + lasting, bias=lasting)
-        return replace(frame, worn=worn)
+        views = (replace(view, covariance=view.covariance + lasting, bias=lasting) for view in frame.views)
+        return replace(frame, views=tuple(views))
 
 
 class Untrue(WrappedRecording):

@@ -81,4 +81,4 @@ class FreeRunning(WrappedRecording):
         before = float(times[i - 1]) if i else -np.inf
         numbers = self._clock.arrived(first, max(before, first - 1.0), t)
         worn = self._worn_at(self._clock.taken(first, numbers[-1]), numbers[-1]) if numbers else None
-        return Frame(i, t, image, worn)
+        return Frame(i, t, image, () if worn is None else (worn,))

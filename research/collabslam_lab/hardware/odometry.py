@@ -117,7 +117,7 @@ class Driven(WrappedRecording):
     def frame(self, i: int) -> Frame:
         """Frame ``i``, black and without Cf in the dark."""
         frame = self._base.frame(i)
-        return replace(frame, image=np.zeros_like(frame.image), worn=None) if self.is_dark[i] else frame
+        return replace(frame, image=np.zeros_like(frame.image), views=()) if self.is_dark[i] else frame
 
 
 class Trusting(Slam):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -80,10 +81,10 @@ class WrongStamps(WrappedRecording):
     def frame(self, i: int) -> Frame:
         """Frame ``i``: Cs as it is, Cf of another instant."""
         world, frame = self._way.world, self._way.frame(i)
-        if frame.worn is None:
+        if not frame.views:
             return frame
         t = frame.t + self._late
         true = pose_inverse(world.robot(t)) @ world.person(t)
         t_cf, covariance = measured_pose(true, np.random.default_rng([19, i]), *self._sds)
         worn = WornView(self._way.worn_picture(i, self._late), t_cf, covariance)
-        return Frame(i, frame.t, frame.image, worn)
+        return replace(frame, views=(worn,))

@@ -79,7 +79,7 @@ def walk(recipe: Recipe, seed: int, frames: int | None = None) -> Walked:
     for i in range(count):
         frame = world.frame(i)
         began = time.thread_time()
-        step = slam.step(frame.t, frame.image, frame.worn)
+        step = slam.step(frame.t, frame.image, frame.views)
         ms.append(1e3 * (time.thread_time() - began))
         way.append(step.pose[:3, 3])
         off = [np.linalg.norm(p[:3, 3] - truth[i][:3, 3]) for p in (step.pose, step.pose_map)]

@@ -136,7 +136,7 @@ def _frame(
     t_cf[:3, 3] = WORN_POSITION
     uv_f, visible_f = pixels(camera, in_c - t_cf[:3, 3], noise)
     worn = (t_cf @ se3_exp(-error), np.diag(np.square(WORN_SIGMA)), uv_f, visible & visible_f)
-    return SimulatedFrame(k / s.rate, uv, visible, worn=worn)
+    return SimulatedFrame(k / s.rate, uv, visible, [worn])
 
 
 def pixels(camera: Camera, in_camera: Array, noise: Array) -> tuple[Array, NDArray[np.bool_]]:

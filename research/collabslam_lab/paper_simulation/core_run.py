@@ -48,9 +48,8 @@ class SimulatedFrame:
     uv : (N, 2) array
         Pixels in Cs.
     visible : (N,) bool array
-    worn : SimulatedView or None
-    further : sequence of SimulatedView
-        Of other worn cameras.
+    views : sequence of SimulatedView
+        Of the worn cameras, in their order.
     depths : tuple or None
         Depths along the optical axis (N,) and their standard deviations (N,), metres, of every visible point.
     """
@@ -58,8 +57,7 @@ class SimulatedFrame:
     time: float
     uv: Array
     visible: Bools
-    worn: SimulatedView | None = None
-    further: Sequence[SimulatedView] = ()
+    views: Sequence[SimulatedView] = ()
     depths: tuple[Array, Array] | None = None
 
 
@@ -113,9 +111,8 @@ class CoreRun:
         self.filter.predict(frame.time)
         seen = [i for i, point in self.features.items() if frame.visible[point]]
         ids = np.array(seen, np.int64)
-        fresh = self._fresh(frame) if frame.worn is not None or frame.depths is not None else []
-        views = [] if frame.worn is None else [frame.worn, *frame.further]
-        worn = [self._worn(frame, view, who, seen, fresh) for who, view in enumerate(views)]
+        fresh = self._fresh(frame) if frame.views or frame.depths is not None else []
+        worn = [self._worn(frame, view, who, seen, fresh) for who, view in enumerate(frame.views)]
         depths, measured = self._depths(frame, seen, fresh)
         report = self.filter.update(
             ids,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from collabslam.checks.board import board_poses
@@ -34,9 +35,9 @@ class WithPoses(WrappedRecording):
     def frame(self, i: int) -> Frame:
         """Frame ``i``, its worn view with the given pose."""
         frame = self._base.frame(i)
-        if frame.worn is None or i not in self._poses:
-            return Frame(frame.index, frame.t, frame.image)
-        return Frame(frame.index, frame.t, frame.image, WornView(frame.worn.image, *self._poses[i]))
+        if i not in self._poses:
+            return replace(frame, views=())
+        return replace(frame, views=tuple(WornView(v.image, *self._poses[i]) for v in frame.views))
 
 
 def sensed(

@@ -80,8 +80,7 @@ class Cropped(WrappedRecording):
     def frame(self, i: int) -> Frame:
         """Frame ``i`` with the middle of its worn picture."""
         frame, camera = self._base.frame(i), self.worn_camera
-        if frame.worn is None or camera is None:
-            return frame
+        assert camera is not None
         rows, columns = slice(self._y, self._y + camera.height), slice(self._x, self._x + camera.width)
-        image = np.ascontiguousarray(frame.worn.image[rows, columns])
-        return replace(frame, worn=replace(frame.worn, image=image))
+        cut = (replace(v, image=np.ascontiguousarray(v.image[rows, columns])) for v in frame.views)
+        return replace(frame, views=tuple(cut))

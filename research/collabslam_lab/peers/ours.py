@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -29,9 +30,9 @@ class _Timed:
     engine: SlamLike
     cpu: list[float] = field(default_factory=list)
 
-    def step(self, t: float, image: Image, worn: WornView | None = None) -> StepResult:
+    def step(self, t: float, image: Image, views: Sequence[WornView] = ()) -> StepResult:
         began = time.process_time()
-        step = self.engine.step(t, image, worn)
+        step = self.engine.step(t, image, views)
         self.cpu.append(time.process_time() - began)
         return step
 

@@ -90,7 +90,7 @@ def endure_session(seconds: float, seed: int = 0, recording: Recording | None = 
         rows = noise.integers(0, image.shape[0], 64)
         image[rows, noise.integers(0, image.shape[1], 64)] ^= 16
         began = time.process_time()
-        result = slam.step(k / RATE, image, frame.worn)
+        result = slam.step(k / RATE, image, frame.views)
         cpu[k] = time.process_time() - began
         ok += result.status.value == "OK"
         if k % 100 == 99 or k + 1 == count:
@@ -116,7 +116,7 @@ def many_dropped(count: int = 100, frames: int = 3) -> float:
     def one() -> None:
         slam = Slam(recording.camera, recording.worn_camera, mode="collab", start="worn")
         for frame in seen:
-            slam.step(frame.t, frame.image, frame.worn)
+            slam.step(frame.t, frame.image, frame.views)
 
     for _ in range(max(1, count // 5)):
         one()

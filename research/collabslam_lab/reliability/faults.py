@@ -160,8 +160,8 @@ def _shifted_cf(recording: Recording, by: int, begin: float) -> Recording:
         if i < first:
             return frame
         k = i - by
-        worn = recording.frame(k).worn if first <= k < len(recording) else None
-        return dataclasses.replace(frame, worn=worn)
+        views = recording.frame(k).views if first <= k < len(recording) else ()
+        return dataclasses.replace(frame, views=views)
 
     return FaultyRecording(recording, change=change)
 
@@ -182,7 +182,7 @@ def _cf_missing(recording: Recording, _: Rng) -> Recording:
     last = recording.times[0] + 0.3 * (recording.times[-1] - recording.times[0])
 
     def change(_: int, frame: Frame) -> Frame:
-        return dataclasses.replace(frame, worn=None) if frame.t > last else frame
+        return dataclasses.replace(frame, views=()) if frame.t > last else frame
 
     return FaultyRecording(recording, change=change)
 
@@ -190,9 +190,7 @@ def _cf_missing(recording: Recording, _: Rng) -> Recording:
 def _with_worn(change: Callable[[int, WornView], WornView]) -> Callable[[Recording, Rng], Recording]:
     def make(recording: Recording, _: Rng) -> Recording:
         def of_frame(i: int, frame: Frame) -> Frame:
-            if frame.worn is None:
-                return frame
-            return dataclasses.replace(frame, worn=change(i, frame.worn))
+            return dataclasses.replace(frame, views=tuple(change(i, view) for view in frame.views))
 
         return FaultyRecording(recording, change=of_frame)
 

@@ -40,7 +40,8 @@ class SmallRecording:
     def frame(self, i: int) -> Frame:
         """Frame ``i``."""
         t_cf = se3_exp([0.5, 0.0, 0.1, 0.0, 0.1, 0.0])
-        return Frame(i, float(self.times[i]), self.image(i), WornView(self.image(i), t_cf, 1e-4 * np.eye(6)))
+        view = WornView(self.image(i), t_cf, 1e-4 * np.eye(6))
+        return Frame(i, float(self.times[i]), self.image(i), (view,))
 
 
 @cache

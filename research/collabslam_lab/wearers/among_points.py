@@ -106,7 +106,7 @@ def _run(variant: Variant, seed: tuple[int, int]) -> Told:
         ][: variant.persons]
         if k % EVERY:
             views = []
-        frame = SimulatedFrame(k / s.rate, uv, visible, views[0] if views else None, further=views[1:])
+        frame = SimulatedFrame(k / s.rate, uv, visible, views)
         report = core.step(frame)
         if core.filter.started:
             found[k], covariances[k] = core.filter.pose, core.filter.pose_covariance

@@ -115,7 +115,7 @@ class Way:
         errors: list[Array] = []
         variances: list[float] = []
         for i, picture in enumerate(self.pictures):
-            worn = None if slam.filter.started else self.view(i, np.eye(3))
+            views = [] if slam.filter.started else [self.view(i, np.eye(3))]
             since = len(errors)
             if since >= FIRST and (since - FIRST) % EVERY == 0:
                 t_cf, covariance = self.measured(i)
@@ -123,8 +123,8 @@ class Way:
                 here, _ = slam.filter.where_to_look(t_cf, covariance, least=LEAST)
                 self.result.ms.append(1e3 * (time.perf_counter() - began))
                 attitude = choice(self, i, slam, here)
-                worn = None if attitude is None else self.view(i, attitude)
-            step = slam.step(float(recording.times[i]), picture, worn)
+                views = [] if attitude is None else [self.view(i, attitude)]
+            step = slam.step(float(recording.times[i]), picture, views)
             if not slam.filter.started:
                 continue
             if not errors:
@@ -152,7 +152,7 @@ class Way:
         before, gains = log_det(without), np.zeros(len(here.gain))
         for k, view in enumerate(here.t_cf):
             copy = Slam.from_state(state)
-            result = copy.step(t, self.pictures[i], self.view(i, view[:3, :3]))
+            result = copy.step(t, self.pictures[i], [self.view(i, view[:3, :3])])
             gains[k] = before - log_det(copy)
             self.result.matched.append(float(result.diagnostics["cf_pixel_rows"]))
         self.result.foretold += here.gain.tolist()

@@ -90,8 +90,8 @@ class WorldRecording(RenderedRecording):
         t = float(self.times[i])
         _, of_image, of_pose = self._noise(i)
         t_cf, covariance = measured_pose(self.true_t_cf(i), of_pose)
-        image = self.worn_picture(t, of_image)
-        return Frame(i, t, self.image(i), WornView(image, t_cf, rounded_covariance(covariance)))
+        view = WornView(self.worn_picture(t, of_image), t_cf, rounded_covariance(covariance))
+        return Frame(i, t, self.image(i), (view,))
 
     def _expose(self, which: int, t: float, generator: np.random.Generator) -> Image:
         """What Cs (0) or Cf (1) delivers at time `t`, with noise."""

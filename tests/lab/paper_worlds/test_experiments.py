@@ -180,9 +180,9 @@ def test_poses_and_settings_come_from_the_sensors(world: WorldRecording) -> None
     estimates = estimated_poses(world, readings_of(world, 0))
     assert changes == {"filter.worn.bias_time": 60.0}
     last = len(world) - 1
-    view = recording.frame(last).worn
-    assert (view is None) == (estimates[last].t_cf is None)
-    if view is not None:
+    views = recording.frame(last).views
+    assert bool(views) == (estimates[last].t_cf is not None)
+    for view in views:
         assert np.array_equal(view.t_cf, estimates[last].t_cf)
         assert view.bias is not None
         assert np.array_equal(view.bias, estimates[last].bias)
@@ -202,11 +202,11 @@ def test_a_world_is_rendered_once_for_all_seeds(monkeypatch: pytest.MonkeyPatch)
     shared = [world_recording("study-2", seed, keep=True).frame(1) for seed in (0, 1)]
     assert len(rendered) == 2  # one of each camera
     for one, other in zip(alone, shared, strict=True):
-        assert one.worn is not None
-        assert other.worn is not None
+        assert one.views
+        assert other.views
         assert np.array_equal(one.image, other.image)
-        assert np.array_equal(one.worn.image, other.worn.image)
-        assert np.array_equal(one.worn.t_cf, other.worn.t_cf)
+        assert np.array_equal(one.views[0].image, other.views[0].image)
+        assert np.array_equal(one.views[0].t_cf, other.views[0].t_cf)
     assert not np.array_equal(shared[0].image, shared[1].image)
 
 
@@ -214,18 +214,13 @@ def test_a_variant_changes_one_thing() -> None:
     world = world_recording("study-3")
     base = varied(world, world, Variant("availability", 1.0), 0)
     noisy = varied(world, world, Variant("position_sd", 0.2), 0)
-    sd = np.sqrt(np.diag(noisy.frame(0).worn.covariance))  # type: ignore[union-attr]
+    sd = np.sqrt(np.diag(noisy.frame(0).views[0].covariance))
     assert np.allclose(sd[:3], 0.2)
-    errors = [
-        se3_log(pose_inverse(r.frame(0).worn.t_cf) @ world.true_t_cf(0))  # type: ignore[union-attr]
-        for r in (base, noisy)
-    ]
+    errors = [se3_log(pose_inverse(r.frame(0).views[0].t_cf) @ world.true_t_cf(0)) for r in (base, noisy)]
     assert np.allclose(errors[1][:3], errors[0][:3] * 0.2 / 0.03)
-    assert noisy.frame(len(world) - 8).worn is None or noisy.frame(len(world) - 20).worn is None
+    assert not noisy.frame(len(world) - 8).views or not noisy.frame(len(world) - 20).views
     small = Cropped(world, 0.5)
-    view, whole = small.frame(0).worn, world.frame(0).worn
-    assert view is not None
-    assert whole is not None
+    view, whole = small.frame(0).views[0], world.frame(0).views[0]
     point = np.array([[0.1, 0.1, 4.0]])
     moved = small.worn_camera.project(point).uv + np.array([180, 120])
     assert np.allclose(moved, world.worn_camera.project(point).uv)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,7 @@ from collabslam.simulation import corridor_recording
 from collabslam.simulation.held import HeldRecording
 from collabslam.slam.engine import Slam
 from collabslam.slam.tracking.blank_image import BlankImageDetector
-from collabslam.types import Frame, Recording, Status, WornView
+from collabslam.types import Frame, Recording, Status
 from collabslam_lab.reliability.attacks.streams import STREAMS
 from collabslam_lab.reliability.faults import FAULTS, FaultyRecording, inject
 from collabslam_lab.reliability.table import FaultRow, faults_markdown, measure_faults
@@ -39,7 +41,7 @@ def slam_on(recording: Recording) -> Slam:
 def play(slam: Slam, recording: Recording, frames: int) -> StepResult:
     for i in range(frames):
         frame = recording.frame(i)
-        last = slam.step(frame.t, frame.image, frame.worn)
+        last = slam.step(frame.t, frame.image, frame.views)
     return last
 
 
@@ -60,7 +62,7 @@ def test_every_fault_makes_a_recording_that_depends_on_the_seed_alone(walk: Reco
         assert a.index == i
         assert a.t == one.times[i]
         np.testing.assert_array_equal(a.image, b.image)
-        assert (a.worn is None) == (b.worn is None)
+        assert (not a.views) == (not b.views)
 
 
 def _with_patch(walk: Recording, name: str) -> Recording:
@@ -83,7 +85,7 @@ def test_what_is_fixed_to_the_camera_is_left_alone(walk: Recording) -> None:
     seen, fixed = [], 0
     for i in range(len(hooded)):
         frame = hooded.frame(i)
-        step = slam.step(frame.t, frame.image, frame.worn)
+        step = slam.step(frame.t, frame.image, frame.views)
         used = [state == "accepted" for state in step.features.states]
         seen.append((int((step.features.found[used][:, 1] > top + 5).sum()), sum(used)))
         fixed += step.diagnostics.get("candidates_fixed", 0)
@@ -119,9 +121,9 @@ def test_the_engine_refuses_a_stamp_that_does_not_follow_and_goes_on(walk: Recor
     frame = walk.frame(5)
     for t in (walk.times[4], walk.times[2], float("nan"), 1e300):
         with pytest.raises(InputError):
-            slam.step(t, frame.image, frame.worn)
+            slam.step(t, frame.image, frame.views)
         assert state_of(slam) == before
-    slam.step(frame.t, frame.image, frame.worn)
+    slam.step(frame.t, frame.image, frame.views)
     untroubled = slam_on(walk)
     play(untroubled, walk, 6)
     assert state_of(slam) == state_of(untroubled)
@@ -160,7 +162,7 @@ def test_an_image_that_shows_nothing_is_no_measurement(walk: Recording, kind: st
         last = result
     assert slam.filter.map_size == size
     frame = walk.frame(18)
-    result = slam.step(frame.t, frame.image, frame.worn)
+    result = slam.step(frame.t, frame.image, frame.views)
     assert result.status.value == "OK"
     assert result.diagnostics["unseen"] == 0
 
@@ -185,10 +187,9 @@ def test_an_image_that_repeats_to_the_bit_is_frozen() -> None:
 )
 def test_a_gross_error_of_t_cf_is_not_used(walk: Recording, error: list[float]) -> None:
     def change(i: int, frame: Frame) -> Frame:
-        if i != 6 or frame.worn is None:
+        if i != 6:
             return frame
-        worn = WornView(frame.worn.image, frame.worn.t_cf @ se3_exp(error), frame.worn.covariance)
-        return Frame(frame.index, frame.t, frame.image, worn)
+        return replace(frame, views=tuple(replace(v, t_cf=v.t_cf @ se3_exp(error)) for v in frame.views))
 
     slam = slam_on(walk)
     result = play(slam, FaultyRecording(walk, change=change), 7)
@@ -202,10 +203,10 @@ def test_a_singular_covariance_of_t_cf_is_refused_before_anything_changes(walk: 
     play(slam, walk, 3)
     before = state_of(slam)
     frame = walk.frame(3)
-    assert frame.worn is not None
+    assert frame.views
     for covariance in (np.zeros((6, 6)), -np.eye(6), np.full((6, 6), np.nan), np.eye(5)):
         with pytest.raises(InputError):
-            slam.step(frame.t, frame.image, WornView(frame.worn.image, frame.worn.t_cf, covariance))
+            slam.step(frame.t, frame.image, [replace(frame.views[0], covariance=covariance)])
         assert state_of(slam) == before
 
 
@@ -214,13 +215,13 @@ def test_a_bias_that_is_no_part_of_the_covariance_is_refused_before_anything_cha
     play(slam, walk, 3)
     before = state_of(slam)
     frame = walk.frame(3)
-    assert frame.worn is not None
-    worn = frame.worn
+    assert frame.views
+    worn = frame.views[0]
     for bias in (1.01 * worn.covariance, -worn.covariance, np.full((6, 6), np.nan), np.eye(5)):
         with pytest.raises(InputError, match="bias"):
-            slam.step(frame.t, frame.image, WornView(worn.image, worn.t_cf, worn.covariance, bias))
+            slam.step(frame.t, frame.image, [replace(worn, bias=bias)])
         assert state_of(slam) == before
-    slam.step(frame.t, frame.image, WornView(worn.image, worn.t_cf, worn.covariance, 0.5 * worn.covariance))
+    slam.step(frame.t, frame.image, [replace(worn, bias=0.5 * worn.covariance)])
 
 
 def test_the_table_has_a_row_for_what_goes_on_and_for_what_stops(walk: Recording) -> None:

@@ -80,13 +80,17 @@ def change_images(walk: Walk, change: Callable[[Image], Image]) -> None:
 
 
 def change_views(walk: Walk, change: Callable[[Image], Image]) -> None:
-    views = [None if f.worn is None else replace(f.worn, image=change(f.worn.image)) for f in walk.frames]
-    walk.frames = [replace(f, worn=view) for f, view in zip(walk.frames, views, strict=True)]
+    walk.frames = [
+        replace(f, views=tuple(replace(view, image=change(view.image)) for view in f.views))
+        for f in walk.frames
+    ]
 
 
 def change_t_cf(walk: Walk, change: Callable[[Array], Array]) -> None:
-    views = [None if f.worn is None else replace(f.worn, t_cf=change(f.worn.t_cf)) for f in walk.frames]
-    walk.frames = [replace(f, worn=view) for f, view in zip(walk.frames, views, strict=True)]
+    walk.frames = [
+        replace(f, views=tuple(replace(view, t_cf=change(view.t_cf)) for view in f.views))
+        for f in walk.frames
+    ]
 
 
 def change_camera(camera: Camera, focal: float = 1.0, size: float = 1.0) -> Camera:
@@ -109,29 +113,29 @@ def reordered(t: Array, order: tuple[int, ...]) -> Array:
 
 def swap(walk: Walk) -> None:
     walk.frames = [
-        f if f.worn is None else replace(f, image=f.worn.image, worn=replace(f.worn, image=f.image))
+        replace(f, image=f.views[0].image, views=(replace(f.views[0], image=f.image),)) if f.views else f
         for f in walk.frames
     ]
 
 
 def worn_images_from(walk: Walk, later: int) -> None:
     """Each view's image is that of so many frames later."""
-    known = {k: f.worn.image for k, f in enumerate(walk.frames) if f.worn is not None}
+    known = {k: f.views[0].image for k, f in enumerate(walk.frames) if f.views}
     walk.frames = [
-        replace(f, worn=None)
-        if f.worn is None or k + later not in known
-        else replace(f, worn=replace(f.worn, image=known[k + later]))
+        replace(
+            f, views=tuple(replace(view, image=known[k + later]) for view in f.views if k + later in known)
+        )
         for k, f in enumerate(walk.frames)
     ]
 
 
 def poses_from(walk: Walk, later: int) -> None:
     """Each view's pose is that of so many frames later."""
-    known = {k: f.worn.t_cf for k, f in enumerate(walk.frames) if f.worn is not None}
+    known = {k: f.views[0].t_cf for k, f in enumerate(walk.frames) if f.views}
     walk.frames = [
-        replace(f, worn=None)
-        if f.worn is None or k + later not in known
-        else replace(f, worn=replace(f.worn, t_cf=known[k + later]))
+        replace(
+            f, views=tuple(replace(view, t_cf=known[k + later]) for view in f.views if k + later in known)
+        )
         for k, f in enumerate(walk.frames)
     ]
 
@@ -273,7 +277,7 @@ def test_a_good_recording(
 def test_exact_poses_of_cf_agree(walk: Walk) -> None:
     base = walk._base
     walk.frames = [
-        f if f.worn is None else replace(f, worn=replace(f.worn, t_cf=base.true_t_cf(f.index)))
+        replace(f, views=tuple(replace(view, t_cf=base.true_t_cf(f.index)) for view in f.views))
         for f in walk.frames
     ]
     report = check_calibration(walk)
@@ -386,9 +390,7 @@ def test_without_true_poses_the_motion_to_the_nearest_frame_is_noise(free_runnin
     without.truth = None
     vague = AtFrames(without)
     assert exact.free
-    told, untold = exact.frame(10).worn, vague.frame(10).worn
-    assert told is not None
-    assert untold is not None
+    told, untold = exact.frame(10).views[0], vague.frame(10).views[0]
     assert told.t is not None
     assert told.t == untold.t
     assert np.array_equal(told.t_cf, untold.t_cf)
@@ -411,5 +413,6 @@ class Changed(WrappedRecording):
 
     def frame(self, i: int) -> Frame:
         frame = self._base.frame(i)
-        worn = frame.worn
-        return frame if worn is None else replace(frame, worn=replace(worn, t_cf=self._change(worn.t_cf)))
+        return replace(
+            frame, views=tuple(replace(view, t_cf=self._change(view.t_cf)) for view in frame.views)
+        )

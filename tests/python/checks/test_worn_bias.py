@@ -205,9 +205,8 @@ class Off(WrappedRecording):
 
     def frame(self, i: int) -> Frame:
         frame = self._base.frame(i)
-        if frame.worn is None:
-            return frame
-        return replace(frame, worn=replace(frame.worn, t_cf=corrected(frame.worn.t_cf, -BIAS)))
+        views = (replace(view, t_cf=corrected(view.t_cf, -BIAS)) for view in frame.views)
+        return replace(frame, views=tuple(views))
 
 
 def calibration(clock: float = 0.0) -> WornCalibration:
@@ -270,14 +269,14 @@ def test_views_come_when_they_were_taken(clock: float) -> None:
     moved = CalibratedWorn(recording, calibration(clock))
     came = {}
     for i in range(len(recording)):
-        worn = moved.frame(i).worn
+        worn = moved.frame(i).views[0]
         if worn is not None:
             assert worn.t is not None
             assert recording.times[i] - 0.1 < worn.t <= recording.times[i] + 1e-9
             came[i] = round((worn.t - clock) * 10)
     assert came == {i: i - int(np.ceil(clock * 10)) for i in came}
     assert len(came) == len(recording) - max(int(np.ceil(clock * 10)), 0)
-    assert CalibratedWorn(recording, calibration()).frame(0).worn.t is None  # type: ignore[union-attr]
+    assert CalibratedWorn(recording, calibration()).frame(0).views[0].t is None
 
 
 def test_a_source_keeps_its_calibration(tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ def test_a_repeated_stamp_in_a_file_is_left_out_and_counted(
     np.testing.assert_array_equal(recording.image(2), picture(2))  # the first of both had its own stamp
     assert recording.rig is not None
     assert recording.rig.paths[4].name == f"{stamps[5]}.png"
-    assert attach_worn(recording, "rig").frame(4).worn is not None
+    assert attach_worn(recording, "rig").frame(4).views
     # and the run says so
     monkeypatch.setattr(runner, "make_engine", lambda *_: FakeSlam(Walk()))
     out = tmp_path / "out"

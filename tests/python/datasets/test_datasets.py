@@ -415,10 +415,8 @@ class Memory:
         return picture(i)
 
     def frame(self, i: int) -> Frame:
-        worn = None
-        if i % 4 != 3:
-            worn = WornView(picture(1000 + i), self.relative[i], self.covariances[i])
-        return Frame(i, float(self.times[i]), self.image(i), worn)
+        view = WornView(picture(1000 + i), self.relative[i], self.covariances[i])
+        return Frame(i, float(self.times[i]), self.image(i), () if i % 4 == 3 else (view,))
 
 
 def tree(folder: Path) -> dict[str, bytes]:
@@ -443,13 +441,13 @@ def test_what_is_written_reads_back_the_same(tmp_path: Path, start: float) -> No
     for i in range(24):
         a, b = original.frame(i), read.frame(i)
         np.testing.assert_array_equal(a.image, b.image)
-        assert (a.worn is None) == (b.worn is None)
-        if a.worn is not None and b.worn is not None:
-            np.testing.assert_array_equal(a.worn.image, b.worn.image)
-            np.testing.assert_array_equal(np.tril(a.worn.covariance), np.tril(b.worn.covariance))
-            np.testing.assert_array_equal(b.worn.covariance, b.worn.covariance.T)
-            np.testing.assert_array_equal(a.worn.t_cf[:3, 3], b.worn.t_cf[:3, 3])
-            np.testing.assert_allclose(a.worn.t_cf, b.worn.t_cf, atol=1e-12)
+        assert (not a.views) == (not b.views)
+        if a.views and b.views:
+            np.testing.assert_array_equal(a.views[0].image, b.views[0].image)
+            np.testing.assert_array_equal(np.tril(a.views[0].covariance), np.tril(b.views[0].covariance))
+            np.testing.assert_array_equal(b.views[0].covariance, b.views[0].covariance.T)
+            np.testing.assert_array_equal(a.views[0].t_cf[:3, 3], b.views[0].t_cf[:3, 3])
+            np.testing.assert_allclose(a.views[0].t_cf, b.views[0].t_cf, atol=1e-12)
     assert read.truth is not None
     np.testing.assert_allclose(read.truth, original.truth, atol=1e-12)
 
@@ -475,7 +473,7 @@ def test_a_recording_without_a_worn_camera(tmp_path: Path) -> None:
     assert not (out / "relpose").exists()
     read = open_recording(out)
     assert read.worn_camera is None
-    assert read.frame(0).worn is None
+    assert not read.frame(0).views
     assert read.camera.model == "pinhole"
 
 
@@ -543,13 +541,12 @@ def test_views_meet_frames_a_few_milliseconds_off(tmp_path: Path) -> None:
     out = write_recording(Memory(24, 100.0), tmp_path / "a")
     relpose = out / "relpose" / "data.csv"
     rows = relpose.read_text().splitlines()
-    expected = open_recording(out).frame(2).worn
+    expected = open_recording(out).frame(2).views[0]
     moved = [f"{int(r.split(',')[0]) + 3_000_000},{r.split(',', 1)[1]}" for r in rows[1:]]
     relpose.write_text("\n".join(moved))
     recording = open_recording(out)
-    assert [i for i in range(24) if recording.frame(i).worn is None] == [3, 7, 11, 15, 19, 23]
-    worn = recording.frame(2).worn
-    assert worn is not None
+    assert [i for i in range(24) if not recording.frame(i).views] == [3, 7, 11, 15, 19, 23]
+    worn = recording.frame(2).views[0]
     assert expected is not None
     np.testing.assert_array_equal(worn.t_cf, expected.t_cf)
 

@@ -157,8 +157,7 @@ def test_a_rigs_second_camera_is_used_by_itself(
     assert (result.summary["start"], result.summary["mode"]) == ("worn", "collab-tight")
     assert result.summary["frames_ok"] == 8
     assert length_share(result.record, recording.truth) == pytest.approx(1.0, abs=0.03)
-    worn = Source(folder).open().frame(2).worn
-    assert worn is not None
+    worn = Source(folder).open().frame(2).views[0]
     np.testing.assert_array_equal(worn.t_cf, shift)
     np.testing.assert_array_equal(worn.bias, worn.covariance)
     assert cli.main(["run", str(folder), "--out", str(tmp_path / "out"), "--max-frames", "4"]) == 0

@@ -42,7 +42,7 @@ class Alone(Driven):
         self.worn_camera = None
 
     def frame(self, i: int) -> Frame:
-        return replace(super().frame(i), worn=None)
+        return replace(super().frame(i), views=())
 
 
 def way(poses: np.ndarray, a: int, b: int) -> np.ndarray:
@@ -133,7 +133,7 @@ def test_a_file_serves_the_command_line(clip: Clip, tmp_path: Path) -> None:
     source = clip.recording
     with RecordingWriter(tmp_path / "walk", source.camera, source.worn_camera) as writer:
         for frame in clip.frames[:8]:
-            writer.add(frame.t, frame.image, frame.worn, truth=source.truth[frame.index])
+            writer.add(frame.t, frame.image, frame.views, truth=source.truth[frame.index])
     odometry = wheels(clip)
     rows = [f"{t!r}," + ",".join(map(repr, row.tolist())) for t, row in _rows(odometry)]
     file = tmp_path / "wheels.csv"
@@ -189,7 +189,7 @@ def test_a_recording_keeps_it(clip: Clip, tmp_path: Path) -> None:
     source, odometry = clip.recording, wheels(clip)
     with RecordingWriter(tmp_path / "walk", source.camera, source.worn_camera, t_bc=T_BC) as writer:
         for frame in clip.frames[:6]:
-            writer.add(frame.t, frame.image, frame.worn)
+            writer.add(frame.t, frame.image, frame.views)
         for t, twist, covariance in zip(
             odometry.times[1:], odometry.twists[1:], odometry.covariances[1:], strict=True
         ):
@@ -317,6 +317,6 @@ def test_a_map_that_wheels_vouch_for_is_not_left_for_cfs(clip: Clip) -> None:
         for t, twist in _rows(odometry)[1:]:
             if (clip.frames[k - 1].t if k else 0.0) < t - 0.02 <= frame.t:
                 slam.add_odometry(t, twist, COVARIANCE)
-        said.append(slam.step(frame.t, frame.image, stretched_later(frame.worn, k)))
+        said.append(slam.step(frame.t, frame.image, stretched_later(frame.views, k)))
     assert said[-1].diagnostics["doubt"] == "size"
     assert not any(s.diagnostics["restarted"] for s in said)

@@ -45,9 +45,9 @@ def test_times_of_views_are_written_and_read(walk: Recording, kind: str, tmp_pat
         topics = {"cs": "/cs/image_raw", "cf": "/cf/image_raw"}
         again = open_recording(tmp_path / "walk", topics=topics)
     for i in range(6):
-        one, two = walk.frame(i).worn, again.frame(i).worn
-        assert (one is None) == (two is None) == (i == 0)  # nothing was taken before the first frame
-        if one is not None and two is not None:
+        views = walk.frame(i).views, again.frame(i).views
+        assert [len(some) for some in views] == [i > 0] * 2  # nothing was taken before the first frame
+        for one, two in zip(*views, strict=True):
             assert two.t == pytest.approx(one.t, abs=1e-6)
             assert two.t == pytest.approx(again.times[i] - 0.06, abs=1e-6)
             np.testing.assert_allclose(two.t_cf, one.t_cf, atol=1e-9)
@@ -57,8 +57,8 @@ def test_times_of_views_are_written_and_read(walk: Recording, kind: str, tmp_pat
 def test_a_view_is_written_once(walk: Recording, tmp_path: Path) -> None:
     first, second = walk.frame(1), walk.frame(2)
     with RecordingWriter(tmp_path / "walk", walk.camera, walk.worn_camera) as writer:
-        writer.add(first.t, first.image, first.worn)
+        writer.add(first.t, first.image, first.views)
         with pytest.raises(InputError, match=r"worn view of 0.04 s already"):
-            writer.add(second.t, second.image, first.worn)
-        writer.add(second.t, second.image, second.worn)
+            writer.add(second.t, second.image, first.views)
+        writer.add(second.t, second.image, second.views)
     assert len(list((tmp_path / "walk" / "cam1" / "data").iterdir())) == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -23,9 +24,8 @@ def test_what_is_written_in_a_loop_reads_and_runs(clip: Clip, tmp_path: Path) ->
     source = clip.recording
     with RecordingWriter(tmp_path / "walk", source.camera, source.worn_camera) as writer:
         for frame in clip.frames[:8]:
-            bias = None if frame.worn is None else 0.25 * frame.worn.covariance
-            worn = None if frame.worn is None else WornView(*_fields(frame.worn), bias)
-            writer.add(frame.t, frame.image, worn, truth=source.truth[frame.index])
+            views = [replace(view, bias=0.25 * view.covariance) for view in frame.views]
+            writer.add(frame.t, frame.image, views, truth=source.truth[frame.index])
         assert len(writer) == 8
         assert not (tmp_path / "walk").exists()
     read = open_recording(tmp_path / "walk")
@@ -36,12 +36,12 @@ def test_what_is_written_in_a_loop_reads_and_runs(clip: Clip, tmp_path: Path) ->
     for frame in clip.frames[:8]:
         again = read.frame(frame.index)
         np.testing.assert_array_equal(again.image, frame.image)
-        assert (again.worn is None) == (frame.worn is None)
-        if frame.worn is not None and again.worn is not None:
-            np.testing.assert_array_equal(again.worn.image, frame.worn.image)
-            np.testing.assert_allclose(again.worn.t_cf, frame.worn.t_cf, atol=1e-12)
-            np.testing.assert_array_equal(again.worn.covariance, frame.worn.covariance)
-            np.testing.assert_array_equal(again.worn.bias, 0.25 * frame.worn.covariance)
+        assert (not again.views) == (not frame.views)
+        if frame.views and again.views:
+            np.testing.assert_array_equal(again.views[0].image, frame.views[0].image)
+            np.testing.assert_allclose(again.views[0].t_cf, frame.views[0].t_cf, atol=1e-12)
+            np.testing.assert_array_equal(again.views[0].covariance, frame.views[0].covariance)
+            np.testing.assert_array_equal(again.views[0].bias, 0.25 * frame.views[0].covariance)
     assert collabslam.run(tmp_path / "walk").summary["frames_ok"] == 8
 
 
@@ -51,8 +51,7 @@ def _fields(worn: WornView) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def test_what_is_refused_leaves_the_recording_as_it_was(clip: Clip, tmp_path: Path) -> None:
     source, frame = clip.recording, clip.frames[0]
-    worn = frame.worn
-    assert worn is not None
+    worn = frame.views[0]
     lopsided = worn.covariance.copy()
     lopsided[0, 1] = 1e-3
     with RecordingWriter(tmp_path / "walk", source.camera, source.worn_camera) as writer:
@@ -63,28 +62,25 @@ def test_what_is_refused_leaves_the_recording_as_it_was(clip: Clip, tmp_path: Pa
             "from 0 to": (-1.0, frame.image),
             "not a .* grey image": (2.0, np.dstack([frame.image] * 3)),
             "its calibration is for": (2.0, frame.image[:100]),
-            "worn image": (2.0, frame.image, WornView(worn.image[1:], worn.t_cf, worn.covariance)),
-            "T_CF is not a rigid": (2.0, frame.image, WornView(worn.image, 2.0 * worn.t_cf, worn.covariance)),
-            "0 0 0 1": (2.0, frame.image, WornView(worn.image, worn.t_cf.T, worn.covariance)),
-            "not symmetric": (2.0, frame.image, WornView(worn.image, worn.t_cf, lopsided)),
-            "semidefinite": (2.0, frame.image, WornView(worn.image, worn.t_cf, -worn.covariance)),
-            "bias of T_CF has the shape": (
-                2.0,
-                frame.image,
-                WornView(worn.image, worn.t_cf, worn.covariance, np.eye(3)),
-            ),
-            "truth has the shape": (2.0, frame.image, None, np.full((4, 4), np.nan)),
+            "give a list of WornView": (2.0, frame.image, worn),
+            "worn image": (2.0, frame.image, [replace(worn, image=worn.image[1:])]),
+            "T_CF is not a rigid": (2.0, frame.image, [replace(worn, t_cf=2.0 * worn.t_cf)]),
+            "0 0 0 1": (2.0, frame.image, [replace(worn, t_cf=worn.t_cf.T)]),
+            "not symmetric": (2.0, frame.image, [replace(worn, covariance=lopsided)]),
+            "semidefinite": (2.0, frame.image, [replace(worn, covariance=-worn.covariance)]),
+            "bias of T_CF has the shape": (2.0, frame.image, [replace(worn, bias=np.eye(3))]),
+            "truth has the shape": (2.0, frame.image, [], np.full((4, 4), np.nan)),
         }.items():
             with pytest.raises(InputError, match=message):
                 writer.add(*arguments)  # type: ignore[arg-type]
-        writer.add(2.0, frame.image, worn)
+        writer.add(2.0, frame.image, [worn])
     with pytest.raises(InputError, match="closed"):
         writer.add(3.0, frame.image)
     assert open_recording(tmp_path / "walk").times.tolist() == [1.0, 2.0]
     with RecordingWriter(tmp_path / "alone", source.camera) as writer:
         writer.add(1.0, frame.image)
         with pytest.raises(InputError, match="no worn_camera"):
-            writer.add(2.0, frame.image, worn)
+            writer.add(2.0, frame.image, [worn])
     with pytest.raises(InputError, match="load_camera"):
         RecordingWriter(tmp_path / "none", "camera.yaml")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no name of a folder"):
@@ -123,10 +119,10 @@ def videos(clip: Clip, tmp_path: Path) -> Path:
     folder = tmp_path / "videos"
     folder.mkdir()
     source, frames = clip.recording, clip.frames[:8]
-    seen = [f for f in frames if f.worn is not None]
+    seen = [f for f in frames if f.views]
     for name, camera, rows in (
         ("cam0", source.camera, [(f.t, f.image) for f in frames]),
-        ("cam1", source.worn_camera, [(f.t + 0.004, f.worn.image) for f in seen if f.worn is not None]),
+        ("cam1", source.worn_camera, [(f.t + 0.004, f.views[0].image) for f in seen if f.views]),
     ):
         (folder / f"{name}.yaml").write_text(yaml.safe_dump(sensor_mapping(camera)))
         (folder / f"{name}.csv").write_text("# stamp\n" + "".join(f"{t:.9f}\n" for t, _ in rows))
@@ -135,7 +131,7 @@ def videos(clip: Clip, tmp_path: Path) -> Path:
         for _, image in rows:
             video.write(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
         video.release()
-    lines = [_row(f.t + 0.004, f.worn.t_cf) + ",0.03,1.0" for f in seen if f.worn is not None]
+    lines = [_row(f.t + 0.004, f.views[0].t_cf) + ",0.03,1.0" for f in seen if f.views]
     (folder / "t_cf.csv").write_text("\n".join(lines) + "\n")
     (folder / "truth.csv").write_text("\n".join(_row(f.t, source.truth[f.index]) for f in frames) + "\n")
     return folder
@@ -154,12 +150,14 @@ def test_two_videos_with_lists_are_a_recording(videos: Path, clip: Clip) -> None
     for frame in clip.frames[:8]:
         again = read.frame(frame.index)
         assert np.abs(again.image.astype(int) - frame.image).mean() < 6.0
-        assert (again.worn is None) == (frame.worn is None)
-        if again.worn is not None and frame.worn is not None:
-            assert again.worn.t == pytest.approx(frame.t + 0.004, abs=1e-9)
-            np.testing.assert_allclose(again.worn.t_cf, frame.worn.t_cf, atol=1e-6)
-            assert np.sqrt(np.diag(again.worn.covariance)) == pytest.approx([0.03] * 3 + [np.pi / 180] * 3)
-            assert np.abs(again.worn.image.astype(int) - frame.worn.image).mean() < 6.0
+        assert (not again.views) == (not frame.views)
+        if again.views and frame.views:
+            assert again.views[0].t == pytest.approx(frame.t + 0.004, abs=1e-9)
+            np.testing.assert_allclose(again.views[0].t_cf, frame.views[0].t_cf, atol=1e-6)
+            assert np.sqrt(np.diag(again.views[0].covariance)) == pytest.approx(
+                [0.03] * 3 + [np.pi / 180] * 3
+            )
+            assert np.abs(again.views[0].image.astype(int) - frame.views[0].image).mean() < 6.0
     assert collabslam.run(videos).summary["frames_ok"] == 7  # the first view comes with the second frame
 
 
@@ -182,11 +180,11 @@ def test_videos_of_several_persons_are_a_recording(persons: Path, clip: Clip, tm
     assert list(worn_cameras(read)) == ["anna", "ben"]
     for frame in clip.frames[:8]:
         views = read.frame(frame.index).views
-        assert [view.who for view in views] == ([] if frame.worn is None else ["anna", "ben"])
-        for view, later, sd in zip(views, (0.004, 0.003), (0.03, 0.06), strict=True) if frame.worn else ():
+        assert [view.who for view in views] == ([] if not frame.views else ["anna", "ben"])
+        for view, later, sd in zip(views, (0.004, 0.003), (0.03, 0.06), strict=True) if frame.views else ():
             assert view.t == pytest.approx(frame.t + later, abs=1e-6)
             assert np.sqrt(view.covariance[0, 0]) == pytest.approx(sd)
-            np.testing.assert_allclose(view.t_cf, frame.worn.t_cf, atol=1e-6)
+            np.testing.assert_allclose(view.t_cf, frame.views[0].t_cf, atol=1e-6)
     copied = open_recording(write_recording(read, tmp_path / "copied"))
     assert [view.who for view in copied.frame(1).views] == ["anna", "ben"]
     told = {of["name"]: of for of in collabslam.run(persons).summary["worn"]}

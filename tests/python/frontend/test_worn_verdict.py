@@ -140,12 +140,11 @@ def test_an_engine_is_not_sure_of_what_its_images_contradict(
     clip: Clip, show: Callable[[Image], Image], measure: Callable[[WornView], WornView], good: bool
 ) -> None:
     def shown(frame: Frame) -> Frame:
-        worn = None if frame.worn is None else measure(frame.worn)
-        return replace(frame, image=show(frame.image), worn=worn)
+        return replace(frame, image=show(frame.image), views=tuple(map(measure, frame.views)))
 
     slam = Slam(clip.recording.camera, clip.recording.worn_camera)
     frames = [shown(f) for f in clip.frames]
-    said = [slam.step(f.t, f.image, f.worn) for f in frames]
+    said = [slam.step(f.t, f.image, f.views) for f in frames]
     sure = [s.status is Status.OK for s in said]
     assert all(sure) if good else not any(sure)
 
@@ -153,7 +152,7 @@ def test_an_engine_is_not_sure_of_what_its_images_contradict(
 def test_a_map_that_cf_finds_of_another_size_is_left_and_the_new_one_stays_in_doubt(clip: Clip) -> None:
     """No image tells how long T_CF is; a map that was right before does not follow it without a word."""
     slam = Slam(clip.recording.camera, clip.recording.worn_camera)
-    said = [slam.step(f.t, f.image, stretched_later(f.worn, k)) for k, f in enumerate(clip.frames)]
+    said = [slam.step(f.t, f.image, stretched_later(f.views, k)) for k, f in enumerate(clip.frames)]
     begun = [k for k, s in enumerate(said) if s.diagnostics["restarted"]]
     assert len(begun) == 1
     assert {s.status for s in said[begun[0] :]} == {Status.DOUBTFUL}
@@ -167,7 +166,7 @@ def test_a_map_that_holds_a_printed_target_is_not_left_for_cfs(clip: Clip) -> No
     slam = Slam(clip.recording.camera, clip.recording.worn_camera)
     slam.announce(tag)
     said = [
-        slam.step(f.t, posted.frame(k).image, stretched_later(f.worn, k)) for k, f in enumerate(clip.frames)
+        slam.step(f.t, posted.frame(k).image, stretched_later(f.views, k)) for k, f in enumerate(clip.frames)
     ]
     assert said[-1].diagnostics["doubt"] == "size"
     assert not any(s.diagnostics["restarted"] for s in said)
@@ -177,7 +176,7 @@ def test_images_that_come_again_are_a_jump(clip: Clip) -> None:
     slam, said = Slam(clip.recording.camera, clip.recording.worn_camera), []
     for k in range(16):  # the first eight frames, twice
         frame = clip.frames[k % 8]
-        said.append(slam.step(0.1 * k, frame.image, frame.worn))
+        said.append(slam.step(0.1 * k, frame.image, frame.views))
     assert {s.status for s in said[:8]} == {Status.OK}
     assert {s.diagnostics["doubt"] for s in said[8:]} == {"jump"}
     assert {s.status for s in said[8:]} == {Status.DOUBTFUL}

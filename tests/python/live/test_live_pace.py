@@ -65,8 +65,8 @@ def test_images_have_about_the_wanted_size(clip: Clip, size: int) -> None:
     encoder, sizes = Encoder(), []
     for _ in range(4):
         for frame in clip.frames[:13]:
-            assert frame.worn is not None
-            data = encoder.encode(frame.worn.image, size)
+            assert frame.views
+            data = encoder.encode(frame.views[0].image, size)
             sizes.append(len(data))
     assert 0.7 * size < np.median(sizes[-13:]) < 1.3 * size
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)

@@ -37,8 +37,8 @@ def events(posted: Posted) -> list[Event]:
     out: list[Event] = []
     for i in range(FRAMES):
         frame: Frame = posted.frame(i)
-        if frame.worn is not None:
-            png = cv2.imencode(".png", frame.worn.image)[1].tobytes()
+        if frame.views:
+            png = cv2.imencode(".png", frame.views[0].image)[1].tobytes()
             out.append(LiveView("anna/1", frame.t, png))
         out.append(RobotFrame(frame.t, frame.image))
     return out
@@ -76,12 +76,11 @@ def test_a_phone_that_tracks_itself_saw_the_tag_once(clip: Clip, posted: Posted)
     sent: list[Event] = []
     shown = 0
     for i in range(FRAMES):
-        frame, bare = posted.frame(i), clip.frames[i].worn
-        if frame.worn is not None and bare is not None:
-            with_tag = shown < 2
+        frame = posted.frame(i)
+        for with_tag, without in zip(frame.views, clip.frames[i].views, strict=True):
             t_wf = clip.recording.truth[i] @ clip.recording.true_t_cf(i)
             own = OwnPose(begins @ t_wf @ se3_exp(sd * noise.standard_normal(6)), np.diag(sd**2))
-            image = frame.worn.image if with_tag else bare.image
+            image = (with_tag if shown < 2 else without).image
             sent.append(LiveView("anna/1", frame.t, image, own=own))
             shown += 1
         sent.append(RobotFrame(frame.t, frame.image))
@@ -110,10 +109,10 @@ def test_a_phone_that_tracks_itself_saw_the_tag_once(clip: Clip, posted: Posted)
 def test_a_phone_that_finds_itself_elsewhere_begins_anew(clip: Clip, posted: Posted) -> None:
     world = OwnWorld()
     here, there = OwnPose(np.eye(4), 1e-6 * np.eye(6)), OwnPose(pose(np.eye(3), [3.0, 0.0, 0.0]), np.eye(6))
-    frame = next(f for f in map(posted.frame, range(FRAMES)) if f.worn is not None)
-    assert frame.worn is not None
+    frame = next(f for f in map(posted.frame, range(FRAMES)) if f.views)
+    assert frame.views
     assert posted.worn_camera is not None
-    world.move(1.0, here, sightings(frame.worn.image, posted.worn_camera, [TAG]))
+    world.move(1.0, here, sightings(frame.views[0].image, posted.worn_camera, [TAG]))
     ((first, lasting),) = world.sightings()
     assert lasting is None
     world.move(61.0, OwnPose(here.t_xf, here.covariance), [])

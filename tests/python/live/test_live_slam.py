@@ -22,7 +22,7 @@ from collabslam.live.slam import BOUNDS, LiveSlam
 from collabslam.live.views import BROKEN, EARLY, LATE, NO_CLOCK, OTHER, REFUSED, REPEATED, SURPLUS, LiveView
 from collabslam.settings.table import Settings
 from collabslam.slam.worn.looking import DIAGNOSTICS
-from collabslam.types import Frame, WornView
+from collabslam.types import Frame
 
 FRAMES = 14
 OFFSET = 3.7
@@ -34,10 +34,8 @@ def frames(clip: Clip) -> list[Frame]:
 
 
 def view_of(frame: Frame, session: str = "anna/1", shift: float = 0.0) -> LiveView:
-    assert frame.worn is not None
-    return LiveView(
-        session, frame.t + shift, frame.worn.image, frame.worn.t_cf, frame.worn.covariance, frame.worn.bias
-    )
+    (view,) = frame.views
+    return LiveView(session, frame.t + shift, view.image, view.t_cf, view.covariance, view.bias)
 
 
 def robot(frame: Frame) -> RobotFrame:
@@ -71,11 +69,8 @@ def bits(poses: list[LivePose]) -> list[tuple[float, bytes, bytes]]:
 @pytest.fixture(scope="module")
 def offline(clip: Clip, frames: list[Frame]) -> list[tuple[float, bytes, bytes]]:
     slam = engine(clip)
-    worn: list[WornView | None] = [None]
-    for frame in frames[:-1]:
-        assert frame.worn is not None
-        worn.append(replace(frame.worn, t=frame.t))
-    steps = [slam.step(f.t, f.image, late) for f, late in zip(frames, worn, strict=True)]
+    late = [[replace(view, t=frame.t) for view in frame.views] for frame in frames]
+    steps = [slam.step(f.t, f.image, views) for f, views in zip(frames, [[], *late[:-1]], strict=True)]
     assert steps[-1].started
     return [(s.t, s.pose.tobytes(), s.covariance.tobytes()) for s in steps]
 
@@ -181,9 +176,7 @@ def test_a_clock_that_is_off_costs_certainty_of_t_cf(clip: Clip, frames: list[Fr
         poses += fed(core, [reading, view_of(frame, shift=OFFSET), robot(frame)])
     used = [p for p in poses if p.worn is not None]
     assert len(used) == len(frames)
-    before, after = frames[-1].worn, used[-1].worn
-    assert before is not None
-    assert after is not None
+    before, after = frames[-1].views[0], used[-1].worn
     added = after.covariance - before.covariance
     speed = float(np.linalg.norm(core.slam.filter.velocity))
     assert np.sqrt(np.trace(added[:3, :3])) == pytest.approx(speed * 0.04 / np.sqrt(12.0), rel=0.3)

@@ -113,8 +113,7 @@ def test_a_node_finds_the_worn_camera_by_tf(clip: Clip) -> None:
     hold = messages.encoded(messages.TRANSFORMS, tf(("odom", "cs", 0.0, A)))
     node.takes[ros.TF_STATIC](hold)
     for count, frame in enumerate(clip.frames[:10]):
-        t, worn = frame.t + 1.0, frame.worn
-        assert worn is not None
+        t, worn = frame.t + 1.0, frame.views[0]
         node.takes["/cf"](messages.raw_image(t, "cf", worn.image))
         told = tf(("odom", "cf", t - 0.01, A @ worn.t_cf), ("odom", "cf", t + 0.01, A @ worn.t_cf))
         node.takes["/cs"](messages.raw_image(t, "cs", frame.image))

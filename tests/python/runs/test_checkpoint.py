@@ -37,7 +37,7 @@ def step(slam: Slam, frame: Frame) -> bytes:
     """One frame; everything that comes out but times."""
     uv = [[200.0, 200.0], [400.0, 240.0]]
     slam.add_depth(uv, [3.0, 4.0], 0.5)
-    out = slam.step(frame.t, frame.image, frame.worn)
+    out = slam.step(frame.t, frame.image, frame.views)
     told = {k: v for k, v in out.diagnostics.items() if not k.startswith("ms_")}
     features = (out.features.ids.tobytes(), out.features.found.tobytes(), out.features.s.tobytes())
     return repr((out.pose.tobytes(), out.covariance.tobytes(), out.status, told, features)).encode()
@@ -112,7 +112,7 @@ def test_every_part_with_a_memory_says_what_it_keeps(clip: Clip) -> None:
     slam = Slam(recording.camera, recording.worn_camera)
     before = {name: dict(vars(part)) for name, part in persistent_parts(slam).items()}
     for frame in clip.frames[:4]:
-        slam.step(frame.t, frame.image, frame.worn)
+        slam.step(frame.t, frame.image, frame.views)
     assert set(before) >= {"_tracks", "_depth", "_monitor"}
     for name, part in persistent_parts(slam).items():
         changed = {k for k, v in vars(part).items() if v is not before[name][k]}
@@ -140,7 +140,7 @@ def saved(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
     recording = clip.recording
     slam = Slam(recording.camera, recording.worn_camera)
     for frame in clip.frames[:3]:
-        slam.step(frame.t, frame.image, frame.worn)
+        slam.step(frame.t, frame.image, frame.views)
     path = tmp_path_factory.mktemp("saved") / "slam.bin"
     slam.save(path)
     return path
@@ -256,7 +256,7 @@ def test_a_filter_is_saved_and_restored(clip: Clip) -> None:
     recording = clip.recording
     slam = Slam(recording.camera, recording.worn_camera)
     for frame in clip.frames[:3]:
-        slam.step(frame.t, frame.image, frame.worn)
+        slam.step(frame.t, frame.image, frame.views)
     data = slam.filter.snapshot()
     copy = Filter.restore(data)
     assert isinstance(data, bytes)
@@ -275,14 +275,14 @@ def test_a_measurement_that_would_break_the_filter_is_refused(clip: Clip) -> Non
     recording = clip.recording
     slam = Slam(recording.camera, recording.worn_camera)
     for frame in clip.frames[:3]:
-        slam.step(frame.t, frame.image, frame.worn)
+        slam.step(frame.t, frame.image, frame.views)
     frame = clip.frames[3]
-    assert frame.worn is not None
+    assert frame.views
     core = slam.filter
     core.predict(frame.t)
     before, seen = core.snapshot(), core.predict_pixels()
     none = np.empty(0, np.int64)
-    worn = WornMeasurement(frame.worn.t_cf, frame.worn.covariance * 1e60, seen.ids, seen.uv, seen.uv)
+    worn = WornMeasurement(frame.views[0].t_cf, frame.views[0].covariance * 1e60, seen.ids, seen.uv, seen.uv)
     with pytest.raises(InputError, match="covariance of T_CF"):
         core.update(none, seen.ids, seen.uv, worn=worn)
     assert core.snapshot() == before
@@ -294,7 +294,7 @@ def test_a_frame_that_is_refused_is_reported_and_the_run_goes_on(clip: Clip) -> 
     recording = clip.recording
     slam = Slam(recording.camera, recording.worn_camera)
     for frame in clip.frames[:3]:
-        slam.step(frame.t, frame.image, frame.worn)
+        slam.step(frame.t, frame.image, frame.views)
     core = slam.filter
 
     class Refused:
@@ -328,11 +328,11 @@ def test_a_frame_that_is_refused_is_reported_and_the_run_goes_on(clip: Clip) -> 
 
     slam.filter = Breaking()  # type: ignore[assignment]
     frame = clip.frames[3]
-    out = slam.step(frame.t, frame.image, frame.worn)
+    out = slam.step(frame.t, frame.image, frame.views)
     assert out.diagnostics["refused"] == 1
     assert "accepted" not in out.features.states
     slam.filter = core
-    out = slam.step(clip.frames[4].t, clip.frames[4].image, None)
+    out = slam.step(clip.frames[4].t, clip.frames[4].image)
     assert out.diagnostics["refused"] == 0
     assert out.diagnostics["accepted"] > 10
 

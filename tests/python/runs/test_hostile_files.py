@@ -93,7 +93,7 @@ def engine(clip: Clip) -> Slam:
     recording = clip.recording
     slam = Slam(recording.camera, recording.worn_camera)
     for frame in clip.frames[:5]:
-        slam.step(frame.t, frame.image, frame.worn)
+        slam.step(frame.t, frame.image, frame.views)
     slam.add_depth([[100.0, 100.0]], 3.0, 0.1)
     return slam
 
@@ -106,7 +106,7 @@ def test_every_field_of_an_engine(clip: Clip, engine: Slam) -> None:
 
     def use(altered_state: Any) -> None:
         slam = Slam.from_state(altered_state)
-        slam.step(clip.frames[5].t, clip.frames[5].image, clip.frames[5].worn)
+        slam.step(clip.frames[5].t, clip.frames[5].image, clip.frames[5].views)
         slam.saved_map()
         slam.submaps()
 

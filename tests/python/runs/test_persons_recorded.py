@@ -40,10 +40,10 @@ def views(frame: Frame) -> list[WornView]:
 
     His first view between two frames is lost: until then no poses were kept for such.
     """
-    assert frame.worn is not None
+    assert frame.views
     taken = frame.t - 0.001 if frame.index else None
-    ben = replace(frame.worn, who="ben", t=taken, bias=0.5 * frame.worn.covariance)
-    return [replace(frame.worn, who="anna"), *([ben] if frame.index % 2 == 0 else [])]
+    ben = replace(frame.views[0], who="ben", t=taken, bias=0.5 * frame.views[0].covariance)
+    return [replace(frame.views[0], who="anna"), *([ben] if frame.index % 2 == 0 else [])]
 
 
 @pytest.fixture(scope="module")

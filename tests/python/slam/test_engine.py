@@ -29,7 +29,7 @@ class Run:
         self.maps = []
         self.steps: list[StepResult] = []
         for frame in clip.frames[:count]:
-            self.steps.append(self.slam.step(frame.t, frame.image, frame.worn))
+            self.steps.append(self.slam.step(frame.t, frame.image, frame.views))
             self.maps.append(self.slam.landmarks())
 
 
@@ -95,7 +95,7 @@ def test_mono_takes_only_its_start_from_the_worn_camera(clip: Clip, runs: Any) -
     assert mono.maps[0].points.tobytes() == tight.maps[0].points.tobytes()
     assert mono.maps[0].covariance.tobytes() == tight.maps[0].covariance.tobytes()
     assert mono.steps[0].diagnostics["cf_matches"] > 0
-    assert sum(f.worn is not None for f in clip.frames[1:]) > 5
+    assert sum(bool(f.views) for f in clip.frames[1:]) > 5
     assert all(s.diagnostics["cf_matches"] == 0 for s in mono.steps[1:])
     assert all(s.diagnostics["births_instant"] == 0 for s in mono.steps[1:])
     assert sum(s.diagnostics["cf_matches"] for s in tight.steps[1:]) > 50
@@ -133,7 +133,7 @@ def test_before_the_first_overlap_nothing_is_valid(clip: Clip) -> None:
     assert step.status is not Status.OK
     np.testing.assert_array_equal(step.pose, np.eye(4))
     frame = clip.frames[1]
-    assert slam.step(frame.t, frame.image, frame.worn).valid
+    assert slam.step(frame.t, frame.image, frame.views).valid
 
 
 def test_scale_free_start(clip: Clip) -> None:
@@ -176,8 +176,8 @@ def test_a_camera_that_stands_does_not_start_scale_free(clip: Clip) -> None:
 
 
 def _worn(frame: Frame, **changes: Any) -> WornView:
-    assert frame.worn is not None
-    return dataclasses.replace(frame.worn, **changes)
+    assert frame.views
+    return dataclasses.replace(frame.views[0], **changes)
 
 
 class TestBadInput:
@@ -215,7 +215,7 @@ class TestBadInput:
         before = _state(run.slam)
         frame = clip.frames[1]
         with pytest.raises(InputError, match="worn image"):
-            run.slam.step(frame.t, frame.image, _worn(frame, image=image))
+            run.slam.step(frame.t, frame.image, [_worn(frame, image=image)])
         assert _state(run.slam) == before
 
     def test_worn_view_without_its_calibration(self, clip: Clip) -> None:
@@ -223,7 +223,7 @@ class TestBadInput:
         before = _state(slam)
         frame = clip.frames[0]
         with pytest.raises(InputError, match="worn_camera"):
-            slam.step(frame.t, frame.image, frame.worn)
+            slam.step(frame.t, frame.image, frame.views)
         assert _state(slam) == before
 
     @pytest.mark.parametrize(
@@ -242,7 +242,7 @@ class TestBadInput:
         before = _state(run.slam)
         frame = clip.frames[1]
         with pytest.raises(InputError, match=words):
-            run.slam.step(frame.t, frame.image, _worn(frame, **changes))
+            run.slam.step(frame.t, frame.image, [_worn(frame, **changes)])
         assert _state(run.slam) == before
 
     @pytest.mark.parametrize(

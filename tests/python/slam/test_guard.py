@@ -39,14 +39,14 @@ STAGES = [
 def engine_at(clip: Clip, count: int = COUNT) -> Slam:
     slam = Slam(clip.recording.camera, clip.recording.worn_camera, mode="collab-tight")
     for frame in clip.frames[:count]:
-        slam.step(frame.t, frame.image, frame.worn)
+        slam.step(frame.t, frame.image, frame.views)
     slam.add_depth([[200.0, 200.0], [400.0, 240.0]], [3.0, 4.0], 0.5)
     return slam
 
 
 def step(slam: Slam, frame: Frame) -> bytes:
     """One frame: all that comes out of it, and all that it leaves behind."""
-    out = slam.step(frame.t, frame.image, frame.worn)
+    out = slam.step(frame.t, frame.image, frame.views)
     told = {k: v for k, v in out.diagnostics.items() if not k.startswith("ms_")}
     return repr((out.pose.tobytes(), out.covariance.tobytes(), out.status, told)).encode() + everything(slam)
 
@@ -89,7 +89,7 @@ def test_interrupted_at_any_stage_it_is_as_before(
 
     setattr(owner, method, interrupted)
     with pytest.raises(KeyboardInterrupt):
-        slam.step(frame.t, frame.image, frame.worn)
+        slam.step(frame.t, frame.image, frame.views)
     delattr(owner, method)
     assert everything(slam) == straight[0]
     assert step(slam, frame) == straight[1]
@@ -100,13 +100,13 @@ def test_interrupted_at_any_line_it_is_as_before(clip: Clip, straight: tuple[byt
     slam, frame = engine_at(clip), clip.frames[COUNT]
     state, tried = straight[0], 0
     for line in range(1, 100_000, 50):
-        if not _interrupt_at(line, lambda: slam.step(frame.t, frame.image, frame.worn)):
+        if not _interrupt_at(line, lambda: slam.step(frame.t, frame.image, frame.views)):
             break
         assert everything(slam) == state, line
         tried += 1
     assert tried > 20
     slam = engine_at(clip)
-    assert _interrupt_at(400, lambda: slam.step(frame.t, frame.image, frame.worn))
+    assert _interrupt_at(400, lambda: slam.step(frame.t, frame.image, frame.views))
     assert step(slam, frame) == straight[1]
 
 
@@ -130,7 +130,7 @@ def test_undoing_that_is_interrupted_is_done_by_the_next_call(
 
     slam._guard.repair = interrupted  # type: ignore[method-assign]
     with pytest.raises(KeyboardInterrupt):
-        slam.step(frame.t, frame.image, frame.worn)
+        slam.step(frame.t, frame.image, frame.views)
     del slam._monitor.update, slam._guard.repair
     assert everything(slam) == straight[0]
     assert step(slam, frame) == straight[1]
@@ -164,8 +164,8 @@ def _interrupt_at(line: int, call: Callable[[], object]) -> bool:
 @pytest.mark.parametrize(
     "spoil",
     [
-        lambda slam, frame: slam.step(frame.t, frame.image[:, :-1], frame.worn),
-        lambda slam, frame: slam.step(-1.0, frame.image, frame.worn),
+        lambda slam, frame: slam.step(frame.t, frame.image[:, :-1], frame.views),
+        lambda slam, frame: slam.step(-1.0, frame.image, frame.views),
         lambda slam, frame: slam.add_depth(np.empty((0, 2)), [1.0, 2.0], 0.1),
         lambda slam, frame: slam.add_depth([[1.0, 2.0]], 0.0, 0.1),
         lambda slam, frame: slam.add_depth([[1.0, 2.0]], 3.0, 1e-9),
@@ -213,7 +213,7 @@ def test_a_second_thread_is_told_that_the_engine_is_busy(clip: Clip, straight: t
     thread.start()
     assert inside.wait(60.0)
     calls: list[Callable[[], object]] = [
-        lambda: slam.step(frame.t, frame.image, frame.worn),
+        lambda: slam.step(frame.t, frame.image, frame.views),
         slam.state,
         slam.saved_map,
         slam.landmarks,

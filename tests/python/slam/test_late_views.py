@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -38,12 +39,12 @@ def started(count: int = 6, settings: Settings | None = None) -> Slam:
     """An engine after some frames with a view of each one's instant."""
     slam = Slam(corridor().camera, corridor().worn_camera, settings=settings)
     for i in range(count):
-        slam.step(frame(i).t, frame(i).image, frame(i).worn)
+        slam.step(frame(i).t, frame(i).image, frame(i).views)
     return slam
 
 
-def step(slam: Slam, i: int, view: WornView | None = None) -> Any:
-    return slam.step(frame(i).t, frame(i).image, view)
+def step(slam: Slam, i: int, *views: WornView) -> Any:
+    return slam.step(frame(i).t, frame(i).image, views)
 
 
 def rows(result: Any) -> int:
@@ -85,7 +86,7 @@ def test_what_is_not_used_is_counted_by_its_reason() -> None:
     for view in (worn(0.66), worn(0.75), worn(0.77)):  # measured already, then two for one frame
         slam.add_worn(view)
     assert rows(step(slam, 8)) > 5
-    slam.add_worn(collabslam.WornView(**{**vars(worn(0.75)), "t": 60.0}))
+    slam.add_worn(replace(worn(0.75), t=60.0))
     for i in range(9, 22):
         step(slam, i)
     step(slam, 22, worn(0.9))
@@ -122,8 +123,8 @@ def test_an_engine_that_keeps_poses_goes_on_from_its_file(tmp_path: Path) -> Non
 def test_a_view_of_the_frames_own_time_is_as_one_without_a_time() -> None:
     plain, timed = started(), Slam(corridor().camera, corridor().worn_camera)
     for i in range(6):
-        view = frame(i).worn
-        timed.step(frame(i).t, frame(i).image, WornView(**{**vars(view), "t": frame(i).t}))
+        (view,) = frame(i).views
+        timed.step(frame(i).t, frame(i).image, [replace(view, t=frame(i).t)])
     assert plain.filter.snapshot() == timed.filter.snapshot()
 
 
@@ -139,7 +140,7 @@ def test_the_tolerance_says_which_views_count_as_taken_with_a_frame() -> None:
     jitter = Settings.default().replace({"filter.worn.tolerance": 0.01})
     strict, tolerant = started(), Slam(corridor().camera, corridor().worn_camera, settings=jitter)
     for i in range(6):
-        step(tolerant, i, frame(i).worn)
+        step(tolerant, i, frame(i).views[0])
     after = worn(0.604)
     assert rows(step(strict, 6, after)) == 0  # it waits for the frame after it
     assert rows(step(tolerant, 6, after)) > 5
@@ -150,9 +151,9 @@ def test_the_tolerance_says_which_views_count_as_taken_with_a_frame() -> None:
 
 def test_a_view_that_is_handed_in_needs_its_time() -> None:
     with pytest.raises(InputError, match="needs its time"):
-        started(1).add_worn(frame(0).worn)
+        started(1).add_worn(frame(0).views[0])
     with pytest.raises(InputError, match="seconds"):
-        started(1).add_worn(WornView(**{**vars(frame(0).worn), "t": float("nan")}))
+        started(1).add_worn(replace(frame(0).views[0], t=float("nan")))
 
 
 def test_a_filter_starts_from_a_view_that_comes_late() -> None:

@@ -22,21 +22,21 @@ def engine(clip: Any) -> Slam:
 
 def views(frame: Frame, *names: str, **changes: Any) -> list[WornView]:
     """The frame's view as if each of them had taken it."""
-    assert frame.worn is not None
-    return [replace(frame.worn, who=name, **changes) for name in names]
+    assert frame.views
+    return [replace(frame.views[0], who=name, **changes) for name in names]
 
 
 def test_each_view_is_measured_with_the_camera_it_is_of(clip: Any) -> None:
     slam, alone = engine(clip), Slam(clip.recording.camera, clip.recording.worn_camera)
     assert list(slam.worn_cameras) == list(NAMES)
-    for frame in [f for f in clip.frames if f.worn is not None][:4]:
+    for frame in [f for f in clip.frames if f.views][:4]:
         both = slam.step(frame.t, frame.image, views(frame, "ben", "anna"))
-        one = alone.step(frame.t, frame.image, frame.worn)
+        one = alone.step(frame.t, frame.image, frame.views)
     assert set(both.worn) == set(NAMES)
     assert set(one.worn) == {""}
     for place in both.worn.values():
         assert place.measured
-        off = np.linalg.norm(place.pose[:3, 3] - (both.pose @ frame.worn.t_cf)[:3, 3])
+        off = np.linalg.norm(place.pose[:3, 3] - (both.pose @ frame.views[0].t_cf)[:3, 3])
         assert off < 0.3
         np.linalg.cholesky(place.covariance)
     assert both.diagnostics["cf_matches"] > 1.5 * one.diagnostics["cf_matches"]
@@ -49,7 +49,7 @@ def test_each_view_is_measured_with_the_camera_it_is_of(clip: Any) -> None:
 
 def test_who_gives_no_view_is_where_nobody_knows(clip: Any) -> None:
     slam = engine(clip)
-    for frame in [f for f in clip.frames if f.worn is not None][:3]:
+    for frame in [f for f in clip.frames if f.views][:3]:
         result = slam.step(frame.t, frame.image, views(frame, "ben"))
     assert list(result.worn) == ["ben"]
     assert slam.where_to_look("anna") is None
@@ -70,7 +70,7 @@ def test_a_view_of_nobody_and_two_of_one_are_refused(clip: Any) -> None:
 
 def test_views_that_come_between_frames_wait_for_each_person(clip: Any, tmp_path: Path) -> None:
     slam = engine(clip)
-    frames = [f for f in clip.frames if f.worn is not None][:4]
+    frames = [f for f in clip.frames if f.views][:4]
     for frame in frames:
         for late, name in ((0.02, "anna"), (0.01, "anna"), (0.0, "ben")):
             slam.add_worn(views(frame, name, t=frame.t - late)[0])
@@ -86,7 +86,7 @@ def test_views_that_come_between_frames_wait_for_each_person(clip: Any, tmp_path
 
 def test_a_person_whose_pose_is_wrong_is_doubted_alone(clip: Any) -> None:
     slam, said = engine(clip), []
-    for frame in [f for f in clip.frames if f.worn is not None]:
+    for frame in [f for f in clip.frames if f.views]:
         good, bad = views(frame, *NAMES)
         shifted = bad.t_cf.copy()
         shifted[:3, 3] += shifted[:3, :3] @ [0.0, 0.3, 0.0]

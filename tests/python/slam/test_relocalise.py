@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from collabslam.slam.engine import Slam
 from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.status import StatusMonitor
 from collabslam.targets.pose import pose_from_points
-from collabslam.types import Array, Image, Status
+from collabslam.types import Array, Image, Status, WornView
 
 SEEN = 20
 """Frames before the camera is lost."""
@@ -54,13 +54,13 @@ class Walk:
         self.slam = Slam(recording.camera, recording.worn_camera, mode=mode)
         for i in range(seen):
             frame = recording.frame(i)
-            self.last = self.slam.step(frame.t, frame.image, frame.worn)
+            self.last = self.slam.step(frame.t, frame.image, frame.views)
         assert self.last.status is Status.OK
         self.t = self.last.t
 
-    def step(self, image: Image, worn: Any = None) -> StepResult:
+    def step(self, image: Image, views: Sequence[WornView] = ()) -> StepResult:
         self.t += 0.1
-        self.last = self.slam.step(self.t, image, worn)
+        self.last = self.slam.step(self.t, image, views)
         return self.last
 
     def ids(self) -> list[int]:
@@ -164,9 +164,7 @@ def _elsewhere(recording: SimulatedRecording, mode: str) -> tuple[Walk, list[Ste
     steps = []
     for i in range(80, 88):
         frame = recording.frame(i)
-        worn = frame.worn or recording.frame(82).worn
-        assert worn is not None
-        steps.append(walk.step(frame.image, worn))
+        steps.append(walk.step(frame.image, frame.views or recording.frame(82).views))
     return walk, steps
 
 
@@ -224,8 +222,8 @@ def test_it_looks_back_while_it_is_ok(
         walk.step(next(dark))
     with monkeypatch.context() as patch:  # it would find itself at once
         patch.setattr(Relocaliser, "attempt", lambda *_: None)
-        frame = next(f for f in map(recording.frame, range(8, 14)) if f.worn is not None)
-        assert walk.step(frame.image, frame.worn).diagnostics["restarted"] == 1
+        frame = next(f for f in map(recording.frame, range(8, 14)) if f.views)
+        assert walk.step(frame.image, frame.views).diagnostics["restarted"] == 1
     for i in range(frame.index + 1, frame.index + 1 + 2 * SECOND):
         step = walk.step(images[i])
         assert step.status is Status.OK

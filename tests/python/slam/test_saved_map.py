@@ -36,7 +36,7 @@ OTHER = Camera("radtan", 640, 400, (500.0, 505.0, 322.0, 199.0), (-0.04, 0.01, 0
 def slam(clip: Clip) -> Slam:
     slam = Slam(clip.recording.camera, clip.recording.worn_camera)
     for frame in clip.frames:
-        slam.step(frame.t, frame.image, frame.worn)
+        slam.step(frame.t, frame.image, frame.views)
     return slam
 
 

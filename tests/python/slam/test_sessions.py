@@ -32,7 +32,7 @@ def first(recording: SimulatedRecording) -> Slam:
     slam = Slam(recording.camera, recording.worn_camera)
     for i in range(FIRST):
         frame = recording.frame(i)
-        slam.step(frame.t, frame.image, frame.worn)
+        slam.step(frame.t, frame.image, frame.views)
     return slam
 
 
@@ -100,7 +100,7 @@ def test_two_runs_with_a_worn_camera_each_end_in_one_frame(
     before, used = len(first.submaps().poses), 0
     for k, i in enumerate(frames):
         frame = other.frame(i)
-        step = second.step(0.1 * k, frame.image, frame.worn)
+        step = second.step(0.1 * k, frame.image, frame.views)
         used += step.diagnostics["overlap"]
         if k == 9:
             second.save(tmp_path / "engine")

@@ -134,7 +134,7 @@ class Walk:
     def go(self, until: int | None = None) -> None:
         for k in range(len(self.steps), until or len(self.order)):
             frame = self.recording.frame(self.order[k])
-            self.steps.append(self.slam.step(self.times[k], frame.image, frame.worn))
+            self.steps.append(self.slam.step(self.times[k], frame.image, frame.views))
 
     def truth(self, k: int) -> Array:
         truth = self.recording.truth
@@ -273,7 +273,7 @@ def test_of_two_persons_both_errors_are_handed_on(recording: SimulatedRecording)
     slam = Slam(recording.camera, {"anna": recording.worn_camera, "ben": recording.worn_camera})
     for i in range(3):
         frame = recording.frame(i)
-        views = [] if frame.worn is None else [replace(frame.worn, who=who) for who in ("anna", "ben")]
+        views = [replace(view, who=who) for view in frame.views for who in ("anna", "ben")]
         slam.step(frame.t, frame.image, views)
     submap = slam._submaps.chain().submaps[0]
     assert submap.handed_on.shape == (13, 13)

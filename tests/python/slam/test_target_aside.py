@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -32,17 +33,18 @@ class Walk:
         settings = Settings.default().replace(GLOBAL_SHUTTER)
         self.slam, self.t = Slam(*cameras, settings=settings, start="target", target=TAG), 0.0
         for i in range(SEEN):
-            assert self.step(self.tagged.frame(i).image, self.tagged.frame(i).worn).status is not Status.LOST
+            frame = self.tagged.frame(i)
+            assert self.step(frame.image, frame.views).status is not Status.LOST
         for _ in range(4):
             self.step(np.zeros_like(self.tagged.image(0)))
 
-    def step(self, image: Image, worn: WornView | None = None) -> StepResult:
+    def step(self, image: Image, views: Sequence[WornView] = ()) -> StepResult:
         self.t += 0.1
-        return self.slam.step(self.t, image, worn)
+        return self.slam.step(self.t, image, views)
 
     def restarts(self, frame: Frame) -> None:
         """From a view of Cf that shows nothing of the tag."""
-        assert self.step(frame.image, frame.worn).diagnostics["restarted"] == 1
+        assert self.step(frame.image, frame.views).diagnostics["restarted"] == 1
 
     def distance(self, result: StepResult, i: int) -> float:
         """Metres from where frame ``i`` was taken, in the first map."""
@@ -61,8 +63,8 @@ def test_lost_in_another_map_the_tag_leads_back(clip: Clip, tmp_path: Path) -> N
     walk = Walk(clip)
     for i in range(80, 84):
         frame = walk.recording.frame(i)
-        worn = frame.worn or walk.recording.frame(82).worn
-        if walk.step(frame.image, worn).diagnostics["restarted"]:
+        views = frame.views or walk.recording.frame(82).views
+        if walk.step(frame.image, views).diagnostics["restarted"]:
             break
     unsure = np.trace(walk.slam.filter.pose_covariance[:3, :3])
     walk.slam.save(tmp_path / "engine")
@@ -81,7 +83,7 @@ def test_well_in_another_map_the_tag_leads_back_unless_it_was_moved(
     monkeypatch.setattr(Relocaliser, "attempt", lambda *_: None)
     monkeypatch.setattr(Relocaliser, "look_back", lambda *_: None)
     walk = Walk(clip)
-    first = next(f for f in map(walk.recording.frame, range(SEEN, 14)) if f.worn is not None)
+    first = next(f for f in map(walk.recording.frame, range(SEEN, 14)) if f.views)
     walk.restarts(first)
     camera, truth = walk.tagged.camera, walk.recording.truth
     moved = pose(np.eye(3), [-0.3, 0.0, 2.5]) @ PLACE

@@ -14,7 +14,7 @@ def test_a_close_turn_is_not_lost():
     turned, statuses = 0, []
     for i in range(FRAMES):
         frame = recording.frame(i)
-        result = slam.step(frame.t, frame.image, frame.worn)
+        result = slam.step(frame.t, frame.image, frame.views)
         turned += result.diagnostics["turned"]
         statuses.append(result.status)
     assert turned >= 1, "the map has shown every frame: the test needs a harder turn"

@@ -64,10 +64,10 @@ def steps(clip: Clip) -> Any:
         slam = Slam(clip.recording.camera, clip.recording.worn_camera, settings=settings, mode="mono")
         out = []
         for k, frame in enumerate(clip.frames):
-            worn = frame.worn
-            if k and worn is not None:
-                worn = dataclasses.replace(worn, t_cf=_upright_at(0.1, -0.6, 2.0))
-            out.append(slam.step(frame.t, frame.image, worn))
+            views = frame.views
+            if k:
+                views = tuple(dataclasses.replace(v, t_cf=_upright_at(0.1, -0.6, 2.0)) for v in views)
+            out.append(slam.step(frame.t, frame.image, views))
         return out
 
     return played
@@ -79,7 +79,7 @@ def _hidden(clip: Clip, uv: Array) -> int:
 
 
 def test_nothing_is_searched_on_the_wearer(clip: Clip, steps: Any) -> None:
-    worn = [k for k, frame in enumerate(clip.frames) if k and frame.worn is not None]
+    worn = [k for k, frame in enumerate(clip.frames) if k and frame.views]
     assert sum(_hidden(clip, steps(0.0)[k].features.found) for k in worn) > 20
     assert sum(_hidden(clip, steps(RADIUS)[k].features.found) for k in worn) == 0
     assert all(s.status.value == "OK" for s in steps(RADIUS))
@@ -90,7 +90,7 @@ def _starved(clip: Clip, below: float) -> list[StepResult]:
     changes = {"filter.birth.vague_below": below, "filter.birth.min_parallax": 60.0, "filter.map.in_view": 80}
     settings = with_switches(Settings.default(), changes)
     slam = Slam(clip.recording.camera, clip.recording.worn_camera, settings=settings, mode="collab")
-    return [slam.step(f.t, f.image, None if slam.filter.started else f.worn) for f in clip.frames]
+    return [slam.step(f.t, f.image, () if slam.filter.started else f.views) for f in clip.frames]
 
 
 def test_candidates_are_born_vague_where_the_view_runs_out_of_features(clip: Clip) -> None:
@@ -109,7 +109,7 @@ def test_one_camera_alone_takes_vague_births_in_an_arbitrary_unit_and_to_stay(cl
     settings = Settings.default().replace({"filter.lost.min_matches": 20, "filter.birth.min_parallax": 60.0})
     cameras = clip.recording.camera, clip.recording.worn_camera
     slam = Slam(*cameras, settings=settings, mode="mono", start=start)
-    steps = [slam.step(f.t, f.image, f.worn if start == "worn" else None) for f in clip.frames]
+    steps = [slam.step(f.t, f.image, f.views if start == "worn" else ()) for f in clip.frames]
     vague = [s.diagnostics["births_undelayed"] for s in steps if s.started]
     if start == "worn":
         assert vague, "it has started"

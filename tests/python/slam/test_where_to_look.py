@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,6 @@ from collabslam import Settings, Slam, run
 from collabslam.runs.results import FRAMES
 from collabslam.simulation import corridor_recording
 from collabslam.slam.worn.looking import DIAGNOSTICS, Look
-from collabslam.types import WornView
 
 KEY = "frontend.worn.where_to_look"
 ASKED = Settings.default().replace({KEY: True})
@@ -22,7 +22,7 @@ ASKED = Settings.default().replace({KEY: True})
 def played(clip: Clip, count: int, settings: Settings | None = None) -> Slam:
     slam = Slam(clip.recording.camera, clip.recording.worn_camera, settings=settings)
     for frame in clip.frames[:count]:
-        slam.step(frame.t, frame.image, frame.worn)
+        slam.step(frame.t, frame.image, frame.views)
     return slam
 
 
@@ -37,8 +37,7 @@ def test_the_answer_is_a_view_of_what_cs_sees(clip: Clip) -> None:
     look = answer(slam)
     assert look.gain > 0.05
     assert look.matches > 8.0
-    worn = clip.frames[4].worn
-    assert worn is not None
+    worn = clip.frames[4].views[0]
     np.testing.assert_allclose(look.t_cf[:3, 3], worn.t_cf[:3, 3])
     assert look.t_cf[2, 2] > 0.5, "Cs and Cf look the same way, or nearly"
     assert np.linalg.norm(look.stand_at - worn.t_cf[:3, 3]) > 0.1
@@ -52,8 +51,8 @@ def test_what_is_known_better_gains_less(clip: Clip) -> None:
     frame = clip.frames[5]
     slam = played(clip, 5)
     before = answer(slam).gain
-    assert frame.worn is not None
-    slam.step(frame.t, frame.image, frame.worn)
+    assert frame.views
+    slam.step(frame.t, frame.image, frame.views)
     assert answer(slam).gain < before
 
 
@@ -78,10 +77,10 @@ def test_asking_changes_nothing_and_the_answer_survives_a_file(clip: Clip, tmp_p
 
 def test_a_changed_array_of_the_caller_is_not_the_answer(clip: Clip) -> None:
     frame = clip.frames[0]
-    assert frame.worn is not None
-    t_cf = frame.worn.t_cf.copy()
+    assert frame.views
+    t_cf = frame.views[0].t_cf.copy()
     slam = Slam(clip.recording.camera, clip.recording.worn_camera)
-    slam.step(frame.t, frame.image, WornView(frame.worn.image, t_cf, frame.worn.covariance))
+    slam.step(frame.t, frame.image, [replace(frame.views[0], t_cf=t_cf)])
     before = answer(slam).gain
     t_cf[:3, 3] += 1.0
     assert answer(slam).gain == before

@@ -44,8 +44,8 @@ class Walk:
         measured = true @ se3_exp(-SD * self.generator.standard_normal(6))
         return WornView(image, measured, np.diag(SD**2), t=t)
 
-    def step(self, slam: Slam, i: int, worn: WornView | None = None) -> StepResult:
-        return slam.step(self.recording.times[i], self.posted.image(i), worn)
+    def step(self, slam: Slam, i: int, *views: WornView) -> StepResult:
+        return slam.step(self.recording.times[i], self.posted.image(i), views)
 
     def error(self, result: StepResult, i: int) -> Array:
         return np.asarray(
@@ -75,7 +75,7 @@ def test_it_tells_where_cs_is(walk: Walk, passed: Path) -> None:
     for looks in (False, True):
         slam = Slam.load(passed)
         for i in range(PASSED, LAST):
-            result = walk.step(slam, i, walk.view(i) if looks else None)
+            result = walk.step(slam, i, *([walk.view(i)] if looks else []))
             assert result.diagnostics["cf_tag_corners"] == 4 * looks
             assert result.diagnostics["cf_pixel_rows"] == 4 * looks  # none refused
             assert result.status.value == "OK"
@@ -122,7 +122,7 @@ def test_from_the_command_line(walk: Walk, tmp_path: Path) -> None:
     folder, out = tmp_path / "walk", tmp_path / "out"
     with RecordingWriter(folder, walk.posted.camera, walk.posted.worn_camera) as writer:
         for i in range(6):
-            writer.add(walk.recording.times[i], walk.posted.image(i), walk.view(i) if i > 2 else None)
+            writer.add(walk.recording.times[i], walk.posted.image(i), [walk.view(i)] if i > 2 else [])
     words = ["--start", "target", "--tag", f"{TAG}", "--out", str(out)]
     assert cli.main(["run", str(folder), *words]) == 0
     with (out / "frames.csv").open() as file:

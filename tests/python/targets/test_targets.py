@@ -162,14 +162,14 @@ def test_a_tag_in_both_images_is_a_worn_cameras_pose(clip: Clip, tmp_path: Path)
     with RecordingWriter(tmp_path / "walk", walk.camera, walk.worn_camera) as writer:
         for i in range(10):
             frame = walk.frame(i)
-            writer.add(frame.t, frame.image, frame.worn, truth=walk.truth[i])
+            writer.add(frame.t, frame.image, frame.views, truth=walk.truth[i])
     for file in (tmp_path / "walk" / "relpose").iterdir():
         file.unlink()  # nothing else measures T_CF
     (tmp_path / "walk" / "relpose").rmdir()
     read = open_recording(tmp_path / "walk", topics={"t_cf": "tag:36h11:3=0.16"})
     distance = []
     for i in range(10):
-        worn = read.frame(i).worn
+        worn = read.frame(i).views[0]
         if worn is not None:
             error = se3_log(pose_inverse(worn.t_cf) @ clip.recording.true_t_cf(i))
             distance.append(error @ np.linalg.solve(worn.covariance, error))
@@ -186,12 +186,12 @@ def test_a_tag_in_both_images_is_a_worn_cameras_pose(clip: Clip, tmp_path: Path)
 def test_pose_between_needs_a_target_in_both(clip: Clip) -> None:
     walk = walk_past(clip, TAG, 1, alone=False)
     frame = walk.frame(0)
-    assert frame.worn is not None
+    assert frame.views
     cameras = (walk.camera, walk.worn_camera)
     with pytest.raises(collabslam.DataError, match="No printed target"):
         pose_between(frame.image, cameras[0], BACKGROUND, CAMERA, [TAG])
     with pytest.raises(InputError, match="upside down"):
-        pose_between(frame.image, cameras[0], frame.worn.image, cameras[1], [Board(7, 5, 0.1)])  # type: ignore[arg-type]
+        pose_between(frame.image, cameras[0], frame.views[0].image, cameras[1], [Board(7, 5, 0.1)])  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("model", ["radtan", "fisheye"])

@@ -27,7 +27,7 @@ RERUN = str(Path(sys.executable).parent / "rerun")
 def test_features_say_what_became_of_them(clip: Clip) -> None:
     slam = Slam(clip.recording.camera, clip.recording.worn_camera)
     for frame in clip.frames[:3]:
-        result = slam.step(frame.t, frame.image, frame.worn)
+        result = slam.step(frame.t, frame.image, frame.views)
     features = result.features
     assert len(features.ids) == len(features.states) == len(features.found) == result.diagnostics["predicted"]
     assert set(features.states) <= set(FEATURE_STATES) == set(COLOURS)

@@ -99,15 +99,15 @@ def test_a_board_shows_the_pose_between_both_cameras() -> None:
     world = world_recording("corridor-2-board")
     for i, metres in ((0, 0.5), (len(world) - 1, 0.02)):
         frame = world.frame(i)
-        assert frame.worn is not None
+        assert frame.views
         t_cf, covariance = pose_between(
-            frame.image, world.camera, frame.worn.image, world.worn_camera, [BOARD]
+            frame.image, world.camera, frame.views[0].image, world.worn_camera, [BOARD]
         )
         error = g.se3_log(g.pose_inverse(t_cf) @ world.true_t_cf(i))
         assert np.linalg.norm(error[:3]) < metres
         assert error @ np.linalg.solve(covariance, error) < 22.5  # 99.9 % of 6
     with pytest.raises(DataError, match="No printed target"):
-        pose_between(frame.image, world.camera, frame.worn.image, world.worn_camera, [Board(10, 7, 0.1)])
+        pose_between(frame.image, world.camera, frame.views[0].image, world.worn_camera, [Board(10, 7, 0.1)])
 
 
 def test_the_trunk_faces_the_way_or_what_is_looked_at() -> None:

@@ -433,8 +433,7 @@ def test_a_bag_with_scans_and_attitudes(tmp_path: Path, capsys: pytest.CaptureFi
     times = 1.0 + 0.1 * np.arange(30)
     estimates = estimates_at(times, WornPoseEstimator(WornPoseConfig(start=(0.0, 2.0))), *sensors())
     for i, e in enumerate(estimates):
-        worn = recording.frame(i).worn
-        assert worn is not None
+        worn = recording.frame(i).views[0]
         np.testing.assert_allclose(worn.t_cf, e.t_cf, atol=1e-3)
         np.testing.assert_allclose(worn.covariance, e.covariance, rtol=0.05, atol=1e-6)
     words = [f"{role}={topic}" for role, topic in topics.items()]

@@ -49,7 +49,7 @@ def asked_views(recording: Recording, poses: Array, valid: Mask) -> list[AskedVi
         return []
     first, last = times[usable[0]] + MARGIN, times[usable[-1]] - MARGIN
     inside = [int(i) for i in usable if first <= times[i] <= last]
-    there = spread([i for i in inside if recording.frame(i).worn is not None], VIEWS)
+    there = spread([i for i in inside if recording.frame(i).views], VIEWS)
     images = _Images(recording)
     asked = (images.ask(i, poses, valid) for i in there)
     return [view for view in asked if view is not None]
@@ -66,8 +66,7 @@ class _Images:
 
     def ask(self, i: int, poses: Array, valid: Mask) -> AskedView | None:
         """What the view of frame ``i`` says; None where it shares too little with Cs."""
-        worn = self._recording.frame(i).worn
-        assert worn is not None, "frames with a view are asked"
+        worn = self._recording.frame(i).views[0]  # frames with a view are asked
         matches = match_points(self._of_robot(i), describe(worn.image))
         if len(matches.uv_a) < LEAST_MATCHES:
             return None

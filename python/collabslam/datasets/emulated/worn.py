@@ -8,7 +8,7 @@ truth serves this and scoring, never the filter.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -95,13 +95,13 @@ class WornRecording(WrappedRecording):
         block = self._blocks[i] if 0 <= i < len(self._blocks) else None
         if self._noise is None:
             frame = self._base.frame(i)
-            return frame if block is not None else frame.with_views(())
-        views = []
+            return frame if block is not None else replace(frame, views=())
+        views: tuple[WornView, ...] = ()
         if block is not None and i in self._samples:
             sample = self._samples[i]
             t_cf = self._noise.measured(sample.t_cf, i, block)
-            views.append(WornView(sample.read(), t_cf, self._noise.noise.covariance))
-        return self._base.frame(i).with_views(views)
+            views = (WornView(sample.read(), t_cf, self._noise.noise.covariance),)
+        return replace(self._base.frame(i), views=views)
 
 
 def _parse(spec: str) -> tuple[str, str]:

@@ -203,11 +203,10 @@ class WornMatcher:
         """The filter's number of a worn camera that `require` knows."""
         return self._numbers[who]
 
-    def checked(self, worn: WornView | Sequence[WornView] | None) -> tuple[WornView, ...]:
+    def checked(self, views: Sequence[WornView]) -> tuple[WornView, ...]:
         """The views of one frame, one of each worn camera, each as `require` has it."""
-        if worn is None:
-            return ()
-        views = (worn,) if isinstance(worn, WornView) else tuple(worn)
+        if not isinstance(views, Sequence):
+            raise InputError(f"the views are {type(views).__name__}; give a list of WornView.")
         names = [view.who for view in views]
         if len(set(names)) != len(names):
             raise InputError("a frame takes one view of each worn camera; give later ones to add_worn.")

@@ -27,12 +27,12 @@ class Moment:
     @property
     def t_cf(self) -> Array:
         """The measured pose of Cf in that frame."""
-        return np.eye(4) if self.frame.worn is None else self.frame.worn.t_cf
+        return self.frame.views[0].t_cf if self.frame.views else np.eye(4)
 
     def step(self, t: Any = None, image: Any = None, **worn: Any) -> None:
         """The next step, something about it replaced."""
-        view = replace(self.frame.worn, **worn) if worn and self.frame.worn is not None else self.frame.worn
-        self.slam.step(self.frame.t if t is None else t, self.frame.image if image is None else image, view)
+        views = tuple(replace(view, **worn) for view in self.frame.views)
+        self.slam.step(self.frame.t if t is None else t, self.frame.image if image is None else image, views)
 
     def step_after(self, *depths: Any) -> None:
         """The next step, with depths."""
@@ -73,7 +73,7 @@ def _two_threads(moment: Moment) -> None:
     def work() -> None:
         try:
             for _ in range(20):
-                moment.slam.step(moment.frame.t + 0.1 * len(said), moment.frame.image, None)
+                moment.slam.step(moment.frame.t + 0.1 * len(said), moment.frame.image)
         except BusyError as error:
             said.append(error)
         except InputError:
@@ -98,7 +98,7 @@ CALLS: tuple[tuple[str, str, Do, tuple[Outcome, ...]], ...] = (
     ("objects", "an image of Python objects", lambda m: m.step(image=m.frame.image.astype(object)), REFUSED),
     ("list", "an image that is a list", lambda m: m.step(image=m.frame.image.tolist()), READ_OR_REFUSED),
     ("text", "an image that is a name", lambda m: m.step(image="0.png"), REFUSED),
-    ("none", "no image", lambda m: m.slam.step(m.frame.t, None, None), REFUSED),  # type: ignore[arg-type]
+    ("none", "no image", lambda m: m.slam.step(m.frame.t, None), REFUSED),  # type: ignore[arg-type]
     ("empty", "an image without pixels", lambda m: m.step(image=np.zeros((0, 0), np.uint8)), REFUSED),
     ("half", "an image of half the size", lambda m: m.step(image=m.frame.image[::2, ::2]), REFUSED),
     ("turned", "an image on its side", lambda m: m.step(image=m.frame.image.T), REFUSED),

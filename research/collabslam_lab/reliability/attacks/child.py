@@ -37,7 +37,7 @@ def call(name: str, walk: Path) -> int:
         act(Moment(slam, frame))
     except CollabslamError as error:
         print(f"error: {error}", file=sys.stderr)
-        same = [engine.step(frame.t, frame.image, frame.worn) for engine in (slam, twin)]
+        same = [engine.step(frame.t, frame.image, frame.views) for engine in (slam, twin)]
         return BAD_INPUT if np.array_equal(same[0].covariance, same[1].covariance) else CHANGED
     return OK
 
@@ -46,7 +46,7 @@ def _played(recording: Recording) -> Slam:
     slam = Slam(recording.camera, recording.worn_camera)
     for i in range(BEFORE):
         frame = recording.frame(i)
-        slam.step(frame.t, frame.image, frame.worn)
+        slam.step(frame.t, frame.image, frame.views)
     return slam
 
 

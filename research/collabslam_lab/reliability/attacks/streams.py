@@ -33,9 +33,9 @@ def _shown(cs: Show | None, cf: Show | None = None) -> Make:
             own = np.random.Generator(np.random.PCG64((seed, i)))
             if cs is not None:
                 frame = dataclasses.replace(frame, image=cs(frame.image, own, i))
-            if cf is not None and frame.worn is not None:
-                worn = dataclasses.replace(frame.worn, image=cf(frame.worn.image, own, i))
-                frame = dataclasses.replace(frame, worn=worn)
+            if cf is not None:
+                views = (dataclasses.replace(v, image=cf(v.image, own, i)) for v in frame.views)
+                frame = dataclasses.replace(frame, views=tuple(views))
             return frame
 
         return FaultyRecording(recording, change=change)
@@ -45,7 +45,7 @@ def _shown(cs: Show | None, cf: Show | None = None) -> Make:
 
 def _measured(change: Callable[[WornView], WornView]) -> Make:
     def of_frame(_: int, frame: Frame) -> Frame:
-        return frame if frame.worn is None else dataclasses.replace(frame, worn=change(frame.worn))
+        return dataclasses.replace(frame, views=tuple(map(change, frame.views)))
 
     return lambda recording, _: FaultyRecording(recording, change=of_frame)
 
@@ -217,10 +217,12 @@ def _views_of(shift: int) -> Make:
 
     def make(recording: Recording, _: Rng) -> Recording:
         def change(i: int, frame: Frame) -> Frame:
-            other = recording.frame((i + shift) % len(recording)).worn
-            if frame.worn is None or other is None:
-                return dataclasses.replace(frame, worn=None) if i else frame
-            return dataclasses.replace(frame, worn=dataclasses.replace(frame.worn, image=other.image))
+            other = recording.frame((i + shift) % len(recording)).views
+            if not frame.views or not other:
+                return dataclasses.replace(frame, views=()) if i else frame
+            return dataclasses.replace(
+                frame, views=(dataclasses.replace(frame.views[0], image=other[0].image),)
+            )
 
         return FaultyRecording(recording, change=change)
 
@@ -229,10 +231,10 @@ def _views_of(shift: int) -> Make:
 
 def _swapped(recording: Recording, _: Rng) -> Recording:
     def change(_: int, frame: Frame) -> Frame:
-        if frame.worn is None:
+        if not frame.views:
             return frame
-        worn = dataclasses.replace(frame.worn, image=frame.image)
-        return dataclasses.replace(frame, image=frame.worn.image, worn=worn)
+        view = dataclasses.replace(frame.views[0], image=frame.image)
+        return dataclasses.replace(frame, image=frame.views[0].image, views=(view,))
 
     return FaultyRecording(recording, change=change)
 

@@ -64,12 +64,12 @@ def test_a_bag_is_a_recording(tmp_path: Path, kind: str) -> None:
     for k in (0, 1, 4, 3, 5, 0):  # in any order
         frame = recording.frame(k)
         np.testing.assert_array_equal(frame.image, IMAGES[k])
-        assert (frame.worn is not None) == (k % 2 == 0)
-        if frame.worn is not None:
-            np.testing.assert_array_equal(frame.worn.image, 255 - IMAGES[k])
-            assert frame.worn.t == pytest.approx(frame.t + 0.002, abs=1e-6)
-            np.testing.assert_allclose(frame.worn.t_cf, t_cf(0.1 * k + 0.002), atol=1e-4)
-            np.testing.assert_allclose(frame.worn.covariance, POSE_COV, atol=1e-4)
+        assert (bool(frame.views)) == (k % 2 == 0)
+        if frame.views:
+            np.testing.assert_array_equal(frame.views[0].image, 255 - IMAGES[k])
+            assert frame.views[0].t == pytest.approx(frame.t + 0.002, abs=1e-6)
+            np.testing.assert_allclose(frame.views[0].t_cf, t_cf(0.1 * k + 0.002), atol=1e-4)
+            np.testing.assert_allclose(frame.views[0].covariance, POSE_COV, atol=1e-4)
     np.testing.assert_allclose(recording.truth[3], g.se3_exp([0.3, 0, 0, 0, 0, 0]), atol=1e-6)
 
 
@@ -77,7 +77,7 @@ def test_tf_can_give_the_worn_cameras_pose(tmp_path: Path) -> None:
     """tf carries no covariance, so its standard deviations are given beside its two frames."""
     path = two_cameras(tmp_path / "walk", "mcap")
     recording = open_recording(path, topics={**TOPICS, "t_cf": "tf:map:cam:0.03:1.5"})
-    worn = recording.frame(4).worn
+    worn = recording.frame(4).views[0]
     np.testing.assert_allclose(worn.t_cf, g.se3_exp([0.402, 0, 0, 0, 0, 0]), atol=1e-6)
     deviations = [0.03] * 3 + [np.deg2rad(1.5)] * 3
     np.testing.assert_allclose(worn.covariance, np.diag(deviations) ** 2, atol=1e-12)
@@ -105,14 +105,14 @@ def test_a_kalibr_camchain_makes_a_rig_of_two_topics(tmp_path: Path) -> None:
     recording = open_recording(path, camera=camchain(tmp_path / "chain.yaml", -0.002), topics=topics)
     assert recording.camera.intrinsics[0] == 30.0
     assert recording.worn_camera.intrinsics[0] == 27.0
-    worn = recording.frame(2).worn
+    worn = recording.frame(2).views[0]
     np.testing.assert_allclose(worn.t_cf, g.se3_exp([0.2, 0, 0, 0, 0.1, 0]), atol=1e-12)
     assert worn.covariance[0, 0] == 0.002**2
     # Cf's stamps are 2 ms late; a clock that is 50 ms off puts its views between frames, one of 5 s nowhere.
     between = open_recording(path, camera=camchain(tmp_path / "chain.yaml", 0.05), topics=topics)
-    worn = between.frame(3).worn
+    worn = between.frame(3).views[0]
     assert worn.t == pytest.approx(between.times[2] + 0.052, abs=1e-6)
-    assert between.frame(2).worn is None
+    assert not between.frame(2).views
     with pytest.raises(DataError, match="same clock"):
         open_recording(path, camera=camchain(tmp_path / "chain.yaml", 5.0), topics=topics)
     with pytest.raises(DataError, match="needs the Kalibr camchain"):
