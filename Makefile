@@ -99,8 +99,8 @@ $(VENV)/.built: $(VENV)/.installed $(VENV)/.fetched $(SOURCES)
 # Faults put into the core's maths one by one, and whether its Rust tests notice: target/mutants.out. Each costs a short build
 # and the tests up to the first that fails: seconds if one does, all of the tests if none does. MATHS='math/quat.rs birth/**/*.rs'
 # limits them to some files, SHARD=3/64 to every 64th fault, from the fourth on.
-MATHS ?= math/*.rs observe/*.rs birth/**/*.rs gauge/*.rs kernel/*.rs validate/**/*.rs predict/*.rs chi2.rs filter/prediction.rs \
-	filter/births.rs filter/metric_births.rs filter/map.rs
+MATHS ?= math/*.rs observe/*.rs birth/**/*.rs gauge/*.rs kernel/*.rs validate/**/*.rs predict/*.rs chi2.rs filter/predict/prediction.rs \
+	filter/births/*.rs filter/map/upkeep.rs
 SHARD ?= 0/1
 # Ending at the first failure is an option that the test harness calls unstable: only the tests' programs are told to allow it.
 FIRST_FAILURE = target."cfg(all())".runner = ["env", "RUSTC_BOOTSTRAP=1"]

@@ -74,92 +74,18 @@ const CRATE: Table = &[
     ),
 ];
 
-/// Files of the filter.
+/// Folders and files of the filter.
 const FILTER: Table = &[
-    ("candidate", &[]),
-    ("handed", &[]),
-    ("measurements", &[]),
-    ("snapshot", &[]),
-    ("visibility", &[]),
-    ("record", &[]),
-    ("pose_ring", &[]),
-    ("sources", &["measurements"]),
-    ("wheels", &[]),
-    ("odometry_image", &["wheels"]),
-    (
-        "undo",
-        &["candidate", "handed", "record", "pose_ring", "wheels"],
-    ),
-    (
-        "ekf",
-        &[
-            "candidate",
-            "handed",
-            "record",
-            "pose_ring",
-            "sources",
-            "undo",
-            "wheels",
-        ],
-    ),
-    ("shutter", &["ekf"]),
-    ("births", &["candidate", "ekf", "shutter"]),
-    ("free_start", &["ekf"]),
-    ("further_views", &["measurements", "sources", "ekf"]),
-    ("worn_pose", &["measurements", "ekf"]),
-    ("checkpoint", &["undo", "ekf"]),
-    ("checks", &["measurements", "sources", "ekf"]),
-    (
-        "conditional_prediction",
-        &["measurements", "sources", "visibility", "ekf"],
-    ),
-    ("kept_poses", &["pose_ring", "ekf"]),
-    ("known_map", &["record", "ekf"]),
-    ("landmarks", &["ekf"]),
-    ("map", &["candidate", "visibility", "record", "ekf"]),
-    ("measurement", &["measurements", "sources", "ekf"]),
-    ("metric_births", &["measurements", "ekf"]),
-    ("predicted_features", &["visibility", "ekf"]),
-    ("handover", &["handed", "ekf"]),
-    ("odometry", &["measurements", "sources", "ekf", "wheels"]),
-    ("prediction", &["visibility", "ekf", "wheels"]),
-    ("turning", &["odometry", "ekf", "wheels"]),
-    ("relinearised", &["measurements", "sources", "ekf"]),
-    ("relocalisation", &["measurements", "sources", "ekf"]),
-    ("scale", &["ekf"]),
-    ("submap", &["ekf"]),
-    ("restart", &["measurements", "sources", "known_map", "ekf"]),
-    ("validation", &["measurements", "ekf"]),
-    ("working_set", &["measurements", "visibility", "ekf"]),
-    ("pose_then", &["ekf"]),
-    ("other_time", &["measurements", "ekf", "pose_then"]),
-    (
-        "worn_error",
-        &["measurements", "ekf", "other_time", "shutter"],
-    ),
-    ("where_to_look", &["ekf", "worn_error"]),
-    (
-        "worn_clock",
-        &["measurements", "ekf", "other_time", "worn_error"],
-    ),
-    (
-        "snapshot_image",
-        &[
-            "candidate",
-            "handed",
-            "snapshot",
-            "record",
-            "pose_ring",
-            "sources",
-            "undo",
-            "ekf",
-            "odometry_image",
-        ],
-    ),
-    (
-        "update",
-        &["measurements", "sources", "ekf", "other_time", "validation"],
-    ),
+    ("input", &[]),
+    ("memory", &[]),
+    ("ekf", &["input", "memory"]),
+    ("checks", &["input", "ekf"]),
+    ("predict", &["input", "memory", "ekf"]),
+    ("worn", &["input", "memory", "ekf", "predict"]),
+    ("births", &["input", "memory", "ekf", "predict"]),
+    ("map", &["input", "memory", "ekf", "predict"]),
+    ("persist", &["input", "memory", "ekf"]),
+    ("update", &["input", "ekf", "worn"]),
 ];
 
 fn source(path: &str) -> PathBuf {
@@ -266,14 +192,8 @@ fn modules_import_what_is_below_them() {
 }
 
 #[test]
-fn files_of_the_filter_import_what_is_below_them() {
-    let modules = modules(&source("filter"));
-    let imports = |(module, files): (&String, &Vec<PathBuf>)| {
-        let code: String = files.iter().map(|file| code(file)).collect();
-        (module.clone(), imports_after(&code, "super::"))
-    };
-    let found = modules.iter().map(imports).collect();
-    check("the filter", FILTER, &found);
+fn folders_of_the_filter_import_what_is_below_them() {
+    check("the filter", FILTER, &imports_among("ekf-core", "filter"));
     // The folder's own page re-exports and does nothing else, so that no import can go through it unseen.
     let page = code(&source("filter/mod.rs"));
     let statements = page.split(';').map(str::trim).filter(|s| !s.is_empty());
@@ -281,14 +201,65 @@ fn files_of_the_filter_import_what_is_below_them() {
         let kind = ["mod ", "pub mod ", "pub use "];
         assert!(kind.iter().any(|k| statement.starts_with(k)), "{statement}");
     }
+}
+
+/// What each module of a folder of a crate imports from the others there.
+fn imports_among(krate: &str, folder: &str) -> BTreeMap<String, BTreeSet<String>> {
+    let root = source("../..").join(krate).join("src");
+    let modules = modules(&root.join(folder));
+    let path: String = folder
+        .split('/')
+        .filter(|part| !part.is_empty())
+        .fold(String::from("crate::"), |path, part| path + part + "::");
+    let mut found = BTreeMap::new();
     for (module, files) in &modules {
-        let through = files
-            .iter()
-            .flat_map(|file| imports_after(&code(file), "crate::filter::"));
-        assert_eq!(
-            through.count(),
-            0,
-            "{module} imports by way of crate::filter"
-        );
+        let mut imports = BTreeSet::new();
+        for file in files {
+            let code = code(file);
+            imports.extend(imports_after(&code, &path));
+            // From the folder itself, `super` is a module beside this one.
+            if file.parent() == Some(&root.join(folder)) {
+                imports.extend(imports_after(&code, "super::"));
+            }
+        }
+        imports.retain(|import| import != module);
+        found.insert(module.clone(), imports);
+    }
+    found
+}
+
+/// Folders of a crate that have modules, from its root on.
+fn folders(krate: &str) -> Vec<String> {
+    let root = source("../..").join(krate).join("src");
+    let mut found = vec![String::new()];
+    let mut k = 0;
+    while k < found.len() {
+        let entries = fs::read_dir(root.join(&found[k])).expect("a folder of the sources");
+        let paths = entries.map(|entry| entry.expect("an entry").path());
+        let mut inner: Vec<PathBuf> = paths.filter(|path| path.is_dir()).collect();
+        inner.sort();
+        let inner = inner.iter().map(|path| path.strip_prefix(&root));
+        found.extend(inner.map(|path| path.expect("it is inside").display().to_string()));
+        k += 1;
+    }
+    found
+}
+
+#[test]
+fn no_modules_import_each_other_in_a_circle() {
+    for krate in ["ekf-core", "frontend", "pycollab"] {
+        for folder in folders(krate) {
+            let mut open = imports_among(krate, &folder);
+            // Modules that import nothing which is still open go, until all have gone or those of a circle are left.
+            loop {
+                let names: BTreeSet<String> = open.keys().cloned().collect();
+                let before = open.len();
+                open.retain(|_, imports| imports.iter().any(|import| names.contains(import)));
+                if open.len() == before {
+                    break;
+                }
+            }
+            assert!(open.is_empty(), "{krate}/{folder}: in circles, {open:?}");
+        }
     }
 }

@@ -8,6 +8,7 @@ use crate::errors::{bad_shape, invalid, to_python};
 use ::frontend::Image;
 use ekf_core::EkfError;
 use ekf_core::math::pose::Pose;
+use ekf_core::math::quat;
 use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, Vector2};
 use numpy::ndarray::{Dimension, Ix1, Ix2, Ix3};
 use numpy::{Element, PyReadonlyArray, PyUntypedArrayMethods};
@@ -345,6 +346,19 @@ pub(crate) fn pose(what: &'static str, value: &Argument<'_>) -> PyResult<Pose> {
         rotation: m.fixed_view::<3, 3>(0, 0).into_owned(),
         translation: m.fixed_view::<3, 1>(0, 3).into_owned(),
     })
+}
+
+/// How far a matrix may be from a rotation.
+pub(crate) const ROUNDING: f64 = 1e-6;
+
+/// As [`pose`], its 3x3 a rotation matrix up to [`ROUNDING`].
+pub(crate) fn rigid(what: &'static str, value: &Argument<'_>) -> PyResult<Pose> {
+    let pose = pose(what, value)?;
+    if quat::is_rotation(&pose.rotation, ROUNDING) {
+        return Ok(pose);
+    }
+    let why = "its 3x3 is no rotation matrix; give a 4x4 rigid transform";
+    Err(invalid(what, why))
 }
 
 /// 6x6 covariance.

@@ -1,7 +1,7 @@
 //! The graph of submaps' poses (METHOD 25).
 
 use crate::arrays_in::{
-    Argument, finite, finite_numbers, finite_square, matrix, pose, same_length, table,
+    Argument, ROUNDING, finite, finite_numbers, finite_square, matrix, rigid, same_length, table,
 };
 use crate::arrays_out::{Column, Stack, Table, column, stacked, to_matrix, to_pose, to_table};
 use crate::errors::{invalid, to_python};
@@ -14,18 +14,6 @@ use ekf_core::math::quat;
 use nalgebra::SMatrix;
 use pyo3::prelude::*;
 use std::sync::OnceLock;
-
-/// How far a matrix may be from a rotation.
-const ROUNDING: f64 = 1e-6;
-
-pub(crate) fn rigid(what: &'static str, value: &Argument<'_>) -> PyResult<Pose> {
-    let pose = pose(what, value)?;
-    if quat::is_rotation(&pose.rotation, ROUNDING) {
-        return Ok(pose);
-    }
-    let why = "its 3x3 is no rotation matrix; give a 4x4 rigid transform";
-    Err(invalid(what, why))
-}
 
 /// What was measured of one or two submaps' poses, weighted by its covariance.
 ///

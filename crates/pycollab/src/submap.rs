@@ -1,12 +1,11 @@
 //! Submaps, and an earlier one in sight (METHOD 25).
 
-use crate::arrays_in::{Argument, ids, pixels, rows, same_length, square, table};
+use crate::arrays_in::{Argument, ids, pixels, rigid, rows, same_length, square, table};
 use crate::arrays_out::{
     Column, Table, column, symmetric, to_ids, to_matrix, to_pose, to_table, vectors,
 };
 use crate::camera::PyCamera;
 use crate::gate;
-use crate::graph::rigid;
 use ekf_core::Submap;
 use ekf_core::graph::Edge;
 use ekf_core::sight::{Landmarks, Noise, Sight, sight as core_sight};

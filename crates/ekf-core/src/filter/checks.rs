@@ -1,8 +1,8 @@
 //! Checks of input, all made before anything changes.
 
 use super::ekf::Filter;
-use super::measurements::{Capture, Measurements};
-use super::sources::Scratch;
+use super::input::measurements::{Capture, Measurements};
+use super::input::sources::Scratch;
 use crate::camera::Camera;
 use crate::error::EkfError;
 use crate::guard;

@@ -1,12 +1,12 @@
 //! The filter itself: its parts, and what can be read from it at any time.
 
-use super::candidate::Candidate;
-use super::handed::Handover;
-use super::pose_ring::KeptPoses;
-use super::record::FeatureRecord;
-use super::sources::Scratch;
-use super::undo::Undo;
-use super::wheels::Wheels;
+use super::input::sources::Scratch;
+use super::memory::candidate::Candidate;
+use super::memory::handed::Handover;
+use super::memory::pose_ring::KeptPoses;
+use super::memory::record::FeatureRecord;
+use super::memory::undo::Undo;
+use super::memory::wheels::Wheels;
 use crate::batch::Workspace;
 use crate::camera::Camera;
 use crate::error::EkfError;

@@ -1,16 +1,19 @@
 //! One frame's update (METHOD 7, steps 5-7): measurement blocks, their tests, the update, and the births that depth makes
 //! possible.
 
+mod measurement;
+mod validation;
+
 use super::ekf::Filter;
-use super::measurements::{Measurements, Outcome, UpdateReport, refill};
-use super::other_time::Carried;
-use super::sources::{Scratch, WornForm};
-use super::validation::Test;
+use super::input::measurements::{Measurements, Outcome, UpdateReport, refill};
+use super::input::sources::{Scratch, WornForm};
+use super::worn::other_time::Carried;
 use crate::batch::Workspace;
 use crate::error::EkfError;
 use crate::math::pose::Pose;
 use crate::settings::{Mode, WornErrors};
 use nalgebra::Vector6;
+use validation::Test;
 
 impl Filter {
     /// Validates a frame's measurements, updates once, and starts the features that its matches allow.

@@ -1,48 +1,12 @@
 //! From a working state and its outside set to the whole state, and back.
 
+use super::buffers::Buffers;
 use super::outside_set::{Auxiliary, OutsideFeature, OutsideSet, place};
 use super::renewal::Renewal;
 use crate::kernel::LINE;
 use crate::state::{Block, BlockKind, CAMERA_DIM, Covariance, State};
 use std::ops::Range;
 use std::sync::Arc;
-
-/// Storage of before, megabytes whose pages are mapped already. Every entry is written before it is read.
-#[derive(Debug, Default)]
-pub(crate) struct Buffers {
-    whole: Option<Covariance>,
-    working: Option<Covariance>,
-    /// `R`, and that of a renewal.
-    r: Vec<f64>,
-    kept_r: Vec<f64>,
-    pub(super) psi_r: Vec<f64>,
-}
-
-impl Clone for Buffers {
-    /// Nothing is carried over: a copy starts empty.
-    fn clone(&self) -> Self {
-        Self::default()
-    }
-}
-
-impl Buffers {
-    /// Takes back the covariance of a working state that is not needed any more.
-    pub(crate) fn take_working(&mut self, working: State) {
-        self.working = Some(working.p);
-    }
-
-    /// Takes back what is an outside set's own.
-    pub(crate) fn take_set(&mut self, mut outside: OutsideSet) {
-        outside.settle(self);
-        self.r = outside.r;
-    }
-
-    fn take_whole(&mut self, whole: Arc<State>) {
-        if let Some(State { p, .. }) = Arc::into_inner(whole) {
-            self.whole = Some(p);
-        }
-    }
-}
 
 impl OutsideSet {
     /// Takes the features for which `is_working` holds, and all that is no feature, out of a whole state as working state.
@@ -160,6 +124,12 @@ impl OutsideSet {
             buffers.kept_r = renewal.r;
             buffers.take_whole(renewal.before);
         }
+    }
+
+    /// Gives what is this set's own back to the buffers.
+    pub(crate) fn give_up(mut self, buffers: &mut Buffers) {
+        self.settle(buffers);
+        buffers.r = self.r;
     }
 
     /// The whole state as it is now; its covariance is written over a buffer if there is one.

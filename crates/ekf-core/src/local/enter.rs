@@ -1,10 +1,10 @@
 //! Features that leave the outside set: into the working state, or for good.
 
+use super::buffers::product;
 use super::outside_set::{Auxiliary, OutsideSet, anchored};
 use super::renewal::RowsOfThen;
 use crate::state::{Block, BlockKind, State};
-use faer::linalg::matmul::matmul;
-use faer::{Accum, MatMut, MatRef, Par};
+use faer::{MatMut, MatRef};
 
 impl OutsideSet {
     /// Brings features into the working set: their rows of P as they are now, and auxiliary rows of their own.
@@ -123,8 +123,4 @@ impl OutsideSet {
         }
         (self.r, self.ld) = (r, ld);
     }
-}
-
-pub(super) fn product(to: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
-    matmul(to, Accum::Replace, a, b, 1.0, Par::Seq);
 }

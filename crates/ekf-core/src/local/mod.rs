@@ -30,12 +30,13 @@
 //! itself, see [`renewal`].
 
 mod assemble;
+mod buffers;
 mod enter;
 mod image;
 mod moved;
 mod outside_set;
 mod renewal;
 
-pub(crate) use assemble::Buffers;
+pub(crate) use buffers::Buffers;
 pub(crate) use image::OutsideSetImage;
 pub(crate) use outside_set::{OutsideMark, OutsideSet};

@@ -1,7 +1,6 @@
 //! A whole state that is written some rows in each frame, from an outside set and the working state it had.
 
-use super::assemble::Buffers;
-use super::enter::product;
+use super::buffers::{Buffers, product};
 use crate::kernel::dot;
 use crate::state::{Covariance, State};
 use faer::linalg::matmul::matmul;

@@ -2,8 +2,8 @@
 
 use super::batch::{Blocks, Verdict, check};
 use super::distance::{block_distance, whiten};
-use super::hohct::scratch::Scratch;
 use super::quantiles::Quantiles;
+use super::subsets::scratch::Scratch;
 use super::workspace::Workspace;
 
 /// Leaves out, the worst first, every block that disagrees with the others: whose distance given all of them,

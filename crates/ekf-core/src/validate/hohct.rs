@@ -66,20 +66,12 @@
 //! ellipse), medians: 0.15 ms for 3 wrong of 40, 0.55 ms for 10 of 40, 0.66 ms for 3 of 100, 1.6 ms for 10 of 100; if
 //! all pass, 3 us for 40 and 25 us for 100.
 
-mod best_set;
-mod greedy;
-mod level;
-mod pigeonhole;
-pub(super) mod scratch;
-mod search;
-mod thresholds;
-
 use super::batch::{Blocks, Verdict, check};
 use super::distance::whiten;
+use super::subsets::pigeonhole::Rows;
+use super::subsets::search::Search;
 use super::workspace::Workspace;
 use crate::settings::ValidateSettings;
-use pigeonhole::Rows;
-use search::Search;
 
 /// Largest share of a frame's matches that HOHCT and the conditional gate may each leave out.
 pub(crate) const MAX_SHARE: f64 = 0.5;

@@ -25,6 +25,7 @@ mod hohct;
 mod jcbb;
 mod one_point;
 mod quantiles;
+mod subsets;
 mod workspace;
 
 pub use batch::{Batch, Blocks, Verdict};

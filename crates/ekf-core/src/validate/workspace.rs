@@ -2,8 +2,8 @@
 
 use super::batch::Blocks;
 use super::distance::Joint;
-use super::hohct::scratch::Scratch;
 use super::quantiles::Quantiles;
+use super::subsets::scratch::Scratch;
 use nalgebra::Matrix3;
 
 /// Buffers of all tests, and the last rejected set.

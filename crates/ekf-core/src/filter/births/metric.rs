@@ -1,0 +1,292 @@
+//! Births that the worn camera or another source of depth makes possible (METHOD 5, 6, 10).
+
+use crate::birth::new_feature::{FirstPoseCovariance, NewFeature};
+use crate::error::EkfError;
+use crate::filter::ekf::Filter;
+use crate::filter::input::measurements::{
+    DepthObservation, Measurements, Outcome, UpdateReport, WornObservation,
+};
+use crate::guard;
+use crate::guard::{check_pose, is_covariance};
+use crate::math::pose::Pose;
+use crate::observe::point::CameraPose;
+use crate::state::{Block, BlockKind, Whose};
+use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector6};
+
+/// Standard deviation, as a share of rho, with which the tight form starts a matched feature before its pixel in Cf is
+/// measured.
+const TIGHT_RHO_RATIO: f64 = 2.0;
+
+impl Filter {
+    pub(crate) fn start_tight_births(
+        &mut self,
+        z: &Measurements,
+        report: &mut UpdateReport,
+    ) -> Vec<(usize, u64)> {
+        let Some(worn) = &z.worn else {
+            return Vec::new();
+        };
+        // The frame that the pairs are of, whose pose is a clone if it is an earlier one.
+        let frame = worn
+            .capture
+            .and_then(|c| self.offset_of_frame(c.frame).ok());
+        let frame = frame.unwrap_or(0);
+        let pose = self.state.pose_at(frame);
+        let beside = WornObservation {
+            t_cf: self.seen_from(&pose, &worn.t_cf),
+            pairs: Vec::new(),
+            ..worn.clone()
+        };
+        if frame > 0 {
+            // Only features of one view share an anchor.
+            self.state.camera_moved();
+        }
+        let sigma = self.settings.pixel.sigma_cs;
+        let mut newborn = Vec::new();
+        for (i, pair) in worn.pairs.iter().enumerate() {
+            let (None, Some(uv)) = (pair.id, pair.uv) else {
+                continue;
+            };
+            let new = self.intersect(&beside, &uv, &pair.uv_f).and_then(|view| {
+                let sd = TIGHT_RHO_RATIO * view.rho;
+                let camera = &self.camera;
+                // How the camera moved in an earlier frame is not known any more.
+                let unrolled = (frame == 0).then(|| self.unrolled(&uv, view.rho));
+                let uv = unrolled.as_ref().map_or(uv, |unrolled| unrolled.uv);
+                let mut new =
+                    NewFeature::with_prior_depth(camera, &pose, &uv, sigma, view.rho, sd)?;
+                if let Some(unrolled) = &unrolled {
+                    new.share_motion(unrolled.by_motion);
+                }
+                if frame > 0 {
+                    new.seen_from_first_pose(FirstPoseCovariance::InState(frame));
+                }
+                Some(new)
+            });
+            report.pairs[i] = Outcome::NotVisible;
+            if let Some(Block { id, .. }) = new.and_then(|new| self.append_feature(&new)) {
+                newborn.push((i, id));
+                report.pairs[i] = Outcome::Born(id);
+            }
+        }
+        if frame > 0 {
+            self.state.camera_moved();
+        }
+        newborn
+    }
+
+    /// A pose relative to the camera's present one, as it is relative to another pose of the state.
+    fn seen_from(&self, other: &CameraPose, relative: &Pose) -> Pose {
+        let now = self.state.camera_pose();
+        if *other == now {
+            return relative.clone();
+        }
+        let [other, now] = [other, &now].map(|pose| Pose::from_quat(pose.r, &pose.q));
+        other.inverse().compose(&now.compose(relative))
+    }
+
+    pub(crate) fn judge_tight_births(
+        &mut self,
+        newborn: &[(usize, u64)],
+        report: &mut UpdateReport,
+    ) {
+        let largest = self.settings.birth.max_rho_ratio;
+        let mut gone = Vec::new();
+        for &(i, id) in newborn {
+            if report.pairs[i] != Outcome::Born(id) {
+                gone.push(id);
+            } else if let Ok(block) = self.feature_block(id) {
+                let rho = self.state.feature(&block).scale();
+                let variance = self.state.p.get(block.offset + 5, block.offset + 5);
+                if rho <= 0.0 || variance.max(0.0).sqrt() > largest * rho {
+                    gone.push(id);
+                    report.pairs[i] = Outcome::TooUncertain;
+                }
+            }
+        }
+        self.remove_blocks(&gone);
+    }
+
+    pub(crate) fn instant_births(&mut self, z: &Measurements, report: &mut UpdateReport) {
+        let Some(worn) = &z.worn else { return };
+        let pose = self.state.camera_pose();
+        let (sigma, sigma_f) = (self.settings.pixel.sigma_cs, self.settings.pixel.sigma_cf);
+        for (i, pair) in worn.pairs.iter().enumerate() {
+            if pair.id.is_some() {
+                continue;
+            }
+            let Some((view, unrolled)) = self.intersect_unrolled(worn, pair) else {
+                report.pairs[i] = Outcome::NotVisible;
+                continue;
+            };
+            let variance = self.rho_variance(worn, &view, &pair.uv_f);
+            if variance.sqrt() > self.settings.birth.max_rho_ratio * view.rho {
+                report.pairs[i] = Outcome::TooUncertain;
+                continue;
+            }
+            let warp = self.camera.warp_jacobian(&unrolled.uv);
+            let mut new = NewFeature::from_two_views(&pose, &view, &warp, (sigma, sigma_f));
+            new.share_motion(unrolled.by_motion);
+            let by_error = view.rho_by_tangent();
+            match self.worn_error_offset(worn.who) {
+                Some(offset) => {
+                    let roll = self.worn_roll(worn.who, &pair.uv_f);
+                    new.share_worn_error(offset, &by_error, roll);
+                }
+                None => {
+                    let own = by_error * self.worn_covariance(worn) * by_error.transpose();
+                    new.noise[(5, 5)] += own[(0, 0)];
+                }
+            }
+            let born = self.append_feature(&new);
+            report.pairs[i] = born.map_or(Outcome::NotVisible, |block| Outcome::Born(block.id));
+        }
+    }
+
+    pub(crate) fn depth_births(&mut self, z: &Measurements, report: &mut UpdateReport) {
+        let pose = self.state.camera_pose();
+        for (i, depth) in z.depths.iter().enumerate() {
+            if depth.id.is_some() {
+                continue;
+            }
+            if let Some((point, noise)) = self.point_at_depth(depth) {
+                let new = NewFeature::from_point(&pose, &point, &noise, None);
+                let born = self.append_feature(&new);
+                report.depths[i] =
+                    born.map_or(Outcome::NotVisible, |block| Outcome::Born(block.id));
+            }
+        }
+    }
+
+    pub(crate) fn point_at_depth(
+        &self,
+        depth: &DepthObservation,
+    ) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+        let range = self.camera.unproject(&depth.uv)?.z / depth.depth;
+        let uv = self.unrolled(&depth.uv, range).uv;
+        let (ray, by_uv) = self.camera.unproject_jac(&uv)?;
+        if ray.z < 1e-3 {
+            return None;
+        }
+        // p = depth * ray / ray_z
+        let unit = ray / ray.z;
+        let by_pixel = (by_uv - unit * by_uv.fixed_view::<1, 2>(2, 0)) * (depth.depth / ray.z);
+        let noise = by_pixel * by_pixel.transpose() * self.settings.pixel.sigma_cs.powi(2)
+            + unit * unit.transpose() * depth.sigma.powi(2);
+        Some((unit * depth.depth, noise))
+    }
+
+    /// Starts from points of known position in C, which share the error of a target's pose; see [`Self::add_points`].
+    ///
+    /// # Errors
+    /// As [`Self::add_points`], and `InvalidInput` if the filter has started already.
+    pub fn start_from_points(
+        &mut self,
+        points: &[Vector3<f64>],
+        noise: &[Matrix3<f64>],
+        shared: &[SMatrix<f64, 3, 6>],
+        covariance: &Matrix6<f64>,
+    ) -> Result<Vec<u64>, EkfError> {
+        if self.started {
+            return Err(EkfError::InvalidInput {
+                what: "start",
+                why: "the filter has started already; make a new one".into(),
+            });
+        }
+        let ids = self.append_points(points, noise, shared, covariance)?;
+        self.start();
+        Ok(ids)
+    }
+
+    /// Adds points of known position in C to the map of a filter that has started: a rigid target that comes into view
+    /// (METHOD 10). Their places relative to each other are known as well as `noise` says, whatever becomes of the error
+    /// that they share, so that later bearings of them are metric.
+    ///
+    /// `points` are metres in C, `noise` is the covariance of each by itself, `shared` its derivative by the 6-number error
+    /// of the target's pose, whose covariance is `covariance`. Returns the features' ids.
+    ///
+    /// # Errors
+    /// `BadShape` if the lists differ in length, `NonFinite`, `InvalidInput` for no points, one at the camera's centre, a
+    /// covariance that is none, or a filter that has not started; nothing changes then.
+    pub fn add_points(
+        &mut self,
+        points: &[Vector3<f64>],
+        noise: &[Matrix3<f64>],
+        shared: &[SMatrix<f64, 3, 6>],
+        covariance: &Matrix6<f64>,
+    ) -> Result<Vec<u64>, EkfError> {
+        if !self.started {
+            return Err(EkfError::InvalidInput {
+                what: "points",
+                why: "the filter has not started; start it from them".into(),
+            });
+        }
+        self.append_points(points, noise, shared, covariance)
+    }
+
+    fn append_points(
+        &mut self,
+        points: &[Vector3<f64>],
+        noise: &[Matrix3<f64>],
+        shared: &[SMatrix<f64, 3, 6>],
+        covariance: &Matrix6<f64>,
+    ) -> Result<Vec<u64>, EkfError> {
+        if points.len() != noise.len() || points.len() != shared.len() {
+            return Err(EkfError::BadShape {
+                what: "noise and shared",
+                expected: format!("{} entries, one per point", points.len()),
+                got: format!("{} and {}", noise.len(), shared.len()),
+            });
+        }
+        let all = points.iter().flat_map(|p| p.iter());
+        let all = all.chain(noise.iter().flat_map(|m| m.iter()));
+        let mut all = all.chain(shared.iter().flat_map(|m| m.iter()));
+        if !all.all(|x| x.is_finite()) {
+            return Err(EkfError::NonFinite {
+                what: "points, noise or shared",
+            });
+        }
+        if points.is_empty() || points.iter().any(|p| p.norm() < 1e-6) {
+            return Err(EkfError::InvalidInput {
+                what: "points",
+                why: "there must be at least one, none of them at the camera's centre".into(),
+            });
+        }
+        if !noise.iter().all(is_covariance) {
+            return Err(EkfError::InvalidInput {
+                what: "noise",
+                why: "each must be symmetric positive semi-definite".into(),
+            });
+        }
+        guard::lengths("points", points.iter().flat_map(|p| p.iter()))?;
+        guard::variances("noise", noise.iter().flat_map(|m| m.iter()))?;
+        guard::variances("shared", shared.iter().flat_map(|m| m.iter()))?;
+        check_pose(&Pose::identity(), covariance)?;
+        self.changes();
+        let mark = self.state.mark();
+        let error = self.state.append(
+            BlockKind::WornError(Whose::Common),
+            &Vector6::zeros(),
+            &[],
+            covariance,
+        );
+        let pose = self.state.camera_pose();
+        let born: Option<Vec<u64>> = (0..points.len())
+            .map(|i| {
+                let shared = Some((error.offset, &shared[i]));
+                let new = NewFeature::from_point(&pose, &points[i], &noise[i], shared);
+                self.append_feature(&new).map(|block| block.id)
+            })
+            .collect();
+        let born = born.filter(|_| guard::state_is_sane(&self.state).is_ok());
+        let Some(ids) = born else {
+            self.take_back(&mark);
+            return Err(EkfError::InvalidInput {
+                what: "noise, shared or covariance",
+                why: "its numbers are out of all bounds; give metres".into(),
+            });
+        };
+        self.state.remove(|b| b.id == error.id);
+        Ok(ids)
+    }
+}

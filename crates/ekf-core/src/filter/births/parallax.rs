@@ -1,0 +1,334 @@
+//! Births from the camera alone: candidates that wait for parallax, and undelayed births with a weak prior (METHOD 5).
+
+use crate::birth::at_rest::Leaving;
+use crate::birth::held::{Held, held};
+use crate::birth::new_feature::{FirstPoseCovariance, NewFeature};
+use crate::birth::two_view::TwoView;
+use crate::error::EkfError;
+use crate::filter::ekf::Filter;
+use crate::filter::memory::candidate::{Candidate, CandidateOutcome, FirstView};
+use crate::filter::predict::shutter::Unrolled;
+use crate::guard::{check_once, check_pixels};
+use crate::math::pose::Pose;
+use crate::math::quat;
+use crate::observe::point::CameraPose;
+use crate::observe::shutter::MOTION_DIM;
+use crate::settings::FirstPose;
+use nalgebra::{SMatrix, Vector2};
+
+/// Offset of the readout, and derivative of a pixel by `[v w readout]`.
+type ByMotion = Option<(usize, SMatrix<f64, 2, MOTION_DIM>)>;
+
+/// Inverse depth of a candidate that waits for parallax no longer where the map tells none, 1/m: what has shown none is far.
+const VAGUE_RHO: f64 = 0.1;
+/// Its standard deviation, 1/m.
+const VAGUE_RHO_SD: f64 = 0.2;
+
+impl Filter {
+    /// Starts candidates at pixels of the present view; returns their ids.
+    ///
+    /// With `birth.first_pose = clone` the present pose joins the state once for all of them.
+    ///
+    /// # Errors
+    /// `NonFinite` for a bad pixel, `InvalidInput` before the start.
+    pub fn add_candidates(&mut self, pixels: &[Vector2<f64>]) -> Result<Vec<u64>, EkfError> {
+        check_pixels(pixels.iter())?;
+        self.check_started()?;
+        if pixels.is_empty() {
+            return Ok(Vec::new());
+        }
+        self.changes();
+        let pose = self.state.camera_pose();
+        let first = match self.settings.birth.first_pose {
+            FirstPose::Clone => FirstView::Clone(self.clone_pose()),
+            FirstPose::Independent => {
+                FirstView::Remembered(pose, Box::new(self.state.p.block::<7, 7>(0, 0)))
+            }
+        };
+        let since = self.time.unwrap_or(0.0);
+        let ids = self.next_candidate..self.next_candidate + pixels.len() as u64;
+        self.next_candidate = ids.end;
+        for (id, &uv) in ids.clone().zip(pixels) {
+            let (first, roll) = (first.clone(), self.roll(&uv));
+            let candidate = Candidate {
+                uv,
+                roll,
+                since,
+                first,
+            };
+            self.candidates.insert(id, candidate);
+        }
+        Ok(ids.collect())
+    }
+
+    /// Observes candidates in the present view; those with enough baseline and parallax are born (DI-D).
+    ///
+    /// # Errors
+    /// `UnknownFeature` for an id that is not a candidate, `NonFinite` for a bad pixel, `InvalidInput` for an id given
+    /// twice; nothing changes then.
+    pub fn observe_candidates(
+        &mut self,
+        seen: &[(u64, Vector2<f64>)],
+    ) -> Result<Vec<CandidateOutcome>, EkfError> {
+        check_once(
+            "candidates",
+            seen.iter().map(|(id, _)| *id),
+            &mut Vec::new(),
+        )?;
+        for (id, uv) in seen {
+            check_pixels(std::iter::once(uv))?;
+            if !self.candidates.contains_key(id) {
+                return Err(EkfError::UnknownFeature { id: *id });
+            }
+        }
+        self.changes();
+        let outcomes = seen
+            .iter()
+            .map(|(id, uv)| {
+                let stands = self.stands(*id, uv);
+                let outcome = match self.try_delayed_birth(*id, uv) {
+                    CandidateOutcome::Waiting if stands => CandidateOutcome::Held,
+                    other => other,
+                };
+                if !outcome.waits() {
+                    self.candidates.remove(id);
+                }
+                outcome
+            })
+            .collect();
+        Ok(outcomes)
+    }
+
+    /// Ends the wait of candidates for parallax: each is born undelayed, as a feature of its first view with a weak prior
+    /// on its inverse depth, from that of the scene (METHOD 5). None where that gives no feature; the candidate is gone in
+    /// any case.
+    ///
+    /// # Errors
+    /// `UnknownFeature` for an id that is not a candidate, `InvalidInput` for one given twice; nothing changes then.
+    pub fn promote_candidates(&mut self, ids: &[u64]) -> Result<Vec<Option<u64>>, EkfError> {
+        check_once("candidates", ids.iter().copied(), &mut Vec::new())?;
+        if let Some(&id) = ids.iter().find(|id| !self.candidates.contains_key(id)) {
+            return Err(EkfError::UnknownFeature { id });
+        }
+        if ids.is_empty() {
+            return Ok(Vec::new());
+        }
+        let (rho, sd) = self.vague_depth();
+        self.changes();
+        let sigma = self.settings.pixel.sigma_cs;
+        let mut born = Vec::with_capacity(ids.len());
+        let mut view = None;
+        for id in ids {
+            let candidate = self.candidates.remove(id);
+            let clone = candidate.as_ref().and_then(|c| match c.first {
+                FirstView::Clone(block) => Some(block),
+                FirstView::Remembered(..) => None,
+            });
+            // Only features of one view share an anchor.
+            if clone.is_none() || clone != view {
+                self.state.camera_moved();
+            }
+            view = clone;
+            born.push(candidate.and_then(|candidate| {
+                let (first, covariance) = self.first_pose(&candidate)?;
+                let (uv, by_motion) = self.first_pixel(&candidate, rho);
+                let mut new =
+                    NewFeature::with_prior_depth(&self.camera, &first, &uv, sigma, rho, sd)?;
+                new.share_motion(by_motion);
+                new.seen_from_first_pose(covariance);
+                self.append_feature(&new).map(|block| block.id)
+            }));
+        }
+        self.state.camera_moved();
+        Ok(born)
+    }
+
+    /// Inverse depth and its sd of a point of which nothing is known but the scene that it is in: half the median of the
+    /// landmarks of known depth, as seen from the camera, and as much. So anything from infinity to that median is within
+    /// one sd, in a room as on a road, and in any unit. [`VAGUE_RHO`] where the map does not tell.
+    pub(crate) fn vague_depth(&self) -> (f64, f64) {
+        let birth = &self.settings.birth;
+        let camera = self.state.camera_pose().r;
+        let known = self.landmarks().into_iter();
+        let known = known.filter(|landmark| landmark.rho_ratio < birth.max_rho_ratio);
+        let mut inverse: Vec<f64> = known.map(|l| 1.0 / (l.point - camera).norm()).collect();
+        if inverse.len() < self.settings.lost.min_matches {
+            return (VAGUE_RHO, VAGUE_RHO_SD);
+        }
+        inverse.sort_unstable_by(f64::total_cmp);
+        let half = 0.5 * inverse[inverse.len() / 2];
+        if half.is_finite() {
+            (half, half)
+        } else {
+            (VAGUE_RHO, VAGUE_RHO_SD)
+        }
+    }
+
+    fn try_delayed_birth(&mut self, id: u64, uv: &Vector2<f64>) -> CandidateOutcome {
+        let candidate = &self.candidates[&id];
+        let now = self.state.camera_pose();
+        let Some((first, covariance)) = self.first_pose(candidate) else {
+            return CandidateOutcome::Dropped;
+        };
+        let birth = &self.settings.birth;
+        let r_cw = quat::rotation(&now.q).transpose();
+        let first_in_c = Pose {
+            rotation: r_cw * quat::rotation(&first.q),
+            translation: r_cw * (first.r - now.r),
+        };
+        let sigma = self.settings.pixel.sigma_cs;
+        // Four sigma of two pixels, and as much again, at least, for the poses.
+        let pixels = 4.0 * std::f64::consts::SQRT_2 * sigma / self.camera.fx;
+        let gate = 2.0 * pixels;
+        let has_baseline = (first.r - now.r).norm() >= birth.min_baseline;
+        match held(&self.camera, uv, &candidate.uv, &first_in_c, sigma, gate) {
+            Some(Held::ByTheCamera) if has_baseline => return CandidateOutcome::Fixed,
+            Some(_) => return CandidateOutcome::Held,
+            None if !has_baseline => return CandidateOutcome::Waiting,
+            None => {}
+        }
+        let camera = &self.camera;
+        let intersect = |uv, first_uv| TwoView::new(camera, uv, camera, first_uv, &first_in_c);
+        // How far it is says how much the shutter has moved it; rays that do not meet are those of a far point, if any.
+        let rho = intersect(uv, &candidate.uv).map_or(0.0, |raw| raw.rho);
+        let Unrolled { uv, by_motion } = self.unrolled(uv, rho);
+        let (first_uv, first_by_motion) = self.first_pixel(candidate, rho);
+        // What moves by itself may have no parallax, or a negative one, for as long as it likes.
+        let (roll, first_roll) = (
+            self.readout_sd(&by_motion),
+            self.readout_sd(&first_by_motion),
+        );
+        let leaving_at = |sds: f64| {
+            let ray = camera.unproject(&(uv + roll * sds))?;
+            let first_ray = camera.unproject(&(first_uv + first_roll * sds))?;
+            Some(Leaving::new(&ray, &first_ray, &now, &first))
+        };
+        let Some((leaving, rolled)) = leaving_at(0.0).zip(leaving_at(1.0)) else {
+            return CandidateOutcome::Waiting;
+        };
+        let by_poses = self.sd_by_poses(&leaving, &covariance);
+        let sd = by_poses.hypot(rolled.angle - leaving.angle);
+        let allowed = pixels + pixels.max(4.0 * sd);
+        if leaving.angle > allowed {
+            return CandidateOutcome::Strayed(leaving.angle / allowed);
+        }
+        let Some(view) = intersect(&uv, &first_uv) else {
+            return CandidateOutcome::Waiting;
+        };
+        if view.parallax < birth.min_parallax.to_radians() {
+            return CandidateOutcome::Waiting;
+        }
+        if view.rho_variance_from_pixels(sigma, sigma).sqrt() > birth.max_rho_ratio * view.rho {
+            return CandidateOutcome::Waiting;
+        }
+        let [warp, first_warp] = [&uv, &first_uv].map(|uv| self.camera.warp_jacobian(uv));
+        let mut new = NewFeature::from_two_views(&now, &view, &warp, (sigma, sigma));
+        new.share_calibration(&view, &first_warp);
+        new.share_motion(by_motion);
+        new.share_first_motion(&view, first_by_motion);
+        new.depend_on_first_pose(&now, &first, &view, covariance);
+        match self.append_feature(&new) {
+            Some(block) => CandidateOutcome::Born(block.id),
+            None => CandidateOutcome::Dropped,
+        }
+    }
+
+    /// Whether the image has a candidate where it was first seen, within four sigma of two pixels.
+    fn stands(&self, id: u64, uv: &Vector2<f64>) -> bool {
+        let noise = 4.0 * std::f64::consts::SQRT_2 * self.settings.pixel.sigma_cs;
+        self.candidates
+            .get(&id)
+            .is_some_and(|candidate| (uv - candidate.uv).norm() <= noise)
+    }
+
+    /// Standard deviation, rad, of where a point at rest can be seen, by the poses of now and of its first view.
+    fn sd_by_poses(&self, leaving: &Leaving, first: &FirstPoseCovariance<'_>) -> f64 {
+        let p = &self.state.p;
+        match *first {
+            FirstPoseCovariance::InState(at) => {
+                leaving.sd(&p.block(0, 0), &p.block(0, at), &p.block(at, at))
+            }
+            FirstPoseCovariance::Independent(own) => {
+                leaving.sd(&p.block(0, 0), &SMatrix::zeros(), own)
+            }
+        }
+    }
+
+    /// By how much one standard deviation of the readout, as it is stated, moves a pixel: what is left of it once the filter knows
+    /// more is a claim that the velocities do not bear, and a candidate that strays does not come back.
+    fn readout_sd(&self, by_motion: &ByMotion) -> Vector2<f64> {
+        by_motion.map_or(Vector2::zeros(), |(_, by)| {
+            by.column(MOTION_DIM - 1) * self.settings.calibration.readout_sd
+        })
+    }
+
+    /// A candidate's first pixel without the shutter's rolling, as [`Unrolled`]: it depends on the readout alone.
+    fn first_pixel(&self, candidate: &Candidate, rho: f64) -> (Vector2<f64>, ByMotion) {
+        let Some(shutter) = self.shutter() else {
+            return (candidate.uv, None);
+        };
+        let (uv, by_readout) = candidate.unrolled(shutter.readout, rho);
+        let mut by = SMatrix::<f64, 2, MOTION_DIM>::zeros();
+        by.set_column(MOTION_DIM - 1, &by_readout);
+        (uv, Some((shutter.offset, by)))
+    }
+
+    /// Pose of a candidate's first view, and where its uncertainty comes from; None without its clone.
+    fn first_pose<'a>(
+        &self,
+        candidate: &'a Candidate,
+    ) -> Option<(CameraPose, FirstPoseCovariance<'a>)> {
+        match &candidate.first {
+            FirstView::Clone(block) => {
+                let offset = self.state.layout.find(*block)?.offset;
+                let pose = self.state.pose_at(offset);
+                Some((pose, FirstPoseCovariance::InState(offset)))
+            }
+            FirstView::Remembered(pose, cov) => {
+                Some((*pose, FirstPoseCovariance::Independent(cov)))
+            }
+        }
+    }
+
+    /// Starts features in the view in which they are first seen, with the weak prior of `birth.undelayed_rho` on their
+    /// inverse depth (METHOD 5, undelayed).
+    ///
+    /// Before the start it starts the filter: the prior fixes an arbitrary scale. While the camera has hardly moved this is
+    /// linearised where a turn and a step to the side look alike; [`Self::start_from_views`] is not.
+    ///
+    /// # Errors
+    /// `NonFinite` for a bad pixel.
+    pub fn add_undelayed(&mut self, pixels: &[Vector2<f64>]) -> Result<Vec<Option<u64>>, EkfError> {
+        check_pixels(pixels.iter())?;
+        self.changes();
+        if !self.started && !pixels.is_empty() {
+            self.start();
+        }
+        let pose = self.state.camera_pose();
+        let birth = &self.settings.birth;
+        let (rho, sd) = (birth.undelayed_rho, birth.undelayed_rho_sd);
+        let sigma = self.settings.pixel.sigma_cs;
+        Ok(pixels
+            .iter()
+            .map(|uv| {
+                let Unrolled { uv, by_motion } = self.unrolled(uv, rho);
+                let mut new =
+                    NewFeature::with_prior_depth(&self.camera, &pose, &uv, sigma, rho, sd)?;
+                new.share_motion(by_motion);
+                self.append_feature(&new).map(|block| block.id)
+            })
+            .collect())
+    }
+
+    /// Ids of the waiting candidates, increasing.
+    pub fn candidate_ids(&self) -> impl Iterator<Item = u64> {
+        self.candidates.keys().copied()
+    }
+
+    /// Removes a candidate that was lost; unknown ids are ignored, since a birth removes its candidate too.
+    pub fn drop_candidates(&mut self, ids: &[u64]) {
+        for id in ids {
+            self.candidates.remove(id);
+        }
+    }
+}

@@ -1,0 +1,233 @@
+//! What one frame measures, and what an update reports about it.
+
+use crate::error::EkfError;
+use crate::math::pose::Pose;
+use nalgebra::{Matrix6, Vector2, Vector6};
+
+/// A feature found in Cs.
+#[derive(Clone, Copy, Debug)]
+pub struct Bearing {
+    /// Id of the feature.
+    pub id: u64,
+    /// Its pixel in Cs.
+    pub uv: Vector2<f64>,
+}
+
+/// A point seen by both cameras, or a feature that Cf alone sees.
+#[derive(Clone, Copy, Debug)]
+pub struct WornPair {
+    /// The feature it is, or `None` for a new point.
+    pub id: Option<u64>,
+    /// Its pixel in Cs; `None` for a feature whose pixel in Cf says by itself which it is: the tight form measures it, others
+    /// do not.
+    pub uv: Option<Vector2<f64>>,
+    /// Its pixel in Cf.
+    pub uv_f: Vector2<f64>,
+}
+
+/// When a view of Cf was taken that is not of the frame's own instant (METHOD 21).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Capture {
+    /// When it was taken, seconds.
+    pub t: f64,
+    /// Time of the frame of Cs that it was matched with: the pixels in Cs are of its image. The present one, or one whose
+    /// pose is kept.
+    pub frame: f64,
+}
+
+/// What the worn camera contributes to a frame.
+#[derive(Clone, Debug)]
+pub struct WornObservation {
+    /// The worn camera's number: its place in the list that the filter was made with.
+    pub who: usize,
+    /// Measured T_CF, at the time that it was taken: maps points of F into C.
+    pub t_cf: Pose,
+    /// 6x6 covariance of its error, (translation, rotation), right tangent.
+    pub covariance: Matrix6<f64>,
+    /// The part of that covariance that lasts from frame to frame; `worn.bias_share` of it if `None`.
+    pub bias: Option<Matrix6<f64>>,
+    /// When it was taken; at the frame's own time if `None`.
+    pub capture: Option<Capture>,
+    /// Matches between both images.
+    pub pairs: Vec<WornPair>,
+}
+
+/// A depth from any other source: a range finder, a depth camera.
+#[derive(Clone, Copy, Debug)]
+pub struct DepthObservation {
+    /// The feature it belongs to, or `None` for a new point.
+    pub id: Option<u64>,
+    /// Pixel in Cs.
+    pub uv: Vector2<f64>,
+    /// Depth along Cs's optical axis, metres, at least a millimetre.
+    pub depth: f64,
+    /// Its standard deviation, metres, at least a micrometre.
+    pub sigma: f64,
+}
+
+/// All measurements of one frame.
+#[derive(Clone, Debug, Default)]
+pub struct Measurements {
+    /// Features that were looked for, found or not.
+    pub searched: Vec<u64>,
+    /// Features found in Cs.
+    pub bearings: Vec<Bearing>,
+    /// The worn camera's part, measured together with what Cs found.
+    pub worn: Option<WornObservation>,
+    /// Those of other worn cameras, each measured after all before it. A new point that several have, at the same pixel of
+    /// the same frame of Cs, is one.
+    pub further: Vec<WornObservation>,
+    /// Other depths.
+    pub depths: Vec<DepthObservation>,
+    /// Fewest accepted bearings with which the frame is used: with fewer nothing of it is.
+    pub min_inliers: usize,
+}
+
+impl Measurements {
+    /// The worn camera's pairs, if it contributes.
+    pub(crate) fn pairs(&self) -> &[WornPair] {
+        self.worn.as_ref().map_or(&[], |worn| &worn.pairs)
+    }
+}
+
+/// What became of one measurement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// Accepted as two pixel rows.
+    Pixel,
+    /// Accepted as three metric rows.
+    Depth,
+    /// Its feature was measured by a better form of the same match.
+    Replaced,
+    /// A depth not accurate enough to be worth more than its bearing; a pixel that was predicted no better than somewhere in
+    /// the image.
+    TooUncertain,
+    /// The rays do not meet in front of both cameras, or the feature predicts nothing.
+    NotVisible,
+    /// Failed its own chi-square gate.
+    RejectedGate,
+    /// Rejected by the batch test.
+    RejectedBatch,
+    /// Rejected given the other accepted matches, by the conditional gate.
+    RejectedConditional,
+    /// A new feature with this id.
+    Born(u64),
+    /// Not used in this mode.
+    Unused,
+    /// Refused with the whole frame: the update would have broken the filter.
+    Refused,
+}
+
+impl Outcome {
+    /// Whether the match measured its feature, in its own form or in the better one that replaced it.
+    pub fn is_accepted(&self) -> bool {
+        matches!(self, Self::Pixel | Self::Depth | Self::Replaced)
+    }
+}
+
+/// Where one worn camera was when its view was taken.
+#[derive(Clone, Debug)]
+pub struct WornPose {
+    /// Its number.
+    pub who: usize,
+    /// `T_WF`: maps points of F into W.
+    pub pose: Pose,
+    /// Its covariance, (translation, rotation), right tangent, m^2 and rad^2.
+    pub covariance: Matrix6<f64>,
+}
+
+/// What one update did.
+#[derive(Clone, Debug, Default)]
+pub struct UpdateReport {
+    /// One per bearing.
+    pub bearings: Vec<Outcome>,
+    /// One per worn pair.
+    pub pairs: Vec<Outcome>,
+    /// One list per view in [`Measurements::further`], one outcome per pair.
+    pub further: Vec<Vec<Outcome>>,
+    /// One per depth.
+    pub depths: Vec<Outcome>,
+    /// Normalised innovation squared of what was accepted.
+    pub nis: f64,
+    /// Its degrees of freedom.
+    pub dof: usize,
+    /// Number of matches the batch test left out.
+    pub order: usize,
+    /// Whether the batch test finished its exact search, each time that the frame asked for it.
+    pub exact: bool,
+    /// Estimated error of T_CF of the first view after the update, tangent (m, rad).
+    pub worn_error: Vector6<f64>,
+    /// One per view, the first and the further ones: where the worn camera was. None before the start, and of a frame
+    /// of which nothing was used.
+    pub worn_poses: Vec<WornPose>,
+    /// Why the frame was refused, if it was: the filter is as it was before.
+    pub refused: Option<EkfError>,
+    /// Whether the frame was used: at least [`Measurements::min_inliers`] bearings were accepted.
+    pub accepted: bool,
+    /// Of a relocalisation: whether prediction excludes where it found the camera, whatever is not known of the map.
+    pub jumped: bool,
+}
+
+impl UpdateReport {
+    /// The report of measurements that [`Filter::update`](crate::filter::Filter::update) refused with `NotPositiveDefinite` or `Unsound`.
+    pub fn refused(z: &Measurements, error: EkfError) -> Self {
+        let mut report = Self::default();
+        report.start(z);
+        for list in [&mut report.bearings, &mut report.pairs, &mut report.depths]
+            .into_iter()
+            .chain(&mut report.further)
+        {
+            list.fill(Outcome::Refused);
+        }
+        report.refused = Some(error);
+        report.accepted = false;
+        report
+    }
+
+    /// Resets the report for these measurements; the lists keep their capacity.
+    pub(crate) fn start(&mut self, z: &Measurements) {
+        let lists = [&mut self.bearings, &mut self.pairs, &mut self.depths].map(std::mem::take);
+        let [mut bearings, mut pairs, mut depths] = lists;
+        refill(&mut bearings, Outcome::NotVisible, z.bearings.len());
+        refill(&mut pairs, Outcome::Unused, z.pairs().len());
+        refill(&mut depths, Outcome::NotVisible, z.depths.len());
+        let further = z.further.iter();
+        let further = further.map(|worn| vec![Outcome::Unused; worn.pairs.len()]);
+        let mut worn_poses = std::mem::take(&mut self.worn_poses);
+        worn_poses.clear();
+        *self = Self {
+            bearings,
+            pairs,
+            depths,
+            further: further.collect(),
+            worn_poses,
+            exact: true,
+            accepted: true,
+            ..Self::default()
+        };
+    }
+
+    /// The mask of accepted bearings, in their order: which features were measured in Cs.
+    pub fn inliers(&self) -> impl ExactSizeIterator<Item = bool> {
+        self.bearings.iter().map(Outcome::is_accepted)
+    }
+
+    /// How many of [`Self::inliers`] are.
+    pub(crate) fn inlier_count(&self) -> usize {
+        self.inliers().filter(|&accepted| accepted).count()
+    }
+
+    /// Reports a frame of which nothing was used.
+    pub(crate) fn reject_all(&mut self, z: &Measurements) {
+        self.start(z);
+        self.bearings.fill(Outcome::RejectedBatch);
+        self.pairs.fill(Outcome::Unused);
+        self.depths.fill(Outcome::Unused);
+        self.accepted = false;
+    }
+}
+
+pub(crate) fn refill<T: Clone>(list: &mut Vec<T>, value: T, len: usize) {
+    list.clear();
+    list.resize(len, value);
+}

@@ -1,0 +1,93 @@
+//! The match behind each measurement block of a frame, and the lists that an update works with.
+
+use super::measurements::{Outcome, UpdateReport};
+use crate::state::Learned;
+
+/// Where in [`Measurements`] a block of the batch comes from, and which form it takes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Source {
+    /// Two rows: a pixel in Cs.
+    Bearing(usize),
+    /// Three rows: a worn pair as a 3D point.
+    Point(usize),
+    /// Two rows: a worn pair's pixel in Cf, of the feature with this id.
+    WornPixel(usize, u64),
+    /// Three rows: a depth from another sensor.
+    Depth(usize),
+}
+
+impl Source {
+    /// Place in the list of 3D blocks that may be demoted to a bearing, `pairs` pairs coming first.
+    pub(crate) fn slot(self, pairs: usize) -> Option<usize> {
+        match self {
+            Self::Point(i) => Some(i),
+            Self::Depth(i) => Some(pairs + i),
+            Self::Bearing(_) | Self::WornPixel(..) => None,
+        }
+    }
+
+    pub(crate) fn outcome(self, report: &mut UpdateReport) -> &mut Outcome {
+        match self {
+            Self::Bearing(i) => &mut report.bearings[i],
+            Self::Point(i) | Self::WornPixel(i, _) => &mut report.pairs[i],
+            Self::Depth(i) => &mut report.depths[i],
+        }
+    }
+}
+
+/// How the worn camera's pairs are measured in this frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum WornForm {
+    Unused,
+    BirthsOnly,
+    Points,
+    Tight,
+}
+
+/// Lists of an update; they only grow, so that a warm step allocates nothing.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {
+    /// Where each block of the batch comes from.
+    pub(crate) sources: Vec<Source>,
+    pub(crate) wanted: Vec<Source>,
+    pub(crate) with_depth: Vec<u64>,
+    /// 3D blocks that were rejected and fall back to their bearing.
+    pub(crate) demoted: Vec<bool>,
+    /// Blocks that a test rejected.
+    pub(crate) gone: Vec<usize>,
+    pub(crate) ids: Vec<u64>,
+    /// What the update may learn of the view's lasting error.
+    pub(crate) learned: Learned,
+}
+
+impl Clone for Scratch {
+    /// Nothing is carried over: a copy starts empty.
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
+impl Scratch {
+    /// Writes the outcome of the rejected blocks into the report; true if a 3D block among them may fall back to its
+    /// bearing.
+    pub(crate) fn record(&mut self, outcome: Outcome, report: &mut UpdateReport) -> bool {
+        let mut any = false;
+        for &u in &self.gone {
+            *self.sources[u].outcome(report) = outcome;
+            if let Some(slot) = self.sources[u].slot(report.pairs.len()) {
+                self.demoted[slot] = true;
+                any = true;
+            }
+        }
+        any
+    }
+
+    /// Drops the sources of the rejected blocks.
+    pub(crate) fn leave_out(&mut self) {
+        let mut u = 0;
+        self.sources.retain(|_| {
+            u += 1;
+            self.gone.binary_search(&(u - 1)).is_err()
+        });
+    }
+}

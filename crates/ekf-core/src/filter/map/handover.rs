@@ -1,0 +1,89 @@
+//! What a map hands on to the landmarks that grow on it (METHOD 20).
+//!
+//! Innovations that are larger than a patch's own noise come from what the model does not have: calibration, shutter,
+//! patches that change. Such errors are shared by all that is in view, so that new landmarks stand beside old ones less
+//! exactly than the noise of their pixels, averaged, would say. Where the view has moved on and new ones have come in, the
+//! camera and all that is in view slip against what is out of view, by a small random motion.
+
+use crate::camera::Camera;
+use crate::filter::ekf::Filter;
+use crate::filter::memory::handed::Handed;
+use crate::gauge::Slip;
+use crate::math::quat;
+use crate::misfit::Misfit;
+use crate::observe::point::CameraPose;
+use crate::state::State;
+
+/// Variance of a patch's pixel where camera and scene are as the model says, px^2: what images that were rendered without
+/// any error leave (0.12 to 0.14).
+const PATCH_VARIANCE: f64 = 0.14;
+
+/// Share of the view that must be a new one before the map hands on: less is how a hand trembles.
+const STEP: f64 = 0.1;
+
+impl Filter {
+    /// The slip for what has been born since the view was another one.
+    pub(crate) fn hand_over(&mut self, pose: &CameraPose) {
+        let followed = self.gauge.followed();
+        let Some(range) = mean_range(&self.state, followed) else {
+            return;
+        };
+        let now = Handed {
+            until: self.state.layout.next_id(),
+            pose: *pose,
+            misfit: self.misfit,
+        };
+        let Some(last) = self.handover.last else {
+            self.handover.last = Some(now);
+            return;
+        };
+        let moved = view_change(&self.camera, &last.pose, pose, range);
+        if moved < STEP {
+            return;
+        }
+        self.handover.last = Some(now);
+        let born = followed.len() - followed.partition_point(|&id| id < last.until);
+        let share = moved.min(born as f64 / followed.len() as f64);
+        let angle = self.shared_error(&self.misfit.since(&last.misfit)) * share.sqrt();
+        if angle > 0.0 {
+            let slip = Slip {
+                turn: angle,
+                translation: angle * range,
+                scale: angle,
+            };
+            self.gauge.slip(&mut self.state, &slip, self.handover.known);
+        }
+    }
+
+    /// Standard deviation of the slip while all that is in view is exchanged once, radians, by the innovations of some updates.
+    pub(super) fn shared_error(&self, of: &Misfit) -> f64 {
+        let variance = self.settings.pixel.sigma_cs.powi(2) * of.share() - PATCH_VARIANCE;
+        let focal = (self.camera.fx * self.camera.fy).sqrt();
+        self.settings.process.handover * variance.max(0.0).sqrt() / focal
+    }
+}
+
+/// How far the view has moved on, in widths of the image: by the camera's turn, and by its way past things at this range,
+/// metres.
+fn view_change(camera: &Camera, from: &CameraPose, to: &CameraPose, range: f64) -> f64 {
+    let between = quat::rotation(&from.q).transpose() * quat::rotation(&to.q);
+    let turn = ((between.trace() - 1.0) * 0.5).clamp(-1.0, 1.0).acos();
+    let way = (to.r - from.r).norm() / range;
+    let width = 2.0 * (0.5 * f64::from(camera.width) / camera.fx).atan();
+    (turn + way) / width
+}
+
+/// Geometric mean of the distances from the camera, metres; `None` where nothing has a depth.
+fn mean_range(state: &State, among: &[u64]) -> Option<f64> {
+    let camera = state.camera_pose().r;
+    let (mut sum, mut count) = (0.0, 0.0);
+    for block in state.layout.features() {
+        if among.binary_search(&block.id).is_ok()
+            && let Some(point) = state.feature(block).point()
+        {
+            sum += (point - camera).norm().ln();
+            count += 1.0;
+        }
+    }
+    (count > 0.0).then(|| (sum / count).exp())
+}

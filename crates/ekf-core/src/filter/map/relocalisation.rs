@@ -1,0 +1,243 @@
+//! A lost camera found again: a pose from matches with the map and from nothing else.
+//!
+//! The camera's estimate is discarded: its rows of P are cut off from the map, which leaves the map's own marginal as it
+//! was. The pose that the matches gave becomes the point of linearisation, with a prior so weak that it hardly matters; the
+//! ordinary update with those matches (METHOD 7, 8) then gives pose, covariance and the correlation with the map, whose
+//! uncertainty is part of S.
+//!
+//! The prior is [`WIDE`] times as wide as what the matches say, `C = (H_p^T S_f^-1 H_p)^-1`, with `H_p` the derivative by
+//! the pose's tangent and `S_f = H_f P_ff H_f^T + R` the innovation covariance if the pose were known: so it is wide in
+//! every direction, whatever the scale of the scene, and never so wide that digits are lost.
+//!
+//! Where walls repeat, matches may put the camera one door further on, and no residual tells. Prediction may: where it
+//! excludes the pose, either is wrong and nothing tells which, so half the square of what lies between them joins
+//! the covariance of the map's place in W.
+
+use crate::chi2;
+use crate::error::EkfError;
+use crate::filter::ekf::Filter;
+use crate::filter::input::measurements::{Bearing, Measurements, UpdateReport, refill};
+use crate::filter::input::sources::{Scratch, WornForm};
+use crate::guard::check_rigid;
+use crate::math::pose::{Pose, tangent_map};
+use crate::math::quat;
+use crate::observe::POSE_DIM;
+use crate::observe::point::CameraPose;
+use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, Vector3};
+
+/// Standard deviation of the prior over that of the matches: it takes part of one in [`WIDE`]^2 in the result.
+const WIDE: f64 = 100.0;
+
+/// Largest condition number, after scaling by the diagonal, of what the matches say about the pose.
+const MAX_CONDITION: f64 = 1e10;
+
+/// Fewest matches that tell one pose.
+const FEWEST: usize = 4;
+
+/// Level of the test whether prediction excludes where the camera was found.
+const EXCLUDED: f64 = 0.9999;
+
+impl Filter {
+    /// Puts a lost camera where its matches with the map say, and discards its former estimate.
+    ///
+    /// `pose` is a first T_WC that explains `matches` to within the range of the linear model, as PnP with the
+    /// landmarks' means gives it; it counts for nothing but as the point of linearisation. Velocities start anew from the
+    /// settings' `process.start_*`. The matches pass the batch test; the pose is taken if `least` of them do, which is
+    /// `lost.min_matches` unless given: [`UpdateReport::accepted`] says so. Otherwise the filter is as it was. Fewer do
+    /// for points that say themselves which they are, as the corners of a printed tag.
+    ///
+    /// Where prediction excludes the pose and what is `predicted` counts for something, as it does not for such corners, either
+    /// may be wrong, and half the square of what lies between them joins the covariance of the map's place in W.
+    ///
+    /// # Errors
+    /// `NonFinite`, `UnknownFeature`, `InvalidInput` (before the start, an id given twice, no rotation matrix, a `least`
+    /// below [`FEWEST`]); the filter stays as it was.
+    pub fn relocalise(
+        &mut self,
+        pose: &Pose,
+        matches: &[Bearing],
+        least: Option<usize>,
+        predicted: bool,
+    ) -> Result<UpdateReport, EkfError> {
+        self.check_started()?;
+        check_rigid("pose", pose)?;
+        let least = least.unwrap_or(self.settings.lost.min_matches);
+        if least < FEWEST {
+            return Err(EkfError::InvalidInput {
+                what: "least",
+                why: format!("{least} points may leave several poses; give {FEWEST} or more"),
+            });
+        }
+        let z = Measurements {
+            searched: matches.iter().map(|b| b.id).collect(),
+            bearings: matches.to_vec(),
+            min_inliers: least,
+            ..Measurements::default()
+        };
+        self.check_measurements(&z, &mut Scratch::default())?;
+        let mut trial = self.clone();
+        let mut report = UpdateReport::default();
+        report.start(&z);
+        // A covariance that cannot be factored says that these matches are no good, as a failed test does.
+        let taken = trial
+            .put_at(pose, &z, predicted, &mut report)
+            .unwrap_or(false);
+        if taken {
+            self.become_other(trial);
+        } else {
+            report.reject_all(&z);
+        }
+        Ok(report)
+    }
+
+    fn put_at(
+        &mut self,
+        pose: &Pose,
+        z: &Measurements,
+        predicted: bool,
+        report: &mut UpdateReport,
+    ) -> Result<bool, EkfError> {
+        self.make_whole();
+        // They are where the lost camera was believed to be.
+        self.forget_poses();
+        let before = self.clone_pose();
+        let pose = CameraPose {
+            r: pose.translation,
+            q: quat::from_rotation(&pose.rotation),
+        };
+        self.state.reset_camera(&pose);
+        self.follow_view(&pose);
+        let Some(prior) = self.prior_of_matches(&pose, z, report)? else {
+            return Ok(false);
+        };
+        let lift = by_tangent(&pose);
+        let prior = lift * prior * lift.transpose();
+        self.state
+            .p
+            .set_block(0, 0, &((prior + prior.transpose()) * 0.5));
+        self.start();
+        let mut scratch = Scratch::default();
+        report.start(z);
+        // The prior is weak on purpose, so the test of badly predicted pixels does not apply.
+        let tests = &Self::TESTS[1..];
+        let taken = self.measure(z, WornForm::Unused, &[], tests, report, &mut scratch)?;
+        if taken {
+            self.compare_with(before, predicted, report);
+            self.finish(z, report);
+            self.choose_working_set(&z.searched);
+        }
+        Ok(taken)
+    }
+
+    /// Compares the camera's pose with that of a clone, which was predicted and is removed. Both hang on the same map, so what
+    /// is not known of that does not count.
+    fn compare_with(&mut self, before: u64, predicted: bool, report: &mut UpdateReport) {
+        let state = &self.state;
+        let Some(at) = state.layout.find(before).map(|block| block.offset) else {
+            return;
+        };
+        let p = |a: usize, b: usize| {
+            let map = |at| tangent_map(&state.part::<4>(at + 3));
+            map(a) * state.p.block::<POSE_DIM, POSE_DIM>(a, b) * map(b).transpose()
+        };
+        let poses =
+            [0, at].map(|at| Pose::from_quat(state.part::<3>(at), &state.part::<4>(at + 3)));
+        let covariances = [p(0, 0), p(at, at), p(0, at)];
+        self.state.remove(|b| b.id == before);
+        self.half_believe(&poses, &covariances, predicted, report);
+    }
+
+    /// Whether prediction excludes where the camera was found; if that counts, the map's place is as uncertain then. It is a jump
+    /// if even what both do not know of the map does not explain it. `covariances` are those of the pose found and of the one
+    /// predicted, and of the first with the second, right tangents.
+    pub(super) fn half_believe(
+        &mut self,
+        [found, before]: &[Pose; 2],
+        [of_found, of_before, of_both]: &[Matrix6<f64>; 3],
+        predicted: bool,
+        report: &mut UpdateReport,
+    ) {
+        let away = found.inverse().compose(before);
+        // To first order: dv = R dv_before - dv_found + [v] dw_found, dw = R dw_before - dw_found.
+        let along = |rotation, translation| {
+            let pose = Pose {
+                rotation,
+                translation,
+            };
+            pose.adjoint()
+        };
+        let there = along(away.rotation, Vector3::zeros());
+        let here = along(Matrix3::identity(), -away.translation);
+        let both = here * of_both * there.transpose();
+        let apart = there * of_before * there.transpose() + here * of_found * here.transpose();
+        let away = away.log();
+        let excludes = |covariance: Matrix6<f64>| {
+            let distance = covariance.cholesky().map(|c| away.dot(&c.solve(&away)));
+            distance.is_some_and(|d| d > chi2::quantile(EXCLUDED, 6.0))
+        };
+        report.jumped = excludes(apart);
+        if excludes(apart - both - both.transpose()) && predicted {
+            self.placed = self.placed.or_there(found, &away);
+        }
+    }
+
+    /// [`WIDE`]^2 times the covariance of the pose's tangent that the matches give, the map's own included; `None` where
+    /// they leave the pose open. The camera's rows of P must be zero.
+    fn prior_of_matches(
+        &mut self,
+        pose: &CameraPose,
+        z: &Measurements,
+        report: &mut UpdateReport,
+    ) -> Result<Option<Matrix6<f64>>, EkfError> {
+        let mut scratch = Scratch::default();
+        refill(&mut scratch.demoted, false, 0);
+        self.collect_blocks(z, WornForm::Unused, &[], report, &mut scratch);
+        if self.batch.blocks().len() < z.min_inliers {
+            return Ok(None);
+        }
+        self.batch.build(&self.state);
+        self.batch.factor()?;
+        let lift = by_tangent(pose);
+        let m = self.batch.rows();
+        let mut by_pose = DMatrix::<f64>::zeros(m, 6);
+        let blocks = self.batch.blocks().iter();
+        for (block, &at) in blocks.zip(self.batch.offsets()) {
+            let rows = block.rows.by_pose * lift;
+            for r in 0..block.rows.count {
+                by_pose.set_row(at + r, &rows.row(r));
+            }
+        }
+        let l = DMatrix::from_column_slice(m, m, self.batch.l());
+        let Some(whitened) = l.solve_lower_triangular(&by_pose) else {
+            return Ok(None);
+        };
+        let information: Matrix6<f64> = whitened.tr_mul(&whitened).fixed_view::<6, 6>(0, 0).into();
+        Ok(inverse(&information).map(|c| c * (WIDE * WIDE)))
+    }
+}
+
+/// Increment of `(r, q)` from the right tangent of the pose.
+fn by_tangent(pose: &CameraPose) -> SMatrix<f64, 7, 6> {
+    let mut lift = SMatrix::<f64, 7, 6>::zeros();
+    lift.fixed_view_mut::<3, 3>(0, 0)
+        .copy_from(&quat::rotation(&pose.q));
+    lift.fixed_view_mut::<4, 3>(3, 3)
+        .copy_from(&quat::lift(&pose.q));
+    lift
+}
+
+/// Inverse of a symmetric matrix that is well conditioned once scaled by its diagonal.
+fn inverse(information: &Matrix6<f64>) -> Option<Matrix6<f64>> {
+    let scale = information.diagonal().map(|d| 1.0 / d.sqrt());
+    if !scale.iter().all(|s| s.is_finite()) {
+        return None;
+    }
+    let scale = Matrix6::from_diagonal(&scale);
+    let scaled = scale * information * scale;
+    let eigenvalues = scaled.symmetric_eigenvalues();
+    if eigenvalues.min() * MAX_CONDITION < eigenvalues.max() {
+        return None;
+    }
+    let inverse = scaled.cholesky()?.inverse();
+    Some(scale * inverse * scale)
+}

@@ -1,0 +1,142 @@
+//! A lost camera goes on (METHOD 19): in a new map that the worn camera starts, or in one of before that it recognises.
+
+use super::known_map::KnownMap;
+use crate::error::EkfError;
+use crate::filter::ekf::Filter;
+use crate::filter::input::measurements::{Bearing, Measurements, UpdateReport, WornObservation};
+use crate::filter::input::sources::Scratch;
+use crate::gauge::Gauge;
+use crate::guard::check_rigid;
+use crate::math::pose::Pose;
+use crate::placed::Placed;
+use crate::state::BlockKind;
+use nalgebra::{Matrix6, Vector2, Vector3};
+
+impl Filter {
+    /// Starts a new map from a view of Cf, where the camera is predicted to be.
+    ///
+    /// What is known of the pose, which is what prediction has left of it, becomes the place of the new map in W: camera
+    /// and landmarks are as certain among each other as after any start, and all are off by that one unknown motion. So they are
+    /// by a way in W that the camera has `gone` in a map that may be of the wrong size, metres: half of its square joins. The
+    /// map of before is gone: take it with [`Self::known_map`] first to come back to it with [`Self::relocalise_in`]. Ids go
+    /// on, velocities start anew. The report's `accepted` says whether there were births enough for a start
+    /// (`worn.start_births`); if not, the filter is as it was.
+    ///
+    /// # Errors
+    /// `InvalidInput` before the start or for a pair that is of a feature, `NonFinite` for the way, and what [`Self::update`] says
+    /// of its input; the filter stays as it was.
+    pub fn restart(
+        &mut self,
+        worn: &WornObservation,
+        gone: &Vector3<f64>,
+    ) -> Result<UpdateReport, EkfError> {
+        self.check_started()?;
+        if worn.pairs.iter().any(|pair| pair.id.is_some()) {
+            return Err(EkfError::InvalidInput {
+                what: "worn pairs",
+                why: "a new map has no features yet; give new points only".into(),
+            });
+        }
+        let z = Measurements {
+            worn: Some(worn.clone()),
+            ..Measurements::default()
+        };
+        self.check_measurements(&z, &mut Scratch::default())?;
+        if !gone.iter().all(|v| v.is_finite()) {
+            let what = "way gone";
+            return Err(EkfError::NonFinite { what });
+        }
+        let mut trial = self.clone();
+        trial.leave_map(gone);
+        let mut report = UpdateReport::default();
+        let done = trial.update_into(&z, &mut report);
+        if done.is_ok() && trial.started {
+            self.become_other(trial);
+        } else {
+            report.reject_all(&z);
+        }
+        Ok(report)
+    }
+
+    /// A camera at the pose of before that knows it exactly, in a frame that is as uncertain as that pose was.
+    fn leave_map(&mut self, gone: &Vector3<f64>) {
+        self.make_whole();
+        let pose = self.state.camera_pose();
+        self.placed = Placed::by_pose(&pose, &self.pose_covariance()).or_gone(gone);
+        self.handover = Default::default();
+        self.state.remove(|b| {
+            !matches!(
+                b.kind,
+                BlockKind::WornBias(_)
+                    | BlockKind::Calibration
+                    | BlockKind::Readout
+                    | BlockKind::WornClock(_)
+                    | BlockKind::OdometryScale
+            )
+        });
+        self.state.reset_camera(&pose);
+        self.gauge = Gauge::default();
+        self.records.clear();
+        self.candidates.clear();
+        self.kept_poses = Default::default();
+        self.started = false;
+    }
+
+    /// Puts a lost camera into another map, where its matches with that say, and forgets the map that it is in.
+    ///
+    /// `matches` are landmarks by their place in `map`, with their pixels in Cs; `pose`, `least`, `predicted` and the rest is as
+    /// with [`Self::relocalise`]. Returns the report and the new ids of the map's landmarks, in its order; they are none where
+    /// the pose was not taken, and the filter is as it was then.
+    ///
+    /// # Errors
+    /// As [`Self::start_from_map`] and [`Self::relocalise`]; the filter stays as it was.
+    pub fn relocalise_in(
+        &mut self,
+        map: &KnownMap,
+        pose: &Pose,
+        matches: &[(usize, Vector2<f64>)],
+        least: Option<usize>,
+        predicted: bool,
+    ) -> Result<(UpdateReport, Vec<u64>), EkfError> {
+        self.check_started()?;
+        check_rigid("pose", pose)?;
+        let mut trial = Self::new(
+            self.settings.clone(),
+            self.camera.clone(),
+            self.worn_cameras.iter().cloned(),
+        );
+        trial.time = self.time;
+        trial.misfit = self.misfit;
+        trial.set_worn_clocks(self);
+        trial.odometry = self.odometry.clone();
+        trial.next_candidate = self.next_candidate;
+        let ids = trial.start_from_map_after(map, self.state.layout.next_id())?;
+        let bearing = |&(landmark, uv): &(usize, Vector2<f64>)| {
+            let id = ids.get(landmark).ok_or(EkfError::InvalidInput {
+                what: "matches",
+                why: format!("there is no landmark {landmark} in a map of {}", ids.len()),
+            });
+            id.map(|&id| Bearing { id, uv })
+        };
+        let bearings: Vec<Bearing> = matches.iter().map(bearing).collect::<Result<_, _>>()?;
+        let mut report = trial.relocalise(pose, &bearings, least, false)?;
+        if !report.accepted {
+            return Ok((report, Vec::new()));
+        }
+        let poses = [&trial, &*self].map(|f| {
+            let (rotation, translation) = f.pose();
+            Pose {
+                rotation,
+                translation,
+            }
+        });
+        let covariances = [
+            trial.pose_covariance(),
+            self.pose_covariance(),
+            Matrix6::zeros(),
+        ];
+        trial.half_believe(&poses, &covariances, predicted, &mut report);
+        self.become_other(trial);
+        Ok((report, ids))
+    }
+}

@@ -1,0 +1,303 @@
+//! Submaps: what the filter knows about a stretch of the way by itself, taken out of it (METHOD 25).
+//!
+//! The pose at which a submap begins stays in the state as a clone, and beside it what the submap before handed on: by how
+//! much the scale and the lasting error of each T_CF were estimated wrongly there. At the end, the way from the one pose to the other is
+//! read off with its covariance, the landmarks in view are taken down as they stand to the camera, and the next submap begins.
+//! No estimate changes.
+
+use crate::error::EkfError;
+use crate::filter::ekf::Filter;
+use crate::graph::Edge;
+use crate::math::pose::{Pose, tangent_map};
+use crate::math::quat;
+use crate::observe::POSE_DIM;
+use crate::scale::by_state;
+use crate::state::{Block, BlockKind, LinearPart, State, handed_on_dim};
+use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, SVector, Vector3};
+
+/// Largest relative error of a landmark's range with which it is taken down.
+const MAX_RANGE_RATIO: f64 = 0.3;
+
+/// A submap that has ended.
+#[derive(Clone, Debug)]
+pub struct Submap {
+    /// The way since the last one ended; `None` of the first one in a map.
+    pub edge: Option<Edge>,
+    /// `T_WC` where it ended.
+    pub pose: Pose,
+    /// Its covariance, right tangent.
+    pub pose_covariance: Matrix6<f64>,
+    /// Covariance of what it hands on, see [`handed_on_dim`].
+    pub handed_on: DMatrix<f64>,
+    /// Landmarks in view.
+    pub ids: Vec<u64>,
+    /// Their points from the camera, metres.
+    pub points: Vec<Vector3<f64>>,
+    /// Their joint covariance as they stand to the camera, `3n x 3n`, m^2.
+    pub covariance: DMatrix<f64>,
+    /// Covariance of the points with what is handed on, `3n` rows.
+    pub with_handed_on: DMatrix<f64>,
+    /// Standard deviation of a slip while all that is in view is exchanged once (METHOD 20), radians.
+    pub slip: f64,
+}
+
+impl Filter {
+    /// Ends the present submap and begins the next one; `seen` are the features measured in this frame, of which those with a
+    /// good depth are taken down.
+    ///
+    /// # Errors
+    /// `InvalidInput` before the start, `UnknownFeature`; the filter stays as it was.
+    pub fn end_submap(&mut self, seen: &[u64]) -> Result<Submap, EkfError> {
+        self.check_started()?;
+        for &id in seen {
+            self.known(id)?;
+        }
+        self.changes();
+        let then = self.begun();
+        let now = self.begin_submap();
+        let (rotation, translation) = self.pose();
+        let handed_on: Vec<usize> = now.range().skip(POSE_DIM).collect();
+        let p = &self.state.p;
+        let mut submap = Submap {
+            edge: then.map(|then| edge(&self.state, &then, &handed_on)),
+            pose: Pose {
+                rotation,
+                translation,
+            },
+            pose_covariance: self.pose_covariance(),
+            handed_on: dense(&handed_on, &handed_on, |i, j| p.get(i, j)),
+            ids: Vec::new(),
+            points: Vec::new(),
+            covariance: DMatrix::zeros(0, 0),
+            with_handed_on: DMatrix::zeros(0, 0),
+            slip: self.shared_error(&self.misfit),
+        };
+        take_down(&self.state, seen, &handed_on, &mut submap);
+        if let Some(then) = then {
+            self.state.remove(|b| b.id == then.id);
+        }
+        Ok(submap)
+    }
+
+    /// The way since the last submap ended, with the covariance of the pose and of what that submap handed on; the present one
+    /// hands on nothing yet. `None` where none has ended in this map.
+    pub fn since_submap(&self) -> Option<Edge> {
+        self.begun().map(|then| edge(&self.state, &then, &[]))
+    }
+
+    /// Where the present submap began.
+    fn begun(&self) -> Option<Block> {
+        self.state.layout.submap().map(|(block, _)| block)
+    }
+
+    /// Appends the present pose, and the present errors of the scale and of each T_CF, O(n).
+    fn begin_submap(&mut self) -> Block {
+        let state = &self.state;
+        let kind = BlockKind::Submap(handed_on_dim(self.worn_cameras.len()));
+        let dim = kind.dim();
+        let mut by_pose = vec![0.0; dim * POSE_DIM];
+        for k in 0..POSE_DIM {
+            by_pose[dim * k + k] = 1.0;
+        }
+        let mut parts = vec![(0, POSE_DIM, by_pose)];
+        if let Some(b) = by_state(state) {
+            let stretches = state.layout.features().map(Block::range);
+            for stretch in std::iter::once(0..3).chain(stretches) {
+                let mut matrix = vec![0.0; dim * stretch.len()];
+                for (column, i) in matrix.chunks_exact_mut(dim).zip(stretch.clone()) {
+                    column[POSE_DIM] = b[i];
+                }
+                parts.push((stretch.start, stretch.len(), matrix));
+            }
+        }
+        for who in 0..self.worn_cameras.len() {
+            let to = POSE_DIM + handed_on_dim(who);
+            for (offset, by) in state.lasting_error(who) {
+                let mut matrix = vec![0.0; dim * 6];
+                for (column, by) in matrix.chunks_exact_mut(dim).zip(by.column_iter()) {
+                    column[to..to + 6].copy_from_slice(by.as_slice());
+                }
+                parts.push((offset, 6, matrix));
+            }
+            // What the clock does in all views alike.
+            let told = state.clocks.get(who);
+            if let (Some(told), Some(block)) = (told, state.worn_clock_block(who)) {
+                let mut matrix = vec![0.0; dim];
+                matrix[to..to + 6].copy_from_slice(told.mean.as_slice());
+                parts.push((block.offset, 1, matrix));
+            }
+        }
+        let parts: Vec<LinearPart<'_>> = parts
+            .iter()
+            .map(|(offset, width, matrix)| LinearPart {
+                offset: *offset,
+                width: *width,
+                matrix,
+            })
+            .collect();
+        let mut mean = DVector::zeros(dim);
+        mean.fixed_rows_mut::<POSE_DIM>(0)
+            .copy_from(&self.state.part::<POSE_DIM>(0));
+        self.state
+            .append(kind, &mean, &parts, &DMatrix::zeros(dim, dim))
+    }
+}
+
+/// Entries of a matrix.
+fn dense(rows: &[usize], columns: &[usize], entry: impl Fn(usize, usize) -> f64) -> DMatrix<f64> {
+    DMatrix::from_fn(rows.len(), columns.len(), |i, j| entry(rows[i], columns[j]))
+}
+
+/// The way from where a submap began to the camera; `handed_on` is where the numbers are that the present one hands on.
+fn edge(state: &State, then: &Block, handed_on: &[usize]) -> Edge {
+    let (from, to) = (state.pose_at(then.offset), state.camera_pose());
+    let [first, second] = [&from, &to].map(|at| Pose::from_quat(at.r, &at.q));
+    let pose = first.inverse().compose(&second);
+    // By increments of both poses as they stand in the state: METHOD 1's tangent keeps its halves apart.
+    let back = pose.rotation.transpose();
+    let mut by_first = Matrix6::zeros();
+    by_first.fixed_view_mut::<3, 3>(0, 0).copy_from(&-back);
+    by_first
+        .fixed_view_mut::<3, 3>(0, 3)
+        .copy_from(&(back * quat::skew(&pose.translation)));
+    by_first.fixed_view_mut::<3, 3>(3, 3).copy_from(&-back);
+    let mut by = SMatrix::<f64, 6, { 2 * POSE_DIM }>::zeros();
+    by.fixed_view_mut::<6, POSE_DIM>(0, 0)
+        .copy_from(&(by_first * tangent_map(&from.q)));
+    by.fixed_view_mut::<6, POSE_DIM>(0, POSE_DIM)
+        .copy_from(&tangent_map(&to.q));
+    let starts = [then.offset, 0];
+    let ends = |k: usize| starts[k / POSE_DIM] + k % POSE_DIM;
+    let p = &state.p;
+    let poses =
+        SMatrix::<f64, { 2 * POSE_DIM }, { 2 * POSE_DIM }>::from_fn(|i, j| p.get(ends(i), ends(j)));
+    let way = by * poses * by.transpose();
+    let was_handed = then.range().skip(POSE_DIM);
+    let handed: Vec<usize> = was_handed
+        .clone()
+        .chain(handed_on.iter().copied())
+        .collect();
+    let n = 6 + handed.len();
+    let mut covariance = DMatrix::zeros(n, n);
+    covariance
+        .fixed_view_mut::<6, 6>(0, 0)
+        .copy_from(&((way + way.transpose()) * 0.5));
+    for (j, &at) in (6..n).zip(&handed) {
+        let with = by * SVector::<f64, { 2 * POSE_DIM }>::from_fn(|i, _| p.get(ends(i), at));
+        covariance.fixed_view_mut::<6, 1>(0, j).copy_from(&with);
+        covariance
+            .fixed_view_mut::<1, 6>(j, 0)
+            .copy_from(&with.transpose());
+    }
+    covariance
+        .view_mut((6, 6), (n - 6, n - 6))
+        .copy_from(&dense(&handed, &handed, |i, j| p.get(i, j)));
+    Edge {
+        pose,
+        revised: DVector::from_iterator(was_handed.len(), was_handed.map(|i| state.x[i])),
+        covariance,
+    }
+}
+
+/// A landmark's point from the camera, and its derivatives by the camera's pose and by the feature.
+struct Seen {
+    id: u64,
+    offset: usize,
+    width: usize,
+    point: Vector3<f64>,
+    by_pose: SMatrix<f64, 3, POSE_DIM>,
+    by_feature: SMatrix<f64, 3, 6>,
+}
+
+impl Seen {
+    /// `None` of a feature whose range is hardly known.
+    fn of(state: &State, block: &Block) -> Option<Self> {
+        let (camera, feature) = (state.camera_pose(), state.feature(block));
+        let ray = feature.point()? - camera.r;
+        let r_cw = quat::rotation(&camera.q).transpose();
+        let mut by_pose = SMatrix::<f64, 3, POSE_DIM>::zeros();
+        by_pose.fixed_view_mut::<3, 3>(0, 0).copy_from(&-r_cw);
+        by_pose
+            .fixed_view_mut::<3, 4>(0, 3)
+            .copy_from(&quat::rotate_inverse_jacobian(&camera.q, &ray));
+        let seen = Self {
+            id: block.id,
+            offset: block.offset,
+            width: block.kind.dim(),
+            point: r_cw * ray,
+            by_pose,
+            by_feature: r_cw * feature.point_jacobian(),
+        };
+        let p = seen.with(state, &seen);
+        let variance = (seen.point.transpose() * p * seen.point)[(0, 0)].max(0.0);
+        (variance.sqrt() < MAX_RANGE_RATIO * ray.norm_squared()).then_some(seen)
+    }
+
+    /// Covariance with another one.
+    fn with(&self, state: &State, other: &Self) -> SMatrix<f64, 3, 3> {
+        let p = &state.p;
+        let to_feature = |seen: &Self| {
+            SMatrix::<f64, POSE_DIM, 6>::from_fn(|i, j| {
+                if j < seen.width {
+                    p.get(i, seen.offset + j)
+                } else {
+                    0.0
+                }
+            })
+        };
+        let own = SMatrix::<f64, 6, 6>::from_fn(|i, j| {
+            if i < self.width && j < other.width {
+                p.get(self.offset + i, other.offset + j)
+            } else {
+                0.0
+            }
+        });
+        let camera = p.block::<POSE_DIM, POSE_DIM>(0, 0);
+        (self.by_pose * camera + self.by_feature * to_feature(self).transpose())
+            * other.by_pose.transpose()
+            + (self.by_pose * to_feature(other) + self.by_feature * own)
+                * other.by_feature.transpose()
+    }
+}
+
+/// Takes down the landmarks among `seen`, and their covariance with the numbers at `handed_on`.
+fn take_down(state: &State, seen: &[u64], handed_on: &[usize], submap: &mut Submap) {
+    let blocks = seen.iter().filter_map(|&id| state.layout.find(id));
+    let landmarks: Vec<Seen> = blocks.filter_map(|b| Seen::of(state, b)).collect();
+    let n = landmarks.len();
+    submap.ids = landmarks.iter().map(|l| l.id).collect();
+    submap.points = landmarks.iter().map(|l| l.point).collect();
+    submap.covariance = DMatrix::zeros(3 * n, 3 * n);
+    submap.with_handed_on = DMatrix::zeros(3 * n, handed_on.len());
+    let p = &state.p;
+    for (i, one) in landmarks.iter().enumerate() {
+        for (j, other) in landmarks.iter().enumerate().take(i + 1) {
+            let mut block = one.with(state, other);
+            if i == j {
+                block = (block + block.transpose()) * 0.5;
+            }
+            submap
+                .covariance
+                .fixed_view_mut::<3, 3>(3 * i, 3 * j)
+                .copy_from(&block);
+            submap
+                .covariance
+                .fixed_view_mut::<3, 3>(3 * j, 3 * i)
+                .copy_from(&block.transpose());
+        }
+        for (c, &at) in handed_on.iter().enumerate() {
+            let feature = SVector::<f64, 6>::from_fn(|r, _| {
+                if r < one.width {
+                    p.get(one.offset + r, at)
+                } else {
+                    0.0
+                }
+            });
+            let pose = SVector::<f64, POSE_DIM>::from_fn(|r, _| p.get(r, at));
+            submap
+                .with_handed_on
+                .fixed_view_mut::<3, 1>(3 * i, c)
+                .copy_from(&(one.by_pose * pose + one.by_feature * feature));
+        }
+    }
+}

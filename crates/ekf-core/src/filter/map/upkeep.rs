@@ -1,0 +1,197 @@
+//! Upkeep of the map (METHOD 7, step 8).
+
+use crate::birth::new_feature::NewFeature;
+use crate::error::EkfError;
+use crate::filter::ekf::Filter;
+use crate::filter::memory::candidate::FirstView;
+use crate::filter::memory::record::FeatureRecord;
+use crate::filter::predict::visibility::visibility;
+use crate::guard;
+use crate::observe::POSE_DIM;
+use crate::state::{Block, BlockKind, LinearPart};
+
+/// A feature is deleted when the share of its searches that found it falls below this.
+const MIN_FOUND_SHARE: f64 = 0.4;
+/// Searches after which that is asked.
+const MIN_SEARCHES: usize = 8;
+
+impl Filter {
+    /// Puts a newborn feature into the state, if its numbers are ones that the state may hold.
+    pub(crate) fn append_feature(&mut self, new: &NewFeature) -> Option<Block> {
+        if !guard::newborn_is_sane(new) {
+            return None;
+        }
+        let mut parts = vec![LinearPart {
+            offset: 0,
+            width: POSE_DIM,
+            matrix: new.by_pose.as_slice(),
+        }];
+        if let Some((offset, by, width)) = &new.by_other {
+            parts.push(LinearPart {
+                offset: *offset,
+                width: *width,
+                matrix: &by.as_slice()[..6 * width],
+            });
+        }
+        if let Some((offset, by)) = &new.by_roll {
+            parts.push(LinearPart {
+                offset: *offset,
+                width: 6,
+                matrix: by.as_slice(),
+            });
+        }
+        if let Some(offset) = self.state.calibration() {
+            parts.push(LinearPart {
+                offset,
+                width: 6,
+                matrix: new.by_calibration.as_slice(),
+            });
+        }
+        if let Some((readout, by)) = &new.by_motion {
+            let (by_velocities, by_readout) = by.as_slice().split_at(36);
+            for (offset, width, matrix) in [(POSE_DIM, 6, by_velocities), (*readout, 1, by_readout)]
+            {
+                parts.push(LinearPart {
+                    offset,
+                    width,
+                    matrix,
+                });
+            }
+        }
+        let block = self.state.append_feature(&new.mean, &parts, &new.noise);
+        if !guard::newborn_is_located(&self.state, &block) {
+            self.state.remove(|b| b.id == block.id);
+            return None;
+        }
+        let record = FeatureRecord {
+            last_found: self.time.unwrap_or(0.0),
+            ..FeatureRecord::default()
+        };
+        self.records.insert(block.id, record);
+        self.gauge.follow(block.id);
+        Some(block)
+    }
+
+    /// Removes features at once.
+    ///
+    /// # Errors
+    /// `UnknownFeature`; nothing is removed then.
+    pub fn remove_features(&mut self, ids: &[u64]) -> Result<(), EkfError> {
+        for &id in ids {
+            self.known(id)?;
+        }
+        self.remove_blocks(ids);
+        Ok(())
+    }
+
+    pub(crate) fn remove_blocks(&mut self, ids: &[u64]) {
+        self.changes();
+        if let Some(outside) = &mut self.outside {
+            outside.remove(&mut self.state, |id| ids.contains(&id));
+        }
+        self.state.remove(|b| ids.contains(&b.id));
+        for id in ids {
+            self.records.remove(id);
+        }
+    }
+
+    /// Deletes features that keep failing or whose depth went wrong, the longest unseen beyond
+    /// `map.max_features`, candidates that are too old and clones that nobody needs. Makes points of features that have
+    /// converged, with `map.linearity_index`. Returns the ids of deleted features.
+    pub fn manage_map(&mut self) -> Vec<u64> {
+        self.manage_map_keeping(&[])
+    }
+
+    /// As [`Self::manage_map`]; the features of `keep` are not too many, however long they were not seen, and do not count for
+    /// `map.max_features`. What keeps failing goes all the same.
+    pub fn manage_map_keeping(&mut self, keep: &[u64]) -> Vec<u64> {
+        let map = &self.settings.map;
+        let now = self.time.unwrap_or(0.0);
+        let mut gone: Vec<u64> = Vec::new();
+        let mut kept: Vec<(f64, u64)> = Vec::new();
+        let working = self.state.layout.features();
+        let working = working.map(|block| (*block, self.state.feature(block)));
+        let mut features: Vec<_> = working.collect();
+        if let Some(outside) = &self.outside {
+            features.extend(outside.means(&self.state));
+            features.sort_unstable_by_key(|(block, _)| block.id);
+        }
+        for (block, feature) in features {
+            let record = &self.records[&block.id];
+            let failing = record.searched >= MIN_SEARCHES
+                && (record.found as f64) < MIN_FOUND_SHARE * record.searched as f64;
+            if failing || feature.point().is_none() {
+                gone.push(block.id);
+            } else if !keep.contains(&block.id) {
+                kept.push((record.last_found, block.id));
+            }
+        }
+        if kept.len() > map.max_features {
+            kept.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            let excess = kept.len() - map.max_features;
+            gone.extend(kept[..excess].iter().map(|(_, id)| *id));
+        }
+        let age = map.candidate_age;
+        self.candidates.retain(|_, c| now - c.since <= age);
+        let mut needed: Vec<u64> = self
+            .candidates
+            .values()
+            .filter_map(|c| match c.first {
+                FirstView::Clone(id) => Some(id),
+                FirstView::Remembered(..) => None,
+            })
+            .collect();
+        needed.dedup();
+        needed.extend(self.kept_poses.ids());
+        self.changes();
+        if let Some(outside) = &mut self.outside {
+            outside.remove(&mut self.state, |id| gone.contains(&id));
+        }
+        self.state.remove(|b| match b.kind {
+            BlockKind::Feature(_) => gone.contains(&b.id),
+            BlockKind::Clone => !needed.contains(&b.id),
+            BlockKind::WornBias(_)
+            | BlockKind::Calibration
+            | BlockKind::Readout
+            | BlockKind::WornClock(_)
+            | BlockKind::OdometryScale
+            | BlockKind::WornError(_)
+            | BlockKind::WornRoll(_)
+            | BlockKind::Submap(_)
+            | BlockKind::Auxiliary(_) => false,
+        });
+        for id in &gone {
+            self.records.remove(id);
+        }
+        self.shrink_converged();
+        gone
+    }
+
+    /// Makes points of the features in view whose depth has converged, with `map.linearity_index`.
+    fn shrink_converged(&mut self) {
+        let largest = self.settings.map.linearity_index;
+        if largest == 0.0 {
+            return;
+        }
+        let (state, pose) = (&self.state, self.state.camera_pose());
+        let seen = visibility(&self.camera, &pose);
+        let has_converged = |block: &Block| {
+            let (feature, (_, own)) = (state.feature(block), state.feature_covariance(block));
+            let index = feature.linearity_index(&own, &pose.r);
+            index.is_some_and(|index| index < largest)
+                && feature.point().is_some_and(|point| seen(&point, 0.0))
+        };
+        // What the gauge follows has its direction at the present mean.
+        let blocks = state.layout.features();
+        let blocks = blocks.filter(|b| !self.carries() || self.gauge.follows(b.id));
+        let mut ids: Vec<u64> = blocks.filter(|b| has_converged(b)).map(|b| b.id).collect();
+        if ids.is_empty() {
+            return;
+        }
+        ids.sort_unstable();
+        if let Some(outside) = &mut self.outside {
+            outside.enter_sharers(&mut self.state, |id| ids.binary_search(&id).is_ok());
+        }
+        self.state.shrink(&ids);
+    }
+}

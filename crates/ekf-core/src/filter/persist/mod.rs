@@ -1,0 +1,6 @@
+//! A checkpoint of the filter in memory, and the filter as bytes.
+
+pub(super) mod checkpoint;
+pub(super) mod image;
+pub(super) mod odometry_image;
+pub mod snapshot;

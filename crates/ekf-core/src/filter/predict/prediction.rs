@@ -1,0 +1,180 @@
+//! Prediction (METHOD 3), the features that it brings into view, and what the map hands on.
+
+use super::visibility::{MAYBE, SOON, appearance, visibility};
+use crate::error::EkfError;
+use crate::filter::ekf::Filter;
+use crate::filter::memory::wheels::Wheels;
+use crate::guard::LAST_TIME;
+use crate::kernel::Panels;
+use crate::observe::FeatureState;
+use crate::observe::point::CameraPose;
+use crate::state::{CAMERA_DIM, State};
+use crate::{guard, predict};
+
+/// Shortest time between two frames, seconds: the steps of f64 time stamps since 1970 are a quarter of it.
+const SHORTEST_STEP: f64 = 1e-6;
+
+/// Longest time that one prediction bridges, seconds; beyond it the stamps are taken to be wrong.
+const LONGEST_GAP: f64 = 3600.0;
+
+/// Longest motion that is predicted, seconds. By then the attitude is unknown (its standard deviation is several turns with
+/// the default process noise), and a longer prediction would only cost P the digits of the map.
+const LONGEST_MOTION: f64 = 20.0;
+
+/// Step of the camera in one update, metres or quaternion entries, beyond which the remembered points of features outside
+/// of the working set are worked out anew: the map may have moved as well.
+const JUMP: f64 = 0.02;
+
+impl Filter {
+    /// Predicts to time `t`, seconds. Before the start this only sets the time. A gap of more than 20 s is predicted as
+    /// one of 20 s, after which the pose is as good as unknown: find it again in the map.
+    ///
+    /// # Errors
+    /// `NonFinite`; `InvalidInput` if `t` cannot be in seconds; `BadTime` if it is not a microsecond after the last frame;
+    /// `LongGap` if it is more than an hour after it, `InvalidInput` if P would leave all bounds (after years of gaps
+    /// without a measurement). Nothing changes then.
+    pub fn predict(&mut self, t: f64) -> Result<(), EkfError> {
+        if !t.is_finite() {
+            return Err(EkfError::NonFinite { what: "time" });
+        }
+        if t.abs() > LAST_TIME {
+            let why = format!("{t} s is no time stamp in seconds; are these nanoseconds?");
+            return Err(EkfError::InvalidInput { what: "time", why });
+        }
+        if let Some(last) = self.time {
+            if t - last < SHORTEST_STEP {
+                return Err(EkfError::BadTime { t, last });
+            }
+            if self.started {
+                if t - last > LONGEST_GAP {
+                    return Err(EkfError::LongGap { t, last });
+                }
+                if let Some(told) = self.told_motion(last, t, LONGEST_MOTION) {
+                    self.check_motion(&told.motion)?;
+                    self.changes();
+                    self.follow_odometry(&told, t - last);
+                } else {
+                    let dt = (t - last).min(LONGEST_MOTION);
+                    guard::prediction(&self.state, dt, &self.settings.process)?;
+                    self.changes();
+                    self.predict_by(dt);
+                }
+                self.look_about();
+            }
+        }
+        self.arrive(t);
+        Ok(())
+    }
+
+    /// The prediction to `t` is done.
+    pub(super) fn arrive(&mut self, t: f64) {
+        // Before the start a late view may still take the filter back.
+        let late = if self.started {
+            0.0
+        } else {
+            self.settings.worn.late
+        };
+        self.odometry.forget_until(t - 2.0 * late);
+        self.time = Some(t);
+    }
+
+    /// Forgets the time before the start, when nothing depends on it yet: a filter may start from a frame of before.
+    ///
+    /// # Errors
+    /// `InvalidInput` after the start.
+    pub fn forget_time(&mut self) -> Result<(), EkfError> {
+        if self.started {
+            return Err(EkfError::InvalidInput {
+                what: "time",
+                why: "the filter has started and cannot go back; restore a snapshot instead".into(),
+            });
+        }
+        self.time = None;
+        Ok(())
+    }
+
+    fn predict_by(&mut self, dt: f64) {
+        self.wheels = Wheels::default();
+        let settings = &self.settings;
+        predict::predict(&mut self.state, dt, &settings.process);
+        predict::forget(&mut self.state, dt, &settings.worn, &settings.odometry);
+    }
+
+    /// What the camera's motion brings into view, and what the map hands on.
+    pub(super) fn look_about(&mut self) {
+        let pose = self.state.camera_pose();
+        if let Some(outside) = &mut self.outside {
+            // A feature that comes into view joins the working set, and those about to come into view join with it:
+            // joining costs a pass over R, however many join.
+            outside.refresh_points(&self.state, self.batch.moved_by() > JUMP);
+            let look = |y: &FeatureState, margin| appearance(&self.camera, &pose, y, margin);
+            let seen = visibility(&self.camera, &pose);
+            let close = outside.maybe_in_view(&self.state, |point| seen(point, -MAYBE));
+            let mut any = false;
+            let close = close.filter(|(_, y)| {
+                any |= look(y, 0.0).is_some();
+                look(y, -SOON).is_some()
+            });
+            let close: Vec<u64> = close.map(|(block, _)| block.id).collect();
+            if any {
+                outside.enter(&mut self.state, |id| close.binary_search(&id).is_ok());
+            }
+            outside.mark_clear(&pose);
+        }
+        self.follow_view(&pose);
+        self.hand_over(&pose);
+    }
+
+    /// Chooses which features are followed; with the gauge transport those that come back are carried to the present mean.
+    pub(crate) fn follow_view(&mut self, pose: &CameraPose) {
+        let State { reference, x, .. } = &mut self.state;
+        reference[..CAMERA_DIM].copy_from_slice(&x[..CAMERA_DIM]);
+        let seen = visibility(&self.camera, pose);
+        let (mut stay, mut back) = (std::mem::take(&mut self.in_view), false);
+        stay.clear();
+        for block in self.state.layout.features() {
+            let followed = self.gauge.follows(block.id);
+            let margin = if followed { -SOON } else { 0.0 };
+            let point = self.state.feature(block).point();
+            if point.is_some_and(|point| seen(&point, margin)) {
+                stay.push(block.id);
+                back |= !followed;
+            }
+        }
+        drop(seen);
+        stay.sort_unstable();
+        self.follow(stay, back);
+    }
+
+    /// What Cf alone sees is measured out of Cs's view: it is followed, too, as what came back into view, until it has been
+    /// measured. Returns what was not followed before.
+    pub(crate) fn follow_too(&mut self, ids: impl Iterator<Item = u64>) -> Vec<u64> {
+        let mut more: Vec<u64> = ids.filter(|&id| !self.gauge.follows(id)).collect();
+        if !more.is_empty() {
+            more.sort_unstable();
+            more.dedup(); // several Cf may see one of them
+            let mut all = std::mem::take(&mut self.in_view);
+            all.clear();
+            all.extend_from_slice(self.gauge.followed());
+            all.extend_from_slice(&more);
+            all.sort_unstable();
+            self.follow(all, true);
+        }
+        more
+    }
+
+    /// Follows these features, increasing, and no others; with some that were not followed, P is carried to the present mean.
+    fn follow(&mut self, mut ids: Vec<u64>, back: bool) {
+        let back = back && self.carries();
+        if back {
+            self.gauge.prepare(&self.state);
+        }
+        self.gauge.swap_followed(&mut ids);
+        self.in_view = ids;
+        if back {
+            let change = self.gauge.change(&self.state, None);
+            self.state.p.downdate(&Panels::default(), Some(change));
+            self.gauge.mark_carried(&mut self.state);
+        }
+    }
+}

@@ -1,0 +1,70 @@
+//! The shutter of Cs as the filter has it: its readout, and pixels as they would be if it did not roll (METHOD 4).
+
+use crate::filter::ekf::Filter;
+use crate::math::quat;
+use crate::observe::Shutter;
+use crate::observe::shutter::MOTION_DIM;
+use nalgebra::{SMatrix, Vector2};
+
+/// A pixel as it would be if all rows were taken with the middle one.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Unrolled {
+    /// The pixel.
+    pub(crate) uv: Vector2<f64>,
+    /// Offset of the readout, and the pixel's derivative by `[v w readout]`, where the shutter may roll.
+    pub(crate) by_motion: Option<(usize, SMatrix<f64, 2, MOTION_DIM>)>,
+}
+
+impl Filter {
+    /// Time from the first row of an image of Cs to the last one as far as the filter knows, and the standard deviation of that,
+    /// seconds; `None` for a shutter that is known not to roll (METHOD 4).
+    pub fn readout(&self) -> Option<(f64, f64)> {
+        let at = self.state.readout_block()?.offset;
+        Some((self.state.x[at], self.state.p.get(at, at).max(0.0).sqrt()))
+    }
+
+    /// The present motion under the shutter; `None` where it is known not to roll. So it is where nothing is told of it and the
+    /// motion is that of wheels: when they slip, what such a motion may bend in an image would explain a part of it.
+    pub(crate) fn shutter(&self) -> Option<Shutter> {
+        if self.wheels.followed && !self.settings.calibration.is_readout_told() {
+            return None;
+        }
+        let offset = self.state.readout_block()?.offset;
+        Some(Shutter {
+            offset,
+            readout: self.state.x[offset],
+            height: f64::from(self.camera.height),
+            velocity: self.state.velocity(),
+            turning: self.state.angular_velocity(),
+        })
+    }
+
+    /// A pixel of the present view without the shutter's rolling; `rho` is the inverse range of its point, 1/m.
+    pub(crate) fn unrolled(&self, uv: &Vector2<f64>, rho: f64) -> Unrolled {
+        let r_wc = quat::rotation(&self.state.camera_pose().q);
+        let moved = self.shutter().and_then(|shutter| {
+            let (uv, by) = shutter.unrolled(&self.camera, &r_wc, uv, rho)?;
+            Some(Unrolled {
+                uv,
+                by_motion: Some((shutter.offset, by)),
+            })
+        });
+        moved.unwrap_or(Unrolled {
+            uv: *uv,
+            by_motion: None,
+        })
+    }
+
+    /// Pixels by which a pixel of the present view moves with each second of readout: by the camera's turning, and by its way
+    /// for each 1/m of the point's inverse range.
+    pub(crate) fn roll(&self, uv: &Vector2<f64>) -> SMatrix<f64, 2, 2> {
+        let by_readout = |rho| {
+            let by = self.unrolled(uv, rho).by_motion;
+            by.map_or(Vector2::zeros(), |(_, by)| {
+                by.column(MOTION_DIM - 1).into_owned()
+            })
+        };
+        let turning = by_readout(0.0);
+        SMatrix::from_columns(&[turning, by_readout(1.0) - turning])
+    }
+}

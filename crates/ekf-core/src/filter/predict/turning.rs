@@ -1,0 +1,178 @@
+//! A prediction that takes the camera's turn from two images, where the map does not tell it (METHOD 27).
+
+use super::odometry::camera_of;
+use crate::error::EkfError;
+use crate::filter::ekf::Filter;
+use crate::filter::memory::wheels::Wheels;
+use crate::guard;
+use crate::gyroscope::{self, Seen, Surroundings};
+use crate::math::quat;
+use crate::observe::POSE_DIM;
+use crate::predict::{CameraMatrix, Motion, Reading};
+use crate::state::State;
+use nalgebra::{Matrix3, Matrix6, SMatrix, SVector, Vector2, Vector3, Vector6};
+
+/// Noise of a followed point, pixels of Cs: images are blurred where this is needed.
+const SIGMA: f64 = 1.5;
+
+/// Longest time between the two images, seconds.
+const LONGEST: f64 = 1.0;
+
+/// Variance of a velocity of which the images say nothing, (m/s)^2.
+const UNTOLD: f64 = 1e6;
+
+/// Least standard deviation of the points that agree along each side of the image, as a share of that side: where they are all
+/// over it, it is 0.29.
+const SPREAD: f64 = 0.12;
+
+/// Level of the test whether a motion is one that the camera can have made.
+const LEVEL: f64 = 0.9999;
+
+impl Filter {
+    /// Predicts the present frame again, from the checkpoint of the frame before, with the turn that the images of both show:
+    /// points of the frame at `since`, seconds, were `before` and are `now`, pixels of Cs. To be asked where the frame has
+    /// measured nothing; what was done since the checkpoint is undone. False, with nothing changed, where the images do not
+    /// tell the turn, the last checkpoint is not of that frame, or odometry told the motion.
+    ///
+    /// # Errors
+    /// `NonFinite`; `InvalidInput` if the lists differ in length; nothing changes then.
+    pub fn predict_again(
+        &mut self,
+        since: f64,
+        before: &[Vector2<f64>],
+        now: &[Vector2<f64>],
+    ) -> Result<bool, EkfError> {
+        let what = "points followed";
+        if before.len() != now.len() {
+            let why = format!(
+                "{} were and {} are in view; give pairs",
+                before.len(),
+                now.len()
+            );
+            return Err(EkfError::InvalidInput { what, why });
+        }
+        let mut numbers = before.iter().chain(now).flat_map(|uv| uv.iter());
+        if !since.is_finite() || numbers.any(|x| !x.is_finite()) {
+            return Err(EkfError::NonFinite { what });
+        }
+        let Some(motion) = self.turned_motion(since, before, now) else {
+            return Ok(false);
+        };
+        let time = self.time;
+        self.rollback()?;
+        if let (Some(t), Some(last)) = (time, self.time) {
+            self.predict_along(&motion, t - last);
+            self.arrive(t);
+        }
+        Ok(true)
+    }
+
+    fn turned_motion(
+        &self,
+        since: f64,
+        before: &[Vector2<f64>],
+        now: &[Vector2<f64>],
+    ) -> Option<Motion> {
+        let kept = self.undo.kept.as_deref()?;
+        let dt = self.time? - since;
+        let is_next = kept.started && kept.time == Some(since) && 0.0 < dt && dt <= LONGEST;
+        if !is_next || self.wheels.followed {
+            return None;
+        }
+        let ray = |uv| self.camera.unproject(uv)?.try_normalize(0.0);
+        let (mut pairs, mut pixels) = (Vec::new(), Vec::new());
+        for (first, second) in before.iter().zip(now) {
+            if let (Some(a), Some(b)) = (ray(first), ray(second)) {
+                pairs.push((a, b));
+                pixels.push(first);
+            }
+        }
+        let seen = gyroscope::seen_turn(&pairs, &self.surroundings(&kept.state, dt))?;
+        if !self.is_spread(seen.agreeing.iter().map(|&i| pixels[i])) {
+            return None;
+        }
+        let block: CameraMatrix = kept.state.p.block(0, 0);
+        let mut motion = Motion::new(camera_of(&kept.state));
+        let reading = self.reading(&seen, &kept.state, dt);
+        if !motion.may_be(dt, &reading, &block, &self.settings.process, LEVEL) {
+            return None;
+        }
+        motion.follow(
+            dt,
+            &reading,
+            &SVector::zeros(),
+            &block,
+            &self.settings.process,
+        );
+        guard::moved_is_sane(&motion.x, &motion.covariance(&block)).ok()?;
+        Some(motion)
+    }
+
+    /// Whether points are spread over the image: somebody who walks by is on a part of it.
+    fn is_spread<'a>(&self, uv: impl Iterator<Item = &'a Vector2<f64>> + Clone) -> bool {
+        let count = uv.clone().count() as f64;
+        let mean = uv.clone().sum::<Vector2<f64>>() / count;
+        let square = uv
+            .map(|uv| (uv - mean).component_mul(&(uv - mean)))
+            .sum::<Vector2<f64>>();
+        let sd = (square / count).map(f64::sqrt);
+        let size = Vector2::new(f64::from(self.camera.width), f64::from(self.camera.height));
+        sd.x >= SPREAD * size.x && sd.y >= SPREAD * size.y
+    }
+
+    /// The mean twist of the camera along its axes, of which the images tell the turn.
+    fn reading(&self, seen: &Seen, state: &State, dt: f64) -> Reading {
+        let r_cw = quat::rotation(&state.part::<4>(3)).transpose();
+        let mut twist = Vector6::zeros();
+        twist
+            .fixed_rows_mut::<3>(0)
+            .copy_from(&(r_cw * state.velocity()));
+        twist.fixed_rows_mut::<3>(3).copy_from(&(seen.turn / dt));
+        let change = seen.turn / dt - state.angular_velocity();
+        let of_turn = seen.covariance + Matrix3::identity() * self.shutter_variance(&change);
+        let mut covariance = Matrix6::identity() * UNTOLD;
+        covariance
+            .fixed_view_mut::<3, 3>(3, 3)
+            .copy_from(&(of_turn / (dt * dt)));
+        Reading {
+            twist,
+            covariance,
+            by_scale: SMatrix::zeros(),
+        }
+    }
+
+    /// What is known of the way and of the depths before the frame.
+    fn surroundings(&self, state: &State, dt: f64) -> Surroundings {
+        let r_cw = quat::rotation(&state.part::<4>(3)).transpose();
+        let white = self.settings.process.acceleration_density.powi(2) * dt.powi(3) / 3.0;
+        let velocity: Matrix3<f64> = state.p.block(POSE_DIM, POSE_DIM);
+        let (rho, rho_sd) = self.vague_depth();
+        Surroundings {
+            way: r_cw * state.velocity() * dt,
+            way_covariance: r_cw * velocity * r_cw.transpose() * (dt * dt)
+                + Matrix3::identity() * white,
+            rho,
+            rho_sd,
+            sigma: SIGMA / (self.camera.fx * self.camera.fy).sqrt(),
+        }
+    }
+
+    /// Rows of an image are read one after the other. A turn that goes on as it was bends both images alike; one whose rate
+    /// changes by `change` meanwhile shows each row another turn, by up to that times the readout. Variance of that, rad^2.
+    fn shutter_variance(&self, change: &Vector3<f64>) -> f64 {
+        let readout = self
+            .readout()
+            .map_or(0.0, |(readout, sd)| readout * readout + sd * sd);
+        readout * change.norm_squared()
+    }
+
+    /// Moves camera and P along a motion of `dt` seconds.
+    fn predict_along(&mut self, motion: &Motion, dt: f64) {
+        self.changes();
+        self.wheels = Wheels::default();
+        let settings = &self.settings;
+        crate::predict::predict_along(&mut self.state, motion, None);
+        crate::predict::forget(&mut self.state, dt, &settings.worn, &settings.odometry);
+        self.look_about();
+    }
+}

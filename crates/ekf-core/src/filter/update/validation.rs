@@ -1,0 +1,97 @@
+//! The tests that the matches of a frame must pass before they are used (METHOD 8).
+
+use crate::filter::ekf::Filter;
+use crate::filter::input::measurements::{Outcome, UpdateReport};
+use crate::settings::BatchTestKind;
+use crate::validate;
+use crate::validate::{BatchTest, conditional_gate};
+
+/// Level of the gate that each match passes before the batch is tested: wide, as the tests of the batch are to decide.
+const GATE_LEVEL: f64 = 0.999;
+
+/// One test: lists the blocks of the batch that fail it, and names their outcome.
+pub(crate) type Test = fn(&mut Filter, &mut UpdateReport, &mut Vec<usize>) -> Outcome;
+
+impl Filter {
+    /// All tests, in the order in which they are made.
+    pub(crate) const TESTS: [Test; 4] = [
+        Self::poorly_predicted,
+        Self::gated,
+        Self::batch_test,
+        Self::conditional_gate,
+    ];
+
+    /// Matches whose predicted pixel has a standard deviation as wide as the image: no linearisation holds there.
+    fn poorly_predicted(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
+        gone.clear();
+        let (s, m) = (self.batch.s(), self.batch.rows());
+        let widest = f64::from(self.camera.width.max(self.camera.height)).powi(2);
+        for (u, (block, &at)) in self
+            .batch
+            .blocks()
+            .iter()
+            .zip(self.batch.offsets())
+            .enumerate()
+        {
+            let mut rows = at..at + block.rows.count;
+            if block.rows.is_pixel() && rows.any(|row| s[row * m + row] > widest) {
+                gone.push(u);
+            }
+        }
+        Outcome::TooUncertain
+    }
+
+    /// Matches that fail their individual gate.
+    fn gated(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
+        gone.clear();
+        if self.settings.validate.test == BatchTestKind::None {
+            return Outcome::RejectedGate;
+        }
+        validate::reject_each(
+            self.batch.s(),
+            self.batch.rows(),
+            self.batch.g(),
+            validate::Blocks::new(self.batch.offsets()),
+            GATE_LEVEL,
+            &mut self.test,
+        );
+        gone.extend_from_slice(self.test.rejected());
+        Outcome::RejectedGate
+    }
+
+    /// Matches that the batch test leaves out.
+    fn batch_test(&mut self, report: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
+        gone.clear();
+        let test = BatchTest::chosen(&self.settings.validate);
+        let batch = self.batch.as_batch();
+        if batch.blocks.is_empty() {
+            return Outcome::RejectedBatch;
+        }
+        let verdict = test.run(&batch, &mut self.test);
+        report.order = verdict.order;
+        report.exact &= verdict.exact;
+        gone.extend_from_slice(self.test.rejected());
+        Outcome::RejectedBatch
+    }
+
+    /// Matches that disagree with the other accepted ones.
+    fn conditional_gate(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
+        gone.clear();
+        let options = &self.settings.validate;
+        if options.test == BatchTestKind::None || options.conditional_level >= 1.0 {
+            return Outcome::RejectedConditional;
+        }
+        let batch = self.batch.as_batch();
+        conditional_gate(
+            batch.l,
+            batch.ld,
+            batch.g,
+            batch.blocks,
+            options.conditional_level,
+            validate::MAX_SHARE,
+            &mut self.test,
+        );
+        gone.extend_from_slice(self.test.rejected());
+        Outcome::RejectedConditional
+    }
+}

@@ -1,0 +1,149 @@
+//! The worn cameras' clocks: when the views tell one, whatever else, that lasts, is wrong with its T_CF (METHOD 26).
+
+use super::error::into_f;
+use super::other_time::Carried;
+use crate::chi2;
+use crate::filter::ekf::Filter;
+use crate::filter::input::measurements::{Capture, WornObservation};
+use crate::state::{Learned, LinearPart, State};
+use nalgebra::{Matrix6, SMatrix, Vector6};
+
+/// A clock is told by information of that much over what was thought possible: it shrinks to a third.
+const TOLD: f64 = 8.0;
+/// How often its noise the twist must be for a view to teach the clock, as with odometry's scales (METHOD 23): by noise alone a
+/// clock seems less off than it is, by one over the square of it, which is 2 ms of 50.
+const CLEAR: f64 = 5.0;
+/// How sure it must be that Cs moves otherwise than in the views so far.
+const CHANGED: f64 = 0.9999;
+
+/// What is known of T_CF's error before a view.
+pub(crate) struct BeforeView {
+    /// Its covariance, tangent of F.
+    whole: Matrix6<f64>,
+    /// That of its part that lasts.
+    lasting: Matrix6<f64>,
+}
+
+impl BeforeView {
+    /// Whether the noise of what T_CF is off by for each second is small beside it, both as the rest of the view's error weighs them.
+    fn is_clear(&self, carried: &Carried) -> bool {
+        let (Some(clock), Some(cholesky)) =
+            (carried.by.clock(), (self.whole - self.lasting).cholesky())
+        else {
+            return false;
+        };
+        let by_second = Vector6::from_column_slice(clock.matrix);
+        let noise = cholesky.solve(&carried.clock_noise).trace();
+        by_second.dot(&cholesky.solve(&by_second)) > CLEAR * CLEAR * noise
+    }
+}
+
+impl Filter {
+    /// By how much the images of the worn camera `who` were taken after their stamps, by the clock of Cs, and the standard
+    /// deviation of that, seconds; `None` where the clock is exact (`worn.clock_sd`), or there is no such camera.
+    pub fn worn_clock(&self, who: usize) -> Option<(f64, f64)> {
+        let (mean, variance) = self.state.worn_clock(who)?;
+        Some((mean, variance.sqrt()))
+    }
+
+    /// Puts another filter's estimates of the clocks in the place of those that there are; for a filter without map.
+    pub(crate) fn set_worn_clocks(&mut self, other: &Self) {
+        for who in 0..self.state.clocks.len() {
+            let block = self.state.worn_clock_block(who).copied();
+            if let (Some(block), Some((mean, variance))) = (block, other.state.worn_clock(who)) {
+                self.state.set_part(block.offset, &SMatrix::from([[mean]]));
+                self.state.reference[block.offset] = mean;
+                self.state.p.set(block.offset, block.offset, variance);
+            }
+        }
+    }
+
+    /// Lets a view teach its clock where the views so far tell it, and its twist is clear.
+    pub(crate) fn learn_clock(
+        &self,
+        worn: &WornObservation,
+        carried: Option<&Carried>,
+        before: Option<&BeforeView>,
+        learned: &mut Learned,
+    ) {
+        let possible = self.settings.worn.clock_sd.powi(2);
+        let told = self.state.clocks.get(worn.who);
+        let is_told = told.is_some_and(|told| told.information * possible > TOLD);
+        let (Some(before), Some(carried), true) = (before, carried, is_told) else {
+            return;
+        };
+        if let Some(clock) = carried.by.clock().filter(|_| before.is_clear(carried)) {
+            learned.number(clock.offset);
+        }
+    }
+
+    /// What is known before a view, whose error of T_CF is in the state; `None` where the clock is exact or means nothing yet.
+    pub(crate) fn before_view(
+        &self,
+        worn: &WornObservation,
+        carried: Option<&Carried>,
+    ) -> Option<BeforeView> {
+        let clock = carried?.by.clock()?;
+        let error = self.error_of(worn, carried);
+        let lasting: Vec<LinearPart<'_>> = error.lasting_parts().chain([clock]).collect();
+        Some(BeforeView {
+            whole: of_error(&self.state, self.worn_error_offset(worn.who)?),
+            lasting: self.state.covariance_of(&lasting, &Matrix6::zeros()),
+        })
+    }
+
+    /// Counts a view that has been measured for what it tells of the clock.
+    ///
+    /// With P the covariance of the frame's error before its pixels and T what they took off it, these are as good as a
+    /// measurement of that error with information Q (1 - P Q)^-1, Q = P^-1 T P^-1, and so as one of its lasting part, of
+    /// covariance L, with Q (1 - L Q)^-1.
+    pub(crate) fn count_for_clock(
+        &mut self,
+        worn: &WornObservation,
+        carried: &Carried,
+        before: &BeforeView,
+    ) -> Option<()> {
+        let capture = Capture {
+            frame: self.time?,
+            ..self.capture_of(worn)?
+        };
+        let BeforeView { whole, lasting } = before;
+        let taken = whole - of_error(&self.state, self.worn_error_offset(worn.who)?);
+        let inverse = whole.cholesky()?.inverse();
+        let q = inverse * taken * inverse;
+        let told = q * (Matrix6::identity() - lasting * q).try_inverse()?;
+        let there = self.pose_then(capture, worn.who).ok()?;
+        // From F's axes into C's.
+        let j = into_f(worn, Some(carried));
+        let told = j.transpose() * told * j;
+        let by_twist = j.transpose() * carried.taken.inverse().adjoint();
+        let by_second = by_twist * there.twist;
+        let spread = by_twist * there.twist_noise * by_twist.transpose();
+        let clock = self.state.clocks.get_mut(worn.who)?;
+        let change = by_second - clock.mean;
+        // Of the mean, which has more weight, there is less.
+        let noise = spread * (1.0 + clock.share_of_one(&told));
+        let mut clear = change;
+        for at in [0, 3] {
+            if !stands_out(&change, &noise, at) {
+                clear.fixed_rows_mut::<3>(at).fill(0.0);
+            }
+        }
+        clock.add(&by_second, &clear, &((told + told.transpose()) * 0.5));
+        Some(())
+    }
+}
+
+/// Whether the three numbers of a change at `at` are beyond its noise.
+fn stands_out(change: &Vector6<f64>, noise: &Matrix6<f64>, at: usize) -> bool {
+    let change = change.fixed_rows::<3>(at).into_owned();
+    let noise = noise.fixed_view::<3, 3>(at, at).into_owned();
+    let size = noise
+        .cholesky()
+        .map(|noise| change.dot(&noise.solve(&change)));
+    size.is_some_and(|size| size > chi2::quantile(CHANGED, 3.0))
+}
+
+fn of_error(state: &State, at: usize) -> Matrix6<f64> {
+    state.p.block::<6, 6>(at, at)
+}

@@ -1,0 +1,271 @@
+//! The worn camera in one frame: the error of its pose in the state, and what both views see (METHOD 5, 6, 9).
+
+use super::other_time::{ByMotion, Carried};
+use crate::birth::two_view::TwoView;
+use crate::error::EkfError;
+use crate::filter::ekf::Filter;
+use crate::filter::input::measurements::{WornObservation, WornPair};
+use crate::filter::predict::shutter::Unrolled;
+use crate::guard::check_pose;
+use crate::math::pose::Pose;
+use crate::observe::shutter::down_the_image;
+use crate::overlap::{Overlap, predict_overlap};
+use crate::settings::WornErrors;
+use crate::state::{BlockKind, Lasting, Learned, LinearPart, State, Whose, root};
+use nalgebra::{Matrix6, Vector2, Vector6};
+
+/// How fast a worn camera moves and turns on each axis, m/s and rad/s, standard deviations: of somebody who walks and looks about.
+const WORN_SPEED: [f64; 2] = [1.0, 1.0];
+
+/// By how much a worn camera moves on each axis while an image of it is read, which takes `readout` seconds: standard deviations,
+/// metres and radians.
+pub(super) fn roll_sds(readout: f64) -> Vector6<f64> {
+    let [way, turn] = WORN_SPEED.map(|sd| sd * readout);
+    Vector6::new(way, way, way, turn, turn, turn)
+}
+
+fn roll_covariance(readout: f64) -> Matrix6<f64> {
+    Matrix6::from_diagonal(&roll_sds(readout).map(|sd| sd * sd))
+}
+
+/// What the error of a view's T_CF comes from, all in the tangent of F.
+pub(crate) struct WornErrorParts {
+    /// Derivatives by what lasts of it, six numbers of the state at these offsets.
+    lasting: Vec<(usize, Matrix6<f64>)>,
+    /// Derivatives by how Cs moved.
+    motion: ByMotion,
+    /// Derivative by what all views of the frame have in common, in standard deviations.
+    pub(super) common: Matrix6<f64>,
+    /// Covariance of the rest.
+    pub(crate) white: Matrix6<f64>,
+}
+
+impl WornErrorParts {
+    /// Its mean: what has been learned of the part that lasts.
+    pub(crate) fn mean(&self, state: &State) -> Vector6<f64> {
+        let lasting = self.lasting.iter();
+        let sum = lasting.map(|(offset, by)| by * state.part::<6>(*offset));
+        sum.fold(Vector6::zeros(), |a, b| a + b)
+    }
+
+    /// What lasts of it, but for the clock.
+    pub(super) fn lasting_parts(&self) -> impl Iterator<Item = LinearPart<'_>> {
+        self.lasting.iter().map(|(offset, by)| LinearPart {
+            offset: *offset,
+            width: 6,
+            matrix: by.as_slice(),
+        })
+    }
+
+    /// What is in the state, but for the common part.
+    pub(super) fn linear_parts(&self) -> impl Iterator<Item = LinearPart<'_>> {
+        self.lasting_parts().chain(self.motion.parts())
+    }
+}
+
+/// Turns what is along C's axes into F's.
+pub(super) fn into_f(worn: &WornObservation, carried: Option<&Carried>) -> Matrix6<f64> {
+    let rotation = carried.map_or(worn.t_cf.rotation, |carried| carried.taken.rotation);
+    let mut j = Matrix6::zeros();
+    for at in [0, 3] {
+        j.fixed_view_mut::<3, 3>(at, at)
+            .copy_from(&rotation.transpose());
+    }
+    j
+}
+
+impl Filter {
+    /// Appends the frame's error of T_CF, `xi = J (b + B c) + white`, and what the motion of Cs adds where that was `carried`
+    /// here from another time. The bias `b` is along C's axes: its causes lie along the way that both cameras travel, so it
+    /// must not turn with F's axes when the wearer's head does. `c` is what all worn cameras have in common of theirs.
+    pub(crate) fn open_worn_error(&mut self, worn: &WornObservation, carried: Option<&Carried>) {
+        let share = self.settings.worn.common_share;
+        let bias_covariance = self.bias_covariance(worn);
+        let j = into_f(worn, carried);
+        let is_known = self.state.lasting_error(worn.who).next().is_some();
+        if bias_covariance.diagonal().max() > 0.0 && !is_known {
+            let stationary = j.transpose() * bias_covariance * j;
+            let stationary = (stationary + stationary.transpose()) * 0.5;
+            if share > 0.0 {
+                self.state.begin_lasting(Lasting::common());
+            }
+            let own = Lasting::of(worn.who, &stationary, share);
+            self.state.begin_lasting(own);
+        }
+        let error = self.error_of(worn, carried);
+        let mut parts: Vec<LinearPart<'_>> = error.linear_parts().collect();
+        if share > 0.0 {
+            let kind = BlockKind::WornError(Whose::Common);
+            let there = self.state.worn_error_block(Whose::Common).copied();
+            let block = there.unwrap_or_else(|| {
+                let one = Matrix6::identity();
+                self.state.append(kind, &Vector6::zeros(), &[], &one)
+            });
+            parts.push(LinearPart {
+                offset: block.offset,
+                width: 6,
+                matrix: error.common.as_slice(),
+            });
+        }
+        let kind = BlockKind::WornError(Whose::Of(worn.who));
+        let mean = error.mean(&self.state);
+        self.state.append(kind, &mean, &parts, &error.white);
+        if self.settings.worn.readout > 0.0 {
+            let kind = BlockKind::WornRoll(worn.who);
+            let roll = roll_covariance(self.settings.worn.readout);
+            self.state.append(kind, &Vector6::zeros(), &[], &roll);
+        }
+    }
+
+    /// How far down the image of a worn camera a pixel's row is, where the state has how that camera moved meanwhile.
+    pub(crate) fn worn_roll(&self, who: usize, uv_f: &Vector2<f64>) -> Option<f64> {
+        let camera = self.worn_cameras.get(who)?;
+        let rolls = self.state.has_worn_roll(who);
+        rolls.then(|| down_the_image(uv_f, f64::from(camera.height)))
+    }
+
+    /// Lists what a view's update may learn of what lasts of the error of its T_CF: all but the length of the baseline, of its own
+    /// part and of the common one together.
+    pub(crate) fn learn(
+        &self,
+        worn: &WornObservation,
+        carried: Option<&Carried>,
+        learned: &mut Learned,
+    ) {
+        let t_cf = carried.map_or(&worn.t_cf, |carried| &carried.taken);
+        let Some(along) = t_cf.translation.try_normalize(0.0) else {
+            return;
+        };
+        if self.worn_error_offset(worn.who).is_none() {
+            return;
+        }
+        let mut across = Matrix6::identity();
+        let mut shift = across.fixed_view_mut::<3, 3>(0, 0);
+        shift -= along * along.transpose();
+        for (offset, by) in self.state.lasting_error(worn.who) {
+            if let Some(back) = by.try_inverse() {
+                learned.of.push((offset, back * across * by));
+            }
+        }
+    }
+
+    fn bias_covariance(&self, worn: &WornObservation) -> Matrix6<f64> {
+        worn.bias
+            .unwrap_or(worn.covariance * self.settings.worn.bias_share)
+    }
+
+    /// What the error of a view's T_CF comes from.
+    pub(crate) fn error_of(
+        &self,
+        worn: &WornObservation,
+        carried: Option<&Carried>,
+    ) -> WornErrorParts {
+        let share = self.settings.worn.common_share;
+        let j = into_f(worn, carried);
+        let lasting = self.state.lasting_error(worn.who);
+        let lasting: Vec<_> = lasting.map(|(offset, by)| (offset, j * by)).collect();
+        let mut white = if lasting.is_empty() {
+            worn.covariance
+        } else {
+            worn.covariance - self.bias_covariance(worn)
+        };
+        let mut common = Matrix6::zeros();
+        if share > 0.0 {
+            common = root(&white) * j * share.sqrt();
+            white *= 1.0 - share;
+        }
+        let mut motion = ByMotion::default();
+        if let Some(carried) = carried {
+            motion.clone_from(&carried.by);
+            white += carried.noise;
+        }
+        WornErrorParts {
+            lasting,
+            motion,
+            common,
+            white,
+        }
+    }
+
+    pub(crate) fn worn_error_offset(&self, who: usize) -> Option<usize> {
+        let block = self.state.worn_error_block(Whose::Of(who));
+        block.map(|b| b.offset)
+    }
+
+    pub(crate) fn worn_covariance(&self, worn: &WornObservation) -> Matrix6<f64> {
+        match (self.worn_error_offset(worn.who), self.settings.worn.errors) {
+            (Some(offset), _) => self.state.p.block::<6, 6>(offset, offset),
+            (None, WornErrors::Pixels) => Matrix6::zeros(),
+            (None, _) => worn.covariance,
+        }
+    }
+
+    pub(crate) fn intersect(
+        &self,
+        worn: &WornObservation,
+        uv: &Vector2<f64>,
+        uv_f: &Vector2<f64>,
+    ) -> Option<TwoView> {
+        let worn_camera = self.worn_cameras.get(worn.who)?;
+        let t_cf = worn.t_cf.retract(&self.state.worn_error(worn.who));
+        TwoView::new(&self.camera, uv, worn_camera, uv_f, &t_cf)
+    }
+
+    /// As [`Self::intersect`], of the pixel in Cs without the shutter's rolling.
+    pub(crate) fn intersect_unrolled(
+        &self,
+        worn: &WornObservation,
+        pair: &WornPair,
+    ) -> Option<(TwoView, Unrolled)> {
+        let uv = pair.uv?;
+        let raw = self.intersect(worn, &uv, &pair.uv_f)?;
+        let unrolled = self.unrolled(&uv, raw.rho);
+        if unrolled.by_motion.is_none() {
+            return Some((raw, unrolled));
+        }
+        let view = self.intersect(worn, &unrolled.uv, &pair.uv_f)?;
+        Some((view, unrolled))
+    }
+
+    /// Variance of the inverse range of a point that both cameras see, Cf at `uv_f`.
+    pub(crate) fn rho_variance(
+        &self,
+        worn: &WornObservation,
+        view: &TwoView,
+        uv_f: &Vector2<f64>,
+    ) -> f64 {
+        let j = view.rho_by_tangent();
+        let rolled = self.worn_roll(worn.who, uv_f).map_or(0.0, |share| {
+            (j * roll_covariance(self.settings.worn.readout) * j.transpose())[(0, 0)]
+                * share
+                * share
+        });
+        let pixels = view
+            .rho_variance_from_pixels(self.settings.pixel.sigma_cs, self.settings.pixel.sigma_cf);
+        pixels + rolled + (j * self.worn_covariance(worn) * j.transpose())[(0, 0)].max(0.0)
+    }
+
+    /// Whether Cs and the worn camera `who` look at the same place, and where in both images (METHOD 9).
+    ///
+    /// # Errors
+    /// `InvalidInput` without a camera model of Cf or for an impossible pose or covariance, `NonFinite`.
+    pub fn overlap(
+        &self,
+        t_cf: &Pose,
+        covariance: &Matrix6<f64>,
+        who: usize,
+    ) -> Result<Option<Overlap>, EkfError> {
+        let worn = self.worn_model(who)?;
+        check_pose(t_cf, covariance)?;
+        let sigma_px = self.settings.pixel.sigma_cf;
+        let settings = &self.settings.overlap;
+        Ok(predict_overlap(
+            &self.camera,
+            worn,
+            t_cf,
+            covariance,
+            sigma_px,
+            settings,
+        ))
+    }
+}

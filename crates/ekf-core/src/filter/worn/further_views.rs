@@ -1,0 +1,90 @@
+//! Views of other worn cameras in the same frame, one after another (METHOD 6).
+
+use crate::filter::ekf::Filter;
+use crate::filter::input::measurements::{Measurements, Outcome, UpdateReport, WornObservation};
+use crate::filter::input::sources::Scratch;
+use crate::math::pose::Pose;
+use nalgebra::Vector2;
+
+/// A new point that a view before gave: time of its frame, pixel there, and the feature that it became.
+type Born = (Option<f64>, Vector2<f64>, u64);
+
+impl Filter {
+    /// Measures the views of `z.further`, each with what all before it have told; a view that would break the filter is
+    /// refused by itself. `used` are the worn cameras measured so far, with T_CF for the present pose.
+    pub(crate) fn measure_further(
+        &mut self,
+        z: &Measurements,
+        used: &mut Vec<(usize, Pose)>,
+        report: &mut UpdateReport,
+        scratch: &mut Scratch,
+    ) {
+        let mut born = Vec::new();
+        if let Some(first) = &z.worn {
+            self.list_born(first, &report.pairs, &mut born);
+        }
+        for (k, worn) in z.further.iter().enumerate() {
+            let worn = self.with_known_points(worn, &born);
+            let outcome = self.measure_one_more(&worn, used, scratch);
+            self.list_born(&worn, &outcome.pairs, &mut born);
+            report.further[k] = outcome.pairs;
+            report.nis += outcome.nis;
+            report.dof += outcome.dof;
+        }
+    }
+
+    fn measure_one_more(
+        &mut self,
+        worn: &WornObservation,
+        used: &mut Vec<(usize, Pose)>,
+        scratch: &mut Scratch,
+    ) -> UpdateReport {
+        let mut report = UpdateReport::default();
+        let alone = |worn| Measurements {
+            worn: Some(worn),
+            ..Measurements::default()
+        };
+        let measured = self.brought_here(worn).and_then(|brought| {
+            let (here, carried) = match brought {
+                Some((here, carried)) => (here, Some(carried)),
+                None => (worn.clone(), None),
+            };
+            let z = alone(here);
+            self.measure_view(&z, carried.as_ref(), used, &mut report, scratch)
+        });
+        match measured {
+            Ok(true) => report,
+            Ok(false) => {
+                report.start(&alone(worn.clone()));
+                report
+            }
+            Err(error) => UpdateReport::refused(&alone(worn.clone()), error),
+        }
+    }
+
+    /// The view with the points that a view before has given already.
+    fn with_known_points(&self, worn: &WornObservation, born: &[Born]) -> WornObservation {
+        let (mut worn, frame) = (worn.clone(), self.frame_of(worn));
+        for pair in worn.pairs.iter_mut().filter(|pair| pair.id.is_none()) {
+            let same = born.iter().find(|(at, uv, id)| {
+                (*at, Some(*uv)) == (frame, pair.uv) && self.known(*id).is_ok()
+            });
+            pair.id = same.map(|(_, _, id)| *id);
+        }
+        worn
+    }
+
+    fn list_born(&self, worn: &WornObservation, pairs: &[Outcome], born: &mut Vec<Born>) {
+        let frame = self.frame_of(worn);
+        for (pair, outcome) in worn.pairs.iter().zip(pairs) {
+            if let (Outcome::Born(id), Some(uv)) = (outcome, pair.uv) {
+                born.push((frame, uv, *id));
+            }
+        }
+    }
+
+    /// Time of the frame of Cs that a view's pairs are of.
+    fn frame_of(&self, worn: &WornObservation) -> Option<f64> {
+        worn.capture.map(|c| c.frame).or(self.time)
+    }
+}

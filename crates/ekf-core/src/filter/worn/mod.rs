@@ -1,0 +1,11 @@
+//! The worn cameras: the error of each T_CF, views of another time, clocks, further views of a frame (METHOD 6, 21, 26).
+
+pub(super) mod clock;
+pub(super) mod error;
+pub(super) mod further_views;
+pub(super) mod kept_poses;
+pub(super) mod other_time;
+pub(super) mod pose;
+pub(super) mod pose_then;
+pub(super) mod relinearised;
+pub(super) mod where_to_look;

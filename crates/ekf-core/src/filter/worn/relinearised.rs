@@ -1,0 +1,60 @@
+//! A view's rows again, linearised where the view itself puts its error (METHOD 6).
+
+use crate::error::EkfError;
+use crate::filter::ekf::Filter;
+use crate::filter::input::measurements::{Measurements, Outcome};
+use crate::filter::input::sources::{Scratch, Source};
+use crate::observe::block::MeasurementBlock;
+use nalgebra::Vector6;
+
+impl Filter {
+    /// Linearises the accepted rows of a view at the error of T_CF that all of them together give, and factors S again.
+    ///
+    /// A pixel of Cf says the product of an inverse range and the baseline. With the derivative taken at the measured baseline,
+    /// the innovation and its weight share the noise of that measurement: a view that measured too long a baseline pulls the map
+    /// apart harder than one that measured too short a one draws it together. Where T_CF is exact but for white noise that
+    /// averages to little, and nothing is done; a lasting error of the baseline gives way to it in every view. Once is enough, as
+    /// the product is linear in each. The rows stay as they are where one of them predicts nothing there.
+    ///
+    /// # Errors
+    /// `NotPositiveDefinite` if S is not; nothing of the state has changed then.
+    pub(crate) fn linearise_at_told_error(
+        &mut self,
+        z: &Measurements,
+        scratch: &Scratch,
+    ) -> Result<(), EkfError> {
+        let Some(worn) = &z.worn else { return Ok(()) };
+        let lasts = self.state.lasting_error(worn.who).next().is_some()
+            || self.state.worn_clock_block(worn.who).is_some();
+        let Some(at) = self.worn_error_offset(worn.who).filter(|_| lasts) else {
+            return Ok(());
+        };
+        if self.batch.rows() == 0 {
+            return Ok(());
+        }
+        let moved = self.batch.moved_by_first(self.batch.rows());
+        let slots = self.state.p.stored().slots;
+        let step = Vector6::from_fn(|i, _| moved[slots[at + i]]);
+        let before = self.state.part::<6>(at);
+        self.state.set_part(at, &(before + step));
+        let blocks: Result<Vec<MeasurementBlock>, _> = scratch
+            .sources
+            .iter()
+            .map(|&source| {
+                let mut block = self.measurement_block(z, source)?;
+                if let (Source::WornPixel(..), Some(by_error)) = (source, &block.rows.by_shared) {
+                    block.rows.innovation += by_error * step;
+                }
+                Ok::<_, Outcome>(block)
+            })
+            .collect();
+        self.state.set_part(at, &before);
+        let Ok(blocks) = blocks else { return Ok(()) };
+        self.batch.clear();
+        for block in blocks {
+            self.batch.push(block);
+        }
+        self.batch.build(&self.state);
+        self.batch.factor()
+    }
+}
