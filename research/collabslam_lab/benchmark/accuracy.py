@@ -9,7 +9,8 @@ from typing import Any
 from collabslam.evaluation.consistency import nees_band
 from collabslam.evaluation.headline import SIM3
 from collabslam.runs.report import median_of, number
-from collabslam_lab.benchmark.figures import BASE, differences, split
+from collabslam_lab.benchmark import overall
+from collabslam_lab.benchmark.figures import BASE, differences, medians, split
 from collabslam_lab.benchmark.plan import Entry, Plan
 from collabslam_lab.benchmark.store import Row
 from collabslam_lab.report import markdown_table
@@ -41,6 +42,8 @@ def page(plan: Plan, rows: Sequence[Row], missing: Sequence[str], how: str = "")
         "within 5 sigma of the truth; *OK but wrong*: it claims so, and is further off. *independent*: with "
         "an error of T_CF of its own in each frame, which averages out.",
         _table(plan, rows, _ERROR, _error_cells),
+        "All recordings together, by which a change of the filter is judged:",
+        overall.table(medians(plan, split(rows)[0])),
         *_paired(plan, rows),
         "## Honesty of the covariance",
         _honesty_text(),

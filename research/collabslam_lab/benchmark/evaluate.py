@@ -13,7 +13,7 @@ from collabslam.extras import drawing
 from collabslam.formats.files import write_text
 from collabslam.runs.results import write_summary
 from collabslam.version import version
-from collabslam_lab.benchmark import ablation, accuracy, blackout, descriptors
+from collabslam_lab.benchmark import ablation, accuracy, blackout, descriptors, overall
 from collabslam_lab.benchmark.figures import differences, medians, split
 from collabslam_lab.benchmark.plan import Plan, find_plan
 from collabslam_lab.benchmark.running import estimate, outcome, run_items
@@ -48,6 +48,8 @@ class Choice:
         Run also what is done.
     dry : bool
         Only say what there is to do.
+    against : Path or None
+        Result folder of an earlier evaluation to compare with, row by row.
     """
 
     plan: Path | None = None
@@ -60,6 +62,7 @@ class Choice:
     engine: Engine = LOCAL
     again: bool = False
     dry: bool = False
+    against: Path | None = None
 
 
 def evaluate(data: Path, out: Path, choice: Choice | None = None) -> list[Row]:
@@ -95,6 +98,7 @@ def evaluate(data: Path, out: Path, choice: Choice | None = None) -> list[Row]:
         raise SettingsError(
             f"--dry-run counts the plan's runs, and --{choice.study} makes others; leave it out."
         )
+    before = None if choice.against is None else overall.read(choice.against)
     if not data.is_dir():
         raise DataError(f"The data folder {data} does not exist; give the folder that holds the recordings.")
     plan = chosen(find_plan(data, choice.plan), choice)
@@ -125,6 +129,8 @@ def evaluate(data: Path, out: Path, choice: Choice | None = None) -> list[Row]:
     report.write(rows)
     how = command(choice)
     text = ablation.page(plan, rows, how) if levers else accuracy.page(plan, rows, missing, how)
+    if before is not None:
+        text += f"\n## Compared with {choice.against}\n\n{overall.compared(report.medians(rows), before)}\n"
     write_text(out / f"{name}.md", text)
     print("\n" + text)
     if rows and not levers and drawing():
@@ -223,6 +229,10 @@ class _Report:
         print(f"[{len(self._rows)}/{len(self._items)}] {item.title}: {outcome(row)}{took}", flush=True)
         if seconds is not None:
             self.write([self._rows[i.title] for i in self._items if i.title in self._rows])
+
+    def medians(self, rows: Sequence[Row]) -> overall.Medians:
+        """By recording and mode, of the runs with one error of T_CF a block."""
+        return medians(self._plan, split(rows)[0])
 
     def write(self, rows: Sequence[Row]) -> None:
         """What was found of each recording and mode, by how much Cf helps, and every run, as JSON."""

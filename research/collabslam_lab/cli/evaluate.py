@@ -62,6 +62,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--jobs", metavar="N", type=int, default=2, help="processes at a time (default 2)")
     add_engine(parser)
+    parser.add_argument(
+        "--against", metavar="DIR", type=Path, help="compare with an earlier evaluation, row by row"
+    )
     parser.add_argument("--again", action="store_true", help="run also what is done")
     parser.add_argument("--dry-run", action="store_true", help="only say what there is to do, and its cost")
     parser.add_argument(
@@ -85,6 +88,7 @@ def main(arguments: argparse.Namespace) -> int:
         engine=engine_of(arguments),
         again=arguments.again,
         dry=arguments.dry_run,
+        against=arguments.against,
     )
     return NOT_TRUSTED if failed(evaluate(arguments.data, arguments.out, choice)) else OK
 

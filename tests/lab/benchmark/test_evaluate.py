@@ -25,6 +25,7 @@ from collabslam_lab.benchmark import (
     blackout,
     descriptors,
     figures,
+    overall,
     pairs,
     replay,
     running,
@@ -241,6 +242,32 @@ def test_pages_hold_medians_bands_and_ratios() -> None:
     assert accuracy.band_word(0.15, 0.216, 9.35) == "x2"
     assert accuracy.band_word(0.1, 0.216, 9.35) == "low"
     assert accuracy.band_word(None, 0.216, 9.35) == "-"
+
+
+def test_two_evaluations_are_compared_row_by_row(tmp_path: Path) -> None:
+    def told(error: float | None, wrong: float) -> dict[str, Any]:
+        names = dict.fromkeys(NAMES, 1.0)
+        return {**names, "ate_pct_all_frames": error, "ok_but_wrong_share": wrong, "runs": 3}
+
+    before = {"hall": {"collab": told(2.0, 0.0)}, "lost": {"collab": told(None, 0.0)}}
+    now = {
+        "hall": {"collab": told(1.0, 0.02)},
+        "yard": {"collab": told(4.0, 0.3)},
+        "lost": {"collab": told(1.0, 0.0)},
+    }
+    (tmp_path / "evaluate.json").write_text(json.dumps({"recordings": before}))
+    lines = overall.compared(now, overall.read(tmp_path)).splitlines()
+    assert [line.split(" | ")[0].strip("| ") for line in lines[2:]] == ["hall", "lost", "all"]
+    assert "| 2.00 | 1.00 | 0.50 |" in lines[2]
+    assert "| - | 1.00 | - |" in lines[3]
+    assert "0.500" in lines[4]
+    table = overall.table(now)
+    assert "1.587" in table, "the cube root of 4"
+    assert "30.0 (yard)" in table
+    for text in ("", "[]", '{"recordings": {"hall": 3}}', '{"recordings": {"hall": {"collab": 1}}}'):
+        (tmp_path / "evaluate.json").write_text(text)
+        with pytest.raises(DataError, match="give a folder that evaluate wrote"):
+            overall.read(tmp_path)
 
 
 def test_the_interval_of_a_mean_is_students() -> None:
