@@ -27,7 +27,7 @@ from collabslam.datasets.wrapped import FirstFrames
 from collabslam.live.keys import make_keys
 from collabslam.live.pace import LEVELS
 from collabslam.live.replay import replay
-from collabslam.live.views import LATEST
+from collabslam.live.senders import SILENT
 from collabslam.simulation import corridor_recording
 from collabslam.simulation.recording import SimulatedRecording
 from collabslam.simulation.trajectory import CorridorWalk
@@ -207,12 +207,12 @@ def test_packets_that_overtake_each_other(place: Place) -> None:
 def returned(found: Outcome) -> float:
     """Seconds from the end of the trouble to the first image; asserts that the robot did as it should."""
     before = found.came[found.came < found.ended]
-    silent = (found.frames > before.max() + LATEST + 0.3) & (found.frames < found.ended)
+    silent = (found.frames > before.max() + SILENT + 0.3) & (found.frames < found.ended)
     assert silent.any()
     assert not found.collab[silent].any()
     back = float(found.came[found.came > found.ended].min())
     there = found.frames > back
-    assert found.frames[there & found.collab].min() - back < LATEST
+    assert found.frames[there & found.collab].min() - back < SILENT
     assert found.unused.size == 0
     return back - found.ended
 

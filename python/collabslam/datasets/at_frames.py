@@ -15,8 +15,6 @@ from collabslam.types import Array, Frame, Recording, WornView
 
 REACH = 0.075
 """Seconds from a frame in which a view of Cf at 7 Hz lies; of frames at a lower rate, half their distance."""
-LATEST = 1.0
-"""Seconds after which a view is not waited for."""
 MOTION = (1.0, 0.5)
 """Of Cs between a view and its frame where no poses tell it: standard deviations, m/s and rad/s."""
 _ASKED = 24
@@ -54,7 +52,9 @@ class AtFrames(WrappedRecording):
         self._stamps: Array = base.times[known]
         self._poses: Array = np.empty((0, 4, 4)) if poses is None else poses[known]
         asked = np.unique(np.linspace(0, len(base) - 1, min(_ASKED, len(base))).astype(int)).tolist()
-        self.free = any(not self._is_together(self._read(i)) for i in asked)
+        late = [frame.t - _taken(view, frame.t) for frame in map(self._read, asked) for view in frame.views]
+        self.free = any(abs(seconds) > TOGETHER for seconds in late)
+        self._wait = max([0.0, *late]) + self._reach + between
 
     def frame(self, i: int) -> Frame:
         """Frame ``i`` with the view nearest to it, if one is near."""
@@ -74,14 +74,10 @@ class AtFrames(WrappedRecording):
         moved = None if worn is None else self._between(worn, float(self.times[i]))
         return np.eye(4) if moved is None else moved
 
-    @staticmethod
-    def _is_together(frame: Frame) -> bool:
-        return all(abs(_taken(view, frame.t) - frame.t) <= TOGETHER for view in frame.views)
-
     def _nearest(self, i: int) -> list[WornView]:
         t, near = float(self.times[i]), list[WornView]()
         for j in range(i, len(self)):
-            if self.times[j] > t + LATEST:
+            if j > i + 1 and self.times[j] > t + self._wait:  # as late as views come here
                 break
             came = [replace(view, t=_taken(view, float(self.times[j]))) for view in self._read(j).views]
             near += [view for view in came if abs(_taken(view, t) - t) <= self._reach]

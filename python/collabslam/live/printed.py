@@ -18,8 +18,8 @@ from collabslam.targets.kinds import Board, Tag
 from collabslam.targets.printed import Sighting, between, pose_between, sightings
 from collabslam.types import Image, WornView
 
-KEPT = 12
-"""Frames of Cs that are kept for views of their time."""
+KEPT = 10
+"""Frames of Cs that are kept for the views of ``worn.late`` seconds, but for the last two."""
 
 
 @dataclass(eq=False)
@@ -32,7 +32,7 @@ class _Frame:
 
 
 class PrintedPoses:
-    """Measures T_CF with the frame of Cs that is nearest in time.
+    """Measures T_CF with the frame of Cs so far that is nearest in time.
 
     Cf stands where it took its view, and the targets stand still; so T_CF relative to that frame is right,
     whatever the clocks say.  A camera that tracks itself need not see a target at that moment: see `tracked`.
@@ -44,17 +44,28 @@ class PrintedPoses:
         Each Cf by name.
     targets : sequence of Tag and Board
         Boards with one odd and one even number of corners.
+    late : float
+        How late a view may come, seconds.
     """
 
     def __init__(
-        self, camera: Camera, worn_cameras: Mapping[str, Camera], targets: Sequence[Tag | Board]
+        self,
+        camera: Camera,
+        worn_cameras: Mapping[str, Camera],
+        targets: Sequence[Tag | Board],
+        late: float,
     ) -> None:
         self._camera, self._worn_cameras, self._targets = camera, worn_cameras, targets
-        self._frames: deque[_Frame] = deque(maxlen=KEPT)
+        self._apart = late / KEPT
+        self._frames: deque[_Frame] = deque(maxlen=KEPT + 2)
         self._worlds = OwnWorlds()
 
     def frame(self, t: float, image: Image) -> None:
-        """Keep a frame of Cs."""
+        """Keep a frame of Cs; of those before, so many as are a share of the time apart."""
+        if not self._targets:
+            return
+        if len(self._frames) > 1 and self._frames[-1].t - self._frames[-2].t < self._apart:
+            self._frames.pop()
         self._frames.append(_Frame(t, image))
 
     def pose(self, name: str, view: LiveView, t: float, worn_image: Image) -> WornView | None:
@@ -97,15 +108,6 @@ class PrintedPoses:
             t_cf, covariance, lasting = min(found, key=lambda f: float(np.linalg.slogdet(f[1])[1]))
             return WornView(worn_image, t_cf, covariance, lasting, frame.t, name)
         return None
-
-
-def printed_poses(
-    camera: Camera, worn_cameras: Mapping[str, Camera], targets: Sequence[Tag | Board]
-) -> PrintedPoses | None:
-    """What tells T_CF where Cs and a Cf see one of the targets; None if nothing can."""
-    if not worn_cameras or not targets:
-        return None
-    return PrintedPoses(camera, worn_cameras, targets)
 
 
 def make_slam(

@@ -11,7 +11,7 @@ import numpy as np
 from collabslam.errors import SettingsError
 from collabslam.formats.trajectory import ARBITRARY, METRES
 from collabslam.live.core import LiveCore
-from collabslam.live.printed import make_slam, printed_poses
+from collabslam.live.printed import make_slam
 from collabslam.live.record import EventReader
 from collabslam.live.results import LiveResults
 from collabslam.runs.folder import claim
@@ -46,7 +46,7 @@ def replay(record: Path, out: Path, *, overwrite: bool = False) -> dict[str, Any
     cameras = (reader.camera, reader.worn_cameras)
     t_bc = None if plan.t_bc is None else np.reshape(plan.t_bc, (4, 4))
     slam = make_slam(*cameras, plan.targets, settings=settings, mode=plan.mode, start=plan.start, t_bc=t_bc)
-    core = LiveCore(slam, printed=printed_poses(*cameras, plan.targets))
+    core = LiveCore(slam, targets=plan.targets)
     with contextlib.ExitStack() as stack:
         folder = claim(out, stack, overwrite=overwrite)
         unit = ARBITRARY if plan.start == "scale-free" else METRES
@@ -56,7 +56,7 @@ def replay(record: Path, out: Path, *, overwrite: bool = False) -> dict[str, Any
             pose = core.handle(event)
             if pose is not None:
                 results.frame(pose)
-        dropped = {f"dropped {k}": v for k, v in core.views.dropped.items()}
+        dropped = {f"dropped {k}": v for k, v in core.dropped.items()}
         facts = {**dropped, "interrupted": False, "folder": str(folder)}
         results.finish(slam, facts)
     return {**results.facts, **facts}

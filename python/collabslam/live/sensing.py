@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Callable
 
 from collabslam.errors import InputError
+from collabslam.live.senders import SILENT
 from collabslam.live.sensed import SensedPoses
-from collabslam.live.views import LATEST
 from collabslam.types import Array
 from collabslam.worn_pose import AhrsReading, LaserScan, WornPoseConfig
 
@@ -20,7 +20,7 @@ class Sensing:
     """Scans and attitudes of the robot and of one worn device; any thread may call.
 
     The attitudes are those of the device that told one first; another one takes over, with a person that has
-    to be found anew, once it has been silent for `LATEST` seconds.
+    to be found anew, once it has been silent for `SILENT` seconds.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Sensing:
         """An attitude of a worn device by the robot's clock."""
         with self._lock:
             if device != self._device:
-                if reading.t - self._heard <= LATEST:
+                if reading.t - self._heard <= SILENT:
                     self.reasons["another device's attitudes are used"] += 1
                     return
                 if self._device:

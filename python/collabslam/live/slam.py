@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike
 from collabslam.errors import CollabslamError, InputError
 from collabslam.live.clock import Exchange
 from collabslam.live.core import ClockReading, Event, LiveCore, LivePose, OdometrySample, RobotFrame
-from collabslam.live.printed import printed_poses
-from collabslam.live.views import SURPLUS, LiveView
+from collabslam.live.views import LiveView
 from collabslam.slam.engine import Slam
+from collabslam.slam.worn.late_views import CROWDED
 from collabslam.targets.kinds import Board, Tag
 from collabslam.types import Image
 
@@ -64,11 +64,7 @@ class LiveSlam:
     ) -> None:
         self.slam = slam
         self.callback_error: Exception | None = None
-        self._core = LiveCore(
-            slam,
-            same_clock=same_clock,
-            printed=printed_poses(slam.camera, slam.worn_cameras, targets),
-        )
+        self._core = LiveCore(slam, same_clock=same_clock, targets=targets)
         self._on_pose, self._on_event = on_pose, on_event
         self._change = threading.Condition()
         self._events: deque[Event] = deque()
@@ -153,10 +149,9 @@ class LiveSlam:
     def dropped(self) -> dict[str, int]:
         """Views that were dropped, by reason (`collabslam.live.views.REASONS`, `Slam.worn_dropped`), and
         ``frames`` of Cs."""
-        counts = Counter(self._core.views.dropped)
-        counts.update(self.slam.worn_dropped)
+        counts = self._core.dropped
         with self._change:
-            counts[SURPLUS] += self._lost[LiveView]
+            counts[CROWDED] += self._lost[LiveView]
             counts["frames"] = self._lost[RobotFrame] + sum(self._core.refused.values())
         return {reason: count for reason, count in counts.items() if count}
 
@@ -168,7 +163,7 @@ class LiveSlam:
     @property
     def sessions(self) -> dict[str, str]:
         """The sessions whose views are used, by the name of the worn camera."""
-        return self._core.views.sessions
+        return self._core.senders.sessions
 
     def close(self, *, flush: bool = True) -> None:
         """Ends the thread, after all that waits was done, or at once without ``flush``.
@@ -221,7 +216,7 @@ class LiveSlam:
 
     def _queue(self, event: Event) -> Queue:
         """Among what an event waits."""
-        whose = self._core.views.person_of(event.session) if isinstance(event, LiveView) else None
+        whose = self._core.senders.person_of(event.session) if isinstance(event, LiveView) else None
         return type(event), whose
 
     def _work(self) -> None:

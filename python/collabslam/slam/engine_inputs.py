@@ -143,6 +143,17 @@ class EngineInputs(EngineParts):
         return dict(self._worn_cameras)
 
     @property
+    def worn_late(self) -> float:
+        """How late a view of Cf may come, seconds: the setting ``filter.worn.late``."""
+        return float(self._settings["filter.worn.late"])
+
+    @property
+    def views_used(self) -> tuple[WornView, ...]:
+        """The views of Cf that the last `step` used, as they were given, with their times; at most one of
+        each worn camera."""
+        return self._late.used
+
+    @property
     def worn_dropped(self) -> dict[str, int]:
         """How many views of Cf were not used, by reason: ``stale``, ``future``, ``repeated``, ``superseded``
         (by a newer one for the same frame), ``crowded`` (too many waited)."""

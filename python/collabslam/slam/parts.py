@@ -170,11 +170,6 @@ class EngineParts:
             raise InputError(f"There is no worn camera {who!r}; take one of worn_cameras.")
         return self._next_look(0 if who is None else self._worn.number(who))
 
-    def check_worn(self, worn: WornView) -> None:
-        """Raises InputError where `Slam.step` would refuse this view: of an unknown worn camera, of another
-        size, with a T_CF or a covariance that cannot be."""
-        self._worn.require(worn)
-
     def _next_look(self, number: int = 0) -> Look | None:
         return None if self._monitor.lost else self._looking.ask(number)
 

@@ -13,10 +13,11 @@ pytest.importorskip("rosbags", reason="the extra ros is not installed")
 from collabslam import DataError
 from collabslam.live import messages, names, uplink
 from collabslam.live.clock import Exchange
+from collabslam.live.senders import SILENT
 from collabslam.live.sensed import WAITING, SensedPoses, reading_from, scan_from
 from collabslam.live.sensing import Sensing
 from collabslam.live.uplink import Uplink
-from collabslam.live.views import LATEST, LiveView
+from collabslam.live.views import LiveView
 from collabslam.worn_pose import AhrsReading, LaserScan, WornPoseConfig, WornPoseEstimator, estimates_at
 from collabslam_lab.worlds.recording import world_recording
 from collabslam_lab.worlds.sensors import config_of, readings_of
@@ -109,10 +110,10 @@ def test_the_attitudes_are_of_one_device_until_it_is_silent() -> None:
     sensing = Sensing(WornPoseConfig(), lambda *_: None)
     first = sensing._sensed
     sensing.worn("anna", AhrsReading(5.0, LEVEL, "worn"))
-    sensing.worn("berta", AhrsReading(5.0 + LATEST, LEVEL, "worn"))
+    sensing.worn("berta", AhrsReading(5.0 + SILENT, LEVEL, "worn"))
     assert sum(sensing.reasons.values()) == 1
     assert sensing._sensed is first
-    sensing.worn("berta", AhrsReading(5.1 + LATEST, LEVEL, "worn"))
+    sensing.worn("berta", AhrsReading(5.1 + SILENT, LEVEL, "worn"))
     assert sum(sensing.reasons.values()) == 1
     assert sensing._sensed is not first  # somebody else's legs
 

@@ -114,7 +114,7 @@ def test_live_is_offline_to_the_last_bit(clip: Clip, frames: list[Frame]) -> Non
 def test_each_has_a_clock(clip: Clip, frames: list[Frame]) -> None:
     core = LiveCore(engine(clip))
     poses = fed(core, sent(frames))
-    assert core.views.dropped == {}
+    assert core.dropped == {}
     for before, pose in zip(frames, poses[1:], strict=False):
         assert [worn.who for worn in pose.views] == list(PERSONS)
         assert [worn.t for worn in pose.views] == pytest.approx([before.t] * 2, abs=1e-6)
@@ -129,8 +129,8 @@ def test_another_name_is_another_person_and_the_same_name_a_new_session(
     for k, session in enumerate(sessions, 1):
         poses += fed(core, [view(frames[k - 1], session), robot(frames[k])])
     assert [p.sessions for p in poses] == [(), ("anna/1",), ("ben/1",), ("ben/2",), (), ()]
-    assert core.views.dropped == {NOBODY: 1, "other session": 1}
-    assert core.views.sessions == {"anna": "anna/1", "ben": "ben/2"}
+    assert core.dropped == {NOBODY: 1, "other session": 1}
+    assert core.senders.sessions == {"anna": "anna/1", "ben": "ben/2"}
 
 
 def test_one_of_them_is_away(clip: Clip, frames: list[Frame]) -> None:
@@ -152,7 +152,7 @@ def test_a_broken_view_costs_its_sender_alone(clip: Clip, frames: list[Frame], f
     poses = fed(core, [robot(frames[0]), bad, good, robot(frames[1])])
     assert bits(poses) == bits(fed(other, [robot(frames[0]), good, robot(frames[1])]))
     assert poses[-1].sessions == ("ben/1",)
-    assert core.views.dropped == {REFUSED if fault == "impossible" else BROKEN: 1}
+    assert core.dropped == {REFUSED if fault == "impossible" else BROKEN: 1}
 
 
 def test_who_floods_pushes_nobody_else_out(clip: Clip, frames: list[Frame]) -> None:

@@ -157,8 +157,8 @@ def _read_worn(place: WornPlace, stamps: list[int]) -> RecordedWorn:
     of_frames = views_of_frames(stamps, [view_stamps[k] for k in known], _TOLERANCE)
     if view_stamps and not of_frames:
         raise DataError(
-            f"No view in {folder} has a row of {relative_poses} within 5 ms, and a frame of cam0 within the "
-            "second after it; put all three on the same clock."
+            f"No view in {folder} has a row of {relative_poses} within 5 ms, and a frame of cam0 after "
+            "it; put all three on the same clock."
         )
     found = {}
     for i, j in of_frames.items():

@@ -63,14 +63,12 @@ def match_stamps(stamps: list[int], others: list[int], tolerance: int) -> Mappin
     return {i: j for j, (_, i) in sorted(taken.items())}
 
 
-LONGEST = 1_000_000_000
-"""Longest time from a view of Cf to the frame that it comes with, nanoseconds."""
-
-
 def views_of_frames(stamps: list[int], views: list[int], ahead: int) -> Mapping[int, int]:
     """The view of Cf that comes with each frame: one of its instant, or of the time since the frame before.
 
-    All are nanoseconds, and sorted.  Of several views the one nearest to the frame counts.
+    All are nanoseconds, and sorted.  Of several views the one nearest to the frame counts.  However long that
+    time is, how late a view may be is the engine's to say (``worn.late``); before the first frame it is as
+    long as frames are apart.
 
     Parameters
     ----------
@@ -86,13 +84,14 @@ def views_of_frames(stamps: list[int], views: list[int], ahead: int) -> Mapping[
     Mapping of index in ``stamps`` to index in ``views``
     """
     reference = np.asarray(stamps, dtype=np.int64)
+    apart = int(np.median(np.diff(reference))) if len(stamps) > 1 else ahead
     found: dict[int, tuple[int, int]] = {}
     for j, view in enumerate(views):
         i = int(np.searchsorted(reference, view - ahead))
         if i == len(stamps):
             break
         gap = abs(stamps[i] - view)
-        if gap <= LONGEST and (i not in found or gap <= found[i][0]):
+        if (i or gap <= apart) and (i not in found or gap <= found[i][0]):
             found[i] = (gap, j)
     return {i: j for i, (_, j) in sorted(found.items())}
 

@@ -202,8 +202,8 @@ def _worn(recording: StreamRecording, folder: Path) -> _Worn:
             views[frame] = view, t_cf, covariances[int(np.argmin(np.abs(stamps - t)))], own
     if not views:
         raise DataError(
-            f"No frame of cam1 in {folder} is between two rows of t_cf.csv, with one of cam0 within the "
-            "second after it; put all three on the same clock."
+            f"No frame of cam1 in {folder} is between two rows of t_cf.csv, with one of cam0 after "
+            "it; put all three on the same clock."
         )
     return _Worn(_lens(folder, "cam1"), video, views)
 

@@ -203,8 +203,8 @@ def _views(
     }
     if not out:
         raise DataError(
-            f"No image of Cf in {bag.path} is between two of its measured poses, with one of Cs within the "
-            "second after it; put all three on the same clock."
+            f"No image of Cf in {bag.path} is between two of its measured poses, with one of Cs after "
+            "it; put all three on the same clock."
         )
     return out
 

@@ -51,7 +51,8 @@ LATENESSES = 32
 latest of so many came late."""
 START_GAP = 0.1
 """Largest time between a view and the frame that the filter starts from, as a share of ``worn.late``."""
-REASONS = ("stale", "future", "repeated", "superseded", "crowded")
+STALE, FUTURE, REPEATED, SUPERSEDED, CROWDED = "stale", "future", "repeated", "superseded", "crowded"
+REASONS = (STALE, FUTURE, REPEATED, SUPERSEDED, CROWDED)
 """Why a view was not used: older than what is kept, more than that ahead of its frame, used before, a newer
 one came for the same frame, too many waited."""
 Views = tuple[WornView, ...]
@@ -160,6 +161,8 @@ class LateViews(PersistentState):
         self._latenesses: tuple[float, ...] = ()
         self.dropped: dict[str, int] = {}
         """Views that were not used so far, by reason."""
+        self.used: tuple[WornView, ...] = ()
+        """Those that the last frame used, at most one of each worn camera."""
 
     def attributes(self) -> dict[str, Any]:
         """As `PersistentState.attributes`; what was handed in since belongs to it."""
@@ -196,7 +199,7 @@ class LateViews(PersistentState):
     def frames(self, t: float, image: Image, worn: Views) -> Iterator[Step]:
         """The frame with the views that it is to use; before it, if the filter can start from one that came
         late, the frames since."""
-        worn = self._choose(t, worn)
+        self.used, worn = (), self._choose(t, worn)
         start = self._start_of(t, worn)
         if start:
             self._filter.forget_time()
@@ -210,7 +213,9 @@ class LateViews(PersistentState):
         """The views that can be used, with T_CF as it is for the frame at ``t`` and the numbers of their
         cameras."""
         placed = ((self._worn.number(view.who), self._placed(t, view, lost=lost)) for view in views)
-        return tuple((number, view) for number, view in placed if view is not None)
+        found = tuple((number, view) for number, view in placed if view is not None)
+        self.used += tuple(view.captured or view.worn for _, view in found)
+        return found
 
     def _placed(self, t: float, worn: WornView, *, lost: bool) -> PlacedWorn | None:
         if worn.t is None:
@@ -219,7 +224,7 @@ class LateViews(PersistentState):
             return PlacedWorn(self._carried(worn, t), worn) if self._clock_sd > 0.0 else PlacedWorn(worn)
         timing = self._timing(worn)
         if lost and t - worn.t > START_GAP * self._late:
-            timing = "stale"  # nobody knows where Cs was
+            timing = STALE  # nobody knows where Cs was
         if timing in REASONS:
             self._drop(timing)
             return None
@@ -303,13 +308,14 @@ class LateViews(PersistentState):
         waiting = views[len(due) :]
         ahead = [view for view in waiting if _time(view) > t + self._late]
         waiting = waiting[: len(waiting) - len(ahead)]
-        self._drop("future", len(ahead))
-        self._drop("crowded", max(0, len(waiting) - MOST_PENDING))
+        self._drop(FUTURE, len(ahead))
+        self._drop(CROWDED, max(0, len(waiting) - MOST_PENDING))
         self._pending = tuple(waiting[-MOST_PENDING:])
-        fresh = [v for v in due if self._timing(v) != "repeated"]
-        self._drop("repeated", len(due) - len(fresh))
+        once = {(view.who, view.t): view for view in due}
+        fresh = [view for view in once.values() if self._timing(view) != REPEATED]
+        self._drop(REPEATED, len(due) - len(fresh))
         newest = {view.who: view for view in fresh}
-        self._drop("superseded", len(fresh) - len(newest))
+        self._drop(SUPERSEDED, len(fresh) - len(newest))
         chosen = sorted(newest.values(), key=lambda view: self._worn.number(view.who))
         for view in chosen:
             lateness = t - _time(view)
