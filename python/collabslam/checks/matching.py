@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -10,12 +11,20 @@ from numpy.typing import NDArray
 
 from collabslam._core import Camera
 from collabslam.checks.mistakes import Eye
-from collabslam.geometry import skew
+from collabslam.frontend.epipolar import inverse_ranges
+from collabslam.geometry import pose_inverse, skew
 from collabslam.types import Array, Image
 
 RATIO = 0.7
 LEAST_MATCHES = 20
 """Fewer matches say nothing of a pair of images."""
+BEHIND = 0.5
+"""A pose of which a smaller share of the points lies in front of both cameras is wrong."""
+FITS_PX = 3.0
+"""Distance from its epipolar line of a match that fits a pose, px."""
+_TELLING = 0.25
+"""Share of the matches that must tell where they lie."""
+_PARALLAX = np.sin(np.deg2rad(0.5))
 _FEATURES = 600
 
 
@@ -81,6 +90,29 @@ def epipolar_residuals(
     a, b = eyes[0].rays(matches.uv_a), eyes[1].rays(matches.uv_b)
     usable = np.isfinite(a).all(axis=1) & np.isfinite(b).all(axis=1)
     return eyes[0].focal * np.abs(sampson(a[usable], b[usable], t_ab))
+
+
+def in_front(matches: Matches, camera_a: Eye | Camera, camera_b: Eye | Camera, t_ab: Array) -> Array:
+    """1 for each match that lies in front of both cameras, 0 for one behind; NaN where nothing tells it.
+
+    Epipolar lines are the same for a pose that points backwards; depth is not.  It is told by matches that
+    the pose fits, whose rays are far from parallel.
+    """
+    eyes = [c if isinstance(c, Eye) else Eye(c) for c in (camera_a, camera_b)]
+    a, b = eyes[0].rays(matches.uv_a), eyes[1].rays(matches.uv_b)
+    fits = eyes[0].focal * np.abs(sampson(a, b, t_ab)) < FITS_PX
+    a, b = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (a, b))
+    clear = np.linalg.norm(np.cross(a, b @ t_ab[:3, :3].T), axis=1) > _PARALLAX
+    ahead = (inverse_ranges(a, b, t_ab) > 0.0) & (inverse_ranges(b, a, pose_inverse(t_ab)) > 0.0)
+    return np.where(fits & clear, ahead, np.nan)
+
+
+def share_in_front(found: Sequence[Array]) -> float:
+    """Share of what `in_front` found in several pairs of images; 1 where too few matches tell it."""
+    every = np.concatenate(found) if found else np.empty(0)
+    known = every[np.isfinite(every)]
+    enough = len(known) >= max(LEAST_MATCHES, _TELLING * len(every))
+    return float(np.mean(known)) if enough else 1.0
 
 
 def sampson(a: Array, b: Array, t_ab: Array) -> Array:

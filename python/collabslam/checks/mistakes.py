@@ -13,13 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from collabslam._core import Camera
+from collabslam.datasets.poses import BODY_FROM_OPTICAL, OPENGL_FROM_OPTICAL
 from collabslam.geometry import pose, pose_inverse, quaternion_wxyz, rotation_from_quaternion
 from collabslam.types import Array, Image
 
-BODY_FROM_OPTICAL = np.array(
-    [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0, 0, 0, 1.0]]
-)
-"""Maps optical axes (x right, y down, z forward) into ROS's body axes (x forward, y left, z up)."""
 OPTICAL_FROM_BODY = BODY_FROM_OPTICAL.T
 
 
@@ -57,11 +54,14 @@ QUATERNIONS = (
     ),
 )
 
+_UNITY = np.diag([1.0, -1.0, 1.0, 1.0])
+"""Turns Unity's left-handed axes (x right, y up, z forward), of world and camera, to optical ones."""
+
 WORN_POSE_MISTAKES = (
     PoseMistake("T_CF is inverted: it maps from Cs to Cf", "give its inverse, from Cf to Cs", pose_inverse),
     PoseMistake(
         "T_CF is along ROS body axes (x forward, y left, z up)",
-        "turn both of its frames to optical axes (x right, y down, z forward)",
+        "give --t-cf-axes ros, or turn its frames to optical axes (x right, y down, z forward)",
         lambda t: OPTICAL_FROM_BODY @ t @ BODY_FROM_OPTICAL,
     ),
     PoseMistake(
@@ -89,6 +89,16 @@ WORN_POSE_MISTAKES = (
         "leave it as it is measured",
         lambda t: t @ OPTICAL_FROM_BODY,
     ),
+    PoseMistake(
+        "T_CF is along OpenGL's axes (x right, y up, z back) of both cameras",
+        "give --t-cf-axes opengl",
+        lambda t: OPENGL_FROM_OPTICAL @ t @ OPENGL_FROM_OPTICAL,
+    ),
+    PoseMistake(
+        "T_CF is along Unity's left-handed axes (x right, y up, z forward)",
+        "negate y of its position, and x and z of its quaternion",
+        lambda t: _UNITY @ t @ _UNITY,
+    ),
     *QUATERNIONS,
 )
 
@@ -98,8 +108,18 @@ TRUE_POSE_MISTAKES = (
     ),
     PoseMistake(
         "the true poses are of ROS body axes (x forward, y left, z up)",
-        "give those of the camera's optical frame (x right, y down, z forward)",
+        "give --poses-axes ros, or those of the camera's optical frame (x right, y down, z forward)",
         lambda t: t @ BODY_FROM_OPTICAL,
+    ),
+    PoseMistake(
+        "the true poses are of OpenGL's axes (x right, y up, z back)",
+        "give --poses-axes opengl",
+        lambda t: t @ OPENGL_FROM_OPTICAL,
+    ),
+    PoseMistake(
+        "the true poses are of Unity's left-handed axes (x right, y up, z forward)",
+        "negate y of their positions, and x and z of their quaternions",
+        lambda t: _UNITY @ t @ _UNITY,
     ),
     PoseMistake(
         "the true poses were turned to optical axes although they had them",

@@ -1,8 +1,9 @@
 """Do the images of Cs agree with its calibration, its true poses and its stamps?
 
-Matched points of two frames must lie on each other's epipolar lines under the poses given.  The residual by
-frame gap shows calibration (all gaps) and drifting poses (growing with the gap).  The usual mistakes are
-undone one after the other; the one that leaves clearly the least is named.
+Matched points of two frames must lie on each other's epipolar lines under the poses given, and in front of
+both.  The residual by frame gap shows calibration (all gaps) and drifting poses (growing with the gap).  The
+usual mistakes are undone one after the other; of those that leave the points in front of the cameras, the one
+that leaves clearly the least residual is named.
 """
 
 from __future__ import annotations
@@ -14,12 +15,15 @@ from typing import NamedTuple
 import numpy as np
 
 from collabslam.checks.matching import (
+    BEHIND,
     LEAST_MATCHES,
     Matches,
     Points,
     describe,
     epipolar_residuals,
+    in_front,
     match_points,
+    share_in_front,
 )
 from collabslam.checks.mistakes import FOCALS, MIRRORS, SIZES, TRUE_POSE_MISTAKES, Eye
 from collabslam.checks.samples import CLEAR_GAIN, least, spread
@@ -105,20 +109,31 @@ def check_robot(recording: Recording) -> RobotReport:
     report = RobotReport(eye, by_gap, focal, offset, truth)
 
     trials = list(_trials(recording, every, eye, truth, focal, offset))
-    after = [residual(every, t.eye, t.poses) for t in trials]
-    best = int(np.argmin(after))
-    if trials and after[best] < CLEAR_GAIN * now:
-        fault, remedy, eye, poses = trials[best]
-        finding = (
-            f"{fault[0].upper()}{fault[1:]}: corrected, the residual of Cs falls from {now:.2f} to "
-            f"{after[best]:.2f} px; {remedy}."
+    after = np.array([residual(every, t.eye, t.poses) for t in trials])
+    front = _front(every, eye, truth)
+    limit = CLEAR_GAIN * now if front >= BEHIND else max(now, FINE_PX)
+    for best in np.argsort(after, kind="stable").tolist():
+        fault, remedy, changed, poses = trials[best]
+        if after[best] >= limit:
+            break
+        ahead = _front(every, changed, poses)
+        if ahead < BEHIND:
+            continue
+        told = f"the residual of Cs falls from {now:.2f} to {after[best]:.2f} px"
+        if front < BEHIND:
+            told = f"{100 * ahead:.0f} % of the points lie before the camera, not {100 * front:.0f} %"
+        finding = f"{fault[0].upper()}{fault[1:]}: corrected, {told}; {remedy}."
+        return RobotReport(changed, by_gap, focal, offset, poses, [finding])
+    if front < BEHIND:
+        report.findings.append(
+            f"Under the poses only {100 * front:.0f} % of the points lie before the camera, and no usual "
+            "mistake explains it; check what axes the camera has (x right, y down, z forward)."
         )
-        return RobotReport(eye, by_gap, focal, offset, poses, [finding])
     if now > FINE_PX:
         report.findings.append(
             f"The poses do not fit the images: the median residual is {now:.2f} px, and no usual mistake "
-            "(focal length, size, mirroring, clock, axes, inverse, order of quaternions) explains it; check "
-            "what the poses are of (T_WC: camera to world) and the distortion."
+            "(focal length, size, mirroring, clock, axes, inverse, order of names or quaternions) explains "
+            "it; check what the poses are of (T_WC: camera to world) and the distortion."
         )
     return report
 
@@ -131,6 +146,14 @@ def residual(pairs: list[Pair], eye: Eye, poses: Array) -> float:
         if np.isfinite(poses[[p.i, p.j]]).all()
     ]
     return float(np.median(np.concatenate(values))) if values and sum(map(len, values)) else np.inf
+
+
+def _front(pairs: list[Pair], eye: Eye, poses: Array) -> float:
+    """Share of the points of pairs of Cs that lie in front of both of its places; 1 if nothing tells it."""
+    known = [p for p in pairs if np.isfinite(poses[[p.i, p.j]]).all()]
+    return share_in_front(
+        [in_front(p.matches, eye, eye, pose_inverse(poses[p.i]) @ poses[p.j]) for p in known]
+    )
 
 
 def _offset(recording: Recording, pairs: list[Pair], eye: Eye, truth: Array) -> float:
@@ -172,6 +195,15 @@ def _trials(
         )
     for mirror in MIRRORS:
         yield _Trial(mirror.fault.format(camera="Cs"), mirror.remedy, mirror.undo(eye), truth)
+    order = sorted(range(len(truth)), key=str)
+    if order != list(range(len(truth))):
+        ranks = np.argsort(order)
+        for of, remedy, poses in (
+            ("images", "number them with leading zeros", truth[order]),
+            ("poses", "write them in the order of the images", truth[ranks]),
+        ):
+            fault = f"the {of} are in the order of names as text (0, 1, 10, 11, 2)"
+            yield _Trial(fault, remedy, eye, poses)
     for mistake in TRUE_POSE_MISTAKES:
         poses = np.array([mistake.undo(t) if np.isfinite(t).all() else t for t in truth])
         yield _Trial(mistake.fault, mistake.remedy, eye, poses)

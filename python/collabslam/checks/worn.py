@@ -16,7 +16,14 @@ import numpy as np
 
 from collabslam import _core
 from collabslam._core import MatchNoise, find_consensus
-from collabslam.checks.matching import LEAST_MATCHES, Matches, epipolar_residuals
+from collabslam.checks.matching import (
+    BEHIND,
+    LEAST_MATCHES,
+    Matches,
+    epipolar_residuals,
+    in_front,
+    share_in_front,
+)
 from collabslam.checks.mistakes import Eye, PoseMistake
 from collabslam.checks.robot import RobotReport
 from collabslam.checks.trials import Trial, worn_trials
@@ -109,8 +116,24 @@ def check_worn(recording: AtFrames, robot: RobotReport) -> WornReport:
     tried, white = [_costs(views, t) for t in trials], _white_share(views, given)
     best = int(np.argmax([_gain(views, costs, cost, white) for cost in tried]))
     gain = _gain(views, costs, tried[best], min(white, _white_share(views, trials[best])))
-    findings, undo = [], None
-    if gain > CLEAR_COST and _explains(views, trials[best]):
+    findings, undo, front = [], None, _front(views, given)
+    if front < BEHIND and not gain > CLEAR_COST:
+        ahead = [_front(views, t) if _explains(views, t) else 0.0 for t in trials]
+        medians = [
+            np.nanmedian(cost) if share >= BEHIND else np.inf
+            for cost, share in zip(tried, ahead, strict=True)
+        ]
+        best = int(np.argmin(medians))
+        undo = trials[best].mistake
+        findings.append(
+            f"Under T_CF only {100 * front:.0f} % of the points lie in front of both cameras"
+            + (
+                f": {trials[best].fault}; {trials[best].remedy}, and {100 * ahead[best]:.0f} % do."
+                if np.isfinite(medians[best])
+                else ", and no usual mistake explains it; check how T_CF was measured."
+            )
+        )
+    elif gain > CLEAR_COST and _explains(views, trials[best]) and _front(views, trials[best]) >= BEHIND:
         fault, undo = trials[best].fault, trials[best].mistake
         findings.append(
             f"{fault[0].upper()}{fault[1:]}: corrected, {_falls(views, given, trials[best])}; "
@@ -235,6 +258,13 @@ def _residual(views: list[View], trial: Trial) -> float:
         if _fits(v, trial)
     ]
     return float(np.median(np.concatenate(found)))
+
+
+def _front(views: list[View], trial: Trial) -> float:
+    """Share of the points of views that lie in front of both cameras under a trial."""
+    return share_in_front(
+        [in_front(v.matches[trial.image], *trial.eyes, trial.t_cf(v)) for v in views if _fits(v, trial)]
+    )
 
 
 def _expected(views: list[View], trial: Trial) -> float:

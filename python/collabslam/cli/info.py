@@ -18,7 +18,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Print the topics of a bag, then what the recording is."""
+    """Print the topics of a bag, what the recording is, and what was read of it from where."""
+    from collabslam.datasets.gate import listening
     from collabslam.datasets.ros.bag import Bag, is_bag
     from collabslam.datasets.ros.reader import ROLES
     from collabslam.runs.report import text_table
@@ -29,9 +30,12 @@ def main(arguments: argparse.Namespace) -> int:
             print(text_table([[t.name, t.type, str(t.messages)] for t in bag.topics] or [["none"]]))
         print("roles for --topics")
         print(text_table([list(row) for row in ROLES.items()]))
-    recording = options.source_of(arguments).open()
+    with listening() as facts:
+        recording = options.source_of(arguments).open()
     print(recording.name)
     print(text_table([[label, text] for label, text in describe(recording).items()]))
+    print("read")
+    print(text_table([[f.what, f.source, f.value] for f in facts] or [["nothing beside the images"]]))
     return OK
 
 
@@ -77,4 +81,5 @@ def _odometry(odometry: Odometry | None) -> str:
 
 def _camera(camera: Camera) -> str:
     fx, fy, cx, cy = camera.intrinsics
-    return f"{camera.width}x{camera.height} {camera.model}, fx {fx:g} fy {fy:g} cx {cx:g} cy {cy:g} px"
+    lens = " ".join([camera.model, *(f"{k:g}" for k in camera.distortion)])
+    return f"{camera.width}x{camera.height} {lens}, fx {fx:g} fy {fy:g} cx {cx:g} cy {cy:g} px"

@@ -42,15 +42,34 @@ def add_source(parser: argparse.ArgumentParser, *, optional: bool = False) -> No
     )
     group = parser.add_argument_group("files beside the recording")
     group.add_argument(
-        "--camera", metavar="FILE", type=Path, help="calibration of Cs (Kalibr or OpenCV YAML)"
+        "--camera",
+        metavar="FILE",
+        type=Path,
+        help="calibration of Cs (of Kalibr, OpenCV, ROS, ORB-SLAM, COLMAP, ..)",
     )
-    group.add_argument("--times", metavar="FILE", type=Path, help="time stamps, one a line")
+    group.add_argument("--times", metavar="FILE", type=Path, help="time stamps in any unit, one a line")
     group.add_argument(
-        "--poses", metavar="FILE", type=Path, help="true poses (TUM), to score and to emulate Cf"
+        "--poses",
+        metavar="FILE",
+        type=Path,
+        help="true poses (TUM, EuRoC, KITTI, ..), to score and to emulate Cf",
     )
     group.add_argument(
         "--depth", metavar="TOPIC", help="of a bag: depth images registered to Cs; as --topics depth=TOPIC"
     )
+    group.add_argument(
+        "--depth-scale",
+        metavar="COUNTS",
+        type=float,
+        help="counts of a 16-bit depth image at one metre (TUM RGB-D 5000, a bag 1000 unless told)",
+    )
+    for option, whose in (("--poses-axes", "--poses"), ("--t-cf-axes", "the measured T_CF")):
+        group.add_argument(
+            option,
+            choices=("optical", "opengl", "ros"),
+            help=f"camera axes of {whose}: optical (x right, y down, z forward; default), opengl (x right, y "
+            "up, z back: ARKit, ARCore, Blender), ros (x forward, y left, z up)",
+        )
     group.add_argument(
         "--topics",
         metavar="ROLE=TOPIC,..",
@@ -195,7 +214,10 @@ def source_of(arguments: argparse.Namespace) -> Source:
 
     named = {} if arguments.depth is None else {"depth": arguments.depth}
     files = (arguments.camera, arguments.times, arguments.poses)
-    given = Given(*files, {**(arguments.topics or {}), **named}, odometry_of(arguments))
+    named_axes = {"poses": arguments.poses_axes, "t_cf": arguments.t_cf_axes}
+    axes = {of: axes for of, axes in named_axes.items() if axes is not None}
+    topics = {**(arguments.topics or {}), **named}
+    given = Given(*files, topics, odometry_of(arguments), arguments.depth_scale, axes)
     return Source(arguments.source, given)
 
 

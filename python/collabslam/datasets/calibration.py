@@ -1,172 +1,373 @@
-"""Camera calibrations: Kalibr camchain, EuRoC ``sensor.yaml``, OpenCV and ROS YAML files.
+"""Camera calibrations of every kind that people have: which keys of which program's files mean what.
 
-All become one :class:`collabslam._core.Camera`.  The models are METHOD section 4's: no distortion, OpenCV's
-radial-tangential (k1 k2 p1 p2 and optionally k3), fisheye (equidistant, k1..k4), and Davison's wide-angle
-model.
+Read are Kalibr camchains, EuRoC ``sensor.yaml``, OpenCV's and ROS's files and messages, the settings of VINS
+and ORB-SLAM, COLMAP's ``cameras.txt``, nerfstudio's ``transforms.json``, Record3D's ``metadata``,
+ARKitScenes' ``.pincam`` and SceneLib2's JSON.  All become one `collabslam._core.Camera`; see
+`collabslam.datasets.lens`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 
 from collabslam._core import Camera
+from collabslam.datasets.gate import Keys, data_lines, read_keys, tell, text_of
+from collabslam.datasets.lens import MODELS, lens, of_matrix
 from collabslam.datasets.poses import rigid
 from collabslam.errors import DataError
-from collabslam.formats.files import read_text
-from collabslam.formats.yaml_text import load_yaml
 from collabslam.geometry import pose_inverse
 from collabslam.types import Array, Image
 
-MODEL_OF_DISTORTION = {
-    "none": "pinhole",
-    "radtan": "radtan",
-    "radial-tangential": "radtan",
-    "plumb_bob": "radtan",
-    "equidistant": "fisheye",
-    "equi": "fisheye",
-    "fisheye": "fisheye",
-    "wideangle": "wideangle",
-}
+_MATRIX = ("camera_matrix", "cameraMatrix", "camera_mat", "intrinsic_matrix", "mtx", "K", "k")
+_DISTORTION = (
+    "distortion_coefficients", "distortion_coeffs", "distortionCoefficients", "dist_coeffs", "dist_coeff",
+    "dist_coefs", "distCoeffs", "dist", "distortion", "D", "d",
+)  # fmt: skip
+_SIZE = ("resolution", "image_size", "imageSize", "img_size")
+_WIDTH, _HEIGHT = ("image_width", "imageWidth", "width", "w"), ("image_height", "imageHeight", "height", "h")
+_PROJECTION = ("projection_matrix", "P", "p")
+_RATE = ("rate", "Camera.fps", "fps")
+_DEPTH_SCALE = ("depth_scale", "DepthMapFactor", "RGBD.DepthMapFactor")
+_NO_LENS = (
+    "comment*", "camera_name", "sensor_type", "rate_hz", "header", "rectification_matrix", "R", "r", "*time",
+    "n*frames*", "nr_of_*", "board*", "square*", "marker*", "pattern*", "flags", "*reproj*", "*_error*",
+    "rms*", "image_points", "grid_points", "extrinsic_parameters", "aspect*", "fix*", "cam_overlaps",
+    "T_cam_imu", "T_imu_cam", "line_delay", "T_cn_cnm1", "rostopic", "timeshift_cam_imu",
+)  # fmt: skip
+"""Keys of calibrations that say nothing of the lens."""
 _DISTORTION_NAMES = {
     "pinhole": "none",
     "radtan": "radial-tangential",
     "fisheye": "equidistant",
     "wideangle": "wideangle",
 }
-_COEFFICIENTS = {"pinhole": (0,), "radtan": (4, 5), "fisheye": (4,), "wideangle": (1,)}
 
 
-def read_yaml(path: Path) -> dict[str, Any]:
-    """A YAML file as a dictionary; plain YAML, or OpenCV's FileStorage dialect.
+@dataclass(frozen=True)
+class Calibration:
+    """What a calibration file says.
+
+    Attributes
+    ----------
+    camera : Camera
+    rate : float or None
+        Images a second.
+    depth_scale : float or None
+        Counts of a depth image at one metre.
+    t_bs : (4, 4) float64 or None
+        Maps points of the sensor into the body, metres.
+    """
+
+    camera: Camera
+    rate: float | None = None
+    depth_scale: float | None = None
+    t_bs: Array | None = None
+
+
+def is_rectified(topic: str) -> bool:
+    """Whether a topic's name says that its images are rectified: their lens is P, without distortion."""
+    return re.search(r"(^|[/_])rect(ified)?([/_]|$)", topic) is not None
+
+
+def of_keys(keys: Keys, topic: str = "") -> Calibration:
+    """The calibration that a file or a message holds; all its keys are used, or passed over by name.
 
     Raises
     ------
     DataError
-        If the file is missing, not YAML, or not a mapping.
+        Naming the key that is missing, not known or not allowed.
     """
-    try:
-        text = read_text(path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"The file {path} cannot be read as text; give an existing YAML file.") from error
-    # All but OpenCV's header and tag is YAML; its own parser writes beyond its memory in broken files.
-    body = "\n".join(line for line in text.splitlines() if not line.startswith("%"))
-    body = body.replace("!!opencv-matrix", "")
-    try:
-        content = load_yaml(body)
-    except yaml.YAMLError as error:
-        reason = " ".join(str(error).split())
-        raise DataError(f"The file {path} is not valid YAML ({reason}); correct it.") from error
-    if not isinstance(content, dict):
-        raise DataError(f"The file {path} holds no 'key: value' lines; give a calibration in YAML.")
-    return content
+    program = next((read for own, read in _PROGRAMS if keys.has(*own)), _opencv)
+    rate = _positive(keys, *_RATE)
+    depth_scale = _positive(keys, *_DEPTH_SCALE)
+    t_bs = None
+    if keys.has("T_BS"):
+        t_bs = _transform(keys, "T_BS")
+    return Calibration(program(keys, topic), rate, depth_scale, t_bs)
 
 
-def _required(block: Mapping[str, Any], keys: tuple[str, ...], path: Path | str) -> Any:
-    for key in keys:
-        if block.get(key) is not None:
-            return block[key]
-    raise DataError(f"The calibration {path} lacks the key '{keys[0]}'; add it.")
+def _transform(keys: Keys, name: str) -> Array:
+    return rigid(np.asarray(keys.numbers(name, count=(16,))).reshape(4, 4), f"{name} of {keys.where}")
 
 
-def _numbers(value: Any, count: tuple[int, ...] | None, key: str, path: Path | str) -> list[float]:
-    if isinstance(value, Mapping):
-        value = value.get("data")
-    try:
-        # PyYAML reads 1e-05 as text, hence float() of each item.
-        numbers = [float(x) for x in np.asarray(value, dtype=object).ravel().tolist()]
-    except (TypeError, ValueError, OverflowError) as error:
-        raise DataError(f"The key '{key}' of {path} is not a list of numbers; correct it.") from error
-    if not bool(np.all(np.isfinite(numbers))):
-        raise DataError(f"The key '{key}' of {path} holds a number that is not finite; correct it.")
-    if count is not None and len(numbers) not in count:
-        expected = " or ".join(str(c) for c in count)
-        raise DataError(f"The key '{key}' of {path} has {len(numbers)} numbers; {expected} are needed.")
-    return numbers
-
-
-def _pick(content: Mapping[str, Any], name: str | None, path: Path | str) -> Mapping[str, Any]:
-    """The block of one camera: the named one of a Kalibr camchain, or the whole file."""
-    chain = {k: v for k, v in content.items() if isinstance(v, Mapping) and "intrinsics" in v}
-    if not chain:
-        return content
-    wanted = name if name is not None else ("cam0" if "cam0" in chain else sorted(chain)[0])
-    if wanted not in chain:
+def _positive(keys: Keys, *names: str) -> float | None:
+    if not keys.has(*names):
+        return None
+    value = keys.number(*names)
+    if not value > 0.0:
         raise DataError(
-            f"The calibration {path} has no camera '{wanted}'; it has {', '.join(sorted(chain))}."
+            f"The key '{next(filter(keys.has, names))}' of {keys.where} is not a positive number."
         )
-    block: Mapping[str, Any] = chain[wanted]
-    return block
+    return value
 
 
-def _distortion(block: Mapping[str, Any], path: Path | str) -> tuple[str, list[float]]:
-    keys = ("distortion_coefficients", "distortion_coeffs")
-    value: Any = next((block[k] for k in keys if block.get(k) is not None), [])
-    coefficients = _numbers(value, None, keys[0], path)
-    named = block.get("distortion_model")
-    if named is None:
-        named = "fisheye" if block.get("fisheye") else ("radtan" if coefficients else "none")
-    model = MODEL_OF_DISTORTION.get(str(named).strip().lower())
-    if model is None:
-        known = ", ".join(MODEL_OF_DISTORTION)
-        raise DataError(
-            f"The distortion model '{named}' of {path} is not supported; calibrate with one of: {known}."
+def _opencv(keys: Keys, topic: str) -> Camera:
+    """Kalibr's block of a camera, EuRoC's, OpenCV's and ROS's files, and what follows their names."""
+    where = keys.where
+    own = keys.take("camera_model") if keys.has("camera_model") else None
+    model = "none" if own is None else str(own)
+    if is_rectified(topic):
+        projection = keys.numbers(*_PROJECTION, count=(12,))
+        intrinsics = [projection[k] for k in (0, 5, 2, 6)]
+        why = (
+            f"the images of {topic} are rectified: {'P' if keys.has('P', 'p') else 'projection_matrix'} holds"
         )
-    if not coefficients and model == "radtan":
-        model = "pinhole"
-    return model, _numbers(coefficients, _COEFFICIENTS[model], keys[0], path)
-
-
-def camera_from_mapping(content: Mapping[str, Any], path: Path | str, name: str | None = None) -> Camera:
-    """Camera of the content of a calibration file; ``path`` serves the messages.
-
-    Raises
-    ------
-    DataError
-        Naming the missing key, or the value that is not allowed.
-    """
-    block = _pick(content, name, path)
-    if "camera_matrix" in block:
-        k = _numbers(block["camera_matrix"], (9,), "camera_matrix", path)
-        intrinsics = [k[0], k[4], k[2], k[5]]
-        sizes = [_required(block, ("image_width",), path), _required(block, ("image_height",), path)]
-        resolution = _numbers(sizes, (2,), "image_width", path)
+        keys.leave(*_MATRIX, *_DISTORTION, "distortion_model", "intrinsics", *_NO_LENS, why=why)
+        return lens("none", _size(keys), intrinsics, [], where)
+    if keys.has(*_MATRIX):
+        intrinsics = of_matrix(keys.numbers(*_MATRIX, count=(9,)), where)
     else:
-        projection = str(block.get("camera_model", "pinhole")).strip().lower()
-        if projection != "pinhole":
+        intrinsics = keys.numbers("intrinsics")
+        intrinsics = of_matrix(intrinsics, where) if len(intrinsics) == 9 else intrinsics
+    size = _size(keys)
+    given = keys.has(*_DISTORTION)
+    coefficients = keys.numbers(*_DISTORTION) if given else []
+    named = keys.take("distortion_model")
+    fisheye = bool(keys.take("fisheye_model", "fisheye"))
+    distortion = "fisheye" if fisheye else str(named or ("radtan" if coefficients else "none"))
+    undistorted = keys.has(*_PROJECTION) and not coefficients and _same_as_p(keys, intrinsics)
+    keys.leave(*_NO_LENS, *_PROJECTION)
+    if model.strip().lower() not in ("pinhole", "none"):
+        if len(intrinsics) == 4 or MODELS.get(distortion.strip().lower()) not in ("pinhole", "radtan"):
             raise DataError(
-                f"The camera model '{projection}' of {path} is not supported; calibrate as 'pinhole' with "
-                "the distortion model radtan or equidistant."
+                f"The camera model '{model}' of {where} does not have such numbers; calibrate as 'pinhole'."
             )
-        intrinsics = _numbers(_required(block, ("intrinsics",), path), (4,), "intrinsics", path)
-        resolution = _numbers(_required(block, ("resolution",), path), (2,), "resolution", path)
-    model, coefficients = _distortion(block, path)
+        return lens(model, size, intrinsics, coefficients, where)
+    if len(intrinsics) != 4:
+        raise DataError(f"The key 'intrinsics' of {where} has {len(intrinsics)} numbers; 4 are needed.")
+    if undistorted and MODELS.get(distortion.strip().lower()) == "radtan":
+        distortion = "none"
+    return lens(distortion, size, intrinsics, coefficients, where)
+
+
+def _same_as_p(keys: Keys, intrinsics: list[float]) -> bool:
+    """Whether the projection of rectified images is that of the raw ones: then there is no distortion."""
+    p = keys.numbers(*_PROJECTION, count=(12,))
+    return bool(np.allclose([p[k] for k in (0, 5, 2, 6)], intrinsics))
+
+
+def _size(keys: Keys) -> list[float]:
+    if keys.has(*_SIZE):
+        return keys.numbers(*_SIZE, count=(2,))
+    if not keys.has(*_WIDTH) and not keys.has(*_MATRIX) and keys.has("intrinsics"):
+        keys.need(*_SIZE)
+    return [keys.number(*_WIDTH), keys.number(*_HEIGHT)]
+
+
+def _vins(keys: Keys, _: str) -> Camera:
+    """The lens of VINS-Mono and VINS-Fusion (camodocal)."""
+    kind = str(keys.need("model_type")).upper()
+    with keys.inside("projection_parameters") as p, keys.inside("distortion_parameters") as d:
+        if kind == "KANNALA_BRANDT":
+            intrinsics, coefficients = _each(p, "mu mv u0 v0"), _each(p, "k2 k3 k4 k5")
+            model = "fisheye"
+        elif kind == "MEI":
+            with keys.inside("mirror_parameters") as mirror:
+                intrinsics = [mirror.number("xi"), *_each(p, "gamma1 gamma2 u0 v0")]
+            model, coefficients = "omni", _each(d, "k1 k2 p1 p2")
+        elif kind in ("PINHOLE", "PINHOLE_FULL"):
+            intrinsics, model = _each(p, "fx fy cx cy"), "radtan"
+            coefficients = _each(d, "k1 k2 p1 p2" if kind == "PINHOLE" else "k1 k2 p1 p2 k3 k4 k5 k6")
+        else:
+            raise DataError(
+                f"The model_type '{kind}' of {keys.where} is not known; PINHOLE, MEI or KANNALA_BRANDT is."
+            )
+    size = _size(keys)
+    keys.leave("*", why="settings of VINS, not of the lens")
+    return lens(model, size, intrinsics, coefficients, keys.where)
+
+
+def _orb_slam(keys: Keys, _: str) -> Camera:
+    """The first camera of the settings of ORB-SLAM2 and 3."""
+    own = "Camera1." if keys.has("Camera1.fx") else "Camera."
+    kind = str(keys.take("Camera.type") if keys.has("Camera.type") else "PinHole")
+    intrinsics = _each(keys, "fx fy cx cy", own)
+    model = {"pinhole": "radtan", "kannalabrandt8": "fisheye", "rectified": "none"}.get(kind.lower())
+    if model is None:
+        raise DataError(
+            f"The Camera.type '{kind}' of {keys.where} is not known; PinHole or KannalaBrandt8 is."
+        )
+    names = {"radtan": "k1 k2 p1 p2", "fisheye": "k1 k2 k3 k4", "none": ""}[model]
+    more = " k3" if model == "radtan" and keys.has(f"{own}k3") else ""
+    coefficients = _each(keys, names + more, own)
+    size = [keys.number("Camera.width"), keys.number("Camera.height")]
+    why = "settings of ORB-SLAM, not of this lens"
+    keys.leave("Camera2.*", "Camera.[!kp]*", "[!C]*", why=why)
+    return lens(model, size, intrinsics, coefficients, keys.where)
+
+
+def _nerfstudio(keys: Keys, _: str) -> Camera:
+    """The lens of a ``transforms.json``, whose pixels begin at their corners, as COLMAP's do."""
+    frames = keys.take("frames") or []
+    if any(isinstance(frame, Mapping) and "fl_x" in frame for frame in frames):
+        raise DataError(f"{keys.where} has a lens of each frame; give a camera whose lens stays as it is.")
+    kind = str(keys.take("camera_model") if keys.has("camera_model") else "OPENCV").upper()
+    fx = keys.number("fl_x")
+    fy = keys.number("fl_y") if keys.has("fl_y") else fx
+    names = {"OPENCV": "k1 k2 p1 p2", "OPENCV_FISHEYE": "k1 k2 k3 k4"}.get(kind, "")
+    if kind not in ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE"):
+        raise DataError(
+            f"The camera_model '{kind}' of {keys.where} is not known; OPENCV or OPENCV_FISHEYE is."
+        )
+    coefficients = [keys.number(name) if keys.has(name) else 0.0 for name in names.split()]
+    if kind == "OPENCV" and keys.has("k3"):
+        coefficients.append(keys.number("k3"))
+    zero = [name for name in ("k3", "k4", "p1", "p2") if keys.has(name) and keys.number(name) == 0.0]
+    centre = [keys.number("cx") - 0.5, keys.number("cy") - 0.5]
+    keys.leave(
+        "camera_angle_*", "applied_*", "orientation_override", "ply_file_path", "aabb*", "scale", "offset",
+        "*_filenames", *zero,
+    )  # fmt: skip
+    model = "fisheye" if kind == "OPENCV_FISHEYE" else "radtan" if any(coefficients) else "none"
+    return lens(model, _size(keys), [fx, fy, *centre], coefficients if model != "none" else [], keys.where)
+
+
+def _record3d(keys: Keys, _: str) -> Camera:
+    """The lens of Record3D's ``metadata``, whose K is column by column."""
+    k = np.asarray(keys.numbers("K", count=(9,))).reshape(3, 3).T
+    size = _size(keys)
+    keys.leave("poses", "initPose", "perFrame*", "d[wh]", "cameraType", "frameTimestamps", "*imestamps")
+    return lens("none", size, of_matrix(k.ravel().tolist(), keys.where), [], keys.where)
+
+
+def _scenelib(keys: Keys, _: str) -> Camera:
+    """The lens of SceneLib2's JSON."""
+    model = str(keys.need("model"))
+    intrinsics = _each(keys, "focal_length_x focal_length_y principal_point_x principal_point_y")
+    coefficients = [keys.number("radial_distortion_x")]
+    for name in ("skew", "tangential_distortion_x", "tangential_distortion_y"):
+        if keys.has(name) and keys.number(name) != 0.0:
+            raise DataError(f"The key '{name}' of {keys.where} is not zero; calibrate without it.")
+    keys.leave("radial_distortion_y", "measurement_noise")
+    return lens(model, _size(keys), intrinsics, coefficients, keys.where)
+
+
+def _elsewhere(keys: Keys, _: str) -> Camera:
+    other = keys.take("cam0_calib")
+    raise DataError(f"{keys.where} has its lens in another file ({other}); give that one with --camera.")
+
+
+def _each(keys: Keys, names: str, prefix: str = "") -> list[float]:
+    return [keys.number(prefix + name) for name in names.split()]
+
+
+_PROGRAMS: tuple[tuple[tuple[str, ...], Callable[[Keys, str], Camera]], ...] = (
+    (("projection_parameters", "model_type"), _vins),
+    (("Camera.fx", "Camera1.fx", "Camera.type"), _orb_slam),
+    (("fl_x", "camera_angle_x"), _nerfstudio),
+    (("poses", "perFrameIntrinsicCoeffs"), _record3d),
+    (("focal_length_x",), _scenelib),
+    (("cam0_calib",), _elsewhere),
+)
+"""Keys that only one program's files have, and how those are read."""
+
+_COLMAP = {
+    "SIMPLE_PINHOLE": ("none", "f cx cy"),
+    "PINHOLE": ("none", "fx fy cx cy"),
+    "SIMPLE_RADIAL": ("radtan", "f cx cy k1"),
+    "RADIAL": ("radtan", "f cx cy k1 k2"),
+    "OPENCV": ("radtan", "fx fy cx cy k1 k2 p1 p2"),
+    "FULL_OPENCV": ("radtan", "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6"),
+    "OPENCV_FISHEYE": ("fisheye", "fx fy cx cy k1 k2 k3 k4"),
+    "SIMPLE_RADIAL_FISHEYE": ("fisheye", "f cx cy k1"),
+    "RADIAL_FISHEYE": ("fisheye", "f cx cy k1 k2"),
+    "FOV": ("fov", "fx fy cx cy omega"),
+}
+"""COLMAP's models: ours, and the order of their parameters."""
+_ORDER = {"none": "", "radtan": "k1 k2 p1 p2 k3 k4 k5 k6", "fisheye": "k1 k2 k3 k4", "fov": "omega"}
+
+
+def _of_lines(path: Path) -> Calibration:
+    """A calibration without keys: COLMAP's ``cameras.txt``, or ``.pincam`` (width height fx fy cx cy)."""
+    lines = [fields for _, fields in data_lines(path)]
+    first = lines[0] if len(lines) == 1 else []
     try:
-        return Camera(model, int(resolution[0]), int(resolution[1]), intrinsics, coefficients)
-    except (ValueError, OverflowError) as error:
-        raise DataError(f"The calibration {path} is not usable: {error}") from error
+        if len(first) > 4 and first[1] in _COLMAP:
+            model, names = _COLMAP[first[1]]
+            size, numbers = [float(v) for v in first[2:4]], [float(v) for v in first[4:]]
+            told = dict(zip(names.split(), numbers, strict=True))
+            f = told.get("f", 0.0)
+            intrinsics = [told.get("fx", f), told.get("fy", f), told["cx"] - 0.5, told["cy"] - 0.5]
+            coefficients = [told.get(name, 0.0) for name in _ORDER[model].split()]
+            tell(f"COLMAP's {first[1]}", numbers, path)
+            return Calibration(lens(model, size, intrinsics, coefficients, str(path)))
+        if len(first) == 6:
+            numbers = [float(v) for v in first]
+            tell("width height fx fy cx cy", numbers, path)
+            return Calibration(lens("none", numbers[:2], numbers[2:], [], str(path)))
+    except ValueError as error:
+        raise DataError(
+            f"The calibration {path} has not the numbers of its model ({error}); correct it."
+        ) from error
+    raise DataError(
+        f"The file {path} holds no 'key: value' lines, nor a single camera of COLMAP's cameras.txt; give a "
+        "calibration in YAML."
+    )
 
 
-def load_camera(path: Path | str, name: str | None = None) -> Camera:
-    """Read a camera calibration.
+def read_calibration(path: Path, *, name: str | None = None, topic: str = "") -> Calibration:
+    """Read a calibration file.
 
     Parameters
     ----------
     path
-        Kalibr camchain, EuRoC ``sensor.yaml``, OpenCV FileStorage or ROS CameraInfo YAML file.
+        Of any kind that this module names.
     name
-        Which camera of a camchain; ``cam0`` unless told.
+        Which camera of a camchain; that of the topic, of the file's or its folder's name, or ``cam0`` unless
+        told.
+    topic
+        Of the images, which a camchain may name, and whose name may say that they are rectified.
 
     Raises
     ------
     DataError
-        If the file is missing or broken, naming the missing key.
+        If the file is missing or broken, naming the key that is missing or not known.
     """
-    return camera_from_mapping(read_yaml(Path(path)), Path(path), name)
+    path = Path(path)
+    if not re.search(r"^[^#\n]*:|^\s*\{", text_of(path), re.MULTILINE):
+        return _of_lines(path)
+    with read_keys(path) as keys:
+        cameras = [key for key in keys if re.fullmatch(r"cam\d+", key)]
+        if not cameras:
+            if name is not None:
+                raise DataError(f"The calibration {path} has no camera '{name}'; it is of one camera alone.")
+            return of_keys(keys, topic)
+        beside = next((n for n in (path.stem, path.parent.name, "cam0") if n in cameras), cameras[0])
+        chosen = name or _of_topic(keys, cameras, topic) or beside
+        if chosen not in cameras:
+            raise DataError(f"The calibration {path} has no camera '{chosen}'; it has {', '.join(cameras)}.")
+        with keys.inside(chosen) as block:
+            found = of_keys(block, topic)
+        keys.leave(*cameras, why=f"other cameras than {chosen}")
+        rate = _positive(keys, *_RATE)
+    return found if rate is None else replace(found, rate=rate)
+
+
+def _of_topic(keys: Keys, cameras: list[str], topic: str) -> str | None:
+    """The camera of a camchain whose images a topic has; None if the camchain names no topics."""
+    topics = {name: str(keys.peek(name).get("rostopic", "")).strip("/") for name in cameras}
+    found = [name for name, named in topics.items() if named and _images(named) == _images(topic)]
+    if topic and any(topics.values()) and len(cameras) > 1 and len(found) != 1:
+        known = ", ".join(f"{name}: /{named}" for name, named in topics.items())
+        raise DataError(
+            f"The camchain {keys.where} does not say which of its cameras has the images of {topic} "
+            f"({known}); correct 'rostopic', or give a file of one camera."
+        )
+    return found[0] if found else None
+
+
+def _images(topic: str) -> str:
+    return topic.removesuffix("/compressed").strip("/")
+
+
+def load_camera(path: Path | str, name: str | None = None, topic: str = "") -> Camera:
+    """The camera of a calibration file; see `read_calibration`."""
+    return read_calibration(Path(path), name=name, topic=topic).camera
 
 
 def pinhole_camera(k: Array, size: tuple[int, int], path: Path | str) -> Camera:
@@ -177,12 +378,8 @@ def pinhole_camera(k: Array, size: tuple[int, int], path: Path | str) -> Camera:
     DataError
         Naming the file ``path`` that K was read from, if its numbers are not allowed.
     """
-    if not np.array_equal(k[2], (0.0, 0.0, 1.0)):
-        raise DataError(f"The last row of the 3x3 matrix in {path} is not 0 0 1; give K row by row.")
-    try:
-        return Camera("pinhole", *size, (k[0, 0], k[1, 1], k[0, 2], k[1, 2]), [])
-    except (ValueError, OverflowError) as error:
-        raise DataError(f"The calibration {path} is not usable: {error}") from error
+    tell("K", k, path)
+    return lens("none", size, of_matrix(k.ravel().tolist(), str(path)), [], str(path))
 
 
 def sensor_mapping(camera: Camera) -> dict[str, object]:
@@ -205,38 +402,56 @@ def load_extrinsics(path: Path) -> Array:
     DataError
         If the key is missing or is no rigid pose.
     """
-    numbers = _numbers(_required(read_yaml(path), ("T_BS",), path), (16,), "T_BS", path)
-    return rigid(np.asarray(numbers).reshape(4, 4), f"T_BS of {path}")
+    t_bs = read_calibration(path).t_bs
+    if t_bs is None:
+        raise DataError(f"{path} lacks the key 'T_BS'; add it.")
+    return t_bs
 
 
-def load_rig(path: Path) -> tuple[Camera, Array, float]:
-    """The second camera of a Kalibr camchain, as Cf bound to Cs, the first.
+def load_rig(path: Path, topics: tuple[str, str] = ("", "")) -> tuple[Camera, Array, float]:
+    """Another camera of a Kalibr camchain, as Cf bound to Cs.
+
+    Parameters
+    ----------
+    path : Path
+    topics : (str, str)
+        Of the images of Cs and Cf, where the camchain names them; else they are ``cam0`` and ``cam1``.
 
     Returns
     -------
     camera : Camera
-        Of ``cam1``.
+        Of Cf.
     t_cf : (4, 4) array
-        Maps its points into ``cam0``: the inverse of ``T_cn_cnm1``.
+        Maps its points into Cs, by ``T_cn_cnm1``.
     shift : float
-        Seconds to add to its stamps to be on the clock of ``cam0`` (the difference of ``timeshift_cam_imu``).
+        Seconds to add to its stamps to be on the clock of Cs (the difference of ``timeshift_cam_imu``).
 
     Raises
     ------
     DataError
         If the file is no camchain of two cameras, or the transform is missing or not rigid.
     """
-    content = read_yaml(path)
-    first, second = content.get("cam0"), content.get("cam1")
-    if not isinstance(first, Mapping) or not isinstance(second, Mapping):
-        raise DataError(f"The calibration {path} is no Kalibr camchain with cam0 and cam1; give one of both.")
-    numbers = _numbers(_required(second, ("T_cn_cnm1",), path), (16,), "T_cn_cnm1", path)
-    t_fc = rigid(np.asarray(numbers).reshape(4, 4), f"T_cn_cnm1 of {path}")
-    shifts = [
-        _numbers(block.get("timeshift_cam_imu", 0.0), (1,), "timeshift_cam_imu", path)[0]
-        for block in (first, second)
-    ]
-    return camera_from_mapping(content, path, "cam1"), pose_inverse(t_fc), shifts[1] - shifts[0]
+    placed: dict[str, Array] = {}
+    shifts: dict[str, float] = {}
+    with read_keys(path) as keys:
+        names = sorted((n for n in keys if re.fullmatch(r"cam\d+", n)), key=lambda n: int(n[3:]))
+        if not {"cam0", "cam1"} <= set(names):
+            raise DataError(
+                f"The calibration {path} is no Kalibr camchain with cam0 and cam1; give one of both."
+            )
+        which = [_of_topic(keys, names, topic) for topic in topics]
+        for name in names:
+            with keys.inside(name) as block:
+                t = np.eye(4)
+                if placed:
+                    t = _transform(block, "T_cn_cnm1") @ list(placed.values())[-1]
+                placed[name] = t
+                shifts[name] = block.number("timeshift_cam_imu") if block.has("timeshift_cam_imu") else 0.0
+                block.leave("*", why="of the lens")
+        _positive(keys, *_RATE)
+    cs, cf = which[0] or "cam0", which[1] or "cam1"
+    t_cf = placed[cs] @ pose_inverse(placed[cf])
+    return load_camera(path, cf), t_cf, shifts[cf] - shifts[cs]
 
 
 def check_resolution(camera: Camera, image: Image, path: Path | str) -> None:

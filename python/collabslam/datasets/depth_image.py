@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from collabslam._core import Camera
+from collabslam.datasets.gate import tell
 from collabslam.datasets.images import decode_deep
+from collabslam.errors import DataError
 from collabslam.types import Array, DepthPoints
 
 STEP = 6
@@ -20,6 +22,10 @@ SIGMA, SIGMA_AT_1M = 0.003, 0.004
 light has 0.002 there, small stereo cameras 0.004)."""
 SPEED = 1.0
 """Metres a second by which a depth of another instant is less certain."""
+MILLIMETRES, TUM = 1000.0, 5000.0
+"""Counts at one metre of most depth cameras, and of the TUM RGB-D benchmark."""
+LEAST_SCALE = 50.0
+"""Counts at one metre below which a depth image of 16 bits tells nothing."""
 _EDGE = 0.03  # of the depth between neighbours: more is the edge of something
 
 
@@ -43,6 +49,24 @@ class DepthImage:
     def points(self, camera: Camera) -> DepthPoints:
         """Its depths; raises DataError if the file is missing, broken, of another size, or not of 16 bits."""
         return depth_points(decode_deep(self.path, camera) / self.per_metre, self.gap)
+
+
+def depth_scale(given: float | None, stated: float | None, usual: float, where: str) -> float:
+    """Counts of a depth image at one metre: as given, as the calibration states, or as usual.
+
+    Raises
+    ------
+    DataError
+        If there are too few.
+    """
+    scale = given or stated or usual
+    source = (
+        "--depth-scale" if given else "the calibration" if stated else "as usual; --depth-scale says others"
+    )
+    tell("depth", f"{scale:g} counts a metre ({source})", where)
+    if scale < LEAST_SCALE:
+        raise DataError(f"The depth of {where} has {scale:g} counts a metre; give those of 16-bit images.")
+    return scale
 
 
 def depth_points(metres: Array, gap: float = 0.0) -> DepthPoints:

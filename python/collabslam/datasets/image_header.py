@@ -9,6 +9,10 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
+_MARKER = re.compile(rb"\xff[^\x00\xd0-\xd7\xff]")
+"""What ends a scan of a JPEG."""
+_MOST_SCANS = 64
+"""Of a JPEG; cameras and programs write a dozen, and each costs a pass over the whole picture."""
 SIGNATURES = "PNG, JPEG, TIFF, BMP, PGM and PPM"
 
 
@@ -60,16 +64,28 @@ def _png(data: bytes) -> Header | None:
 
 
 def _jpeg(data: bytes) -> Header | None:
-    """From the frame header; the segments before it are skipped by their lengths."""
-    if b"\xff\xd9" not in data.rstrip(b"\0")[-64:]:  # some cameras pad their files
-        return None
-    at = 2
-    while at + 9 <= len(data) and data[at] == 0xFF:
+    """From the frame header, if all segments up to the picture's end are whole; what follows is a trailer."""
+    at, found, scans = 2, None, 0
+    while at + 2 <= len(data) and data[at] == 0xFF:
         marker = data[at + 1]
+        if marker == 0xD9:
+            return found if scans else None
+        if marker == 0xFF or marker == 0x01 or 0xD0 <= marker <= 0xD7:  # without a length
+            at += 1 if marker == 0xFF else 2
+            continue
+        length = int.from_bytes(data[at + 2 : at + 4], "big")
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
+            if found is not None or at + 9 > len(data):
+                return None
             height, width = (int.from_bytes(data[at + k : at + k + 2], "big") for k in (5, 7))
-            return Header("JPEG", width, height)
-        at += 1 if marker == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+            found = Header("JPEG", width, height)
+        at += 2 + max(length, 2)
+        if marker == 0xDA:
+            scans += 1
+            after = _MARKER.search(data, at)
+            if after is None or scans > _MOST_SCANS:
+                return None
+            at = after.start()
     return None
 
 
@@ -106,6 +122,8 @@ def _tiff(data: bytes) -> Header | None:
         kind, count = number(at + 2, 2), number(at + 4, 4)
         size = {1: 1, 3: 2, 4: 4}.get(kind)
         if size is not None and at + 12 <= len(data):
+            if number(at, 2) in tags:
+                return None  # decoders differ about which of them holds
             place = at + 8 if size * count <= 4 else number(at + 8, 4)
             tags[number(at, 2)] = number(place, size)
     if 256 not in tags or 257 not in tags:

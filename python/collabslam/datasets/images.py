@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+from decimal import Decimal
 from functools import lru_cache
 from pathlib import Path
 
@@ -11,6 +13,7 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.datasets.calibration import check_size
+from collabslam.datasets.gate import tell
 from collabslam.datasets.image_header import SIGNATURES, Header, read_header
 from collabslam.errors import DataError
 from collabslam.formats.files import read_bytes, require_regular
@@ -23,7 +26,8 @@ MOST = 1 << 27
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff"})
 DEPTHS = (8, 10, 12, 14, 16)
 """Bits that cameras deliver."""
-_SAMPLED = 5
+SAMPLED = 64
+"""Deep images of which the largest value is looked at, spread over a recording."""
 _LARGEST = 1 << 28
 """Bytes of an image's file."""
 
@@ -44,13 +48,13 @@ def decode_grey(path: Path, camera: Camera | None = None) -> Image:
     """
     data = _content(path)
     header = read_header(data)
-    bits = 8
-    if header is not None and header.bits > 8:
-        bits = header.bits if header.stated else used_bits(path.parent, path.suffix)
+    bits = None if header is None or header.stated else used_bits(path.parent, path.suffix)
     return decode(data, str(path), camera, bits)
 
 
-def decode(data: bytes, where: str, camera: Camera | None = None, bits: int | None = None) -> Image:
+def decode(
+    data: bytes, where: str, camera: Camera | None = None, bits: int | None = None, mosaic: int | None = None
+) -> Image:
     """Decode the content of an image file as (H, W) uint8 grey.
 
     Parameters
@@ -62,7 +66,9 @@ def decode(data: bytes, where: str, camera: Camera | None = None, bits: int | No
     camera : Camera, optional
         That took it.
     bits : int, optional
-        That an image of more than 8 bits uses of each sample; those that its header states unless told.
+        That an image of more than 8 bits uses of each sample, if its header does not state them.
+    mosaic : int, optional
+        OpenCV's conversion of a Bayer pattern to grey, if an image of one channel is a mosaic.
 
     Raises
     ------
@@ -70,30 +76,35 @@ def decode(data: bytes, where: str, camera: Camera | None = None, bits: int | No
         Naming ``where``, if it is empty, cut short, no image, of another size, or uses more bits.
     """
     header = read_header(data)
-    image = None
-    if header is not None and min(header.width, header.height) > 0:
-        if camera is not None:
-            check_size(camera, (header.width, header.height), where)
-        pixels = header.width * header.height
-        if pixels <= min(SMALL + DENSEST * len(data), MOST):
-            image = _decoded(data, header)
+    if header is not None and camera is not None and min(header.width, header.height) > 0:
+        check_size(camera, (header.width, header.height), where)
+    image = None if header is None else _decoded(data, header, mosaic)
     if header is None or image is None:
         raise DataError(
             f"The image {where} is empty, cut short or not an image that is read ({SIGNATURES}); copy it "
             "again from the source, or convert it."
         )
-    return shallow(image, header.bits if bits is None else bits, where)
+    return shallow(image, header.bits if bits is None or header.stated else bits, where)
 
 
-def _decoded(data: bytes, header: Header) -> np.ndarray | None:
-    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION | cv2.IMREAD_ANYDEPTH
+def _decoded(data: bytes, header: Header, mosaic: int | None = None) -> np.ndarray | None:
+    """The picture, grey; None if it is none, or promises more pixels than its bytes can hold."""
+    pixels = header.width * header.height
+    if not 0 < pixels <= min(SMALL + DENSEST * len(data), MOST):
+        return None
+    flags = cv2.IMREAD_GRAYSCALE if mosaic is None else cv2.IMREAD_ANYCOLOR
+    flags |= cv2.IMREAD_IGNORE_ORIENTATION | cv2.IMREAD_ANYDEPTH
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error:
         return None
     if image is None or image.dtype not in (np.uint8, np.uint16):
         return None
-    return image if image.shape == (header.height, header.width) else None
+    if image.shape[:2] != (header.height, header.width):
+        return None
+    if mosaic is not None:
+        image = cv2.cvtColor(image, mosaic if image.ndim == 2 else cv2.COLOR_BGR2GRAY)
+    return image
 
 
 def shallow(image: np.ndarray, bits: int, where: str) -> Image:
@@ -116,19 +127,24 @@ def shallow(image: np.ndarray, bits: int, where: str) -> Image:
 
 @lru_cache(maxsize=64)
 def used_bits(folder: Path, suffix: str) -> int:
-    """Bits that a folder's deep images use, as five of them spread over it show; one of `DEPTHS`.
+    """Bits that a folder's deep images use, as some spread over it show; one of `DEPTHS`.
 
     Cameras store 10 or 12 bits in files of 16 that do not say so. All images of a folder are taken alike.
     """
     paths = sorted(p for p in folder.iterdir() if p.suffix == suffix and p.name[0] != ".")
     largest = 0
-    for k in np.unique(np.linspace(0, len(paths) - 1, _SAMPLED).round().astype(int)):
-        data = _content(paths[k])
-        header = read_header(data)
-        if header is not None and header.width * header.height <= min(SMALL + DENSEST * len(data), MOST):
-            image = _decoded(data, header)
-            largest = max(largest, 0 if image is None else int(image.max()))
-    return depth_of(largest)
+    for k in np.unique(np.linspace(0, len(paths) - 1, SAMPLED).round().astype(int)):
+        largest = max(largest, largest_value(_content(paths[k])))
+    bits = depth_of(largest)
+    tell("depth of pixels", f"{bits} bits, by the largest value of {len(paths)} files", folder)
+    return bits
+
+
+def largest_value(data: bytes) -> int:
+    """The largest value of an image file of more than 8 bits that does not state them; 0 of any other."""
+    header = read_header(data)
+    image = None if header is None or header.stated else _decoded(data, header)
+    return 0 if image is None else int(image.max())
 
 
 def depth_of(largest: int) -> int:
@@ -154,9 +170,15 @@ def decode_deep(path: Path, camera: Camera) -> np.ndarray:
     header = read_header(data)
     if header is not None and min(header.width, header.height) > 0:
         check_size(camera, (header.width, header.height), str(path))
+    return deep(data, str(path))
+
+
+def deep(data: bytes, where: str) -> np.ndarray:
+    """The content of an image file of 16 bits as (H, W) uint16; DataError if it is none."""
+    header = read_header(data)
     image = None if header is None else _decoded(data, header)
     if image is None or image.dtype != np.uint16:
-        raise DataError(f"The depth image {path} is broken, or not of 16 bits; give 16-bit PNG files.")
+        raise DataError(f"The depth image {where} is broken, or not of 16 bits; give 16-bit PNG files.")
     return image
 
 
@@ -182,7 +204,7 @@ def image_size(path: Path) -> tuple[int, int]:
 
 
 def list_images(folder: Path) -> list[Path]:
-    """Image files of a folder, sorted by name.
+    """Image files of a folder in the order of their names: 2 before 10.
 
     Raises
     ------
@@ -191,13 +213,24 @@ def list_images(folder: Path) -> list[Path]:
     """
     if not folder.is_dir():
         raise DataError(f"The image folder {folder} does not exist; give the recording's own folder.")
-    found = sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and p.name[0] != ".")
+    found = [p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and p.name[0] != "."]
+    found.sort(key=_decimals if all(re.fullmatch(r"[0-9]+\.[0-9]+", p.stem) for p in found) else natural)
     for path in found:
         require_regular(path)
     if not found:
         kinds = ", ".join(sorted(IMAGE_SUFFIXES))
         raise DataError(f"The folder {folder} holds no images; files ending in {kinds} are read.")
     return found
+
+
+def natural(path: Path) -> tuple[list[str | int], str]:
+    """A key that sorts files by the numbers in their names."""
+    parts = re.split(r"([0-9]+)", path.name)
+    return [int(part) if k % 2 else part for k, part in enumerate(parts)], path.name
+
+
+def _decimals(path: Path) -> tuple[Decimal, str]:
+    return Decimal(path.stem), path.name
 
 
 def named_file(folder: Path, name: str, where: str) -> Path:

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from collabslam._core import Filter
-from collabslam.datasets.poses import check_position, data_lines, number_fields, parse_stamp
+from collabslam.datasets.gate import data_lines
+from collabslam.datasets.poses import check_position, number_fields
+from collabslam.datasets.units import as_seconds, read_stamps
 from collabslam.errors import DataError, InputError
 from collabslam.geometry import left_jacobian, pose_inverse, rotation_log
 from collabslam.types import Array, Odometry
@@ -84,21 +86,21 @@ def read_odometry(path: Path, given: OdometryGiven) -> Odometry:
     DataError
         If the file cannot be read or a row is none.
     """
-    rows = []
-    for number, texts in data_lines(path):
+    rows, lines = [], data_lines(path)
+    for number, texts in lines:
         where = f"Line {number} of {path}"
         if len(texts) not in (7, 28):
             raise DataError(
                 f"{where} has {len(texts)} columns; 7 are needed (stamp, vx, vy, vz, wx, wy, wz), or 28 with "
                 "21 of the covariance."
             )
-        stamp = parse_stamp(texts[0], where)
-        rows.append((stamp, *number_fields(texts[1:], where)))
+        rows.append(number_fields(texts[1:], where))
     if len({len(row) for row in rows}) > 1:
         raise DataError(f"Some rows of {path} have a covariance and some have none; give all of them one.")
     if not rows:
         raise DataError(f"The file {path} holds no odometry; give one row for each sample.")
-    return of_table(np.asarray(rows, np.float64), given.t_bc(), str(path), given.sd)
+    stamps = as_seconds(read_stamps([f[0] for _, f in lines], str(path), lines=[n for n, _ in lines]))
+    return of_table(np.column_stack([stamps, np.asarray(rows)]), given.t_bc(), str(path), given.sd)
 
 
 def of_table(table: Array, t_bc: Array, where: str, sd: tuple[float, float] | None = None) -> Odometry:

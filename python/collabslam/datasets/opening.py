@@ -7,10 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+from collabslam.datasets.axes import with_t_cf_turned
 from collabslam.datasets.calibration import load_camera
 from collabslam.datasets.odometry import OdometryGiven, read_odometry
 from collabslam.datasets.ordered import DiskRecording, in_order
 from collabslam.datasets.overrides import Given
+from collabslam.datasets.poses import poses_of_frames
 from collabslam.datasets.printed_pose import printed_source
 from collabslam.datasets.readers import (
     collab,
@@ -27,6 +29,7 @@ from collabslam.datasets.readers import (
 from collabslam.datasets.recording import ImageRecording
 from collabslam.datasets.ros import reader as bag_recording
 from collabslam.datasets.ros.odometry_topic import read_odometry_topic
+from collabslam.datasets.units import check_rate
 from collabslam.errors import DataError
 from collabslam.types import Odometry
 
@@ -128,6 +131,8 @@ def open_recording(
     poses: str | Path | None = None,
     topics: Mapping[str, str] | None = None,
     odometry: OdometryGiven | None = None,
+    depth_scale: float | None = None,
+    axes: Mapping[str, str] | None = None,
 ) -> DiskRecording:
     """Open a recording; its layout is recognised from the files.
 
@@ -141,13 +146,21 @@ def open_recording(
     camera
         Calibration file: needed where the recording has none, in place of its own otherwise.
     times
-        Time stamps, one a line, seconds or integer nanoseconds.
+        Time stamps, one a line; their unit is found out.
     poses
-        True trajectory of Cs in TUM format, used to emulate a worn camera and to score, never by the filter.
+        True trajectory of Cs, in TUM format or another that `poses_of_frames` names, used to emulate a worn
+        camera and to score, never by the filter.
     topics
         Of a bag: the topic for each role, see `collabslam.datasets.ros.reader.ROLES`.
     odometry
         What moved Cs, in a file or a topic of the bag, in place of the recording's own.
+    depth_scale
+        Counts of a 16-bit depth image at one metre; the calibration's, 5000 of TUM RGB-D and 1000 of a bag
+        unless told.
+    axes
+        Camera axes of the ``poses``, and of both sides of the measured ``t_cf``: ``optical`` (x right, y
+        down, z forward), ``opengl`` (x right, y up, z back; ARKit, ARCore, Blender) or ``ros`` (x forward, y
+        left, z up).
 
     Raises
     ------
@@ -155,14 +168,17 @@ def open_recording(
         If the recording is missing, no layout fits, or a file is missing, broken or of the wrong size.
     """
     camera, times, poses = (None if p is None else Path(p) for p in (camera, times, poses))
-    given = Given(camera, times, poses, dict(topics or {}), odometry)
+    given = Given(camera, times, poses, dict(topics or {}), odometry, depth_scale, dict(axes or {}))
     path = Path(source).resolve()
     recording = recognise(path, given).open(path, given)
     if given.poses is not None:
-        recording = replace(recording, truth=folder.track_truth(given.poses, recording.times))
+        truth = poses_of_frames(given.poses, recording.times, given.axes.get("poses"))
+        recording = replace(recording, truth=truth)
+    recording = with_t_cf_turned(recording, given.axes.get("t_cf", "optical"))
     if given.odometry is not None:
         recording = replace(recording, odometry=_odometry(path, given.odometry))
     recording = in_order(recording)
+    check_rate(recording.times, recording.source)
     recording.image(0)  # Says at once if the calibration is for another resolution.
     return recording
 

@@ -23,6 +23,10 @@ class Given:
         True trajectory of Cs in TUM format.
     topics : mapping
         Topic of a bag for each role; see `collabslam.datasets.ros.bag.ROLES`.
+    depth_scale : float or None
+        Counts of a depth image at one metre.
+    axes : mapping
+        Camera axes of the ``poses`` and of both sides of the measured ``t_cf``, of `poses.AXES`.
     odometry : OdometryGiven or None
         Odometry beside the recording, or a topic of it, in place of its own.
     """
@@ -32,3 +36,5 @@ class Given:
     poses: Path | None = None
     topics: Mapping[str, str] = field(default_factory=dict)
     odometry: OdometryGiven | None = None
+    depth_scale: float | None = None
+    axes: Mapping[str, str] = field(default_factory=dict)

@@ -1,90 +1,35 @@
-"""Pose files and time stamps: reading, checking, interpolating."""
+"""Pose files: reading, checking, interpolating."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from decimal import Decimal
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from collabslam.errors import DataError
-from collabslam.formats.files import read_text
+from collabslam.datasets.gate import data_lines, read_keys, tell, text_of
+from collabslam.datasets.units import as_seconds, counts, read_stamps
+from collabslam.errors import DataError, SettingsError
 from collabslam.geometry import interpolate_pose, nearest_rotation, pose, pose_from_quaternion
 from collabslam.types import Array
 
-NANOSECONDS = 10**9
-# Integers from here on are nanoseconds since 1970; up to the other limit they are seconds.
-_LEAST_NANOSECONDS = 10**17
-_MOST_SECONDS = 10**11
-_MOST_DIGITS = 19  # of a stamp in nanoseconds
 _CLAMP_SECONDS = 1e-3
 _ROTATION_TOLERANCE = 1e-2
+_FEW = 20
+"""A file of poses may have one broken line in so many."""
+BODY_FROM_OPTICAL = np.array(
+    [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0, 0, 0, 1.0]]
+)
+"""Maps optical axes (x right, y down, z forward) into ROS's body axes (x forward, y left, z up)."""
+OPENGL_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Maps optical axes into OpenGL's (x right, y up, z back), which ARKit, ARCore and Blender have, and back."""
+AXES = {"optical": np.eye(4), "opengl": OPENGL_FROM_OPTICAL, "ros": BODY_FROM_OPTICAL}
+"""Maps optical axes into those of each name."""
 FARTHEST = 1e9
 """Metres beyond which no position is believed."""
-
-
-def seconds(nanoseconds: int) -> float:
-    """Seconds of an integer nanosecond stamp, correctly rounded."""
-    return nanoseconds / NANOSECONDS
-
-
-def nanoseconds(text: str, where: str) -> int:
-    """An integer nanosecond stamp; DataError if it is not one, or beyond 64 bits."""
-    if not re.fullmatch(r"[0-9]+", text):
-        raise DataError(f"The stamp '{text}' in {where} is not an integer; this layout counts nanoseconds.")
-    if len(text) > _MOST_DIGITS or int(text) >= 1 << 63:
-        raise DataError(f"The stamp {text[:24]}... in {where} is beyond 64 bits; correct it.")
-    return int(text)
-
-
-def parse_stamp(text: str, where: str) -> float:
-    """Seconds of a stamp written in seconds, or in integer nanoseconds.
-
-    Raises
-    ------
-    DataError
-        If it is no number, or an integer whose unit cannot be told.
-    """
-    text = text.strip()
-    if re.fullmatch(r"[0-9]+", text):
-        if len(text) > _MOST_DIGITS:
-            raise DataError(f"The stamp {text[:24]}... in {where} is far too large; write it in seconds.")
-        value = int(text)
-        if value >= _LEAST_NANOSECONDS:
-            return seconds(value)
-        if value <= _MOST_SECONDS:
-            return float(value)
-        raise DataError(
-            f"The stamp {text} in {where} is neither seconds nor nanoseconds since 1970; write it in seconds."
-        )
-    try:
-        stamp = float(text)
-    except ValueError as error:
-        raise DataError(f"The stamp '{text}' in {where} is not a number; write it in seconds.") from error
-    if not np.isfinite(stamp):
-        raise DataError(f"The stamp '{text}' in {where} is not finite; write it in seconds.")
-    return stamp
-
-
-def data_lines(path: Path) -> list[tuple[int, list[str]]]:
-    """Line numbers and fields of a text file; commas or blanks part fields, ``#`` starts a comment.
-
-    Raises
-    ------
-    DataError
-        If the file cannot be read.
-    """
-    try:
-        text = read_text(path)
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"The file {path} cannot be read as text; give an existing text file.") from error
-    out = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        fields = line.split("#", 1)[0].replace(",", " ").split()
-        if fields:
-            out.append((number, fields))
-    return out
 
 
 def number_fields(fields: Iterable[str], where: str) -> list[float]:
@@ -122,6 +67,13 @@ def rigid(matrix: Array, where: str) -> Array:
     return pose(rotation, matrix[:3, 3])
 
 
+def axes_of(name: str) -> Array:
+    """Maps optical axes (4, 4) into those of a name, one of `AXES`; raises SettingsError."""
+    if name not in AXES:
+        raise SettingsError(f"There are no camera axes '{name}'; give one of {', '.join(AXES)}.")
+    return AXES[name]
+
+
 def read_pose_rows(path: Path) -> Array:
     """Poses of a file with one 4x4 (16 numbers) or 3x4 (12 numbers) matrix a line: (N, 4, 4).
 
@@ -144,6 +96,106 @@ def read_pose_rows(path: Path) -> Array:
     return np.asarray(out)
 
 
+class PoseRows(NamedTuple):
+    """Poses of a file, sorted by their stamps.
+
+    ``texts`` are the stamps as they were written, ``stamps`` seconds, ``poses`` (4, 4), ``further`` the
+    numbers that follow in each line.
+    """
+
+    texts: list[str]
+    stamps: list[Decimal]
+    poses: list[Array]
+    further: list[Array]
+    lines: list[int]
+
+
+def read_pose_table(
+    path: Path, *, order: str = "xyzw", further: tuple[int, ...] | None = None, usual: str | None = None
+) -> PoseRows:
+    """Lines of stamp, position, quaternion and further numbers.
+
+    Lines that are not finite, as trackers write them while they are lost, are left out and told, and so are
+    single ones that are broken, such as the last one of a program that was killed.
+
+    Parameters
+    ----------
+    path
+        Text or CSV file.
+    order
+        Of the quaternion; a header that names the columns is believed more.
+    further
+        How many numbers may follow; any if None, and they are not read.
+    usual
+        The unit of its stamps, see `units.read_stamps`.
+
+    Raises
+    ------
+    DataError
+        Naming the line that is wrong, if more than one of `_FEW` are.
+    """
+    order = _order_of_header(path) or order
+    rows: list[tuple[str, Array, int]] = []
+    lost, broken = 0, list[DataError]()
+    lines = data_lines(path)
+    skip = _after_id(lines)
+    for number, fields in lines:
+        where = f"Line {number} of {path}"
+        try:
+            values = _pose_fields(fields[skip:], order, further, where)
+        except DataError as error:
+            broken.append(error)
+            continue
+        if np.isfinite(values).all():
+            rows.append((fields[skip], values, number))
+        else:
+            lost += 1
+    if broken and len(broken) * _FEW > len(lines):
+        raise broken[0]
+    if not rows:
+        raise DataError(f"{path} holds no poses; give lines of stamp, x y z, q{' q'.join(order)}.")
+    numbers = [number for _, _, number in rows]
+    stamps = read_stamps([text for text, _, _ in rows], str(path), lines=numbers, usual=usual)
+    left_out = f"; {lost} not finite and {len(broken)} broken left out" if lost or broken else ""
+    tell("poses", f"{len(rows)} of {len(lines)} lines, quaternions {' '.join(order)}{left_out}", path)
+    scalar_first = [order.index(axis) + 3 for axis in "wxyz"]
+    ranked = sorted(range(len(rows)), key=lambda k: stamps[k])
+    return PoseRows(
+        [rows[k][0] for k in ranked],
+        [stamps[k] for k in ranked],
+        [pose_from_quaternion(rows[k][1][:3], rows[k][1][scalar_first]) for k in ranked],
+        [rows[k][1][7:] for k in ranked],
+        [rows[k][2] for k in ranked],
+    )
+
+
+def _pose_fields(fields: list[str], order: str, further: tuple[int, ...] | None, where: str) -> Array:
+    """Position, quaternion as it is written, and further numbers; DataError if they are none."""
+    columns = f"stamp, x y z, q{' q'.join(order)}"
+    if len(fields) < 8 if further is None else len(fields) - 8 not in further:
+        counts = "8" if further is None else " or ".join(str(8 + n) for n in further)
+        raise DataError(f"{where} has {len(fields)} columns; {counts} are needed: {columns}.")
+    values = np.asarray(number_fields(fields[1:] if further is not None else fields[1:8], where))
+    if np.isfinite(values).all():
+        if abs(float(np.linalg.norm(values[3:7])) - 1.0) > _ROTATION_TOLERANCE:
+            raise DataError(f"{where} holds no unit quaternion; check the order of the columns ({columns}).")
+        check_position(values[:3], where)
+    return values
+
+
+def _after_id(lines: list[tuple[int, list[str]]]) -> int:
+    """1 if a first column counts the lines of nine, before the stamp; else 0."""
+    nine = all(len(fields) == 9 for _, fields in lines)
+    return int(nine and counts([fields[0] for _, fields in lines]))
+
+
+def _order_of_header(path: Path) -> str | None:
+    """The order of the quaternion that a file's first line tells by its columns' names."""
+    first = text_of(path).lstrip().split("\n", 1)[0]
+    found = "".join(re.findall(r"\bq(?:_?[a-z]+_|uat\w*_|_)?([wxyz])\b", first, re.IGNORECASE)).lower()
+    return found if found in ("wxyz", "xyzw") else None
+
+
 def read_track(path: Path, *, euroc: bool = False) -> tuple[Array, Array]:
     """A stamped trajectory: ``t tx ty tz qx qy qz qw`` (TUM), or EuRoC's ``ns tx ty tz qw qx qy qz``.
 
@@ -152,7 +204,7 @@ def read_track(path: Path, *, euroc: bool = False) -> tuple[Array, Array]:
     path
         Text or CSV file; further columns are ignored.
     euroc
-        EuRoC's order; its stamps are always nanoseconds, TUM's are seconds or nanoseconds since 1970.
+        EuRoC's order and unit.
 
     Returns
     -------
@@ -161,25 +213,82 @@ def read_track(path: Path, *, euroc: bool = False) -> tuple[Array, Array]:
     Raises
     ------
     DataError
-        Naming the line that is wrong.
+        As `read_pose_table`.
     """
-    stamps, poses = [], []
-    columns = "ns tx ty tz qw qx qy qz" if euroc else "t tx ty tz qx qy qz qw"
-    for number, fields in data_lines(path):
-        where = f"Line {number} of {path}"
-        if len(fields) < 8:
-            raise DataError(f"{where} has {len(fields)} columns; a stamped pose needs 8: {columns}.")
-        values = number_fields(fields[1:8], where)
-        q = np.asarray(values[3:] if euroc else [values[6], *values[3:6]])
-        if not np.all(np.isfinite(values)) or abs(float(np.linalg.norm(q)) - 1.0) > _ROTATION_TOLERANCE:
-            raise DataError(f"{where} holds no unit quaternion; check the order of the columns.")
-        check_position(values[:3], where)
-        stamps.append(seconds(nanoseconds(fields[0], where)) if euroc else parse_stamp(fields[0], where))
-        poses.append(pose_from_quaternion(values[:3], q))
-    if not stamps:
-        raise DataError(f"The trajectory {path} holds no poses; give lines of {columns}.")
-    order = np.argsort(stamps, kind="stable")
-    return np.asarray(stamps)[order], np.asarray(poses)[order]
+    rows = read_pose_table(path, order="wxyz" if euroc else "xyzw", usual="nanoseconds" if euroc else None)
+    return as_seconds(rows.stamps), np.asarray(rows.poses)
+
+
+def poses_of_frames(path: Path, times: Array, axes: str | None = None) -> Array:
+    """Poses of a file at the times of frames, (N, 4, 4) with NaN where it says nothing.
+
+    Parameters
+    ----------
+    path
+        TUM, or EuRoC with its header; or a pose for each frame without stamps: a matrix a line (KITTI),
+        lines that are counted in place of stamps, Record3D's ``metadata``.
+    times : (N,) array
+        Seconds.
+    axes
+        Of the camera, one of `AXES`; optical unless told, or as the file's program has them.
+
+    Raises
+    ------
+    DataError
+        If the file is none of these, or shares no time with the frames.
+    SettingsError
+        If there are no such axes.
+    """
+    record3d = text_of(path).lstrip()[:1] == "{"
+    poses = _record3d(path, len(times)) if record3d else _of_lines(path, times)
+    axes = axes or ("opengl" if record3d else "optical")
+    tell("axes of the poses", axes, path)
+    return np.asarray(poses @ axes_of(axes)) if axes != "optical" else poses
+
+
+def _of_lines(path: Path, times: Array) -> Array:
+    lines = data_lines(path)
+    if lines and len(lines[0][1]) == 10 and "." in lines[0][1][9]:
+        raise DataError(
+            f"{path} is COLMAP's images.txt, whose poses are inverse and of images by name; give lines of "
+            "stamp, x y z, qx qy qz qw of the camera in the world."
+        )
+    if lines and all(len(fields) in (12, 16) for _, fields in lines):
+        return _one_a_frame(read_pose_rows(path), len(times), f"{path} (a matrix for each frame, as KITTI's)")
+    rows = read_pose_table(path)
+    if counts(rows.texts):
+        return _one_a_frame(np.asarray(rows.poses), len(times), f"{path} (its lines count frames)")
+    stamps = as_seconds(rows.stamps)
+    found = interpolate_track(stamps, np.asarray(rows.poses), times)
+    if not np.isfinite(found).any():
+        raise DataError(
+            f"The poses of {path} ({stamps[0]:.3f} to {stamps[-1]:.3f} s) and the images ({times[0]:.3f} to "
+            f"{times[-1]:.3f} s) share no time; give both in the same clock."
+        )
+    return found
+
+
+def _one_a_frame(poses: Array, count: int, where: str) -> Array:
+    if len(poses) != count:
+        raise DataError(f"{where} has {len(poses)} poses for {count} frames; give one for each, or stamps.")
+    tell("poses", f"{count}, one for each frame", where)
+    return poses
+
+
+def _record3d(path: Path, count: int) -> Array:
+    """The poses of Record3D's ``metadata``: quaternion x y z w, position."""
+    with read_keys(path) as keys:
+        if keys.has("frames"):
+            raise DataError(
+                f"{path} is nerfstudio's transforms.json, whose poses are of images by name; give lines of "
+                "stamp, x y z, qx qy qz qw, and --poses-axes opengl if its axes are kept."
+            )
+        rows = np.asarray(keys.numbers("poses"))
+        keys.leave("*", why="of the camera")
+    if len(rows) % 7:
+        raise DataError(f"The poses of {path} are not 7 numbers each; give Record3D's metadata.")
+    poses = [pose_from_quaternion(r[4:], r[[3, 0, 1, 2]]) for r in rows.reshape(-1, 7)]
+    return _one_a_frame(np.asarray(poses), count, f"{path} (Record3D)")
 
 
 def interpolate_track(stamps: Array, poses: Array, times: Array, widest: float | None = None) -> Array:

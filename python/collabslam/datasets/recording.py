@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +12,9 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.datasets.depth_image import DepthImage
+from collabslam.datasets.gate import tell
 from collabslam.datasets.images import read_grey
+from collabslam.datasets.units import as_seconds, looks_dated, read_stamps
 from collabslam.errors import DataError, InputError
 from collabslam.types import Array, Frame, Image, Odometry, Recording, Target, WornView
 
@@ -150,8 +153,8 @@ def frame_index(recording: Recording, i: int) -> int:
 def times_at_rate(paths: Sequence[Path], rate: float) -> Array:
     """Time stamps of images that carry none: the numbers in their names, from the first, over the frame rate.
 
-    The number is made of the digits before the name's first dot; missing images leave gaps, so that the time
-    between frames stays true.  Names without increasing numbers count as 0, 1, 2 and so on.
+    The number is the last one before the name's first dot that increases; missing images leave gaps, so that
+    the time between frames stays true.  Names without increasing numbers count as 0, 1, 2 and so on.
 
     Parameters
     ----------
@@ -163,9 +166,37 @@ def times_at_rate(paths: Sequence[Path], rate: float) -> Array:
     Returns
     -------
     (N,) seconds from the first image
+
+    Raises
+    ------
+    DataError
+        If the numbers are dates and times of day, which do not count frames.
     """
-    digits = ["".join(c for c in p.name.split(".")[0] if c.isdigit()) for p in paths]
-    numbers = [int(d) for d in digits if d]
-    if len(numbers) < len(paths) or any(b <= a for a, b in itertools.pairwise(numbers)):
-        numbers = list(range(len(paths)))
+    groups = [re.findall(r"[0-9]+", p.name.split(".")[0]) for p in paths]
+    columns = list(zip(*groups, strict=True)) if len(set(map(len, groups))) == 1 else []
+    rising = (column for column in reversed(columns) if _rises([int(text) for text in column]))
+    texts = next(rising, tuple(map(str, range(len(paths)))))
+    if all(_DATED.search(p.name) for p in paths) and len(texts[0]) in (6, 9, 14, 17):
+        raise DataError(
+            f"The images' names, such as {paths[0].name}, are dates and times of day; give --times FILE with "
+            "their stamps in seconds."
+        )
+    tell("stamps", f"numbers of the images' names over {rate:g} a second", paths[0].parent)
+    numbers = [int(text) for text in texts]
     return np.asarray([(k - numbers[0]) / rate for k in numbers], dtype=np.float64)
+
+
+_DATED = re.compile(r"(?:19|20)[0-9]{2}[01][0-9][0-3][0-9][-_T]?[0-2][0-9][0-5][0-9][0-5][0-9]")
+
+
+def _rises(numbers: list[int]) -> bool:
+    return all(b > a for a, b in itertools.pairwise(numbers))
+
+
+def stamps_in_names(paths: Sequence[Path]) -> Array | None:
+    """Seconds that images' names end with, if they are times since 1970 in any unit; None if not."""
+    found = [re.search(r"[0-9]+(?:\.[0-9]+)?$", p.stem) for p in paths]
+    texts = [match.group() for match in found if match is not None]
+    if len(texts) < len(paths) or not all(len(t) > 10 and looks_dated(t) for t in texts):
+        return None
+    return as_seconds(read_stamps(texts, f"the names in {paths[0].parent}"))

@@ -20,8 +20,9 @@ from collabslam._core import Camera, Filter
 from collabslam.datasets.calibration import sensor_mapping
 from collabslam.datasets.odometry import TRIANGLE
 from collabslam.datasets.persons import person_name
-from collabslam.datasets.poses import NANOSECONDS, rigid
+from collabslam.datasets.poses import rigid
 from collabslam.datasets.readers.collab import FORMAT, SEVERAL, VERSION, folder_name, worn_place
+from collabslam.datasets.units import NANOSECONDS
 from collabslam.errors import DataError, InputError
 from collabslam.formats.files import LineFile, write_text
 from collabslam.geometry import quaternion_wxyz

@@ -89,7 +89,12 @@ class Source:
         given = {k: _absolute(v) if isinstance(v, Path) else v for k, v in vars(self.given).items()}
         return {
             "path": _absolute(self.path),
-            "given": given | {"topics": dict(self.given.topics), "odometry": _odometry_state(self.given)},
+            "given": given
+            | {
+                "topics": dict(self.given.topics),
+                "axes": dict(self.given.axes),
+                "odometry": _odometry_state(self.given),
+            },
             "worn": None if self.worn is None else self._worn_state(self.worn),
             "frames": self.frames,
             "worn_calibrations": {name: _absolute(file) for name, file in self.worn_calibrations.items()},
@@ -110,7 +115,7 @@ class Source:
         files = {k: None if given[k] is None else Path(given[k]) for k in ("camera", "times", "poses")}
         return cls(
             Path(state["path"]),
-            Given(**files, topics=given["topics"], odometry=_odometry_of(given["odometry"])),
+            Given(**{**given, **files, "odometry": _odometry_of(given["odometry"])}),
             None if worn is None else WornSpec(**worn),
             state["frames"],
             {name: Path(file) for name, file in state["worn_calibrations"].items()},
@@ -124,6 +129,8 @@ STATE = fields(
         times=optional(text()),
         poses=optional(text()),
         topics=table(str, text()),
+        depth_scale=optional(number(0.0)),
+        axes=table(str, text()),
         odometry=optional(
             fields(
                 source=text(),

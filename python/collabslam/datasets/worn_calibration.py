@@ -17,12 +17,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
 
-from collabslam.datasets.calibration import read_yaml
+from collabslam.datasets.gate import read_keys
 from collabslam.datasets.odometry import TRIANGLE
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.errors import DataError, SettingsError
@@ -114,15 +113,15 @@ class WornCalibration:
         DataError
             If it is no such file, or holds what cannot be.
         """
-        content = read_yaml(path)
-        if content.get("format") != FORMAT or content.get("version") != VERSION:
-            raise DataError(
-                f"{path} does not say 'format: {FORMAT}' and 'version: {VERSION}'; give what "
-                "`collabslam check-calib --write` wrote."
-            )
-        shift, turn = (_numbers(content, key, 3, path) for key in ("shift_m", "turn_rad"))
-        clock, clock_sd = (float(_numbers(content, key, None, path)) for key in ("clock_s", "clock_sd_s"))
-        triangle = _numbers(content, "covariance", 21, path)
+        with read_keys(path) as keys:
+            if (keys.take("format"), keys.take("version")) != (FORMAT, VERSION):
+                raise DataError(
+                    f"{path} does not say 'format: {FORMAT}' and 'version: {VERSION}'; give what "
+                    "`collabslam check-calib --write` wrote."
+                )
+            shift, turn = (np.asarray(keys.numbers(key, count=(3,))) for key in ("shift_m", "turn_rad"))
+            clock, clock_sd = keys.number("clock_s"), keys.number("clock_sd_s")
+            triangle = keys.numbers("covariance", count=(21,))
         covariance = np.zeros((6, 6))
         covariance[TRIANGLE] = triangle
         covariance += np.tril(covariance, -1).T
@@ -136,18 +135,6 @@ class WornCalibration:
                 "check its numbers."
             )
         return cls(np.concatenate([shift, turn]), covariance, clock, clock_sd)
-
-
-def _numbers(content: dict[str, Any], key: str, count: int | None, path: Path) -> Array:
-    """An array (count,), or a single number; DataError if it is none."""
-    wanted = "a number" if count is None else f"{count} numbers"
-    try:
-        value = np.asarray(content.get(key), np.float64)
-    except (TypeError, ValueError) as error:
-        raise DataError(f"{path} has no '{key}' of {wanted}; correct it.") from error
-    if value.shape != (() if count is None else (count,)) or not np.isfinite(value).all():
-        raise DataError(f"{path} has no '{key}' of {wanted}; correct it.")
-    return value
 
 
 class CalibratedWorn(WrappedRecording):

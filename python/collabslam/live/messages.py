@@ -95,9 +95,9 @@ def camera_info(t: float, frame: str, camera: Camera) -> bytes:
     return encoded(CAMERA_INFO, maker().camera_info(nanoseconds(t), frame, camera))
 
 
-def camera_from(data: bytes, where: str) -> Camera:
-    """The calibration of a CameraInfo; raises DataError."""
-    return camera_of(decoded(CAMERA_INFO, data), where)
+def camera_from(data: bytes, where: str, topic: str = "") -> Camera:
+    """The calibration of a CameraInfo for the images of a topic; raises DataError."""
+    return camera_of(decoded(CAMERA_INFO, data), where, topic)
 
 
 def pose(t: float, frame: str, matrix: Array, covariance: Array) -> bytes:

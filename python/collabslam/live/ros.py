@@ -90,7 +90,7 @@ class RosNode:
         start: str = "worn",
     ) -> None:
         self.poses = 0
-        self._settings, self._mode, self._start = settings, mode, start
+        self._topics, self._settings, self._mode, self._start = topics, settings, mode, start
         self._camera: Camera | None = None
         self._worn_cameras: dict[str, Camera] = {}
         self._live: LiveSlam | None = None
@@ -142,12 +142,13 @@ class RosNode:
 
     def _calibration(self, data: bytes) -> None:
         if self._camera is None:
-            self._camera = messages.camera_from(data, "CameraInfo of Cs")
+            self._camera = messages.camera_from(data, "CameraInfo of Cs", self._topics.cs)
             self._begin()
 
     def _worn_calibration(self, name: str, data: bytes) -> None:
         if name not in self._worn_cameras:
-            self._worn_cameras[name] = messages.camera_from(data, f"CameraInfo of Cf {name}".rstrip())
+            where, images = f"CameraInfo of Cf {name}".rstrip(), self._topics.worn[name].images
+            self._worn_cameras[name] = messages.camera_from(data, where, images)
             self._begin()
 
     def _begin(self) -> None:

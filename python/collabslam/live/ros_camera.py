@@ -58,7 +58,7 @@ class RosCamera:
         self.name, self.clock = "camera", SystemClock()
         self._topic = topic
         self._images: deque[tuple[float, Image]] = deque(maxlen=WAITING)
-        self._cameras: list[Camera] = [] if calibration is None else [load_camera(calibration)]
+        self._cameras: list[Camera] = [] if calibration is None else [load_camera(calibration, topic=topic)]
         self._fault: CollabslamError | None = None
         rclpy = rclpy_of()
         self._context = rclpy.Context()
@@ -146,7 +146,7 @@ class RosCamera:
 
     def _info(self, data: bytes) -> None:
         if not self._cameras:
-            self._cameras.append(messages.camera_from(data, f"CameraInfo beside {self._topic}"))
+            self._cameras.append(messages.camera_from(data, f"CameraInfo beside {self._topic}", self._topic))
 
     def _links(self, data: bytes) -> None:
         self._fixed.take(messages.decoded(messages.TRANSFORMS, data), static=True)

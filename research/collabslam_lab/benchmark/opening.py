@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from collabslam.datasets import open_recording
 from collabslam.datasets.emulated.views import PosedViews, load_views
 from collabslam.datasets.images import list_images
-from collabslam.datasets.poses import interpolate_track, parse_stamp, read_track
+from collabslam.datasets.poses import interpolate_track, read_track
+from collabslam.datasets.units import as_seconds, read_stamps
 from collabslam.types import Recording
 from collabslam_lab.benchmark.plan import Entry
 
@@ -58,8 +57,9 @@ def views_of(entry: Entry, recording: Recording) -> PosedViews:
         return load_views(recording, folder)
     source = Path(recording.source)
     stems = {path: path.stem.removesuffix(_FIRST_CAMERA) for path in list_images(source / folder)}
-    stamps = {path: parse_stamp(stem, str(path)) for path, stem in stems.items() if stem.isdigit()}
-    paths = sorted(stamps, key=lambda path: stamps[path])
-    times = np.asarray([stamps[path] for path in paths])
+    stamped = [path for path, stem in stems.items() if stem.isdigit()]
+    stamps = read_stamps([stems[path] for path in stamped], str(source / folder), usual="nanoseconds")
+    ranked = sorted(range(len(stamped)), key=lambda k: stamps[k])
+    paths, times = [stamped[k] for k in ranked], as_seconds(stamps[k] for k in ranked)
     poses = interpolate_track(*read_track(source / entry.view_poses), times, widest=0.0)
     return PosedViews(recording.camera, paths, poses, times)

@@ -15,10 +15,9 @@ import cv2
 import numpy as np
 
 from collabslam.datasets import open_recording
-from collabslam.datasets.calibration import load_camera, load_extrinsics
+from collabslam.datasets.calibration import load_camera, read_calibration
 from collabslam.datasets.images import decode_grey
 from collabslam.datasets.poses import read_pose_rows, read_track
-from collabslam.datasets.readers.davison import read_calibration
 from collabslam.datasets.readers.stamped import read_stream
 from collabslam.datasets.ros.sensors import read_sensors
 from collabslam.datasets.ros.writer import TOPICS
@@ -105,9 +104,11 @@ def readers() -> dict[str, Reader]:
     """Every reader of a file, by name."""
     return {
         "calibration-euroc": Reader(
-            load_camera,
+            read_calibration,
             "sensor.yaml",
-            b"sensor_type: camera\nresolution: [752, 480]\ncamera_model: pinhole\n"
+            b"sensor_type: camera\nT_BS:\n  rows: 4\n  cols: 4\n"
+            b"  data: [1, 0, 0, 0.1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n"
+            b"resolution: [752, 480]\ncamera_model: pinhole\n"
             b"intrinsics: [458.6, 457.3, 367.2, 248.4]\ndistortion_model: radial-tangential\n"
             b"distortion_coefficients: [-0.28, 0.07, 0.0002, 1.7e-05]\n",
         ),
@@ -134,16 +135,11 @@ def readers() -> dict[str, Reader]:
             b"   data: [ 0.1, 0., 0., 0., 0. ]\n",
         ),
         "calibration-davison": Reader(
-            read_calibration,
+            load_camera,
             "camera.json",
             b'{"model": "wideangle", "width": 320, "height": 240, "focal_length_x": 195, '
             b'"focal_length_y": 195, "principal_point_x": 162, "principal_point_y": 125, '
             b'"radial_distortion_x": 6e-06}',
-        ),
-        "extrinsics": Reader(
-            load_extrinsics,
-            "sensor.yaml",
-            b"T_BS:\n  rows: 4\n  cols: 4\n  data: [1, 0, 0, 0.1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n",
         ),
         "settings": Reader(
             Settings.load,

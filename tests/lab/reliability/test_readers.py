@@ -106,7 +106,7 @@ def test_yaml_that_blows_up_or_runs_code_is_refused(text: str, tmp_path: Path) -
         ("images-list", b"1403636579763555584", b"9" * 5000),
         ("images-list", b"1403636579763555584", b"9" * 19),
         ("images-list", b"1403636579763555584", "²".encode()),
-        ("extrinsics", b"0.1", b"9" * 400),
+        ("calibration-euroc", b"0.1", b"9" * 400),
         ("settings", b"1.5", b"9" * 400),
     ],
 )

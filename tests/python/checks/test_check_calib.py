@@ -18,7 +18,6 @@ from collabslam.checks import lengths, matching, robot, views
 from collabslam.checks.alone import focal_range
 from collabslam.checks.calibration import check_calibration
 from collabslam.checks.mistakes import (
-    BODY_FROM_OPTICAL,
     OPTICAL_FROM_BODY,
     WORN_POSE_MISTAKES,
     Eye,
@@ -27,7 +26,7 @@ from collabslam.checks.mistakes import (
 from collabslam.checks.trials import Trial, clock_trials
 from collabslam.cli import main as cli
 from collabslam.datasets.at_frames import AtFrames
-from collabslam.datasets.poses import interpolate_track
+from collabslam.datasets.poses import BODY_FROM_OPTICAL, OPENGL_FROM_OPTICAL, interpolate_track
 from collabslam.datasets.wrapped import FirstFrames, WrappedRecording
 from collabslam.simulation import corridor_recording
 from collabslam.types import Array, Frame, Image, Recording
@@ -35,6 +34,8 @@ from collabslam_lab.hardware.free_running import FreeRunning, WornAt, WornClock
 
 FRAMES = 54
 """Of the demo's recording: Cf is there in the first and in the last fourteen."""
+AS_TEXT = sorted(range(FRAMES), key=str)
+"""Its frames in the order of their numbers as text."""
 
 
 class Walk(WrappedRecording):
@@ -163,6 +164,17 @@ def turned_again(t: Array) -> Array:
     return OPTICAL_FROM_BODY @ t @ BODY_FROM_OPTICAL
 
 
+def left_handed(t: Array) -> Array:
+    """A pose along Unity's axes."""
+    flip = np.diag([1.0, -1.0, 1.0, 1.0])
+    return flip @ t @ flip
+
+
+def opengl(t: Array) -> Array:
+    """A pose between OpenGL's axes."""
+    return OPENGL_FROM_OPTICAL @ t @ OPENGL_FROM_OPTICAL
+
+
 def lengthen(factor: float) -> Callable[[Array], Array]:
     return lambda t: g.pose(t[:3, :3], factor * t[:3, 3])
 
@@ -180,6 +192,9 @@ TRUE_POSES: list[tuple[str, Callable[[Walk], object], str]] = [
     ("focal", lambda w: recalibrate(w, "camera", focal=1.1), "of Cs does not fit, 0.91"),
     ("short", lambda w: recalibrate(w, "camera", focal=0.9), "of Cs does not fit, 1.11"),
     ("size", lambda w: recalibrate(w, "camera", size=2.0), "scaled after the calibration, by 0.50"),
+    ("opengl", lambda w: change_truth(w, lambda t: t @ OPENGL_FROM_OPTICAL), "--poses-axes opengl"),
+    ("unity", lambda w: change_truth(w, left_handed), "The true poses are of Unity's left-handed axes"),
+    ("order", lambda w: setattr(w, "truth", w.truth[AS_TEXT]), "The poses are in the order of"),
 ]  # fmt: skip
 
 
@@ -201,6 +216,8 @@ T_CF: list[tuple[str, Callable[[Walk], object], str]] = [
     ("worn body", lambda w: change_t_cf(w, lambda t: t @ OPTICAL_FROM_BODY), "starts from Cf's body axes"),
     ("wxyz", lambda w: change_t_cf(w, lambda t: reordered(t, (3, 0, 1, 2))), "w x y z where x y z w"),
     ("xyzw", lambda w: change_t_cf(w, lambda t: reordered(t, (1, 2, 3, 0))), "x y z w where w x y z"),
+    ("opengl", lambda w: change_t_cf(w, opengl), "--t-cf-axes opengl"),
+    ("unity", lambda w: change_t_cf(w, left_handed), "Unity's left-handed axes"),
     ("swapped", swap, "The images of Cs and Cf are swapped"),
     ("mirror", lambda w: change_views(w, across), "The images of Cf are mirrored left to right"),
     ("hung", lambda w: change_views(w, upside_down), "The images of Cf are upside down"),
@@ -238,6 +255,31 @@ def test_the_unit_of_t_cf(walk: Walk, factor: float, said: str) -> None:
     report = check_calibration(walk)
     assert report.lengths == pytest.approx(1.0 / factor, rel=0.15)
     assert report.findings[0].startswith(f"T_CF is in {said}")
+
+
+def test_what_epipolar_lines_do_not_tell_is_told_by_depth(walk: Walk) -> None:
+    """Poses of OpenGL's axes fit mirrored images as well, but everything is behind the camera then."""
+    change_truth(walk, lambda t: t @ OPENGL_FROM_OPTICAL)
+    change_images(walk, across)
+    walk.worn_camera = None
+    report = check_calibration(walk)
+    assert max(report.by_gap.values()) < 1.0
+    assert "only 0 % of the points lie before the camera" in report.findings[0]
+    assert not report.agrees
+
+
+def test_an_inverse_that_only_depth_tells(walk: Walk) -> None:
+    """Of a T_CF that hardly turns the inverse has the same epipolar lines, and all points behind."""
+    views = [None if f.worn is None else replace(f.worn, image=f.image) for f in walk.frames]
+    there = [walk.truth[min(k + 4, FRAMES - 1)] for k in range(FRAMES)]
+    for k, view in enumerate(views):
+        if view is not None and k + 4 < FRAMES:
+            t_cf = g.pose_inverse(walk.truth[k]) @ there[k]
+            views[k] = replace(view, image=walk.frames[k + 4].image, t_cf=g.pose_inverse(t_cf))
+    walk.frames = [replace(f, worn=view) for f, view in zip(walk.frames[:-4], views[:-4], strict=True)]
+    walk.times, walk.truth, walk.worn_camera = walk.times[:-4], walk.truth[:-4], walk.camera
+    report = check_calibration(walk)
+    assert "T_CF is inverted" in report.findings[0]
 
 
 def test_a_pose_of_cf_30_cm_off(walk: Walk) -> None:

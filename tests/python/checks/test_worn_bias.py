@@ -227,9 +227,9 @@ def test_a_file_reads_back_as_it_was(tmp_path: Path) -> None:
     ("old", "new", "said"),
     [
         ("collabslam-worn-calibration", "other", "check-calib --write"),
-        ("clock_s: 0.05", "clock_s: [1, 2]", "'clock_s' of a number"),
+        ("clock_s: 0.05", "clock_s: [1, 2]", "key 'clock_s'"),
         ("clock_s: 0.05", "clock_s: 99.0", "more than 10 m"),
-        ("- 0.02", "- .nan", "'shift_m' of 3 numbers"),
+        ("- 0.02", "- .nan", "key 'shift_m'"),
         ("clock_sd_s: 0.004", "clock_sd_s: -1.0", "not positive semidefinite"),
     ],
 )

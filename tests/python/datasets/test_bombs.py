@@ -15,9 +15,9 @@ import pytest
 
 from collabslam._core import Camera
 from collabslam.datasets import images, load_camera, open_recording
+from collabslam.datasets.gate import data_lines
 from collabslam.datasets.image_header import read_header
 from collabslam.datasets.images import decode, decode_grey, read_grey
-from collabslam.datasets.poses import data_lines
 from collabslam.datasets.ros import bounded
 from collabslam.errors import DataError
 from collabslam.formats.files import read_bytes
@@ -99,11 +99,11 @@ def test_sixteen_bits_and_stated_ones(tmp_path: Path) -> None:
     ten = picture(10)
     pgm = b"P5\n32 24\n1023\n" + ten.astype(">u2").tobytes()
     np.testing.assert_array_equal(decode(pgm, "it"), (ten >> 2).astype(np.uint8))
-    for k in range(12):
-        (tmp_path / f"{k:02}.png").write_bytes(encoded(".png", full if k == 1 else ten))
+    for k in range(130):
+        (tmp_path / f"{k:03}.png").write_bytes(encoded(".png", full if k == 1 else ten))
     images.used_bits.cache_clear()
     with pytest.raises(DataError, match="more than the 10 bits"):
-        decode_grey(tmp_path / "01.png")
+        decode_grey(tmp_path / "001.png")
 
 
 PIPES: list[tuple[str, Callable[[Path], object]]] = [

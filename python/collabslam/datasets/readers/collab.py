@@ -30,27 +30,25 @@ from pathlib import Path
 
 import numpy as np
 
-from collabslam.datasets.calibration import load_camera, read_yaml
+from collabslam.datasets.calibration import load_camera
+from collabslam.datasets.gate import data_lines, read_keys
 from collabslam.datasets.images import read_grey
 from collabslam.datasets.odometry import TRIANGLE, of_table
 from collabslam.datasets.persons import person_name
 from collabslam.datasets.poses import (
     FARTHEST,
-    check_position,
-    data_lines,
     interpolate_track,
-    nanoseconds,
     number_fields,
+    read_pose_table,
     read_track,
     rigid,
-    seconds,
 )
 from collabslam.datasets.printed_pose import Unposed, with_printed_poses
 from collabslam.datasets.readers.stamped import match_stamps, own_time, read_stream, views_of_frames
 from collabslam.datasets.recording import ImageRecording, RecordedView, RecordedWorn
 from collabslam.datasets.stream import StreamRecording
+from collabslam.datasets.units import as_nanoseconds, as_seconds, read_stamps, seconds
 from collabslam.errors import CollabslamError, DataError
-from collabslam.geometry import pose_from_quaternion
 from collabslam.targets.kinds import Board, Tag
 from collabslam.types import Array, Odometry
 
@@ -87,19 +85,21 @@ def _read_header(path: Path) -> tuple[str, list[str]]:
     header = path / "recording.yaml"
     if not header.is_file():
         return path.name, [""]
-    content = read_yaml(header)
-    if content.get("format") != FORMAT:
-        raise DataError(f"{header} does not say 'format: {FORMAT}'; it is not a recording of this package.")
-    version = content.get("version")
-    if version not in (VERSION, SEVERAL):
-        raise DataError(
-            f"{header} is of version {version}, this program reads versions {VERSION} and {SEVERAL}; update "
-            "the program."
-        )
-    name = folder_name(str(content.get("name", path.name)), DataError)
+    with read_keys(header) as keys:
+        if keys.take("format") != FORMAT:
+            raise DataError(
+                f"{header} does not say 'format: {FORMAT}'; it is not a recording of this package."
+            )
+        version = keys.take("version")
+        if version not in (VERSION, SEVERAL):
+            raise DataError(
+                f"{header} is of version {version}, this program reads versions {VERSION} and {SEVERAL}; "
+                "update the program."
+            )
+        name = folder_name(str(keys.take("name") or path.name), DataError)
+        persons = keys.take("worn") if version == SEVERAL else None
     if version == VERSION:
         return name, [""]
-    persons = content.get("worn")
     if not isinstance(persons, list) or not persons or len(set(map(str, persons))) != len(persons):
         raise DataError(f"{header} names no persons; give each one's name once, as 'worn: [anna, ben]'.")
     return name, [person_name(person, DataError) for person in persons]
@@ -126,26 +126,13 @@ def covariance_of(numbers: Array, where: str) -> Array:
 
 
 def _read_relative_poses(path: Path) -> tuple[list[int], list[tuple[Array, Array, Array | None]]]:
-    rows = []
-    for number, fields in data_lines(path):
-        where = f"Line {number} of {path}"
-        if len(fields) not in (29, 50):
-            raise DataError(
-                f"{where} has {len(fields)} columns; 29 are needed: stamp, position, quaternion, 21 of "
-                "the covariance (or 50, with 21 of its lasting part)."
-            )
-        values = np.asarray(number_fields(fields[1:], where))
-        if not bool(np.all(np.isfinite(values))) or abs(float(np.linalg.norm(values[3:7])) - 1.0) > 1e-2:
-            raise DataError(
-                f"{where} holds no unit quaternion (w x y z) or a number that is not finite; correct it."
-            )
-        check_position(values[:3], where)
-        covariance = covariance_of(values[7:28], where)
-        bias = covariance_of(values[28:], where) if len(values) > 28 else None
-        t_cf = pose_from_quaternion(values[:3], values[3:7])
-        rows.append((nanoseconds(fields[0], where), (t_cf, covariance, bias)))
-    rows.sort(key=lambda row: row[0])
-    return [s for s, _ in rows], [value for _, value in rows]
+    rows = read_pose_table(path, order="wxyz", further=(21, 42), usual="nanoseconds")
+    measured = []
+    for pose, numbers, line in zip(rows.poses, rows.further, rows.lines, strict=True):
+        where = f"Line {line} of {path}"
+        bias = covariance_of(numbers[21:], where) if len(numbers) > 21 else None
+        measured.append((pose, covariance_of(numbers[:21], where), bias))
+    return as_nanoseconds(rows.stamps), measured
 
 
 def _read_worn(place: WornPlace, stamps: list[int]) -> RecordedWorn:
@@ -173,9 +160,8 @@ def _read_odometry(folder: Path) -> Odometry | None:
     if not path.is_file():
         return None
     sensor = folder / "sensor.yaml"
-    t_bc = read_yaml(sensor).get("T_BC")
-    if not isinstance(t_bc, list) or len(t_bc) != 16:
-        raise DataError(f"{sensor} has no T_BC of 16 numbers; say where Cs sits in the odometry's frame.")
+    with read_keys(sensor) as keys:
+        t_bc = keys.numbers("T_BC", count=(16,))
     rows = data_lines(path)
     if not rows:
         raise DataError(f"{path} holds no odometry; remove it, or give one row for each sample.")
@@ -184,12 +170,11 @@ def _read_odometry(folder: Path) -> Odometry | None:
         where = f"Line {number} of {path}"
         if len(texts) != 28:
             raise DataError(f"{where} has {len(texts)} columns; 28 are needed: stamp, twist, covariance.")
-        stamp = seconds(nanoseconds(texts[0], where))
-        numbers.append((stamp, *number_fields(texts[1:], where)))
-    pose = rigid(np.asarray(number_fields(t_bc, f"T_BC of {sensor}")).reshape(4, 4), f"T_BC of {sensor}")
-    if not bool(np.isfinite(pose).all()):
-        raise DataError(f"T_BC of {sensor} is not finite; correct it.")
-    return of_table(np.asarray(numbers), pose, str(path))
+        numbers.append(number_fields(texts[1:], where))
+    texts, lines = [t[0] for _, t in rows], [n for n, _ in rows]
+    stamps = as_seconds(read_stamps(texts, str(path), lines=lines, usual="nanoseconds"))
+    pose = rigid(np.asarray(t_bc).reshape(4, 4), f"T_BC of {sensor}")
+    return of_table(np.column_stack([stamps, np.asarray(numbers)]), pose, str(path))
 
 
 def open(path: Path, relative_poses: Path | None = None) -> ImageRecording:

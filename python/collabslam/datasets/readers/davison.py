@@ -9,17 +9,15 @@ z).
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from collabslam._core import Camera
+from collabslam.datasets.calibration import load_camera
+from collabslam.datasets.gate import read_keys
 from collabslam.datasets.images import decode_grey, list_images
 from collabslam.datasets.recording import ImageRecording, times_at_rate
 from collabslam.errors import CollabslamError, DataError
-from collabslam.formats.files import read_text
 from collabslam.geometry import pose, pose_from_quaternion
 from collabslam.types import Array, Target
 
@@ -31,39 +29,6 @@ _TURN = pose(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
 def matches(path: Path) -> bool:
     """Whether ``path`` is a SceneLib2 sequence."""
     return any((path / "frames").glob("*.pgm")) and any((path / "init").glob("*.json"))
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(read_text(path))
-    except (OSError, ValueError, RecursionError) as error:
-        raise DataError(f"The file {path} is not readable JSON; restore it.") from error
-    if not isinstance(content, dict):
-        raise DataError(f"The file {path} holds no JSON object; restore it.")
-    return content
-
-
-def read_calibration(path: Path) -> Camera:
-    """The camera of a SceneLib2 sequence; raises DataError if the file is not usable."""
-    c = _read_json(path)
-    try:
-        if c["model"] != "wideangle":
-            raise DataError(
-                f"The camera model '{c['model']}' of {path} is not supported; only 'wideangle' is."
-            )
-        intrinsics = [
-            float(c[key])
-            for key in ("focal_length_x", "focal_length_y", "principal_point_x", "principal_point_y")
-        ]
-        return Camera(
-            "wideangle", int(c["width"]), int(c["height"]), intrinsics, [float(c["radial_distortion_x"])]
-        )
-    except KeyError as error:
-        raise DataError(f"The calibration {path} lacks the key {error}; add it.") from error
-    except DataError:
-        raise
-    except (TypeError, ValueError, OverflowError) as error:
-        raise DataError(f"The calibration {path} is not usable: {error}") from error
 
 
 def _start_covariance(pxx: Array, q: Array, rotation: Array) -> Array:
@@ -80,11 +45,13 @@ def _start_covariance(pxx: Array, q: Array, rotation: Array) -> Array:
 
 
 def _target(folder: Path, file: Path) -> Target:
-    state = _read_json(file)
+    with read_keys(file) as keys:
+        state, position, features = keys.need("xv"), keys.need("pxx"), keys.need("features")
+        keys.leave("*")
     try:
-        xv = np.asarray(state["xv"], dtype=np.float64)[:7]
-        pxx = np.asarray(state["pxx"], dtype=np.float64)[:7, :7]
-        points = np.asarray([f["yi"] for f in state["features"]], dtype=np.float64)
+        xv = np.asarray(state, dtype=np.float64)[:7]
+        pxx = np.asarray(position, dtype=np.float64)[:7, :7]
+        points = np.asarray([f["yi"] for f in features], dtype=np.float64)
         t_tc = pose_from_quaternion(xv[:3], xv[3:]) @ _TURN
         covariance = _start_covariance(pxx, xv[3:] / np.linalg.norm(xv[3:]), t_tc[:3, :3])
     except KeyError as error:
@@ -107,7 +74,7 @@ def open(path: Path) -> ImageRecording:
     return ImageRecording(
         name=path.name,
         source=str(path),
-        camera=read_calibration(calibration),
+        camera=load_camera(calibration),
         paths=tuple(paths),
         times=times_at_rate(paths, RATE),
         target=_target(path / "init", start),

@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from collabslam.datasets.calibration import load_camera, load_extrinsics
-from collabslam.datasets.poses import interpolate_track, read_track, seconds
+from collabslam.datasets.poses import interpolate_track, read_track
 from collabslam.datasets.readers.stamped import match_stamps, read_stream
 from collabslam.datasets.recording import ImageRecording, Rig
+from collabslam.datasets.units import seconds
 from collabslam.geometry import pose_inverse
 from collabslam.types import Array
 

@@ -1,27 +1,24 @@
 """A plain folder of images with a calibration file: the layout for one's own recordings.
 
 Images lie in the folder itself or in its subfolder ``images``.  Their times come from a file (one stamp a
-line, seconds or integer nanoseconds, in the order of the image names; a second column may name the image),
-from names that are nanoseconds since 1970, or from the key ``rate`` (frames per second) of the calibration
-file.
+line, in the order of the image names; a second column may name the image), from names that are times since
+1970, or from the key ``rate`` (frames per second) of the calibration file.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
-from collabslam.datasets.calibration import camera_from_mapping, read_yaml
+from collabslam.datasets.calibration import read_calibration
+from collabslam.datasets.gate import data_lines, is_number, tell
 from collabslam.datasets.images import IMAGE_SUFFIXES, list_images, require_files
 from collabslam.datasets.overrides import Given
-from collabslam.datasets.poses import data_lines, interpolate_track, parse_stamp, read_track, seconds
-from collabslam.datasets.recording import ImageRecording, times_at_rate
+from collabslam.datasets.recording import ImageRecording, stamps_in_names, times_at_rate
+from collabslam.datasets.units import as_seconds, listed_stamps
 from collabslam.errors import DataError
 from collabslam.types import Array
 
 LAYOUT = "a folder of images with --camera CAMERA.yaml"
-_NANOSECOND_DIGITS = (18, 19)
 
 
 def images_of(path: Path) -> Path | None:
@@ -40,34 +37,29 @@ def read_times(times: Path, paths: list[Path]) -> tuple[Array, list[Path]]:
     DataError
         If counts disagree, a named image is missing, or a stamp is no number.
     """
-    lines = data_lines(times)
-    stamps = np.asarray([parse_stamp(f[0], f"line {n} of {times}") for n, f in lines])
-    if lines and all(len(f) > 1 for _, f in lines):
-        paths = [paths[0].parent / Path(f[1]).name for _, f in lines]
+    stamps, further = listed_stamps(data_lines(times), str(times))
+    if further and all(more and not is_number(more[0]) for more in further):
+        paths = [paths[0].parent / Path(more[0]).name for more in further]
         require_files(paths)
-    elif len(lines) != len(paths):
+    elif len(stamps) != len(paths):
         raise DataError(
-            f"{times} has {len(lines)} stamps for {len(paths)} images; give one for each image in the "
+            f"{times} has {len(stamps)} stamps for {len(paths)} images; give one for each image in the "
             "order of names."
         )
-    return stamps, paths
+    return as_seconds(stamps), paths
 
 
-def _stamps(paths: list[Path], rate: object, camera: Path) -> Array:
+def _stamps(paths: list[Path], rate: float | None, camera: Path) -> Array:
+    stamps = stamps_in_names(paths)
+    if stamps is not None:
+        if rate is not None:
+            tell("passed over", "rate (the images' names are stamps)", camera)
+        return stamps
     if rate is not None:
-        try:
-            hertz = float(rate)  # type: ignore[arg-type]
-        except (TypeError, ValueError, OverflowError):
-            hertz = 0.0
-        if not (np.isfinite(hertz) and hertz > 0.0):
-            raise DataError(f"The key 'rate' of {camera} is not a positive number; give frames per second.")
-        return times_at_rate(paths, hertz)
-    if all(p.stem.isdigit() and len(p.stem) in _NANOSECOND_DIGITS for p in paths):
-        return np.asarray([seconds(int(p.stem)) for p in paths])
+        return times_at_rate(paths, rate)
     raise DataError(
         f"The images of {paths[0].parent} carry no time stamps; give --times FILE with one stamp a line, "
-        "or the key "
-        f"'rate' (frames per second) in {camera}."
+        f"or the key 'rate' (frames per second) in {camera}."
     )
 
 
@@ -87,33 +79,15 @@ def open(path: Path, given: Given) -> ImageRecording:
     camera = given.camera
     assert camera is not None
     paths = list_images(images_of(path) or path)
-    content = read_yaml(camera)
+    calibration = read_calibration(camera)
     if given.times is not None:
         stamps, paths = read_times(given.times, paths)
     else:
-        stamps = _stamps(paths, content.get("rate"), camera)
+        stamps = _stamps(paths, calibration.rate, camera)
     return ImageRecording(
         name=path.name,
         source=str(path),
-        camera=camera_from_mapping(content, camera),
+        camera=calibration.camera,
         paths=tuple(paths),
         times=stamps,
     )
-
-
-def track_truth(poses: Path, times: Array) -> Array:
-    """Poses of a TUM file at the frames' times, (N, 4, 4) with NaN where it says nothing.
-
-    Raises
-    ------
-    DataError
-        If the two share no time at all.
-    """
-    stamps, track = read_track(poses)
-    truth = interpolate_track(stamps, track, times)
-    if not bool(np.any(np.isfinite(truth))):
-        raise DataError(
-            f"The poses of {poses} ({stamps[0]:.3f} to {stamps[-1]:.3f} s) and the images ({times[0]:.3f} to "
-            f"{times[-1]:.3f} s) share no time; give both in the same clock."
-        )
-    return truth

@@ -13,9 +13,11 @@ import numpy as np
 
 from collabslam._core import Camera
 from collabslam.datasets.calibration import pinhole_camera
+from collabslam.datasets.gate import data_lines
 from collabslam.datasets.images import image_size, list_images
-from collabslam.datasets.poses import data_lines, number_fields, parse_stamp, read_pose_rows
+from collabslam.datasets.poses import number_fields, read_pose_rows
 from collabslam.datasets.recording import ImageRecording, Rig, times_at_rate
+from collabslam.datasets.units import as_seconds, read_stamps
 from collabslam.errors import DataError
 from collabslam.geometry import pose, pose_inverse
 from collabslam.types import Array
@@ -70,7 +72,8 @@ def _times(path: Path, images: list[Path]) -> Array:
     stamps = path / "times.txt"
     if not stamps.is_file():
         return times_at_rate(images, RATE)
-    return np.asarray([parse_stamp(f[0], f"line {n} of {stamps}") for n, f in data_lines(stamps)])
+    rows = data_lines(stamps)
+    return as_seconds(read_stamps([f[0] for _, f in rows], str(stamps), lines=[n for n, _ in rows]))
 
 
 def _benchmark_poses(path: Path) -> Path:

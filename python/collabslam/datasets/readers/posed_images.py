@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from collabslam.datasets.calibration import pinhole_camera
+from collabslam.datasets.gate import data_lines
 from collabslam.datasets.images import image_size, list_images
-from collabslam.datasets.poses import data_lines, number_fields, read_pose_rows
+from collabslam.datasets.poses import number_fields, read_pose_rows
 from collabslam.datasets.recording import ImageRecording, times_at_rate
 from collabslam.errors import DataError
 

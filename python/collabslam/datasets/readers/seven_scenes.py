@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.poses import data_lines, number_fields, rigid
+from collabslam.datasets.gate import data_lines
+from collabslam.datasets.images import natural
+from collabslam.datasets.poses import number_fields, rigid
 from collabslam.datasets.recording import ImageRecording, times_at_rate
 from collabslam.errors import DataError
 from collabslam.types import Array
@@ -23,7 +25,7 @@ _INTRINSICS = (520.0, 520.0, 320.0, 240.0)
 
 
 def _frames(path: Path) -> list[Path]:
-    return sorted(p for p in path.glob("frame-*.color.*") if p.suffix in (".jpg", ".png"))
+    return sorted((p for p in path.glob("frame-*.color.*") if p.suffix in (".jpg", ".png")), key=natural)
 
 
 def matches(path: Path) -> bool:

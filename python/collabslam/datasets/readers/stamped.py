@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from collabslam.datasets.gate import data_lines
 from collabslam.datasets.images import list_images, named_file, require_files
-from collabslam.datasets.poses import data_lines, nanoseconds, seconds
+from collabslam.datasets.units import as_nanoseconds, read_stamps, seconds
 from collabslam.errors import DataError
 
 
@@ -22,17 +23,20 @@ def read_stream(folder: Path) -> tuple[list[int], list[Path]]:
     """
     listing = folder / "data.csv"
     if listing.is_file():
-        pairs = []
-        for number, fields in data_lines(listing):
-            if len(fields) < 2:
-                raise DataError(
-                    f"Line {number} of {listing} needs two columns: the stamp in nanoseconds, the file name."
-                )
-            where = f"line {number} of {listing}"
-            pairs.append((nanoseconds(fields[0], where), named_file(folder / "data", fields[1], where)))
+        rows = data_lines(listing)
+        short = next((n for n, fields in rows if len(fields) < 2), None)
+        if short is not None:
+            raise DataError(
+                f"Line {short} of {listing} needs two columns: the stamp in nanoseconds, the file name."
+            )
+        texts, lines = [fields[0] for _, fields in rows], [n for n, _ in rows]
+        files = [named_file(folder / "data", fields[1], f"line {n} of {listing}") for n, fields in rows]
+        where = listing
     else:
-        pairs = [(nanoseconds(p.stem, str(p)), p) for p in list_images(folder / "data")]
-    pairs.sort(key=lambda pair: pair[0])
+        files = list_images(folder / "data")
+        texts, lines, where = [p.stem for p in files], [], folder / "data"
+    stamps = as_nanoseconds(read_stamps(texts, str(where), lines=lines, usual="nanoseconds"))
+    pairs = sorted(zip(stamps, files, strict=True), key=lambda pair: pair[0])
     paths = [p for _, p in pairs]
     require_files(paths)
     return [s for s, _ in pairs], paths

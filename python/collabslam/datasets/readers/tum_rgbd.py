@@ -2,7 +2,7 @@
 
 The calibration is that of the sensor whose name the folder carries (``freiburg1``, ``2`` or ``3``), or is
 given with ``--camera FILE``.  Depth images (``depth.txt``, 16 bits, 5000 a metre, registered to the colour
-images) go with the nearest colour image within 20 ms.
+images) go with the nearest colour image within 20 ms; ``--depth-scale`` says other counts a metre.
 """
 
 from __future__ import annotations
@@ -13,16 +13,18 @@ from pathlib import Path
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.calibration import load_camera
-from collabslam.datasets.depth_image import DepthImage
+from collabslam.datasets.calibration import read_calibration
+from collabslam.datasets.depth_image import TUM, DepthImage, depth_scale
+from collabslam.datasets.gate import data_lines
 from collabslam.datasets.images import named_file, require_files
 from collabslam.datasets.overrides import Given
-from collabslam.datasets.poses import data_lines, interpolate_track, parse_stamp, read_track
+from collabslam.datasets.poses import interpolate_track, read_track
 from collabslam.datasets.recording import ImageRecording
+from collabslam.datasets.units import as_seconds, read_stamps
 from collabslam.errors import DataError
 from collabslam.types import Array
 
-_TOGETHER, _PER_METRE = 0.02, 5000.0
+_TOGETHER = 0.02
 LAYOUT = "TUM RGB-D (rgb.txt, rgb/, groundtruth.txt)"
 _SENSORS = {
     "1": ((517.3, 516.5, 318.6, 255.3), (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)),
@@ -40,14 +42,19 @@ def open(path: Path, given: Given) -> ImageRecording:
     """Open a TUM RGB-D sequence."""
     times, paths = _images(path, "rgb.txt")
     truth = path / "groundtruth.txt"
+    own = None if given.camera is None else read_calibration(given.camera)
+    depth = None
+    if (path / "depth.txt").is_file():
+        stated = None if own is None else own.depth_scale
+        depth = _depths(path, times, depth_scale(given.depth_scale, stated, TUM, str(path / "depth.txt")))
     return ImageRecording(
         name=path.name,
         source=str(path),
-        camera=load_camera(given.camera) if given.camera else _sensor(path),
+        camera=_sensor(path) if own is None else own.camera,
         paths=tuple(paths),
         times=times,
         truth=interpolate_track(*read_track(truth), times) if truth.is_file() else None,
-        depth=_depths(path, times) if (path / "depth.txt").is_file() else None,
+        depth=depth,
     )
 
 
@@ -60,17 +67,18 @@ def _images(path: Path, name: str) -> tuple[Array, list[Path]]:
         raise DataError(f"Line {short} of {listing} needs two columns: the stamp in seconds, the image file.")
     paths = [named_file(path, fields[1], f"line {n} of {listing}") for n, fields in rows]
     require_files(paths)
-    return np.asarray([parse_stamp(fields[0], f"line {n} of {listing}") for n, fields in rows]), paths
+    texts, lines = [fields[0] for _, fields in rows], [n for n, _ in rows]
+    return as_seconds(read_stamps(texts, str(listing), lines=lines)), paths
 
 
-def _depths(path: Path, times: Array) -> dict[int, DepthImage]:
+def _depths(path: Path, times: Array, per_metre: float) -> dict[int, DepthImage]:
     stamps, paths = _images(path, "depth.txt")
     if not len(stamps):
         return {}
     nearest = np.argmin(np.abs(stamps[None] - times[:, None]), axis=1)
     gaps = stamps[nearest] - times
     near = np.flatnonzero(np.abs(gaps) <= _TOGETHER).tolist()
-    return {i: DepthImage(paths[nearest[i]], _PER_METRE, float(gaps[i])) for i in near}
+    return {i: DepthImage(paths[nearest[i]], per_metre, float(gaps[i])) for i in near}
 
 
 def _sensor(path: Path) -> Camera:

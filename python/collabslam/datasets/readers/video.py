@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 
 from collabslam.datasets.calibration import load_camera
+from collabslam.datasets.gate import data_lines
 from collabslam.datasets.overrides import Given
-from collabslam.datasets.poses import data_lines, parse_stamp
 from collabslam.datasets.stream import StreamRecording
+from collabslam.datasets.units import as_seconds, listed_stamps
 from collabslam.errors import DataError
 from collabslam.types import Array, Image
 
@@ -49,7 +50,7 @@ def read_stamps(path: Path, video: Video) -> Array:
     DataError
         If there is not one for each frame, or one is no number.
     """
-    times = np.asarray([parse_stamp(f[0], f"line {n} of {path}") for n, f in data_lines(path)])
+    times = as_seconds(listed_stamps(data_lines(path), str(path))[0])
     if len(times) != len(video.times):
         raise DataError(f"{path} has {len(times)} stamps for {len(video.times)} frames; match them.")
     return times

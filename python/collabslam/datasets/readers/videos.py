@@ -30,24 +30,19 @@ from collabslam.datasets.calibration import load_camera
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.persons import person_name
 from collabslam.datasets.poses import (
-    NANOSECONDS,
-    check_position,
-    data_lines,
     interpolate_track,
-    number_fields,
-    parse_stamp,
+    read_pose_table,
 )
 from collabslam.datasets.printed_pose import Unposed, printed_source, with_printed_poses
 from collabslam.datasets.readers.collab import covariance_of
 from collabslam.datasets.readers.stamped import match_stamps, own_time, views_of_frames
 from collabslam.datasets.readers.video import SUFFIXES, Video, read_stamps
 from collabslam.datasets.stream import StreamRecording
+from collabslam.datasets.units import NANOSECONDS, as_seconds
 from collabslam.errors import DataError
-from collabslam.geometry import pose_from_quaternion
 from collabslam.types import Array, WornView
 
 LAYOUT = "two videos (cam0.mp4, cam0.yaml, cam1.mp4, cam1.yaml, t_cf.csv)"
-POSE = "stamp, position, quaternion w x y z"
 _TOLERANCE = 10_000_000
 Pair = Callable[[list[int], list[int], int], Mapping[int, int]]
 
@@ -77,25 +72,15 @@ def _lens(path: Path, name: str) -> Camera:
     return load_camera(sensor)
 
 
-def _rows(path: Path, further: tuple[int, ...]) -> tuple[Array, Array, list[Array]]:
-    """Stamps, poses and further numbers of a list of poses, sorted by stamp."""
-    rows = []
-    for number, fields in data_lines(path):
-        where = f"Line {number} of {path}"
-        if len(fields) - 8 not in further:
-            counts = " or ".join(str(8 + n) for n in further)
-            raise DataError(f"{where} has {len(fields)} columns; {counts} are needed: {POSE}, covariance.")
-        values = np.asarray(number_fields(fields[1:], where))
-        if not np.isfinite(values).all() or abs(float(np.linalg.norm(values[3:7])) - 1.0) > 1e-2:
-            raise DataError(f"{where} holds no unit quaternion (w x y z), or a number that is not finite.")
-        check_position(values[:3], where)
-        pose = pose_from_quaternion(values[:3], values[3:7])
-        rows.append((parse_stamp(fields[0], where), pose, values[7:], where))
-    if not rows:
-        raise DataError(f"The list {path} holds no poses; give lines of {POSE}.")
-    rows.sort(key=lambda row: row[0])
-    covariances = [_covariance(numbers, where) for _, _, numbers, where in rows if len(numbers)]
-    return np.asarray([r[0] for r in rows]), np.asarray([r[1] for r in rows]), covariances
+def _poses(path: Path, further: tuple[int, ...]) -> tuple[Array, Array, list[Array]]:
+    """Stamps, poses and covariances of a list of poses, sorted by stamp."""
+    rows = read_pose_table(path, order="wxyz", further=further)
+    covariances = [
+        _covariance(numbers, f"Line {line} of {path}")
+        for numbers, line in zip(rows.further, rows.lines, strict=True)
+        if len(numbers)
+    ]
+    return as_seconds(rows.stamps), np.asarray(rows.poses), covariances
 
 
 def _covariance(numbers: Array, where: str) -> Array:
@@ -128,7 +113,7 @@ def open(path: Path, given: Given) -> StreamRecording:
     )
     truth = path / "truth.csv"
     if truth.is_file():
-        stamps, track, _ = _rows(truth, (0,))
+        stamps, track, _ = _poses(truth, (0,))
         recording = replace(recording, truth=interpolate_track(stamps, track, times))
     folders = _persons(path)
     targets = printed_source(given.topics.get("t_cf"))
@@ -192,7 +177,7 @@ def _worn(recording: StreamRecording, folder: Path) -> _Worn:
             f"The video {folder / 'cam1'} has no measured poses; put {poses} there, or give a printed target "
             "that both cameras see, as --topics t_cf=tag:36h11:3=0.16."
         )
-    stamps, track, covariances = _rows(poses, (2, 21))
+    stamps, track, covariances = _poses(poses, (2, 21))
     views: dict[int, tuple[int, Array, Array, float | None]] = {}
     for frame, view in _together(views_of_frames, recording.times, times).items():
         t = times[view]

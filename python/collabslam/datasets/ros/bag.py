@@ -12,9 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.images import depth_of
+from collabslam.datasets.gate import tell
+from collabslam.datasets.images import SAMPLED, depth_of, natural
 from collabslam.datasets.ros import messages as m
 from collabslam.datasets.ros.bounded import bound_decompression
+from collabslam.datasets.ros.cut_mcap import as_far_as_whole
 from collabslam.datasets.ros.transform_tree import TransformTree
 from collabslam.errors import DataError
 from collabslam.extras import needs
@@ -36,6 +38,15 @@ _TF_TYPES = (TF_TYPE, "tf/msg/tfMessage")
 SCAN_TYPE, IMU_TYPE = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu"
 
 
+_MEND_FOLDER = "'ros2 bag reindex' mends its metadata"
+_MEND = {
+    ".bag": "'rosbag reindex' mends what can be mended",
+    ".mcap": "'mcap recover' mends what can be mended",
+    ".db3": "'sqlite3 FILE .recover' mends what can be mended",
+}
+"""What to do about a broken file of each kind."""
+
+
 class Topic(NamedTuple):
     """What a bag holds of one topic: its name, the type and the number of its messages."""
 
@@ -45,8 +56,16 @@ class Topic(NamedTuple):
 
 
 def is_bag(path: Path) -> bool:
-    """Whether ``path`` is a bag: a file with a bag's ending, or a folder with ``metadata.yaml``."""
-    return path.suffix in SUFFIXES if path.is_file() else (path / "metadata.yaml").is_file()
+    """Whether ``path`` is a bag: a file with a bag's ending, or a folder of such files."""
+    return path.suffix in SUFFIXES if path.is_file() else path.is_dir() and bool(_files(path))
+
+
+def _files(folder: Path) -> list[Path]:
+    """The folder itself if it says what it holds; else the files of a bag in it, all of one kind."""
+    if (folder / "metadata.yaml").is_file():
+        return [folder]
+    found = sorted((p for p in folder.iterdir() if p.suffix in SUFFIXES), key=natural)
+    return found if len({p.suffix for p in found}) == 1 else []
 
 
 class Bag:
@@ -55,7 +74,8 @@ class Bag:
     Parameters
     ----------
     path : Path
-        A ``.bag``, ``.mcap`` or ``.db3`` file, or a ROS 2 bag's folder.
+        A ``.bag``, ``.mcap`` or ``.db3`` file, or a folder of them, with ``metadata.yaml`` or without.  An
+        MCAP file that is cut is read as far as it is whole.
 
     Raises
     ------
@@ -71,14 +91,16 @@ class Bag:
         for file in path.iterdir() if path.is_dir() else [path]:
             require_regular(file)
         bound_decompression()
-        store = _typestore("ROS1_NOETIC" if path.suffix == ".bag" else "ROS2_HUMBLE")
+        paths = [as_far_as_whole(p) for p in (_files(path) if path.is_dir() else [path])]
+        kind = paths[0].suffix if paths else path.suffix
+        store = _typestore("ROS1_NOETIC" if kind == ".bag" else "ROS2_HUMBLE")
         try:
-            self._reader = AnyReader([path], default_typestore=store)
+            self._reader = AnyReader(paths, default_typestore=store)
             self._reader.open()
             self._close = weakref.finalize(self, self._reader.close)
         except Exception as error:  # rosbags raises many kinds for broken files
             raise DataError(
-                f"The bag {path} cannot be read ({error}); record it again or reindex it."
+                f"The bag {path} cannot be read ({error}); {_MEND.get(kind, _MEND_FOLDER)}."
             ) from error
 
     def __enter__(self) -> Bag:
@@ -156,10 +178,10 @@ class Bag:
         """(stamp in seconds, message): the header's stamp, or the time of recording where it has none."""
         return ((m.stamp_seconds(message, t), message) for t, message in self.messages(topic, *types))
 
-    def camera(self, topic: str) -> Camera:
-        """Camera of the first CameraInfo of a topic."""
+    def camera(self, topic: str, images: str = "") -> Camera:
+        """Camera of the first CameraInfo of a topic; whether ``images`` are rectified, their topic says."""
         _, message = next(self.messages(topic, CAMERA_TYPE))
-        return m.camera_of(message, f"{topic} in {self.path}")
+        return m.camera_of(message, f"{topic} in {self.path}", images)
 
     def poses(self, topic: str) -> tuple[Array, Array, Array]:
         """Stamps (N,), poses (N, 4, 4) and covariances (N, 6, 6) on the right tangent, sorted by stamp."""
@@ -238,11 +260,15 @@ class BagImages:
     def __init__(self, bag: Bag, topic: str) -> None:
         self._bag, self._topic = bag, topic
         rows, largest = [], 0
+        every = max(1, sum(t.messages for t in bag.topics if t.name == topic) // SAMPLED)
         for k, (received, message) in enumerate(bag.messages(topic, *IMAGE_TYPES)):
             rows.append((_nanoseconds(message, received), received, k))
-            largest = max(largest, m.deepest(message))
+            if k % every == 0 or not m.is_compressed(message):
+                largest = max(largest, m.deepest(message))
         rows.sort()
         self._bits = depth_of(largest)
+        if largest:
+            tell("depth of pixels", f"{self._bits} bits, by the largest value of all", topic)
         self.stamps = [stamp for stamp, _, _ in rows]
         self._received = [received for _, received, _ in rows]
         self._next = -1
@@ -252,9 +278,9 @@ class BagImages:
         """Image ``k`` in order of the stamps."""
         return m.image_of(self._message(k), self._where(k), self._bits)
 
-    def read_depth(self, k: int) -> Array:
-        """Image ``k`` as a depth image, (H, W) metres."""
-        return m.depth_of(self._message(k), self._where(k))
+    def read_depth(self, k: int, per_metre: float) -> Array:
+        """Image ``k`` as a depth image, (H, W) metres; ``per_metre`` counts, if it counts."""
+        return m.depth_of(self._message(k), self._where(k), per_metre)
 
     def _where(self, k: int) -> str:
         return f"{k} of {self._topic} in {self._bag.path}"

@@ -10,27 +10,38 @@ import cv2
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.calibration import camera_from_mapping
-from collabslam.datasets.images import decode, shallow
+from collabslam.datasets.calibration import of_keys
+from collabslam.datasets.gate import Keys
+from collabslam.datasets.images import decode, deep, largest_value, shallow
+from collabslam.datasets.lens import MODELS
 from collabslam.errors import DataError
 from collabslam.geometry import fixed_to_tangent, pose_from_quaternion, rounded_covariance
 from collabslam.types import Array, Image
 
-_CHANNELS = {
-    "mono8": (1, None),
-    "8uc1": (1, None),
-    "bgr8": (3, cv2.COLOR_BGR2GRAY),
-    "8uc3": (3, cv2.COLOR_BGR2GRAY),
-    "rgb8": (3, cv2.COLOR_RGB2GRAY),
-    "bgra8": (4, cv2.COLOR_BGRA2GRAY),
-    "rgba8": (4, cv2.COLOR_RGBA2GRAY),
+_MOSAICS = {
     # OpenCV names a Bayer pattern by its second row and column.
-    "bayer_rggb8": (1, cv2.COLOR_BayerBG2GRAY),
-    "bayer_bggr8": (1, cv2.COLOR_BayerRG2GRAY),
-    "bayer_gbrg8": (1, cv2.COLOR_BayerGR2GRAY),
-    "bayer_grbg8": (1, cv2.COLOR_BayerGB2GRAY),
+    "bayer_rggb": cv2.COLOR_BayerBG2GRAY,
+    "bayer_bggr": cv2.COLOR_BayerRG2GRAY,
+    "bayer_gbrg": cv2.COLOR_BayerGR2GRAY,
+    "bayer_grbg": cv2.COLOR_BayerGB2GRAY,
 }
-_DEEP = ("mono16", "16uc1")
+_COLOURS = {
+    "bgr": (3, cv2.COLOR_BGR2GRAY),
+    "rgb": (3, cv2.COLOR_RGB2GRAY),
+    "bgra": (4, cv2.COLOR_BGRA2GRAY),
+    "rgba": (4, cv2.COLOR_RGBA2GRAY),
+}
+_ENCODINGS: dict[str, tuple[int, str, int | None]] = {
+    **dict.fromkeys(("mono8", "8uc1", "nv12", "nv21", "nv24"), (1, "u1", None)),
+    **dict.fromkeys(("mono16", "16uc1"), (1, "u2", None)),
+    **dict.fromkeys(("yuv422", "uyvy"), (2, "u1", cv2.COLOR_YUV2GRAY_UYVY)),
+    **dict.fromkeys(("yuv422_yuy2", "yuyv", "yuy2"), (2, "u1", cv2.COLOR_YUV2GRAY_YUY2)),
+}
+for _bits, _kind in (("8", "u1"), ("16", "u2")):
+    _ENCODINGS |= {name + _bits: (channels, _kind, code) for name, (channels, code) in _COLOURS.items()}
+    _ENCODINGS |= {name + _bits: (1, _kind, code) for name, code in _MOSAICS.items()}
+    _ENCODINGS |= {f"{_bits}uc{n}": _ENCODINGS[name + _bits] for n, name in ((3, "bgr"), (4, "bgra"))}
+"""Channels, type of a sample and OpenCV's conversion to grey; nv12 begins with the rows of Y."""
 FARTHEST = 1e3
 """Limit of scanners that state none, metres."""
 
@@ -88,34 +99,60 @@ def stamp_seconds(message: Any, received: int) -> float:
     return (int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)) / 10**9
 
 
+def is_compressed(message: Any) -> bool:
+    """Whether a message is a CompressedImage."""
+    return not hasattr(message, "encoding")
+
+
 def deepest(message: Any) -> int:
-    """The largest value of a picture of more than 8 bits a pixel; 0 of any other."""
-    if str(getattr(message, "encoding", "")).lower() not in _DEEP:
+    """The largest value of a picture of more than 8 bits that does not state them; 0 of any other."""
+    if is_compressed(message):
+        return largest_value(np.asarray(message.data, dtype=np.uint8).tobytes())
+    _, kind, _ = _ENCODINGS.get(str(message.encoding).lower(), (0, "u1", None))
+    if kind == "u1":
         return 0
     data = np.asarray(message.data, dtype=np.uint8).ravel()
     samples = data[: data.size // 2 * 2].view(">u2" if message.is_bigendian else "<u2")
     return int(samples.max(initial=0))
 
 
-def depth_of(message: Any, where: str) -> Array:
-    """(H, W) metres of a depth image: 16UC1 (millimetres) or 32FC1 (metres), 0 or NaN where there is none.
+def depth_of(message: Any, where: str, per_metre: float) -> Array:
+    """(H, W) metres of a depth image, 0 or NaN where there is none: 16UC1 or 32FC1, raw or compressed as PNG.
+
+    Parameters
+    ----------
+    message
+    where : str
+        What to call it in an error.
+    per_metre : float
+        Counts at one metre of 16UC1; 32FC1 is in metres.
 
     Raises
     ------
     DataError
         If the encoding is another one, or the data is cut short.
     """
-    encoding = str(getattr(message, "encoding", "compressed")).upper()
+    if is_compressed(message):
+        return _compressed_depth(message, where, per_metre)
+    encoding = str(message.encoding).upper()
     if encoding not in ("16UC1", "MONO16", "32FC1"):
-        raise DataError(f"The depth image {where} is '{encoding}'; record the raw depth, 16UC1 or 32FC1.")
-    size, kind, unit = (4, "f4", 1.0) if encoding == "32FC1" else (2, "u2", 1e-3)
-    height, width = int(message.height), int(message.width)
-    step = int(message.step) or width * size
-    data = np.asarray(message.data, dtype=np.uint8).ravel()
-    if width * size > step or data.size < height * step or height * width == 0:
-        raise DataError(f"The depth image {where} has {data.size} bytes for {width}x{height}; it is broken.")
-    rows = np.ascontiguousarray(data[: height * step].reshape(height, step)[:, : width * size])
-    return np.asarray(rows.view((">" if message.is_bigendian else "<") + kind) * unit, dtype=np.float64)
+        raise DataError(f"The depth image {where} is '{encoding}'; record the depth as 16UC1 or 32FC1.")
+    kind, unit = ("f4", 1.0) if encoding == "32FC1" else ("u2", per_metre)
+    return np.asarray(_samples(message, 1, kind, where) / unit, dtype=np.float64)
+
+
+def _compressed_depth(message: Any, where: str, per_metre: float) -> Array:
+    """Of the transports ``compressed`` and ``compressedDepth``, whose PNG follows twelve bytes."""
+    data, form = np.asarray(message.data, dtype=np.uint8).tobytes(), str(message.format)
+    head = data[:12] if "compressedDepth" in form else b""
+    counts = deep(data[len(head) :], where)
+    if not form.upper().startswith("32FC1"):
+        return np.asarray(counts / per_metre, dtype=np.float64)
+    if len(head) < 12:
+        raise DataError(f"The depth image {where} is '{form}'; record it by compressedDepth, or raw.")
+    slope, offset = np.frombuffer(head[4:], "<f4").astype(np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(counts > 0, slope / (counts - offset), np.nan)
 
 
 def image_of(message: Any, where: str, bits: int = 16) -> Image:
@@ -127,67 +164,78 @@ def image_of(message: Any, where: str, bits: int = 16) -> Image:
     where : str
         What to call it in an error.
     bits : int
-        That a picture of more than 8 bits a pixel uses.
+        That a picture of more than 8 bits a sample uses.
 
     Raises
     ------
     DataError
         If the encoding is not supported, or the data is cut short or broken.
     """
-    data = np.asarray(message.data, dtype=np.uint8).ravel()
-    if not hasattr(message, "encoding"):
-        return decode(data.tobytes(), where)
-    encoding, height, width = str(message.encoding).lower(), int(message.height), int(message.width)
-    deep = encoding in _DEEP
-    if not deep and encoding not in _CHANNELS:
-        known = ", ".join([*_CHANNELS, *_DEEP])
+    if is_compressed(message):
+        pattern = str(message.format).lower().split(";")[0].strip().rstrip("168")
+        data = np.asarray(message.data, dtype=np.uint8).tobytes()
+        return decode(data, where, bits=bits, mosaic=_MOSAICS.get(pattern))
+    encoding = str(message.encoding).lower()
+    if encoding not in _ENCODINGS:
+        known = ", ".join(_ENCODINGS)
         raise DataError(f"The image {where} has the encoding '{message.encoding}'; supported are {known}.")
-    channels, conversion = (2, None) if deep else _CHANNELS[encoding]
-    step = int(message.step) or width * channels
-    if width * channels > step or data.size < height * step or height * width == 0:
+    channels, kind, conversion = _ENCODINGS[encoding]
+    pixels = _samples(message, channels, kind, where)
+    grey = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
+    return shallow(np.ascontiguousarray(grey), bits, where)
+
+
+def _samples(message: Any, channels: int, kind: str, where: str) -> Any:
+    """(H, W) or (H, W, channels) of an Image's data, in this machine's order of bytes."""
+    size, height, width = channels * int(kind[1]), int(message.height), int(message.width)
+    data = np.asarray(message.data, dtype=np.uint8).ravel()
+    step = int(message.step) or width * size
+    if width * size > step or data.size < height * step or height * width == 0:
         raise DataError(
-            f"The image {where} has {data.size} bytes for {width}x{height} {encoding}; it is broken."
+            f"The image {where} has {data.size} bytes for {width}x{height} {message.encoding}; it is broken."
         )
-    rows = data[: height * step].reshape(height, step)[:, : width * channels]
-    if deep:
-        order = ">u2" if message.is_bigendian else "<u2"
-        return shallow(np.ascontiguousarray(rows).view(order).astype(np.uint16), bits, where)
-    if conversion is None:
-        return np.ascontiguousarray(rows)
-    pixels = np.ascontiguousarray(rows.reshape(height, width, channels) if channels > 1 else rows)
-    return np.asarray(cv2.cvtColor(pixels, conversion), dtype=np.uint8)
+    rows = np.ascontiguousarray(data[: height * step].reshape(height, step)[:, : width * size])
+    samples = rows.view((">" if message.is_bigendian else "<") + kind)
+    samples = samples.astype(samples.dtype.newbyteorder("="), copy=False)
+    return samples.reshape(height, width, channels) if channels > 1 else samples
 
 
-def camera_of(message: Any, where: str) -> Camera:
+def camera_of(message: Any, where: str, topic: str = "") -> Camera:
     """Camera of a CameraInfo.
+
+    Parameters
+    ----------
+    message
+    where : str
+        What to call it in an error.
+    topic : str
+        Of the images: rectified ones have the lens P, without distortion.
 
     Raises
     ------
     DataError
         If the camera is not calibrated, binned or cropped, or its model is not supported.
     """
-    k = np.asarray(getattr(message, "k", getattr(message, "K", [])), dtype=np.float64)
-    d = np.asarray(getattr(message, "d", getattr(message, "D", [])), dtype=np.float64)
-    if k.size != 9 or k[0] == 0.0:
+    lens: dict[str, Any] = {
+        name: getattr(message, name, getattr(message, name.upper(), None)) for name in "dkrp"
+    }
+    if np.size(lens["k"]) != 9 or lens["k"][0] == 0.0:
         raise DataError(
             f"The CameraInfo of {where} is not calibrated (K is zero); give --camera FILE ('collabslam "
             "init --board' makes one)."
         )
-    if max(message.binning_x, message.binning_y) > 1 or (message.roi.width or message.roi.x_offset):
+    size, roi = (message.width, message.height), message.roi
+    whole = (roi.x_offset, roi.y_offset) == (0, 0) and (roi.width, roi.height) in ((0, 0), size)
+    if max(message.binning_x, message.binning_y) > 1 or not whole:
         raise DataError(
             f"The CameraInfo of {where} is for binned or cropped images; give --camera FILE for these images."
         )
-    model = str(message.distortion_model) or "none"
-    if model == "rational_polynomial" and not np.any(d[5:]):
-        model, d = "plumb_bob", d[:5]
-    content = {
-        "camera_matrix": {"data": k},
-        "distortion_model": model,
-        "distortion_coefficients": {"data": d if np.any(d) or model != "plumb_bob" else []},
-        "image_width": message.width,
-        "image_height": message.height,
-    }
-    return camera_from_mapping(content, f"CameraInfo of {where}")
+    model = str(message.distortion_model)
+    if len(lens["d"]) and not np.any(lens["d"]) and MODELS.get(model) == "radtan":
+        model = "none"
+    content = lens | {"distortion_model": model, "width": size[0], "height": size[1]}
+    with Keys(content, f"CameraInfo of {where}") as keys:
+        return of_keys(keys, topic).camera
 
 
 def pose_of(pose: Any, where: str) -> Array:

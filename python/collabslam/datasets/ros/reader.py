@@ -9,17 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.calibration import check_size, load_camera
-from collabslam.datasets.depth_image import depth_points
+from collabslam.datasets.calibration import check_size, read_calibration
+from collabslam.datasets.depth_image import MILLIMETRES, depth_points, depth_scale
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.persons import person_name
-from collabslam.datasets.poses import interpolate_track, seconds
+from collabslam.datasets.poses import interpolate_track
 from collabslam.datasets.printed_pose import Unposed, printed_source, with_printed_poses
 from collabslam.datasets.readers.stamped import match_stamps, own_time, views_of_frames
 from collabslam.datasets.ros.bag import CAMERA_TYPE, IMAGE_TYPES, Bag, BagImages, is_bag
 from collabslam.datasets.ros.sensors import EstimatedPoses
 from collabslam.datasets.ros.worn_pose_source import T_CF_ROLE, WornPoses, worn_poses
 from collabslam.datasets.stream import StreamRecording
+from collabslam.datasets.units import seconds
 from collabslam.errors import DataError
 from collabslam.types import Array, DepthPoints, WornView
 
@@ -28,7 +29,7 @@ ROLES = {
     "cs": "images of the robot's camera; the only image topic if left out",
     "cf": "images of the worn camera",
     "t_cf": T_CF_ROLE,
-    "depth": "depth images registered to Cs, of its size: 16UC1 (millimetres) or 32FC1 (metres)",
+    "depth": "depth images registered to Cs, of its size: 16UC1 (see --depth-scale) or 32FC1 (metres)",
     "cs_info": "CameraInfo of Cs; the one beside its images if left out",
     "cf_info": "CameraInfo of Cf; the one beside its images if left out",
     "truth": "true pose of Cs in a world, to score and to emulate Cf; or tf:WORLD:CAMERA",
@@ -58,10 +59,11 @@ def open(path: Path, given: Given) -> StreamRecording:
             "persons cf.NAME, cf_info.NAME, t_cf.NAME."
         )
     bag = Bag(path)
-    topic = topics.get("cs") or only_images(bag)
+    topic = topics["cs"] = topics.get("cs") or only_images(bag)
     images = BagImages(bag, topic)
     times = np.asarray([seconds(s) for s in images.stamps])
-    camera = load_camera(given.camera) if given.camera else _camera(bag, topic, topics.get("cs_info"))
+    own = None if given.camera is None else read_calibration(given.camera, topic=topic)
+    camera = _camera(bag, topic, topics.get("cs_info")) if own is None else own.camera
     recording = StreamRecording(
         name=path.stem,
         source=str(path),
@@ -72,8 +74,10 @@ def open(path: Path, given: Given) -> StreamRecording:
     )
     if "depth" in topics:
         depths = BagImages(bag, topics["depth"])
-        recording = replace(recording, read_depth=_depths(recording, images.stamps, depths))
-    return _with_worn(recording, bag, images.stamps, persons, given)
+        stated = None if own is None else own.depth_scale
+        scale = depth_scale(given.depth_scale, stated, MILLIMETRES, topics["depth"])
+        recording = replace(recording, read_depth=_depths(recording, images.stamps, depths, scale))
+    return _with_worn(recording, bag, images.stamps, persons, replace(given, topics=topics))
 
 
 @dataclass(frozen=True)
@@ -122,7 +126,7 @@ def _with_worn(
             pairs = match_stamps(stamps, images.stamps, _TOLERANCE)
             unposed[name] = Unposed(_camera(bag, person.images, person.info), pairs, images.read)
             continue
-        poses = worn_poses(bag, person.t_cf, given.camera)
+        poses = worn_poses(bag, person.t_cf, given.camera, (given.topics["cs"], person.images))
         worn_pose = "estimated" if isinstance(poses, EstimatedPoses) else worn_pose
         cameras[name] = poses.camera or _camera(bag, person.images, person.info)
         views[name] = images, _views(bag, stamps, images.stamps, poses)
@@ -136,7 +140,7 @@ def _with_worn(
 
 
 def _depths(
-    recording: StreamRecording, stamps: list[int], depths: BagImages
+    recording: StreamRecording, stamps: list[int], depths: BagImages, per_metre: float
 ) -> Callable[[int], DepthPoints | None]:
     pairs = match_stamps(stamps, depths.stamps, _TOGETHER)
     if not pairs:
@@ -147,7 +151,7 @@ def _depths(
     def read_depth(i: int) -> DepthPoints | None:
         if i not in pairs:
             return None
-        metres = depths.read_depth(pairs[i])
+        metres = depths.read_depth(pairs[i], per_metre)
         check_size(recording.camera, (metres.shape[1], metres.shape[0]), f"(depth) of frame {i}")
         return depth_points(metres, (depths.stamps[pairs[i]] - stamps[i]) / 10**9)
 
@@ -184,7 +188,7 @@ def _camera(bag: Bag, images: str, info: str | None) -> Camera:
             "collabslam init BAG --board), or say which with --topics cs_info=TOPIC (cf_info for the worn "
             f"camera): {', '.join(found) or 'none'}."
         )
-    return bag.camera(info or beside[0])
+    return bag.camera(info or beside[0], images)
 
 
 def _views(

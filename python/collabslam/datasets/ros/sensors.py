@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,7 +11,7 @@ import numpy as np
 import yaml
 
 from collabslam._core import Camera
-from collabslam.datasets.calibration import read_yaml
+from collabslam.datasets.gate import Keys, read_keys
 from collabslam.datasets.ros.bag import Bag
 from collabslam.errors import DataError, InputError
 from collabslam.formats.files import write_text
@@ -36,6 +35,7 @@ ESTIMATED = "sensors:"
 """What the role ``t_cf`` begins with where its poses are estimated; the file follows."""
 
 _WHERE: tuple[Wearer, ...] = ("robot", "worn")
+_ROTATIONS: dict[Wearer, str] = {"robot": "r_c_ahrs", "worn": "r_f_ahrs"}
 _PLACED = ("ahead", "left", "up", "heading_deg")
 _DEGREES = {f"{f.name}_deg": f.name for f in fields(AhrsErrors) if f.name.endswith("_sd")}
 _OWN = {"scanners", "r_c_ahrs", "r_f_ahrs", "person", "ahrs", "start"}
@@ -131,39 +131,46 @@ def read_sensors(path: Path) -> WornSensors:
     DataError
         If it cannot be read, a key is missing or unknown, or a value is not possible.
     """
-    content = read_yaml(path)
-    _only(content, {"scanners", "ahrs", "ahrs_errors", "person", "start", *_NUMBERS}, path)
     try:
-        scanners = {name: _scanner(part, path) for name, part in content["scanners"].items()}
-        scans = {str(name): str(part["topic"]) for name, part in content["scanners"].items()}
-        for where in _WHERE:
-            _only(content["ahrs"][where], {"topic", "rotation"}, path)
-        ahrs = {where: str(content["ahrs"][where]["topic"]) for where in _WHERE}
-        more: dict[str, Any] = {k: float(content[k]) for k in _NUMBERS & set(content)}
-        more |= {
-            name: np.asarray(content["ahrs"][where]["rotation"], np.float64)
-            for name, where in (("r_c_ahrs", "robot"), ("r_f_ahrs", "worn"))
-            if "rotation" in content["ahrs"][where]
-        }
-        person = content.get("person", {})
-        _only(person, {f.name for f in fields(Person)}, path)
-        person = {k: tuple(float(u) for u in v) if isinstance(v, list) else v for k, v in person.items()}
-        errors = content.get("ahrs_errors", {})
-        _only(errors, {*_DEGREES, "drift_time"}, path)
-        drift = {_DEGREES.get(k, k): math.radians(v) if k in _DEGREES else v for k, v in errors.items()}
-        start = content.get("start")
-        config = WornPoseConfig(
-            scanners=scanners,
-            person=Person(**person),
-            ahrs=AhrsErrors(**drift),
-            start=None if start is None else (float(start[0]), float(start[1])),
-            **more,
-        )
-    except KeyError as error:
-        raise DataError(f"The sensors file {path} lacks the key {error}; add it.") from error
+        with read_keys(path) as keys:
+            return _sensors(keys)
     except (InputError, ArithmeticError, TypeError, ValueError, AttributeError, IndexError) as error:
         raise DataError(f"The sensors file {path} is not usable: {error}") from error
+
+
+def _sensors(keys: Keys) -> WornSensors:
+    scanners, scans = {}, {}
+    ahrs: dict[Wearer, str] = {}
+    more: dict[str, Any] = {name: keys.number(name) for name in sorted(_NUMBERS) if keys.has(name)}
+    with keys.inside("scanners") as parts:
+        for name in parts:
+            with parts.inside(name) as part:
+                scans[name], scanners[name] = str(part.need("topic")), _scanner(part)
+    with keys.inside("ahrs") as parts:
+        for where in _WHERE:
+            with parts.inside(where) as part:
+                ahrs[where] = str(part.need("topic"))
+                if part.has("rotation"):
+                    more[_ROTATIONS[where]] = np.asarray(part.take("rotation"), np.float64)
+    with keys.inside("person") as part:
+        person = {f.name: _numbers(part.take(f.name)) for f in fields(Person) if part.has(f.name)}
+    with keys.inside("ahrs_errors") as part:
+        drift = {name: math.radians(part.number(key)) for key, name in _DEGREES.items() if part.has(key)}
+        if part.has("drift_time"):
+            drift["drift_time"] = part.number("drift_time")
+    start = keys.take("start")
+    config = WornPoseConfig(
+        scanners=scanners,
+        person=Person(**person),
+        ahrs=AhrsErrors(**drift),
+        start=None if start is None else (float(start[0]), float(start[1])),
+        **more,
+    )
     return WornSensors(config, scans, ahrs)
+
+
+def _numbers(value: Any) -> Any:
+    return tuple(float(u) for u in value) if isinstance(value, list) else value
 
 
 def write_sensors(path: Path, sensors: WornSensors) -> None:
@@ -194,18 +201,8 @@ def write_sensors(path: Path, sensors: WornSensors) -> None:
     write_text(path, yaml.safe_dump(content, sort_keys=False))
 
 
-def _scanner(part: Mapping[str, Any], path: Path) -> Array:
-    _only(part, {"topic", "t_c_scanner", *_PLACED}, path)
-    if "t_c_scanner" in part:
-        return np.asarray(part["t_c_scanner"], np.float64).reshape(4, 4)
-    ahead, left, up, heading = (float(part.get(key, 0.0)) for key in _PLACED)
+def _scanner(part: Keys) -> Array:
+    if part.has("t_c_scanner"):
+        return np.asarray(part.numbers("t_c_scanner", count=(16,))).reshape(4, 4)
+    ahead, left, up, heading = (part.number(key) if part.has(key) else 0.0 for key in _PLACED)
     return scanner_pose(ahead, left, up, math.radians(heading))
-
-
-def _only(part: Mapping[str, Any], known: set[str], path: Path) -> None:
-    unknown = sorted(set(part) - known)
-    if unknown:
-        raise DataError(
-            f"The sensors file {path} has the unknown key '{unknown[0]}'; there are "
-            f"{', '.join(sorted(known))}."
-        )

@@ -19,7 +19,7 @@ from collabslam.types import Array
 
 T_CF_ROLE = (
     "pose of Cf in Cs: a PoseWithCovarianceStamped, or tf:CS:CF:METRES:DEGREES (two frames and the standard "
-    "deviations that tf does not carry), or rig (cam1 of the Kalibr camchain given with --camera), or "
+    "deviations that tf does not carry), or rig (by the Kalibr camchain given with --camera), or "
     "sensors:FILE (estimated from laser scans and AHRSs, where FILE says how they are mounted), or "
     f"{PRINTED_ROLE}"
 )
@@ -63,7 +63,9 @@ class WornPoses(NamedTuple):
         return poses, self.covariances[rows], unknown
 
 
-def worn_poses(bag: Bag, source: str | None, calibration: Path | None) -> WornPoses | EstimatedPoses:
+def worn_poses(
+    bag: Bag, source: str | None, calibration: Path | None, topics: tuple[str, str]
+) -> WornPoses | EstimatedPoses:
     """``T_CF`` of a bag.
 
     Parameters
@@ -73,6 +75,8 @@ def worn_poses(bag: Bag, source: str | None, calibration: Path | None) -> WornPo
         As `T_CF_ROLE` says; the only topic of poses with covariance if left out.
     calibration
         The file of ``--camera``.
+    topics : (str, str)
+        Of the images of Cs and of Cf.
 
     Raises
     ------
@@ -86,7 +90,7 @@ def worn_poses(bag: Bag, source: str | None, calibration: Path | None) -> WornPo
     if source == "rig":
         if calibration is None:
             raise DataError("t_cf=rig needs the Kalibr camchain of both cameras; give it with --camera FILE.")
-        camera, t_cf, shift = load_rig(calibration)
+        camera, t_cf, shift = load_rig(calibration, topics)
         return WornPoses(np.empty(0), t_cf[None], RIG_NOISE.covariance[None], shift, camera)
     if source is not None and source.startswith("tf:"):
         parent, child, noise = _tf(source)

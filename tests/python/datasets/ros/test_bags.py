@@ -262,7 +262,7 @@ def test_bayer_patterns_know_red_from_blue(pattern: str) -> None:
 
 
 def test_camera_info_models() -> None:
-    roi = SimpleNamespace(width=0, x_offset=0)
+    roi = SimpleNamespace(width=0, height=0, x_offset=0, y_offset=0)
     fields = {"k": np.array([30.0, 0, 15, 0, 31, 11, 0, 0, 1]), "width": 32, "height": 24, "roi": roi,
               "binning_x": 0, "binning_y": 0}  # fmt: skip
 
@@ -275,7 +275,10 @@ def test_camera_info_models() -> None:
     assert camera("", []).model == "pinhole"
     assert camera("rational_polynomial", [0.1, 0, 0, 0, 0.2, 0, 0, 0]).distortion == (0.1, 0, 0, 0, 0.2)
     assert camera("equidistant", [0.1, 0, 0, 0]).model == "fisheye"
-    for d, more in (([0.1, 0, 0, 0, 0.2, 0.3, 0, 0], {}), ([0.0] * 5, {"binning_x": 2})):
+    assert camera("plumb_bob", [0.1, 0, 0, 0, 0.2, 0, 0, 0]).distortion == (0.1, 0, 0, 0, 0.2)
+    whole = SimpleNamespace(width=32, height=24, x_offset=0, y_offset=0)
+    assert camera("plumb_bob", [0.1, 0, 0, 0], roi=whole).width == 32
+    for d, more in (([0.1, 0, 0, 0, 0.2, 0.3, 0, 0, 0.1, 0, 0, 0], {}), ([0.0] * 5, {"binning_x": 2})):
         with pytest.raises(DataError):
             camera("rational_polynomial", d, **more)
 

@@ -1,0 +1,233 @@
+"""The gate through which all comes that files and messages say: nothing of it is passed over in silence.
+
+A reader takes keys from a `Keys`, names those that it knows and has no use for, and whatever is left is
+refused by its name.  What was read, and from where, is told to whoever listens (`listening`), such as
+``collabslam info``.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+
+from collabslam.errors import DataError
+from collabslam.formats.files import read_text
+from collabslam.formats.yaml_text import load_yaml, once
+
+_SHOWN = 12
+"""Numbers of a value that are shown."""
+
+
+class Fact(NamedTuple):
+    """Something that was read: what it is, its value, and the file, message or rule that it comes from."""
+
+    what: str
+    value: str
+    source: str
+
+
+_listener: ContextVar[list[Fact] | None] = ContextVar("facts", default=None)
+
+
+@contextmanager
+def listening() -> Iterator[list[Fact]]:
+    """All facts that are read meanwhile, in order, each once."""
+    facts: list[Fact] = []
+    token = _listener.set(facts)
+    try:
+        yield facts
+    finally:
+        _listener.reset(token)
+
+
+def tell(what: str, value: object, source: object) -> None:
+    """Say what was read, to whoever listens."""
+    facts, fact = _listener.get(), Fact(what, _brief(value), str(source))
+    if facts is not None and fact not in facts:
+        facts.append(fact)
+
+
+def _brief(value: object) -> str:
+    if isinstance(value, Mapping):
+        value = value.get("data", f"{len(value)} keys")
+    if isinstance(value, list | tuple | np.ndarray):
+        items = np.asarray(value, dtype=object).ravel().tolist()
+        more = " .." if len(items) > _SHOWN else ""
+        return " ".join(map(_brief, items[:_SHOWN])) + more
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+class Keys:
+    """The keys of a file or a message; a context manager that refuses those which nobody asked for.
+
+    Parameters
+    ----------
+    content : mapping
+    where : str
+        The file or message, for messages.
+    prefix : str
+        The key that holds this mapping, as ``cam0.``.
+    """
+
+    def __init__(self, content: Mapping[Any, Any], where: object, prefix: str = "") -> None:
+        self.where, self._prefix = str(where), prefix
+        self._content = {str(key): value for key, value in content.items()}
+        self._left = dict.fromkeys(self._content)
+
+    def __enter__(self) -> Keys:
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None and self._left:
+            named = ", ".join(f"'{self._prefix}{key}'" for key in self._left)
+            raise DataError(
+                f"{self.where} has what is not understood here: {named}; correct the name, or take it out if "
+                "it says nothing of this recording."
+            )
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._content)
+
+    def has(self, *names: str) -> bool:
+        """Whether one of the keys has a value."""
+        return any(self._content.get(name) is not None for name in names)
+
+    def take(self, *names: str) -> Any:
+        """The value of the first of these keys that has one; None if none has."""
+        name = next(filter(self.has, names), None)
+        for known in names if name is None else [name]:
+            self._left.pop(known, None)
+        if name is None:
+            return None
+        value = self._content[name]
+        tell(f"{self._prefix}{name}", value, self.where)
+        return value
+
+    def peek(self, name: str) -> Mapping[str, Any]:
+        """The mapping of a key that is still to be read; empty if it holds none."""
+        value = self._content.get(name)
+        return value if isinstance(value, Mapping) else {}
+
+    def need(self, *names: str) -> Any:
+        """As `take`; DataError naming the first if there is none."""
+        value = self.take(*names)
+        if value is None:
+            raise DataError(f"{self.where} lacks the key '{self._prefix}{names[0]}'; add it.")
+        return value
+
+    def numbers(self, *names: str, count: Iterable[int] | None = None) -> list[float]:
+        """The numbers of a key that is needed; DataError if it is none, or has none of the counts."""
+        which = f"The key '{self._prefix}{next(filter(self.has, names), names[0])}' of {self.where}"
+        value = self.need(*names)
+        if isinstance(value, Mapping):
+            value = value.get("data")
+        try:
+            # PyYAML reads 1e-05 as text, hence float() of each item.
+            found = [float(x) for x in np.asarray(value, dtype=object).ravel().tolist()]
+        except (TypeError, ValueError, OverflowError) as error:
+            raise DataError(f"{which} is not a list of numbers; correct it.") from error
+        if not np.isfinite(found).all():
+            raise DataError(f"{which} holds a number that is not finite; correct it.")
+        if count is not None and len(found) not in count:
+            expected = " or ".join(map(str, count))
+            raise DataError(f"{which} has {len(found)} numbers; {expected} are needed.")
+        return found
+
+    def number(self, *names: str) -> float:
+        """The number of a key that is needed."""
+        return self.numbers(*names, count=(1,))[0]
+
+    def inside(self, name: str) -> Keys:
+        """The mapping that a key holds, to be closed as well; empty if there is no such key."""
+        content = self._content.get(name)
+        self._left.pop(name, None)
+        if content is not None and not isinstance(content, Mapping):
+            raise DataError(f"The key '{name}' of {self.where} holds no 'key: value' lines; correct it.")
+        return Keys(content or {}, self.where, f"{self._prefix}{name}.")
+
+    def leave(self, *patterns: str, why: str = "says nothing here") -> None:
+        """Pass over the keys that are left and fit one of the patterns (as file names do), by name."""
+        known = [key for key in self._left if any(fnmatchcase(key, pattern) for pattern in patterns)]
+        for key in known:
+            del self._left[key]
+        if known:
+            tell("passed over", f"{', '.join(self._prefix + key for key in known)} ({why})", self.where)
+
+
+def read_keys(path: Path) -> Keys:
+    """The keys of a YAML or JSON file; of OpenCV's FileStorage dialect, too.
+
+    Raises
+    ------
+    DataError
+        If the file is missing, neither YAML nor JSON, has a key twice, or is not a mapping.
+    """
+    text = text_of(path)
+    try:
+        is_json = re.match(r'\s*\{\s*"', text) is not None
+        content = json.loads(text, object_pairs_hook=once) if is_json else _yaml(text)
+    except (ValueError, RecursionError, yaml.YAMLError) as error:
+        reason = " ".join(str(error).split())
+        raise DataError(f"The file {path} is not valid YAML or JSON ({reason}); correct it.") from error
+    if not isinstance(content, dict):
+        raise DataError(f"The file {path} holds no 'key: value' lines; give it in YAML.")
+    return Keys(content, path)
+
+
+def _yaml(text: str) -> Any:
+    # All but OpenCV's header and tag is YAML; its own parser writes beyond its memory in broken files.
+    body = "\n".join(line for line in text.splitlines() if not line.startswith("%"))
+    body = body.replace("!!opencv-matrix", "")
+    return load_yaml(re.sub(r"(\A\s*|\n)---\s*\Z", "\n", body))
+
+
+def text_of(path: Path) -> str:
+    """The text of a file; DataError if it cannot be read as such."""
+    try:
+        return read_text(path)
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"The file {path} cannot be read as text; give an existing text file.") from error
+
+
+def data_lines(path: Path) -> list[tuple[int, list[str]]]:
+    """Line numbers and fields of a text file, which commas, semicolons or blanks part; ``#``: a comment.
+
+    Raises
+    ------
+    DataError
+        If the file cannot be read, or its numbers have decimal commas.
+    """
+    out = []
+    for number, line in enumerate(text_of(path).splitlines(), start=1):
+        line = line.split("#", 1)[0]
+        parts = [part for part in re.split(r"[;\s]+", line) if "," in part]
+        if parts and all(re.fullmatch(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?", part) for part in parts):
+            raise DataError(
+                f"Line {number} of {path} has decimal commas ('{parts[0]}'); write numbers with points (or, "
+                "if the comma parts two columns, put a blank after it)."
+            )
+        fields = re.sub(r"[,;]", " ", line).split()
+        if fields:
+            out.append((number, fields))
+    if len(out) > 1 and not any(map(is_number, out[0][1])) and any(map(is_number, out[1][1])):
+        tell("passed over", f"line {out[0][0]} (names of columns)", path)
+        out = out[1:]
+    return out
+
+
+def is_number(text: str) -> bool:
+    """Whether a text is a number; "nan" and "inf" are."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

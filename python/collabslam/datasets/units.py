@@ -1,0 +1,154 @@
+"""In which unit a column of time stamps was written: by the years that it would mean, and by its rate.
+
+Stamps are kept as exact decimals until they are seconds, since nanoseconds since 1970 have more digits than
+a float.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from decimal import Decimal, InvalidOperation
+
+import numpy as np
+
+from collabslam.datasets.gate import tell
+from collabslam.errors import DataError
+from collabslam.types import Array
+
+NANOSECONDS = 10**9
+UNITS = {"seconds": 0, "milliseconds": -3, "microseconds": -6, "nanoseconds": -9}
+"""The power of ten that makes seconds of each unit."""
+_YEARS = (6.3e8, 4.1e9)
+"""Seconds since 1970 of 1990 and of 2100."""
+_STEPS = (1e-4, 100.0)
+"""Seconds between stamps of known years, or of a layout whose unit is known, that are believed."""
+_LONGEST = 2.0
+"""Seconds between stamps whose years nobody knows; thousandths of it are the next unit's."""
+LEAST_STEP, MOST_STEP, MOST_GAP = 1e-4, 100.0, 86400.0
+"""Seconds from frame to frame that a recording has in the middle, and the longest gap in one."""
+
+
+def seconds(nanoseconds: int) -> float:
+    """Seconds of an integer nanosecond stamp, correctly rounded."""
+    return nanoseconds / NANOSECONDS
+
+
+def read_stamps(
+    texts: Iterable[str], where: str, *, lines: Sequence[int] = (), usual: str | None = None
+) -> list[Decimal]:
+    """Seconds of a column of stamps, all in one unit, which is found out.
+
+    Parameters
+    ----------
+    texts
+        The stamps as they were written.
+    where
+        The file, for messages.
+    lines
+        Their lines' numbers, for messages.
+    usual
+        The unit that the layout prescribes: another one is taken only if that one has an impossible rate.
+
+    Raises
+    ------
+    DataError
+        If one is no number, or all fit no unit, naming the line.
+    """
+    texts = list(texts)
+    stamps = [
+        _number(text, f"line {lines[k]} of {where}" if lines else where) for k, text in enumerate(texts)
+    ]
+    unit = _unit(stamps, where, usual) if stamps else "seconds"
+    tell("stamps", f"{len(stamps)}, in {unit}", where)
+    found = [stamp.scaleb(UNITS[unit]) for stamp in stamps]
+    if found and max(found) * NANOSECONDS >= 1 << 63:
+        raise DataError(f"A stamp of {where} is far too large ({max(found):.3e} s); write it in seconds.")
+    return found
+
+
+def listed_stamps(rows: list[tuple[int, list[str]]], where: str) -> tuple[list[Decimal], list[list[str]]]:
+    """Stamps of a list of images' times, and what follows them in each line.
+
+    A first column that counts the lines is passed over, as of TUM-mono's ``times.txt``.
+
+    Raises
+    ------
+    DataError
+        As `read_stamps`, or if there is nothing but such a column.
+    """
+    lines, columns = [n for n, _ in rows], [fields for _, fields in rows]
+    if counts([fields[0] for fields in columns]):
+        columns = [fields[1:] for fields in columns]
+        if not all(columns):
+            raise DataError(f"{where} counts its lines and tells no times; give stamps in seconds.")
+        tell("passed over", "the first column (it counts the lines)", where)
+    stamps = read_stamps([fields[0] for fields in columns], where, lines=lines)
+    return stamps, [fields[1:] for fields in columns]
+
+
+def as_seconds(stamps: Iterable[Decimal]) -> Array:
+    """Stamps as float64, each correctly rounded."""
+    return np.asarray([float(stamp) for stamp in stamps], dtype=np.float64)
+
+
+def as_nanoseconds(stamps: Iterable[Decimal]) -> list[int]:
+    """Stamps as whole nanoseconds."""
+    return [int((stamp * NANOSECONDS).to_integral_value()) for stamp in stamps]
+
+
+def counts(texts: Sequence[str]) -> bool:
+    """Whether a column only counts: 0, 1, 2 and so on, or from 1 on."""
+    if len(texts) < 3 or not all(text.isascii() and text.isdigit() and len(text) < 10 for text in texts):
+        return False
+    numbers = [int(text) for text in texts]
+    return numbers[0] in (0, 1) and numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+
+
+def looks_dated(text: str) -> bool:
+    """Whether a number is a time between 1990 and 2100 in one of the units."""
+    return any(_YEARS[0] <= float(text) * 10.0**power < _YEARS[1] for power in UNITS.values())
+
+
+def _number(text: str, where: str) -> Decimal:
+    try:
+        stamp = Decimal(text.strip())
+        fits = stamp.is_finite() and abs(stamp) < Decimal(10) ** 25
+    except InvalidOperation:
+        raise DataError(f"The stamp '{text[:24]}' in {where} is not a number; write it in seconds.") from None
+    if not fits:
+        raise DataError(
+            f"The stamp '{text[:24]}' in {where} is not finite or far too large; write it in seconds."
+        )
+    return stamp
+
+
+def _unit(stamps: list[Decimal], where: str, usual: str | None) -> str:
+    values = np.unique(np.asarray([float(stamp) for stamp in stamps]))
+    typical = float(np.median(np.abs(values)))
+    dated = next((u for u, p in UNITS.items() if _YEARS[0] <= typical * 10.0**p < _YEARS[1]), None)
+    if len(values) < 2:
+        return dated or usual or "seconds"
+    step = float(np.median(np.diff(values)))
+    for unit in (dated, usual):
+        if unit is not None and _STEPS[0] <= step * 10.0 ** UNITS[unit] <= _STEPS[1]:
+            return unit
+    by_rate = next((u for u, p in UNITS.items() if step * 10.0**p <= _LONGEST), None)
+    if by_rate is None:
+        raise DataError(
+            f"The stamps of {where} are {step:g} apart, which is no camera's rate in any unit; write them in "
+            "seconds."
+        )
+    return by_rate
+
+
+def check_rate(times: Array, where: str) -> None:
+    """Check that frames are as far apart as a camera's are, times in seconds; DataError if not."""
+    steps = np.diff(times)
+    if not len(steps):
+        return
+    middle, gap = float(np.median(steps)), float(np.max(steps))
+    if not LEAST_STEP <= middle <= MOST_STEP or gap > MOST_GAP:
+        raise DataError(
+            f"The frames of {where} are {middle:.3g} s apart, at most {gap:.3g} s, which no camera's are; "
+            "check the stamps, their unit, or the key 'rate' of the calibration."
+        )

@@ -1,0 +1,273 @@
+"""Calibrations of every kind that people have give the right camera, or are refused by the key's name."""
+
+from __future__ import annotations
+
+import ast
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from collabslam.datasets import load_camera
+from collabslam.datasets.calibration import load_rig, read_calibration
+from collabslam.datasets.gate import Fact, listening
+from collabslam.datasets.lens import lens
+from collabslam.datasets.readers import collab, davison
+from collabslam.datasets.ros.messages import camera_of
+from collabslam.datasets.ros.sensors import read_sensors
+from collabslam.datasets.worn_calibration import WornCalibration
+from collabslam.errors import DataError
+
+K = [40.0, 0.0, 31.5, 0.0, 41.0, 23.5, 0.0, 0.0, 1.0]
+LENS = [-0.28, 0.07, 0.0002, 2e-05]
+RADTAN = ("radtan", (64, 48), (40, 41, 31.5, 23.5), tuple(LENS))
+PINHOLE = ("pinhole", (64, 48), (40, 41, 31.5, 23.5), ())
+OPENCV = """%YAML:1.0
+---
+calibration_time: "Mon 12 May 2025 10:11:12"
+nr_of_frames: 25
+image_width: 64
+image_height: 48
+board_width: 9
+board_height: 6
+square_size: 2.5e-02
+flags: 778
+fisheye_model: {fisheye}
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 40., 0., 31.5, 0., 41., 23.5, 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 4
+   cols: 1
+   dt: d
+   data: [ -0.28, 0.07, 0.0002, 2e-05 ]
+avg_reprojection_error: 2.1e-01
+"""
+SIZE = "image_width: 64\nimage_height: 48\n"
+SCRIPT = f"camera_matrix: {np.reshape(K, (3, 3)).tolist()}\ndist_coeff: [{LENS}]\n{SIZE}"
+KALIBR = (
+    "cam0:\n  camera_model: pinhole\n  intrinsics: [40, 41, 31.5, 23.5]\n  resolution: [64, 48]\n"
+    f"  distortion_model: radtan\n  distortion_coeffs: {LENS}\n  rostopic: /cam0/image_raw\n"
+    "  cam_overlaps: [1]\n"
+)
+SECOND = (
+    "cam1:\n  camera_model: pinhole\n  intrinsics: [50, 51, 31.5, 23.5]\n  resolution: [64, 48]\n"
+    f"  distortion_model: equidistant\n  distortion_coeffs: {LENS}\n  rostopic: /cam1/image_raw\n"
+    "  T_cn_cnm1: [1, 0, 0, -0.12, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n  timeshift_cam_imu: 0.01\n"
+)
+EUROC = (
+    "sensor_type: camera\ncomment: left\nT_BS: {cols: 4, rows: 4, "
+    "data: [1, 0, 0, 0.1, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}\n"
+    "rate_hz: 20\nresolution: [64, 48]\ncamera_model: pinhole\nintrinsics: [40, 41, 31.5, 23.5]\n"
+    f"distortion_model: radial-tangential\ndistortion_coefficients: {LENS}\n"
+)
+VINS = (
+    "%YAML:1.0\n---\nmodel_type: PINHOLE\ncamera_name: camera\nimage_width: 64\nimage_height: 48\n"
+    "distortion_parameters:\n   k1: -0.28\n   k2: 0.07\n   p1: 0.0002\n   p2: 2e-05\n"
+    "projection_parameters:\n   fx: 40\n   fy: 41\n   cx: 31.5\n   cy: 23.5\n"
+)
+VINS_FISHEYE = (
+    "model_type: KANNALA_BRANDT\nimage_width: 64\nimage_height: 48\n"
+    "projection_parameters: {k2: -0.28, k3: 0.07, k4: 0.0002, k5: 2.0e-05, mu: 40, mv: 41, u0: 31.5, "
+    "v0: 23.5}\n"
+)
+ORB_SLAM = (
+    '%YAML:1.0\nFile.version: "1.0"\nCamera.type: "PinHole"\nCamera1.fx: 40\nCamera1.fy: 41\n'
+    "Camera1.cx: 31.5\nCamera1.cy: 23.5\n"
+    "Camera1.k1: -0.28\nCamera1.k2: 0.07\nCamera1.p1: 0.0002\nCamera1.p2: 2e-05\n"
+    "Camera.width: 64\nCamera.height: 48\nCamera.fps: 20\nCamera.RGB: 1\nRGBD.DepthMapFactor: 1000.0\n"
+    "ORBextractor.nFeatures: 1000\nViewer.PointSize: 2.0\n"
+)
+NERF = {
+    "w": 64, "h": 48, "fl_x": 40, "fl_y": 41, "cx": 32, "cy": 24, "k1": LENS[0], "k2": LENS[1], "p1": LENS[2],
+    "p2": LENS[3], "camera_model": "OPENCV", "camera_angle_x": 1.3, "frames": [{"file_path": "a.png"}],
+}  # fmt: skip
+RECORD3D = {
+    "w": 64,
+    "h": 48,
+    "fps": 20,
+    "K": [40, 0, 0, 0, 41, 0, 31.5, 23.5, 1],
+    "poses": [[0, 0, 0, 1, 0, 0, 0]],
+}
+SCENELIB = {
+    "model": "wideangle", "width": 64, "height": 48, "focal_length_x": 40, "focal_length_y": 41, "skew": 0,
+    "principal_point_x": 31.5, "principal_point_y": 23.5, "radial_distortion_x": 9e-6,
+}  # fmt: skip
+COLMAP = "# Camera list\n1 OPENCV 64 48 40 41 32 24 -0.28 0.07 0.0002 2e-05\n"
+FILES = {
+    "opencv": (OPENCV.format(fisheye=0), RADTAN),
+    "opencv-fisheye": (OPENCV.format(fisheye=1), ("fisheye", *RADTAN[1:])),
+    "script": (SCRIPT, RADTAN),
+    "kalibr": (KALIBR, RADTAN),
+    "euroc": (EUROC, RADTAN),
+    "vins": (VINS, RADTAN),
+    "vins-fisheye": (VINS_FISHEYE, ("fisheye", *RADTAN[1:])),
+    "orb-slam": (ORB_SLAM, RADTAN),
+    "nerfstudio": (json.dumps(NERF), RADTAN),
+    "record3d": (json.dumps(RECORD3D), PINHOLE),
+    "scenelib": (json.dumps(SCENELIB), ("wideangle", *PINHOLE[1:3], (9e-6,))),
+    "colmap": (COLMAP, RADTAN),
+    "pincam": ("64 48 40 41 31.5 23.5\n", PINHOLE),
+}
+
+
+def read(folder: Path, text: str, **more: Any) -> Any:
+    path = folder / "camera.yaml"
+    path.write_text(text)
+    return load_camera(path, **more)
+
+
+def numbers(camera: Any) -> tuple[Any, ...]:
+    return camera.model, (camera.width, camera.height), camera.intrinsics, camera.distortion
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_the_lens_is_what_the_file_says(tmp_path: Path, name: str) -> None:
+    text, expected = FILES[name]
+    assert numbers(read(tmp_path, text)) == expected
+
+
+def test_what_stands_beside_the_lens_is_heard(tmp_path: Path) -> None:
+    path = tmp_path / "settings.yaml"
+    path.write_text(ORB_SLAM)
+    found = read_calibration(path)
+    assert (found.rate, found.depth_scale) == (20.0, 1000.0)
+    path.write_text(EUROC)
+    assert read_calibration(path).t_bs[0, 3] == 0.1  # type: ignore[index]
+
+
+LEFT_OVER = {
+    **{name: (load_camera, text) for name, (text, _) in FILES.items() if ":" in text},
+    "recording": (
+        lambda p: collab._read_header(p.parent),
+        "format: collabslam-recording\nversion: 1\nname: a\n",
+    ),
+    "persons": (WornCalibration.load, ""),
+    "sensors": (
+        read_sensors,
+        "scanners: {front: {topic: /scan}}\n"
+        "ahrs: {robot: {topic: /a}, worn: {topic: /b}}\ncamera_height: 0.95\n",
+    ),
+    "odometry": (
+        lambda p: collab._read_odometry(p.parent),
+        "T_BC: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n",
+    ),
+    "start": (
+        lambda p: davison._target(p.parent, p),
+        json.dumps({"xv": [0] * 13, "pxx": [], "features": []}),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LEFT_OVER)
+def test_no_key_is_passed_over_without_a_word(tmp_path: Path, name: str) -> None:
+    reader, text = LEFT_OVER[name]
+    if name == "persons":
+        WornCalibration(np.zeros(6), np.zeros((6, 6))).save(tmp_path / "sensor.yaml")
+        text = (tmp_path / "sensor.yaml").read_text()
+    file = tmp_path / ("recording.yaml" if name == "recording" else "sensor.yaml")
+    (tmp_path / "data.csv").write_text(f"1,{','.join('0' * 27)}\n")
+    strange = '{"strange": 7, ' + text.lstrip()[1:] if text.lstrip()[:1] == "{" else f"{text}strange: 7\n"
+    file.write_text(strange)
+    with listening() as facts:
+        try:
+            reader(file)
+        except DataError as error:
+            if "strange" in str(error):
+                return
+    assert any("strange" in fact.value for fact in facts if fact.what == "passed over"), facts
+
+
+def test_only_the_gate_reads_keys() -> None:
+    folder = Path(str(collab.__file__)).parents[1]
+    for path in folder.rglob("*.py"):
+        if path.name == "gate.py":
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                assert (node.value.id, node.attr) not in {("yaml", "safe_load"), ("json", "loads")}, path
+            if isinstance(node, ast.ImportFrom):
+                assert not {"load_yaml", "read_text"} & {alias.name for alias in node.names}, path
+
+
+def test_what_was_read_is_told_with_its_key_and_its_file(tmp_path: Path) -> None:
+    with listening() as facts:
+        read(tmp_path, SCRIPT)
+    path = str(tmp_path / "camera.yaml")
+    assert Fact("dist_coeff", "-0.28 0.07 0.0002 2e-05", path) in facts
+    assert Fact("image_width", "64", path) in facts
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("dist_coeff", "dist_coef_"), "'dist_coef_'"),
+        (("[0.0, 0.0, 1.0]", "[31.5, 23.5, 1.0]"), "not 0 0 1.*MATLAB"),
+        (("[0.0, 41.0", "[0.0, 1.0"), "fx 40 and fy 1"),
+        (("31.5]", "310.5]"), "centre at 310.5.*outside"),
+        (("40.0, 0.0", "40.0, 3.0"), "skew"),
+        (("image_width: 64", "image_width: 64000"), "focal length of 40 for 64000"),
+        (("image_width: 64", "image_width: 64\nimage_width: 64"), "'image_width' stands twice"),
+        ((f"dist_coeff: [{LENS}]", "distortion_model: plumb_bob"), "'plumb_bob' and has 0"),
+        ((f"dist_coeff: [{LENS}]", "cam0_calib: a.yaml"), "another file .a.yaml"),
+    ],
+)  # fmt: skip
+def test_what_no_camera_has_is_refused(tmp_path: Path, change: tuple[str, str], words: str) -> None:
+    assert change[0] in SCRIPT
+    with pytest.raises(DataError, match=words):
+        read(tmp_path, SCRIPT.replace(*change))
+
+
+def test_a_camchain_gives_the_camera_that_is_meant(tmp_path: Path) -> None:
+    chain = KALIBR + SECOND
+    assert read(tmp_path, chain).intrinsics[0] == 40
+    assert read(tmp_path, chain, topic="/cam1/image_raw/compressed").intrinsics[0] == 50
+    with pytest.raises(DataError, match=r"images of /other/image_raw.*cam0: /cam0/image_raw"):
+        read(tmp_path, chain, topic="/other/image_raw")
+    (tmp_path / "cam1.yaml").write_text(chain)
+    assert load_camera(tmp_path / "cam1.yaml").intrinsics[0] == 50
+    camera, t_cf, shift = load_rig(tmp_path / "cam1.yaml")
+    assert (camera.intrinsics[0], t_cf[0, 3], shift) == (50, 0.12, 0.01)
+    camera, t_cf, shift = load_rig(tmp_path / "cam1.yaml", ("/cam1/image_raw", "/cam0/image_raw"))
+    assert (camera.intrinsics[0], t_cf[0, 3], shift) == (40, -0.12, -0.01)
+
+
+def message(d: list[float], p: list[float], model: str = "plumb_bob") -> Any:
+    roi = SimpleNamespace(width=64, height=48, x_offset=0, y_offset=0)
+    return SimpleNamespace(
+        k=np.array(K), d=np.array(d), r=np.eye(3).ravel(), p=np.array(p), width=64, height=48, roi=roi,
+        binning_x=0, binning_y=0, distortion_model=model,
+    )  # fmt: skip
+
+
+def test_rectified_images_have_the_lens_p() -> None:
+    p = [34.0, 0, 31, 0, 0, 34, 23, 0, 0, 0, 1, 0]
+    camera = camera_of(message(LENS, p), "x", "/cam/image_rect_color/compressed")
+    assert numbers(camera) == ("pinhole", (64, 48), (34, 34, 31, 23), ())
+    assert camera_of(message(LENS, p), "x", "/cam/direct/image_raw").model == "radtan"
+    raw = [40.0, 0, 31.5, 0, 0, 41, 23.5, 0, 0, 0, 1, 0]
+    assert camera_of(message([], raw), "x").model == "pinhole"  # nothing is changed by rectifying it
+    with pytest.raises(DataError, match="'plumb_bob' and has 0 numbers"):
+        camera_of(message([], p), "x")
+
+
+def test_lenses_of_other_models_are_carried_to_the_nearest() -> None:
+    xi, alpha = -0.17, 0.59
+    camera = lens("ds", (512, 512), (xi, alpha, 158, 158, 255, 256), (), "x")
+    rays = np.random.default_rng(0).uniform(-1.5, 1.5, (50, 3))
+    rays[:, 2] = 1.0
+    # Usenko, Demmel and Cremers (2018), equations 40 to 45.
+    d1 = np.linalg.norm(rays, axis=1)
+    z = xi * d1 + rays[:, 2]
+    d2 = np.sqrt(rays[:, 0] ** 2 + rays[:, 1] ** 2 + z**2)
+    expected = 158 * rays[:, :2] / (alpha * d2 + (1 - alpha) * z)[:, None] + (255, 256)
+    assert np.abs(camera.project(rays).uv - expected).max() < 0.05
+    with pytest.raises(DataError, match="px off"):
+        lens("omni", (512, 512), (1.4, 500, 500, 255, 256), (-0.3, 0.1, 0.02, 0.02), "x")
+    assert lens("eucm", (64, 48), (0.5, 1.0, 40, 41, 31.5, 23.5), (), "x").model == "fisheye"
+    assert lens("fov", (64, 48), (40, 41, 31.5, 23.5), (0.9,), "x").model == "fisheye"

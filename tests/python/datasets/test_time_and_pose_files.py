@@ -1,0 +1,207 @@
+"""Stamps in any unit, names in any order and poses in any form are read as they are meant, or refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from collabslam.datasets import open_recording
+from collabslam.datasets.gate import data_lines, listening
+from collabslam.datasets.images import list_images
+from collabslam.datasets.poses import OPENGL_FROM_OPTICAL, poses_of_frames, read_track
+from collabslam.datasets.recording import stamps_in_names, times_at_rate
+from collabslam.datasets.units import as_nanoseconds, as_seconds, listed_stamps, read_stamps
+from collabslam.errors import DataError
+from collabslam.types import Array
+
+NS = 1_700_000_000_000_000_000
+CAMERA = (
+    "camera_model: pinhole\nintrinsics: [60, 60, 31.5, 23.5]\nresolution: [64, 48]\ndistortion_model: none\n"
+)
+
+
+def folder(path: Path, names: list[str], more: str = "rate: 20\n") -> Path:
+    """Images of these names, each with its number as its brightness."""
+    path.mkdir()
+    for k, name in enumerate(names):
+        cv2.imwrite(str(path / name), np.full((48, 64), k, np.uint8))
+    (path / "camera.yaml").write_text(CAMERA + more)
+    return path
+
+
+@pytest.mark.parametrize("unit", [1, 10**3, 10**6, 10**9])
+@pytest.mark.parametrize("start", [0, 100, 1_403_715_285])
+@pytest.mark.parametrize("form", ["{}", "{:.18e}", "{:.3f}"])
+def test_the_unit_is_found_by_the_years_and_the_rate(unit: int, start: int, form: str) -> None:
+    times = [start * unit + k * unit // 20 if unit > 1 else start + k / 20 for k in range(12)]
+    found = as_seconds(read_stamps([form.format(t) for t in times], "x"))
+    np.testing.assert_allclose(found - found[0], np.arange(12) / 20, atol=1e-6)
+    assert found[0] == pytest.approx(start)
+
+
+def test_nanoseconds_lose_no_digit() -> None:
+    stamps = [NS + 1, NS + 50_000_003]
+    assert as_nanoseconds(read_stamps(map(str, stamps), "x")) == stamps
+    assert as_seconds(read_stamps(["1403715285.262142976"], "x"))[0] == 1403715285.262142976
+
+
+def test_a_layouts_own_unit_is_left_only_where_its_rate_is_impossible() -> None:
+    own = {"usual": "nanoseconds"}
+    assert as_nanoseconds(read_stamps(["5000000000", "10000000000"], "x", **own)) == [5 * 10**9, 10**10]
+    assert as_nanoseconds(read_stamps(["7"], "x", **own)) == [7]
+    assert (
+        as_nanoseconds(read_stamps(["1403715285262", "1403715285312"], "x", **own))[0]
+        == 1403715285262 * 10**6
+    )
+
+
+@pytest.mark.parametrize("texts", [["nan"], ["abc"], ["1e400"], ["9" * 30], ["9" * 19], ["²"], ["0", "1e13"]])
+def test_what_is_no_stamp_is_refused(texts: list[str]) -> None:
+    with pytest.raises(DataError):
+        read_stamps(texts, "x")
+
+
+def test_a_column_that_counts_is_no_time() -> None:
+    rows = [(k, [str(k), f"{100 + k / 30:.6f}", "8.3"]) for k in range(5)]
+    assert as_seconds(listed_stamps(rows, "x")[0])[1] == pytest.approx(100 + 1 / 30)
+    with pytest.raises(DataError, match="counts its lines"):
+        listed_stamps([(k, [str(k)]) for k in range(5)], "x")
+
+
+def test_images_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    path = folder(tmp_path / "a", [f"{k}.png" for k in range(12)])
+    recording = open_recording(path, camera=path / "camera.yaml")
+    assert [int(recording.image(k)[0, 0]) for k in range(12)] == list(range(12))
+    np.testing.assert_allclose(np.diff(recording.times), 0.05)
+    path = folder(tmp_path / "b", ["1.05.png", "1.1.png", "1.2.png"])
+    assert [p.stem for p in list_images(path)] == ["1.05", "1.1", "1.2"]
+
+
+def test_stamps_in_names_hold_whatever_the_rate_says(tmp_path: Path) -> None:
+    path = folder(tmp_path / "a", [f"{NS + 50_000_000 * k}.png" for k in range(12)], "rate: 30\n")
+    with listening() as facts:
+        recording = open_recording(path, camera=path / "camera.yaml")
+    np.testing.assert_allclose(np.diff(recording.times), 0.05, atol=1e-6)
+    assert any("rate" in fact.value for fact in facts if fact.what == "passed over")
+    for unit in (10**3, 10**6):
+        found = stamps_in_names([Path(f"img_{(1_700_000_000 * 20 + k) * unit // 20}.png") for k in range(3)])
+        assert found is not None
+        np.testing.assert_allclose(np.diff(found), 0.05, atol=1e-6)
+    assert stamps_in_names([Path(f"frame_{k}.png") for k in range(3)]) is None
+
+
+def test_names_count_by_the_number_that_rises() -> None:
+    np.testing.assert_allclose(times_at_rate([Path(f"a_{k}_v2.png") for k in range(3)], 10.0), [0, 0.1, 0.2])
+    with pytest.raises(DataError, match="times of day"):
+        times_at_rate([Path("IMG_20240501_101158.jpg"), Path("IMG_20240501_101201.jpg")], 10.0)
+
+
+@pytest.mark.parametrize("stamps", [[0.0, 1e-5, 2e-5], [0.0, 0.05, 0.1, 2e5, 2e5 + 0.05, 2e5 + 0.1]])
+def test_rates_and_gaps_that_no_camera_has_are_refused(tmp_path: Path, stamps: list[float]) -> None:
+    path = folder(tmp_path / "a", [f"{k}.png" for k in range(len(stamps))])
+    (path / "times.txt").write_text("".join(f"{t!r}\n" for t in stamps))
+    with pytest.raises(DataError, match="no camera"):
+        open_recording(path, camera=path / "camera.yaml", times=path / "times.txt")
+
+
+@pytest.mark.parametrize("text", ["0,05\n0,1\n", "1 0,5 2\n", "0,1;0,2;1\n"])
+def test_decimal_commas_are_refused_by_name(tmp_path: Path, text: str) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(DataError, match="decimal comma"):
+        data_lines(tmp_path / "a.csv")
+
+
+def test_columns_may_have_names_and_semicolons(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("t;x\n1.5;2\n")
+    assert data_lines(tmp_path / "a.csv") == [(2, ["1.5", "2"])]
+
+
+# --- poses ------------------------------------------------------------------------------------
+
+TIMES = np.arange(12) * 0.05
+QUATERNION = (0.1, 0.2, 0.3, np.sqrt(1 - 0.14))
+"""x y z w."""
+
+
+def pose(k: int) -> Array:
+    x, y, z, w = QUATERNION
+    out = np.eye(4)
+    out[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    out[0, 3] = 0.1 * k
+    return out
+
+
+def line(stamp: object, k: int, order: str = "xyzw") -> str:
+    q = dict(zip("xyzw", QUATERNION, strict=True))
+    return f"{stamp} {0.1 * k:.6f} 0 0 " + " ".join(f"{q[a]:.9f}" for a in order)
+
+
+def written(path: Path, lines: list[str]) -> Path:
+    (path / "poses.txt").write_text("\n".join(lines) + "\n")
+    return path / "poses.txt"
+
+
+TRUE = np.array([pose(k) for k in range(12)])
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        [line(f"{0.05 * k:.3f}", k) for k in range(12)],
+        [line(50 * k, k) for k in range(12)],
+        [line(50_000_000 * k, k) for k in range(12)],
+        [line(k, k) for k in range(12)],
+        [line(k + 1, k) for k in range(12)],
+        [f"{k} " + line(f"{0.05 * k:.3f}", k) for k in range(12)],
+        [" ".join(f"{v:.9f}" for v in pose(k)[:3].ravel()) for k in range(12)],
+        [" ".join(f"{v:.9f}" for v in pose(k).ravel()) for k in range(12)],
+        ["#timestamp [ns], p_RS_R_x [m], p_y, p_z, q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []"]
+        + [line(50_000_000 * k, k, "wxyz").replace(" ", ",") for k in range(12)],
+        ["time,tx,ty,tz,qw,qx,qy,qz"] + [line(0.05 * k, k, "wxyz").replace(" ", ", ") for k in range(12)],
+    ],
+    ids=["tum", "ms", "ns", "ids", "ids from 1", "id and stamp", "kitti", "4x4", "euroc", "named columns"],
+)
+def test_poses_of_every_form_are_those_of_the_frames(tmp_path: Path, lines: list[str]) -> None:
+    np.testing.assert_allclose(poses_of_frames(written(tmp_path, lines), TIMES), TRUE, atol=1e-8)
+
+
+def test_record3ds_poses(tmp_path: Path) -> None:
+    rows = [[*QUATERNION, 0.1 * k, 0, 0] for k in range(12)]
+    path = tmp_path / "metadata"
+    path.write_text(json.dumps({"K": [1] * 9, "w": 64, "poses": rows}))
+    found = poses_of_frames(path, TIMES)  # its axes are OpenGL's, and ours after
+    np.testing.assert_allclose(found, TRUE @ OPENGL_FROM_OPTICAL, atol=1e-8)
+    np.testing.assert_allclose(poses_of_frames(path, TIMES, "optical"), TRUE, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ([line(k, k) for k in range(11)], "11 poses for 12 frames"),
+        ([" ".join(f"{v:.9f}" for v in pose(k)[:3].ravel()) for k in range(11)], "11 poses for 12 frames"),
+        (["1 1 0 0 0 0 0 0 1 a.jpg", "10.5 20.5 -1"], "COLMAP"),
+        (['{"frames": [{"file_path": "a.png"}]}'], "nerfstudio"),
+        ([line(0.05 * k, k).replace(" 0 0 ", " 0 0 0.9 ") for k in range(12)], "no unit quaternion"),
+    ],
+)
+def test_poses_that_cannot_be_meant_are_refused(tmp_path: Path, lines: list[str], words: str) -> None:
+    with pytest.raises(DataError, match=words):
+        poses_of_frames(written(tmp_path, lines), TIMES)
+
+
+def test_lines_of_a_tracker_that_is_lost_are_left_out_and_told(tmp_path: Path) -> None:
+    lines = [line(0.05 * k, k) for k in range(40)]
+    lines[4] = lines[5] = "0.2 nan nan nan nan nan nan nan"
+    lines[39] = "1.95 0.1 0."
+    with listening() as facts:
+        stamps, poses = read_track(written(tmp_path, lines))
+    assert len(stamps) == len(poses) == 37
+    assert any("37 of 40 lines" in f.value and "2 not finite and 1 broken" in f.value for f in facts)
