@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from collabslam._core import pose_inverse
+from collabslam._core import Prediction, pose_inverse
 from collabslam.types import Array, Ids, Status
 
 FEATURE_STATES = ("accepted", "rejected", "unlike", "ambiguous", "outside", "not searched")
@@ -44,6 +44,12 @@ class FrameFeatures:
     states: list[str] = field(default_factory=list)
     pairs: Array = field(default_factory=lambda: np.empty((0, 4)))
     pair_names: list[str] = field(default_factory=list)
+
+    @classmethod
+    def unsearched(cls, expected: Prediction) -> FrameFeatures:
+        """The features of a frame in which none was searched."""
+        nowhere, states = np.full((len(expected.ids), 2), np.nan), ["not searched"] * len(expected.ids)
+        return cls(expected.ids, expected.uv, expected.s, nowhere, states)
 
     def pairs_of(self, name: str) -> Array:
         """(K, 4) the pairs of one worn camera."""

@@ -18,7 +18,7 @@ from collabslam.runs.plan import PLAN_STATE, Plan
 from collabslam.runs.results import CHECKPOINT, SUMMARY
 from collabslam.slam.doubts import CAUSES, NOTHING
 from collabslam.slam.engine import Slam
-from collabslam.slam.parts import CLASSES
+from collabslam.slam.saving import CLASSES
 from collabslam.types import Array, Recording, Status, worn_cameras
 from collabslam.version import version
 

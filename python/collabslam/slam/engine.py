@@ -1,49 +1,38 @@
-"""The frame loop: images in, pose with covariance out, one frame at a time.
+"""collabslam's engine: images in, poses with covariance out, one frame at a time.
 
-:meth:`Slam.step` is METHOD section 7 in order, a line or two for each of its steps; what a step does inside
-lives in ``frontend`` (images), in the other files of this folder and in the Rust core (the filter).
+What happens in a frame is in `frame_loop`; the parts that a frame goes through are made in `parts`.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, NoReturn, SupportsIndex, TypeVar
 
 from numpy.typing import ArrayLike
 
-from collabslam._core import Camera, Filter, Prediction, UpdateReport
-from collabslam.frontend.detect import Corners, Hidden, hidden_by_any
-from collabslam.frontend.flow import FlowImage
-from collabslam.frontend.followed import followed_points
-from collabslam.frontend.patch import SIZE
+from collabslam._core import Camera, Filter
+from collabslam.errors import InputError
+from collabslam.formats.container import read_container, write_container
 from collabslam.images import check_grey
-from collabslam.results import FrameFeatures, Landmarks, PlacedCamera, StepResult, SubmapPoses
+from collabslam.results import Landmarks, StepResult, SubmapPoses
 from collabslam.settings.table import Settings
-from collabslam.slam.diagnostics import StageTimes
-from collabslam.slam.doubts import NOTHING
-from collabslam.slam.engine_inputs import EngineInputs, stamp
-from collabslam.slam.feature_states import frame_features, unsearched_features
-from collabslam.slam.guard import all_or_nothing, alone
+from collabslam.slam import saving
+from collabslam.slam.frame_loop import FrameLoop
+from collabslam.slam.guard import Guard, all_or_nothing, alone
 from collabslam.slam.map.saved_map import SavedMap
-from collabslam.slam.map_change import MapChange
-from collabslam.slam.outcome import Outcome
-from collabslam.slam.recovery.relocalise import searchable
+from collabslam.slam.parts import Parts
 from collabslam.slam.starts import check_start
+from collabslam.slam.state import persistent_parts
 from collabslam.slam.submaps.whole_map import whole_way
-from collabslam.slam.tracking.blank_image import FROZEN
-from collabslam.slam.tracking.depth_input import Depths
-from collabslam.slam.tracking.tracks import Found
-from collabslam.slam.view import PlacedViews, View
-from collabslam.slam.worn.late_views import Views
-from collabslam.slam.worn.looking import counts as look_counts
-from collabslam.slam.worn.overlaps import Overlaps
-from collabslam.slam.worn.tags import overlaps
+from collabslam.slam.worn.looking import Look
 from collabslam.targets.kinds import Board, Tag
-from collabslam.types import Array, Image, Status, Target, WornView
+from collabslam.types import Array, Image, Target, WornView
+
+Engine = TypeVar("Engine", bound="Slam")
 
 
-class Slam(EngineInputs):
+class Slam:
     """Collaborative monocular SLAM, frame by frame.
 
     Parameters
@@ -66,6 +55,11 @@ class Slam(EngineInputs):
         Needed with ``start="map"``.  Another camera may have made it.
     t_bc : (4, 4) array, optional
         Where Cs sits in the frame B of `add_odometry`: maps points of C into B, metres; B is C if left out.
+
+    Attributes
+    ----------
+    filter : Filter
+        Its state, to look at.
 
     Raises
     ------
@@ -95,25 +89,27 @@ class Slam(EngineInputs):
             map = map.seen_by(camera)
             room = min(int(settings["filter.map.max_features"]) + len(map.landmarks), 10000)
             settings = settings.replace({"filter.map.max_features": room})
-        worn_cameras = _by_name(worn_camera)
+        named = {"": worn_camera} if isinstance(worn_camera, Camera) else dict(worn_camera or {})
         core = Filter(
             camera,
-            list(worn_cameras.values()),
+            list(named.values()),
             settings=settings.section("filter"),
             switches=settings.section_switches("filter"),
         )
         if t_bc is not None:
             core.set_odometry_frame(t_bc)
         metric = start != "scale-free" if map is None else map.metric
-        patches = target if isinstance(target, Target) else None
-        self._assemble(core, camera, worn_cameras, settings, start, patches, metric)
+        known = target if isinstance(target, Target) else None
+        self._use(Parts(core, camera, named, settings, start, metric=metric, target=known))
         if isinstance(target, Tag | Board):
             self.announce(target)
         if map is not None:
-            ids = core.start_from_map(map.landmarks, map.covariance, map.place)
-            self._relocaliser.adopt(ids, map.views)
-            self._known.begin(map.submaps.renamed(dict(enumerate(ids.tolist()))))
-            self._printed.begin(map.targets, ids)
+            saving.begin_in(self._parts, map)
+
+    def _use(self, parts: Parts) -> None:
+        """New parts, or those of a file."""
+        self.filter, self._parts, self._loop = parts.filter, parts, FrameLoop(parts)
+        self._guard = Guard(parts.filter, list(persistent_parts(parts).values()))
 
     @all_or_nothing
     def step(self, t: float, image: Image, views: Sequence[WornView] = ()) -> StepResult:
@@ -141,77 +137,183 @@ class Slam(EngineInputs):
 
         Whatever is raised, KeyboardInterrupt included, the engine is what it was before the call.
         """
-        t, image = stamp(t), check_grey(image, self._camera, "image")
-        blank = self._blank.judge(image)
-        began = None
-        for frame in self._late.frames(t, image, self._worn.checked(views)):
-            before = self.filter.started
-            result = self._frame(*frame, blank if frame[0] == t else "")
-            if self.filter.started and not before:
-                began = frame[0]
-        if began is not None and began < t:
-            result.diagnostics["start_ago_s"] = t - began  # W is where Cs was then
-        return result
+        t, image = _stamp(t), check_grey(image, self.camera, "image")
+        return self._loop.step(t, image, self._parts.worn.checked(views))
 
-    def _frame(self, t: float, image: Image, worn: Views, blank: str) -> StepResult:
-        """One frame, its image judged by `BlankImageDetector` and its views of Cf due."""
-        times = StageTimes()
-        for one in worn:
-            self._looking.saw(self._worn.number(one.who), one)
-        self.filter.predict(t)
-        followed = self.filter.followed_odometry
-        if blank:
-            return self._coast(t, blank, times, followed=followed)
-        view = self._view(t, image, worn)
-        last = self._tracks.last_image
-        expected = self._expected(view)
-        times.done("predict")
-        expected, found, slipped = self._search(view, expected, followed=followed)
-        times.done("search")
-        missing = 0 if view.lost else self._map.missing(found)
-        parts = self._late, self._worn, self._printed
-        overlap = Overlaps() if view.lost else overlaps(*parts, view, found, missing)
-        times.done("cf")
-        depths = self._depth.take(view, found, overlap.ids, missing)
-        report = self._update(found, overlap, depths)
-        turned = not report.accepted and self._turn(view, last)
-        times.done("update")
-        recovered = self._recovery.attempt(view, report, followed=followed)
-        times.done("relocalise")
-        if recovered is not None:
-            change = recovered.begun or MapChange()
-        elif turned or (report.accepted and not view.lost):
-            change = self._map.grow(view, found, overlap, depths, report)
-        else:
-            change = self._map.hold(view, found)
-        self._tracks.adopt(view, self.filter.pose, change, self.filter.candidates, recovered)
-        self._fixed.adopt(change.fixed)
-        self._relocaliser.forget(change.deleted)
-        if recovered is None:
-            self._size.take(overlap, self.filter.pose)
-        outcome = Outcome(
-            view,
-            expected,
-            found,
-            overlap,
-            report,
-            recovered,
-            change,
-            followed=followed,
-            slipped=slipped,
-            turned=turned,
-        )
-        self._late.keep(view, found, outcome.seen, change)
-        counts = {
-            **outcome.counts(),
-            **self._printed.counts(),
-            "target_residual_px": self._target_residual(image),
-        }
-        status = self._verdict(outcome, counts)
-        times.done("map")
-        features = frame_features(expected, found, report, overlap)
-        where = overlap.poses(self.filter, report, view) if recovered is None else {}
-        return self._result(t, status, counts, features, times, where)
+    @alone
+    def announce(self, target: Tag | Board) -> None:
+        """Announces a printed target, as `add_tag` and `add_board` do."""
+        if not self._parts.start.metric:
+            raise InputError(
+                f"Lengths are in an arbitrary unit here and the target {target} is in metres; start with "
+                "start='target'."
+            )
+        self._parts.printed.add(target)
+
+    def add_tag(self, family: str, number: int, side: float) -> None:
+        """Announces a printed tag: its corners, where Cs sees them, are points of known distances.
+
+        Parameters
+        ----------
+        family : str
+            AprilTag's ``36h11``, ``25h9``, ``16h5`` or ``36h10``, or ArUco's, as ``4x4_50``.
+        number : int
+        side : float
+            Of its black square, metres.
+
+        Raises
+        ------
+        InputError
+            If there is no such tag, it is known with another side, or lengths are in an arbitrary unit.
+        """
+        self.announce(Tag(family, number, side))
+
+    def add_board(self, columns: int, rows: int, square: float) -> None:
+        """Announces a checkerboard, as `add_tag` does a tag.
+
+        Parameters
+        ----------
+        columns, rows : int
+            Inner corners along and across.
+        square : float
+            Side of a square, metres.
+
+        Raises
+        ------
+        InputError
+            As for `add_tag`.
+        """
+        self.announce(Board(columns, rows, square))
+
+    @alone
+    def add_depth(self, uv: ArrayLike, depth: ArrayLike, sigma: ArrayLike) -> None:
+        """Gives depths of another sensor (a range finder, a depth camera) for the frame of the next `step`.
+
+        A depth holds for the tracked features within 4 pixels, and for corners there that could become some:
+        they are measured, or start, as points with depth (METHOD section 6).
+
+        Parameters
+        ----------
+        uv : (N, 2) array
+            Pixels of Cs, where the sensor's beams hit the scene.
+        depth : (N,) array or float
+            Along the optical axis of Cs, metres.
+        sigma : (N,) array or float
+            Their standard deviations, metres.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, or numbers that are not finite or not above zero; nothing is kept then.
+        """
+        self._parts.depth.add(uv, depth, sigma)
+
+    @alone
+    def add_odometry(self, t: float, twist: ArrayLike, covariance: ArrayLike) -> None:
+        """Gives odometry, which the frames that follow use in place of constant velocity (METHOD section 23).
+
+        All samples up to a frame, and best the one after it, should be given before its `step`.  Of a silence
+        of more than a second a sample says nothing; there the velocity is constant again.
+
+        Parameters
+        ----------
+        t : float
+            Stamp, seconds, by the clock of the frames; later than the last sample's.
+        twist : (6,) array
+            Mean velocity and angular velocity of the odometry's frame B since the last sample, along the axes
+            of B: vx, vy, vz, m/s, and wx, wy, wz, rad/s.
+        covariance : (6, 6) array
+            Of ``twist``, as independent from sample to sample, (m/s)^2 and (rad/s)^2.  Positive definite: an
+            axis along which wheels cannot move has its small variance, too, one that was not measured a
+            large one.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, a covariance that is none, a stamp that does not follow, if thousands of
+            samples wait for a frame, or lengths are in an arbitrary unit; nothing is kept then.
+        BusyError
+            If another thread is at work in this engine.
+        """
+        if not self._parts.start.metric:
+            raise InputError(
+                "Lengths are in an arbitrary unit here and odometry is in metres; take start='odometry'."
+            )
+        self.filter.add_odometry(_stamp(t), twist, covariance)
+
+    def add_worn(self, worn: WornView) -> None:
+        """Hands in a view of Cf between frames, from any thread, also while another one is at work in `step`.
+
+        It waits for the first frame at or after its time ``t`` and may then be as old as ``worn.late``: it is
+        used exactly (METHOD section 21).  Each frame uses the newest of those that wait; what was not used is
+        counted by reason in `worn_dropped`.  At most 32 views wait.
+
+        Raises
+        ------
+        InputError
+            If it has no time, does not fit its calibration, or its T_CF is impossible.
+        """
+        self._parts.late.add(worn)
+
+    @property
+    def camera(self) -> Camera:
+        """Cs."""
+        return self._parts.camera
+
+    @property
+    def worn_cameras(self) -> dict[str, Camera]:
+        """Each Cf by its name; that of a single one is empty."""
+        return dict(self._parts.worn_cameras)
+
+    @property
+    def worn_late(self) -> float:
+        """How late a view of Cf may come, seconds: the setting ``filter.worn.late``."""
+        return float(self._parts.settings["filter.worn.late"])
+
+    @property
+    def views_used(self) -> tuple[WornView, ...]:
+        """The views of Cf that the last `step` used, as they were given, with their times; at most one of
+        each worn camera."""
+        return self._parts.late.used
+
+    @property
+    def worn_dropped(self) -> dict[str, int]:
+        """How many views of Cf were not used, by reason: ``stale``, ``future``, ``repeated``, ``superseded``
+        (by a newer one for the same frame), ``crowded`` (too many waited)."""
+        return dict(self._parts.late.dropped)
+
+    @alone
+    def where_to_look(self, who: str | None = None) -> Look | None:
+        """Where the person who wears Cf should look next, as far as pose and scale are concerned (METHOD 24).
+
+        Cf is taken to be where its last view was taken from, relative to Cs.  It takes a millisecond or two
+        and changes nothing.  With the setting ``frontend.worn.where_to_look`` the diagnostics of each frame
+        have it.
+
+        Parameters
+        ----------
+        who : str, optional
+            Whose Cf, by its name; the first one's if left out.
+
+        Returns
+        -------
+        Look or None
+            None before the start, while LOST, before the first view of Cf, and where no view would help.
+
+        Raises
+        ------
+        InputError
+            If there is no such worn camera.
+        """
+        if who is not None and who not in self._parts.worn_cameras:
+            raise InputError(f"There is no worn camera {who!r}; take one of worn_cameras.")
+        return self._parts.looking.ask(0 if who is None else self._parts.worn.number(who))
+
+    @alone
+    def landmarks(self) -> Landmarks:
+        """The map with its uncertainty."""
+        found = self.filter.landmarks()
+        return Landmarks(found.ids, found.points, found.covariance)
 
     @alone
     def submaps(self) -> SubmapPoses:
@@ -222,7 +324,7 @@ class Slam(EngineInputs):
         FilterError
             If rounding has spoilt a covariance.
         """
-        return whole_way(self._submaps.chain())
+        return whole_way(self._parts.submaps.chain())
 
     @alone
     def between_submaps(self, first: int, second: int) -> tuple[Array, Array]:
@@ -240,175 +342,62 @@ class Slam(EngineInputs):
         InputError
             If there is no such submap.
         """
-        return self._submaps.chain().graph.relative(first, second)
+        return self._parts.submaps.chain().graph.relative(first, second)
 
     @alone
-    def landmarks(self) -> Landmarks:
-        """The map with its uncertainty."""
-        found = self.filter.landmarks()
-        return Landmarks(found.ids, found.points, found.covariance)
+    def saved_map(self) -> SavedMap:
+        """The map with all its uncertainty, to be kept in a file and started in later.
 
-    def _view(self, t: float, image: Image, views: Views) -> View:
-        """The frame as the parts see it: what is hidden, where corners are, how the camera stood before."""
-        started, lost = self.filter.started, self._monitor.lost
-        worn = self._late.place(t, views, lost=lost)
-        hidden = self._hidden(worn)
-        corners = Corners(image, self._options.detect, SIZE, hidden=hidden)
-        return View(t, image, worn, hidden, corners, started, lost)
-
-    def _hidden(self, worn: PlacedViews) -> Hidden | None:
-        """Which pixels of Cs show no landmark: whoever wears a Cf, or what is fixed to the camera."""
-        wearers = (self._worn.hidden(placed.worn) for _, placed in worn)
-        hiding = [hides for hides in wearers if hides is not None]
-        if self._fixed.is_there:
-            hiding.append(self._fixed.hides)
-        return hidden_by_any(hiding)
-
-    def _expected(self, view: View) -> Prediction:
-        """Features to search, with their predicted pixels (METHOD 7.2)."""
-        expected = self.filter.predict_pixels()
-        if view.hidden is not None:
-            expected = expected.subset(~view.hidden(expected.uv))
-        return searchable(expected, self._options.search) if view.lost else expected
-
-    def _search(self, view: View, expected: Prediction, *, followed: bool) -> tuple[Prediction, Found, bool]:
-        """What was expected, what the image shows of it (METHOD 7.3), and whether the wheels have slipped."""
-        found = self._look(view, expected)
-        least = self._monitor.min_inliers(len(found.searched))
-        if followed and not view.lost and self.filter.contradicts_odometry(found.ids, found.uv, least):
-            return self._after_slip(view, expected, found)
-        return expected, found, False
-
-    def _look(self, view: View, expected: Prediction) -> Found:
-        """Features, candidates and printed targets in the image."""
-        found = self._tracks.search(view, self.filter.pose, expected, self.filter.predict_conditional)
-        return self._printed.place(view, expected, found)
-
-    def _after_slip(self, view: View, expected: Prediction, found: Found) -> tuple[Prediction, Found, bool]:
-        """The search as if the wheels may have slipped, if it explains the image; else the one before."""
-        self.filter.distrust_odometry()
-        wider = self._expected(view)
-        again = self._look(view, wider)
-        least = self._monitor.min_inliers(len(again.searched))
-        if len(again.ids) >= max(least, len(found.ids) // 2, 1):
-            return wider, again, True
-        self.filter.trust_odometry()
-        return expected, found, False
-
-    def _update(self, found: Found, overlap: Overlaps, depths: Depths) -> UpdateReport:
-        """The batch test and the update (METHOD 7.5 to 7.7)."""
-        return self.filter.update(
-            found.searched,
-            found.ids,
-            found.uv,
-            worn=overlap.observation,
-            further=overlap.further,
-            depths=depths.observation,
-            min_inliers=self._monitor.min_inliers(len(found.searched)),
-        )
-
-    def _turn(self, view: View, last: tuple[float, FlowImage] | None) -> bool:
-        """The turn that the last two images show, where the map tells nothing of the frame (METHOD 27).
-
-        Not after a frame that failed, as after a cut, nor where the map is doubted: what moves would pass for
-        the scene.
+        Raises
+        ------
+        InputError
+            If there is no map yet.
         """
-        now = self._tracks.last_image
-        trusted = self._monitor.unbroken and self._doubts.standing() == NOTHING
-        if not (view.started and trusted) or last is None or now is None:
-            return False
-        turn = self.filter.angular_velocity * (view.t - last[0])
-        images = last[1], now[1]
-        pairs = followed_points(images, self._camera, turn, self._options.flow, view.hidden)
-        return self.filter.predict_again(last[0], *pairs)
+        return saving.map_of(self._parts)
 
-    def _verdict(self, outcome: Outcome, counts: dict[str, Any]) -> Status:
-        """What is said of the frame (METHOD 22); a place that is trusted is kept.  Counts doubt and loops."""
-        view, change = outcome.view, outcome.change
-        status = self._judge(
-            view.t,
-            outcome.inliers,
-            accepted=outcome.accepted,
-            followed=outcome.followed,
-            identified=outcome.recovered is not None and outcome.recovered.identified,
-        )
-        if view.lost:  # a map that was in doubt is no better where a lost camera finds itself in it again
-            doubt = self._doubts.standing()
-        else:
-            measured = outcome.report, len(outcome.found.ids), outcome.overlap, change
-            doubt = self._doubts.judge(*measured, jumped=outcome.jumped)
-        trusted = status is Status.OK and not outcome.found_again
-        if trusted:
-            self._relocaliser.remember(view, self.filter.pose, outcome.seen)
-        follows = trusted and doubt == NOTHING
-        counts["doubt"] = doubt
-        counts["loops"] = self._submaps.follow(view, outcome.seen.without(change.deleted)) if follows else 0
-        return Status.DOUBTFUL if status is Status.OK and doubt != NOTHING else status
+    def save(self, path: str | Path) -> None:
+        """Writes all that the engine knows into one file, for `load`: map, covariance, patches, settings.
 
-    def _judge(
-        self, t: float, inliers: int, *, accepted: bool, followed: bool, identified: bool = False
-    ) -> Status:
-        """Status of the frame; before the start nothing can be said of a pose."""
-        if not self.filter.started:
-            return Status.COASTING
-        return self._monitor.update(t, inliers, accepted=accepted, followed=followed, identified=identified)
-
-    def _target_residual(self, image: Image) -> float:
-        """Pixels by which the pose misplaces the target; NaN where none is known or seen."""
-        if self._target_start is None:
-            return float("nan")
-        return self._target_start.residual(image, self.filter.pose)
-
-    def _coast(self, t: float, blank: str, times: StageTimes, *, followed: bool) -> StepResult:
-        """A frame that was predicted and shows nothing; depths given for it are gone.
-
-        A blank image says that the camera sees nothing; a frozen one says nothing of the camera.  Neither
-        says anything against odometry that was followed.
+        Raises
+        ------
+        DataError
+            If the file cannot be written.
         """
-        self._depth.forget()
-        times.done("predict")
-        frozen = blank == FROZEN
-        if frozen and self.filter.started and self._monitor.is_fresh(t):
-            status = Status.OK
-        else:
-            status = self._judge(t, 0, accepted=frozen or followed, followed=followed)
-        counts = {"accepted": 0, "relocalised": 0, "loops": 0, "unseen": 1, "slipped": 0, "turned": 0}
-        return self._result(t, status, counts, unsearched_features(self.filter.predict_pixels()), times)
+        write_container(Path(path), saving.KIND, saving.VERSION, self.state(), saving.CLASSES)
 
-    def _result(
-        self,
-        t: float,
-        status: Status,
-        counts: dict[str, Any],
-        features: FrameFeatures,
-        times: StageTimes,
-        worn: Mapping[str, PlacedCamera] | None = None,
-    ) -> StepResult:
-        scale_sd = self.filter.scale_sd
-        if self._options.worn.where_to_look:
-            counts = {**counts, **look_counts(self._next_look())}
-            times.done("look")
-        pose_map, covariance_map = self._submaps.place()
-        sizes = {"map_size": self.filter.map_size, "candidates": self.filter.candidate_count}
-        return StepResult(
-            t=t,
-            pose=self.filter.pose,
-            covariance=self.filter.pose_covariance,
-            status=status,
-            valid=self.filter.started and status is not Status.LOST,
-            started=self.filter.started,
-            diagnostics={**counts, **sizes, **times.all()},
-            features=features,
-            metric=self._metric,
-            scale_sd=scale_sd if self._metric and scale_sd is not None else math.inf,
-            pose_map=pose_map,
-            covariance_map=covariance_map,
-            worn=worn or {},
+    @classmethod
+    def load(cls: type[Engine], path: str | Path) -> Engine:
+        """The engine that `save` wrote, which goes on bit for bit as that one would have.
+
+        Raises
+        ------
+        DataError
+            If the file cannot be read, is cut short, altered, or of another version.
+        """
+        return cls.from_state(read_container(Path(path), saving.KIND, saving.VERSION, saving.CLASSES))
+
+    @alone
+    def state(self) -> dict[str, Any]:
+        """What `save` writes, to be written before the next frame."""
+        return saving.state_of(self._parts)
+
+    @classmethod
+    def from_state(cls: type[Engine], state: Mapping[str, Any]) -> Engine:
+        """The engine of a `state`; raises DataError if it is none."""
+        engine = cls.__new__(cls)
+        engine._use(saving.parts_of(state))
+        return engine
+
+    def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
+        raise InputError(
+            f"A {type(self).__name__} cannot be copied or pickled; write it with save(path) and read it with "
+            f"{type(self).__name__}.load(path)."
         )
 
 
-def _by_name(worn_camera: Camera | Mapping[str, Camera] | None) -> dict[str, Camera]:
-    """The worn cameras by their names."""
-    if worn_camera is None:
-        return {}
-    return {"": worn_camera} if isinstance(worn_camera, Camera) else dict(worn_camera)
+def _stamp(t: Any) -> float:
+    """A time stamp as a float; raises InputError if it is no number."""
+    try:
+        return float(t)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"The time stamp is {t!r}; give seconds, a number.") from error

@@ -6,12 +6,18 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from collabslam._core import Prediction, UpdateReport
-from collabslam.slam.diagnostics import recovery_counts, search_counts
+from collabslam.frontend.search import AMBIGUOUS, FOUND, LOW_SCORE, SearchCode
+from collabslam.results import FrameFeatures
 from collabslam.slam.map_change import ImagePoints, MapChange, Recovered
 from collabslam.slam.tracking.tracks import Found
 from collabslam.slam.view import View
 from collabslam.slam.worn.overlaps import Overlaps
+
+_STATES = {FOUND: "rejected", LOW_SCORE: "unlike", AMBIGUOUS: "ambiguous"}
+"""What a search's answer says of a feature that the filter did not accept; "outside" in all other cases."""
 
 
 @dataclass(frozen=True)
@@ -76,14 +82,63 @@ class Outcome:
         undelayed = 0 if self.view.started else len(self.change.undelayed)
         return len(self.seen) + self.change.with_depth + undelayed
 
+    @property
+    def features(self) -> FrameFeatures:
+        """What became of each feature that should be visible."""
+        ids, found = self.expected.ids, self.found
+        codes = zip(found.searched.tolist(), found.result.code.tolist(), strict=True)
+        states = {i: _STATES.get(code, "outside") for i, code in codes}
+        states.update(dict.fromkeys(found.ids[self.report.bearings.accepted].tolist(), "accepted"))
+        row = {i: k for k, i in enumerate(ids.tolist())}
+        place = np.full((len(ids), 2), np.nan)
+        place[[row[i] for i in found.ids.tolist()]] = found.uv
+        return FrameFeatures(
+            ids,
+            self.expected.uv,
+            self.expected.s,
+            place,
+            [states.get(i, "not searched") for i in ids.tolist()],
+            self.overlap.pixels,
+            self.overlap.names,
+        )
+
     def counts(self) -> dict[str, Any]:
         """Of the diagnostics."""
         return {
-            **search_counts(len(self.expected), self.found, self.report),
+            **self._search_counts(),
             **self.overlap.counts(self.report),
-            **recovery_counts(self.recovered),
+            **self._recovery_counts(),
             **self.change.counts(),
             "accepted": self.inliers,
             "slipped": int(self.slipped),
             "turned": int(self.turned),
         }
+
+    def _search_counts(self) -> dict[str, Any]:
+        """What became of the features: predicted, searched, found, and rejected for which reason."""
+        codes, outcomes, report = self.found.result.code, self.report.bearings, self.report
+        return {
+            "predicted": len(self.expected),
+            "searched": len(self.found.searched),
+            "found": len(self.found.ids),
+            "rejected_low_score": int(np.sum(codes == SearchCode.LOW_SCORE)),
+            "rejected_ambiguous": int(np.sum(codes == SearchCode.AMBIGUOUS)),
+            "rejected_outside": int(np.sum(codes == SearchCode.OUTSIDE)),
+            "rejected_chi2": outcomes.rejected_gate,
+            "rejected_hohct": outcomes.rejected_batch,
+            "rejected_conditional": outcomes.rejected_conditional,
+            "nis": report.nis,
+            "nis_dof": report.dof,
+            "hohct_order": report.order,
+            "hohct_exact": int(report.exact),
+            "bounded": int(not report.exact),
+            "refused": int(report.refused is not None),
+            "unseen": 0,
+        }
+
+    def _recovery_counts(self) -> dict[str, Any]:
+        """Whether the camera was found again in its map, or a map was begun, and then from what."""
+        if self.recovered is None:
+            return {"relocalised": 0, "restarted": 0}
+        again = self.found_again
+        return {**self.recovered.counts, "relocalised": int(again), "restarted": int(not again)}

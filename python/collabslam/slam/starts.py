@@ -1,13 +1,18 @@
-"""Whether a mode, a way to start and what was given fit together: asked once, when a `Slam` is made."""
+"""The ways to start: whether what was given to a `Slam` fits one, asked once, and the start itself."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from collabslam._core import Camera
+from collabslam._core import Camera, Filter
 from collabslam.errors import SettingsError
+from collabslam.settings.frontend import FrontendSettings
 from collabslam.settings.modes import MODES, SLAM_STARTS
+from collabslam.slam.map.free_start import FreeStart
 from collabslam.slam.map.saved_map import SavedMap
+from collabslam.slam.map.start import OdometryStart, Start
+from collabslam.slam.targets.in_map import PrintedTargets
+from collabslam.slam.targets.start import TargetStart
 from collabslam.targets.kinds import Board, Tag
 from collabslam.types import Target
 
@@ -56,3 +61,39 @@ def check_start(
         raise SettingsError("The start 'map' needs a map; give one, or take another start.")
     if start != "map" and map is not None:
         raise SettingsError(f"A map was given but the start is '{start}'; take the start 'map'.")
+
+
+def start_of(
+    name: str,
+    *,
+    metric: bool,
+    core: Filter,
+    camera: Camera,
+    printed: PrintedTargets,
+    target: Target | None,
+    mode: str,
+    options: FrontendSettings,
+) -> Start:
+    """The start of that name.
+
+    Parameters
+    ----------
+    name : str
+        One of `modes.SLAM_STARTS`.
+    metric : bool
+        Whether lengths are metres, as far as a saved map says it.
+    core, camera, printed
+        As `TargetStart` takes them.
+    target : Target or None
+        To start from; None for a printed one.
+    mode : str
+        One of `modes.MODES`.
+    options : FrontendSettings
+    """
+    if name == "target":
+        return TargetStart(core, camera, target, printed, options)
+    if name == "scale-free":
+        return FreeStart(core, camera)
+    if name == "odometry":
+        return OdometryStart(core, undelayed=mode == "mono-undelayed")
+    return Start(name, metric=metric)

@@ -22,7 +22,7 @@ from collabslam.runs.plan import Interval, Output
 from collabslam.runs.results import CHECKPOINT, COVARIANCE, FRAMES, TRAJECTORY
 from collabslam.runs.run_folder import RunFolder
 from collabslam.slam.engine import Slam
-from collabslam.slam.parts import CLASSES, KIND, VERSION
+from collabslam.slam.saving import CLASSES, KIND, VERSION
 from collabslam.slam.state import PersistentState, persistent_parts
 from collabslam.types import Frame, Target
 from collabslam_lab.reliability.kills import check_lines, compare_results, run_kills
@@ -110,15 +110,15 @@ def test_an_engine_that_was_saved_goes_on_bit_for_bit(clip: Clip, tmp_path: Path
 def test_every_part_with_a_memory_says_what_it_keeps(clip: Clip) -> None:
     recording = clip.recording
     slam = Slam(recording.camera, recording.worn_camera)
-    before = {name: dict(vars(part)) for name, part in persistent_parts(slam).items()}
+    before = {name: dict(vars(part)) for name, part in persistent_parts(slam._parts).items()}
     for frame in clip.frames[:4]:
         slam.step(frame.t, frame.image, frame.views)
-    assert set(before) >= {"_tracks", "_depth", "_monitor"}
-    for name, part in persistent_parts(slam).items():
+    assert set(before) >= {"tracks", "depth", "monitor"}
+    for name, part in persistent_parts(slam._parts).items():
         changed = {k for k, v in vars(part).items() if v is not before[name][k]}
         assert changed <= set(part.PERSISTENT), name
         assert set(part.PERSISTENT) <= set(vars(part)), name
-    for name, part in vars(slam).items():
+    for name, part in vars(slam._parts).items():
         remembers = any(k.startswith(("_last", "_previous")) for k in getattr(part, "__dict__", {}))
         assert isinstance(part, PersistentState) or not remembers, name
 
@@ -181,7 +181,7 @@ def test_files_that_hold_something_else_are_refused(saved: Path, tmp_path: Path)
         {**good, "start": "nowhere"},
         {**good, "parts": {}},
         {**good, "parts": {**parts, "_tracks": {}}},
-        {**good, "parts": {**parts, "_tracks": {**parts["_tracks"], "_features": {}}}},
+        {**good, "parts": {**parts, "tracks": {**parts["tracks"], "_features": {}}}},
     ]
     for content in spoilt:
         container.write_container(path, KIND, VERSION, content, CLASSES)
@@ -326,12 +326,12 @@ def test_a_frame_that_is_refused_is_reported_and_the_run_goes_on(clip: Clip) -> 
         def update(self, searched: Any, ids: Any, uv: Any, worn: Any = None, **_: Any) -> Any:
             return Refusal(len(ids), 0 if worn is None else len(worn))
 
-    slam.filter = Breaking()  # type: ignore[assignment]
+    slam._loop._filter = Breaking()  # type: ignore[assignment]
     frame = clip.frames[3]
     out = slam.step(frame.t, frame.image, frame.views)
     assert out.diagnostics["refused"] == 1
     assert "accepted" not in out.features.states
-    slam.filter = core
+    slam._loop._filter = core
     out = slam.step(clip.frames[4].t, clip.frames[4].image)
     assert out.diagnostics["refused"] == 0
     assert out.diagnostics["accepted"] > 10

@@ -23,7 +23,7 @@ from collabslam.formats import container
 from collabslam.runs import runner
 from collabslam.runs.checkpoint import KIND, VERSION
 from collabslam.runs.results import CHECKPOINT, SUMMARY, TRACEBACK
-from collabslam.slam.parts import CLASSES
+from collabslam.slam.saving import CLASSES
 from collabslam_lab.cli import main as lab_cli
 from collabslam_lab.reliability.kills import compare_results
 

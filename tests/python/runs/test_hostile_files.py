@@ -19,7 +19,7 @@ from collabslam.formats import container
 from collabslam.runs import checkpoint
 from collabslam.runs.results import CHECKPOINT
 from collabslam.slam.map import saved_map
-from collabslam.slam.parts import CLASSES
+from collabslam.slam.saving import CLASSES
 from collabslam.types import Target
 
 SCALARS: list[Any] = [
@@ -102,7 +102,14 @@ def test_every_field_of_an_engine(clip: Clip, engine: Slam) -> None:
     state = engine.state()
     points = np.array([[0.1 * i, 0.1 * j, 0.0] for i in range(3) for j in range(2)])
     patches = [np.full((9, 9), 40 * i, np.uint8) for i in range(6)]
-    state["target"] = Target(points, patches, np.eye(4), np.eye(6) * 1e-4)
+    target = Target(points, patches, np.eye(4), np.eye(6) * 1e-4)
+    state["start"] = "target"
+    state["parts"]["start"] = {
+        "_target": target,
+        "_points_w": np.empty((0, 3)),
+        "_patches": [],
+        "_elsewhere": np.zeros(2),
+    }
 
     def use(altered_state: Any) -> None:
         slam = Slam.from_state(altered_state)

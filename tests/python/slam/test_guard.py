@@ -22,16 +22,16 @@ from collabslam.types import Frame
 COUNT = 4
 """Frames that the engine has seen."""
 STAGES = [
-    ("_blank", "judge"),
-    ("_tracks", "search"),
-    ("_worn", "match"),
-    ("_depth", "take"),
-    ("_recovery", "attempt"),
-    ("_map", "grow"),
-    ("_tracks", "adopt"),
-    ("_relocaliser", "forget"),
-    ("_monitor", "update"),
-    ("_relocaliser", "remember"),
+    ("blank", "judge"),
+    ("tracks", "search"),
+    ("worn", "match"),
+    ("depth", "take"),
+    ("recovery", "attempt"),
+    ("map", "grow"),
+    ("tracks", "adopt"),
+    ("relocaliser", "forget"),
+    ("monitor", "update"),
+    ("relocaliser", "remember"),
 ]
 """Parts that a frame calls, in order."""
 
@@ -74,12 +74,12 @@ def straight(clip: Clip) -> tuple[bytes, bytes]:
 
 
 @pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
-@pytest.mark.parametrize(("part", "method"), STAGES, ids=lambda n: n.strip("_"))
+@pytest.mark.parametrize(("part", "method"), STAGES, ids=str)
 def test_interrupted_at_any_stage_it_is_as_before(
     clip: Clip, straight: tuple[bytes, bytes], part: str, method: str, after: bool
 ) -> None:
     slam = engine_at(clip)
-    frame, owner = clip.frames[COUNT], getattr(slam, part)
+    frame, owner = clip.frames[COUNT], getattr(slam._parts, part)
     done = getattr(owner, method)
 
     def interrupted(*arguments: Any, **options: Any) -> None:
@@ -118,7 +118,7 @@ def test_undoing_that_is_interrupted_is_done_by_the_next_call(
     def twice(*_: Any) -> None:
         raise KeyboardInterrupt
 
-    slam._monitor.update = twice  # type: ignore[method-assign, assignment]
+    slam._parts.monitor.update = twice  # type: ignore[method-assign, assignment]
     repair = slam._guard.repair
     calls = []
 
@@ -131,7 +131,7 @@ def test_undoing_that_is_interrupted_is_done_by_the_next_call(
     slam._guard.repair = interrupted  # type: ignore[method-assign]
     with pytest.raises(KeyboardInterrupt):
         slam.step(frame.t, frame.image, frame.views)
-    del slam._monitor.update, slam._guard.repair
+    del slam._parts.monitor.update, slam._guard.repair
     assert everything(slam) == straight[0]
     assert step(slam, frame) == straight[1]
 
@@ -193,21 +193,21 @@ def test_no_depths_are_none(clip: Clip, straight: tuple[bytes, bytes]) -> None:
 
 def test_every_part_with_a_memory_is_undone(clip: Clip) -> None:
     slam = engine_at(clip)
-    assert slam._guard._parts == list(persistent_parts(slam).values())
+    assert slam._guard._parts == list(persistent_parts(slam._parts).values())
     assert len(slam._guard._parts) >= 5
 
 
 def test_a_second_thread_is_told_that_the_engine_is_busy(clip: Clip, straight: tuple[bytes, bytes]) -> None:
     slam, frame = engine_at(clip), clip.frames[COUNT]
     inside, go_on, refused = threading.Event(), threading.Event(), []
-    search = slam._tracks.search
+    search = slam._parts.tracks.search
 
     def slow(*arguments: Any) -> Any:
         inside.set()
         assert go_on.wait(60.0)
         return search(*arguments)
 
-    slam._tracks.search = slow  # type: ignore[method-assign, assignment]
+    slam._parts.tracks.search = slow  # type: ignore[method-assign, assignment]
     results: list[bytes] = []
     thread = threading.Thread(target=lambda: results.append(step(slam, frame)))
     thread.start()
@@ -225,7 +225,7 @@ def test_a_second_thread_is_told_that_the_engine_is_busy(clip: Clip, straight: t
         refused.append(call)
     go_on.set()
     thread.join()
-    del slam._tracks.search
+    del slam._parts.tracks.search
     assert len(refused) == len(calls)
     assert results == [straight[1]]
 

@@ -64,7 +64,7 @@ def _poses(clip: Clip) -> list[Array]:
 
 def test_it_holds_all_of_the_map(slam: Slam, file: Path) -> None:
     saved, loaded = slam.saved_map(), SavedMap.load(file)
-    assert loaded.camera == slam._camera
+    assert loaded.camera == slam.camera
     assert loaded.metric
     for name in ("landmarks", "covariance", "place"):
         np.testing.assert_array_equal(getattr(saved, name), getattr(loaded, name))

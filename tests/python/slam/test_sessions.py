@@ -50,7 +50,7 @@ def _upside_down(known: SavedMap) -> SavedMap:
 
 
 def test_a_map_holds_the_submaps(first: Slam, file: Path) -> None:
-    chain, loaded = first._submaps.chain(), SavedMap.load(file).submaps
+    chain, loaded = first._parts.submaps.chain(), SavedMap.load(file).submaps
     assert len(loaded.submaps) == len(chain.submaps) >= 2
     for kept, submap in zip(loaded.submaps, chain.submaps, strict=True):
         np.testing.assert_array_equal(kept.covariance, submap.covariance)
@@ -104,9 +104,9 @@ def test_two_runs_with_a_worn_camera_each_end_in_one_frame(
         used += step.diagnostics["overlap"]
         if k == 9:
             second.save(tmp_path / "engine")
-            chain = second._submaps.chain()
+            chain = second._parts.submaps.chain()
             second = Slam.load(tmp_path / "engine")
-            again = second._submaps.chain()
+            again = second._parts.submaps.chain()
             assert len(again.submaps) == len(chain.submaps) >= before
             assert again.poses.tobytes() == chain.poses.tobytes()
             assert len(again.factors) == len(chain.factors)

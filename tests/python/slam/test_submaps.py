@@ -212,7 +212,7 @@ def test_the_whole_map_has_what_the_filter_has_left_behind(walk: Walk, recording
 
 
 def test_a_singular_covariance_of_what_was_handed_on_is_named(walk: Walk) -> None:
-    chain = walk.slam._submaps.chain()
+    chain = walk.slam._parts.submaps.chain()
     spoilt = replace(chain.submaps[1], handed_on=chain.submaps[1].handed_on + 1e9)
     with pytest.raises(FilterError, match="singular"):
         whole_way(replace(chain, submaps=[chain.submaps[0], spoilt, *chain.submaps[2:]]))
@@ -242,7 +242,7 @@ def test_an_engine_of_a_file_finds_the_same_loops_however_long_that_takes(
         assert one.covariance_map.tobytes() == two.covariance_map.tobytes()
     assert again.steps[-1].status is Status.OK
     state = again.slam.state()
-    part = state["parts"]["_submaps"]
+    part = state["parts"]["submaps"]
     for wrong, message in (
         ({"poses": np.empty((0, 4, 4))}, "as many poses as submaps"),
         ({"submaps": part["_chain"]["submaps"][:-1]}, "as many poses as submaps"),
@@ -253,18 +253,18 @@ def test_an_engine_of_a_file_finds_the_same_loops_however_long_that_takes(
     ):
         bad = {**part, "_chain": {**part["_chain"], **wrong}}
         with pytest.raises(DataError, match=message):
-            Slam.from_state({**state, "parts": {**state["parts"], "_submaps": bad}})
+            Slam.from_state({**state, "parts": {**state["parts"], "submaps": bad}})
 
 
 def test_a_chain_of_other_worn_cameras_than_the_filter_has_is_refused(walk: Walk) -> None:
     state = walk.slam.state()
-    part = state["parts"]["_submaps"]
+    part = state["parts"]["submaps"]
     placed = {**part["_placed"], "handed_on": np.zeros(13), "covariance": np.eye(19)}
-    bad = {**state, "parts": {**state["parts"], "_submaps": {**part, "_placed": placed}}}
+    bad = {**state, "parts": {**state["parts"], "submaps": {**part, "_placed": placed}}}
     with pytest.raises(DataError, match="as many worn cameras as the filter"):
         Slam.from_state(bad)
     placed = {**part["_placed"], "covariance": np.eye(14)}
-    bad = {**state, "parts": {**state["parts"], "_submaps": {**part, "_placed": placed}}}
+    bad = {**state, "parts": {**state["parts"], "submaps": {**part, "_placed": placed}}}
     with pytest.raises(DataError, match="13x13 array"):
         Slam.from_state(bad)
 
@@ -275,7 +275,7 @@ def test_of_two_persons_both_errors_are_handed_on(recording: SimulatedRecording)
         frame = recording.frame(i)
         views = [replace(view, who=who) for view in frame.views for who in ("anna", "ben")]
         slam.step(frame.t, frame.image, views)
-    submap = slam._submaps.chain().submaps[0]
+    submap = slam._parts.submaps.chain().submaps[0]
     assert submap.handed_on.shape == (13, 13)
     assert submap.with_handed_on.shape == (3 * len(submap.ids), 13)
     saved = slam.saved_map()

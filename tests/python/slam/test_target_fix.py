@@ -158,7 +158,7 @@ def test_two_tilts_are_told_apart_by_another_tag_or_by_prediction_or_not_at_all(
     result = go_on(slam, [both])[0]
     assert result.valid
     assert np.linalg.norm(result.pose[:3, 3] - FRONTAL[:3, 3]) < 0.15
-    seen = [s for s in slam._printed.in_map() if s.target == TAG]
+    seen = [s for s in slam._parts.printed.in_map() if s.target == TAG]
     found = find_by_targets(slam.filter, walk.camera, [SeenTarget(TAG, corners, seen[0].ids)])
     assert found is not None  # it has just known where it is
     assert np.linalg.norm(slam.filter.pose[:3, 3] - FRONTAL[:3, 3]) < 0.15

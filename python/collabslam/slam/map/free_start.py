@@ -10,8 +10,9 @@ import numpy as np
 from collabslam._core import Camera, Filter
 from collabslam.formats.schema import Check, array, items, number, optional, refuse
 from collabslam.frontend.flow import there_and_back
-from collabslam.slam.map_change import ImagePoints
-from collabslam.slam.state import FARTHEST_PIXEL, SECONDS, PersistentState
+from collabslam.slam.map.start import Start
+from collabslam.slam.map_change import ImagePoints, MapChange
+from collabslam.slam.state import FARTHEST_PIXEL, SECONDS
 from collabslam.slam.view import View
 from collabslam.types import Array, Image, Mask
 
@@ -27,7 +28,7 @@ _LEAST_MOTION = 2.0
 """Pixels, by which half of the points must have moved before anything is worked out."""
 
 
-class FreeStart(PersistentState):
+class FreeStart(Start):
     """Follows the corners of a first image, the reference, until the filter can start from them.
 
     Where too many are lost before, the present image is the next reference.
@@ -45,6 +46,7 @@ class FreeStart(PersistentState):
     }
 
     def __init__(self, core: Filter, camera: Camera) -> None:
+        super().__init__("scale-free", metric=False)
         self._core, self._camera = core, camera
         self._reference: Image | None = None
         self._times: tuple[float, ...] = ()
@@ -64,14 +66,16 @@ class FreeStart(PersistentState):
         if any(np.abs(v).max(initial=0.0) > FARTHEST_PIXEL for v in self._views):
             refuse("views", "pixels")
 
-    def start(self, view: View, count: int) -> ImagePoints:
-        """Starts the filter, with ``count`` points at most, where the views tell the motion already."""
-        count = min(count, _POINTS)
+    def begin(self, view: View, born: ImagePoints, count: int) -> MapChange:
+        """As `Start.begin`: starts the filter where the views tell the motion already."""
+        return MapChange(self._started(view, min(count, _POINTS)))
+
+    def _started(self, view: View, count: int) -> ImagePoints:
         if self._reference is None:
-            return self._begin(view, count)
+            return self._refer_to(view, count)
         uv, kept = self._follow(self._reference, view)
         if kept.sum() < count // 2:
-            return self._begin(view, count)
+            return self._refer_to(view, count)
         uv, views = uv[kept], tuple(v[kept] for v in self._views)
         moved = float(np.median(np.linalg.norm(uv - views[0], axis=1)))
         times, views = _thinned((*self._times, view.t), (*views, uv))
@@ -83,7 +87,7 @@ class FreeStart(PersistentState):
             self._reference, self._times, self._views = None, (), ()
         return ImagePoints.born(ids, uv)
 
-    def _begin(self, view: View, count: int) -> ImagePoints:
+    def _refer_to(self, view: View, count: int) -> ImagePoints:
         self._reference = view.image.copy()
         self._times, self._views = (view.t,), (view.corners.pick(np.empty((0, 2)), count),)
         return ImagePoints()

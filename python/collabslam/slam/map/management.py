@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from collabslam._core import Filter, UpdateReport
 from collabslam.settings.table import Settings
-from collabslam.slam.map.free_start import FreeStart
+from collabslam.slam.map.start import Start
 from collabslam.slam.map_change import ImagePoints, MapChange
 from collabslam.slam.targets.in_map import PrintedTargets
-from collabslam.slam.targets.start import TargetStart
 from collabslam.slam.tracking.depth_input import Depths
 from collabslam.slam.tracking.tracks import Found
 from collabslam.slam.view import View
@@ -44,29 +43,12 @@ class MapManager:
     settings : Settings
     printed : PrintedTargets
         Printed targets that come into view.
-    target : TargetStart, optional
-        A known target to begin with.
-    free : FreeStart, optional
-        Begins with points of unknown depth, in an arbitrary unit.
-    wheels : bool
-        Whether it begins with points of unknown depth as soon as odometry tells how the camera moves.
-    metric : bool
-        Whether the map is in metres.
+    start : Start
+        How the map begins.
     """
 
-    def __init__(
-        self,
-        core: Filter,
-        settings: Settings,
-        printed: PrintedTargets,
-        *,
-        target: TargetStart | None,
-        free: FreeStart | None,
-        wheels: bool,
-        metric: bool,
-    ) -> None:
-        self._filter, self._target, self._free, self._wheels = core, target, free, wheels
-        self._printed = printed
+    def __init__(self, core: Filter, settings: Settings, printed: PrintedTargets, start: Start) -> None:
+        self._filter, self._printed, self._start = core, printed, start
         self.in_view = int(settings["filter.map.in_view"])
         self._reserve = round(self.in_view * float(settings.switch("filter.map.reserve")))
         mode = str(settings["filter.estimator.mode"])
@@ -76,7 +58,7 @@ class MapManager:
             # Features of unknown depth say little about the scale, and without Cf nothing else would: metres
             # would be their guess.  An arbitrary unit drifts, which is less than not to know where one is.
             least = 2 * int(settings["filter.lost.min_matches"])
-            self._vague_below = 0 if metric else min(least, self._vague_below)
+            self._vague_below = 0 if start.metric else min(least, self._vague_below)
 
     def missing(self, found: Found) -> int:
         """How many features the view lacks."""
@@ -100,50 +82,23 @@ class MapManager:
         kept = ~np.isin(found.ids, deleted)
         became = np.isin(found.candidates, [*delayed, *promoted])
         taken = [found.uv[kept], instant.uv, measured.uv, found.candidate_uv[waiting | became]]
-        if self._target is not None and self._filter.started:
-            known, here = int(report.bearings.accepted.sum()), np.concatenate(taken)
-            others = self._target.others(view, here, self.in_view - len(here), known)
-            instant, taken = instant.with_more(others), [here, others.uv]
         if self._filter.started:
-            undelayed, candidates = self._begin_others(view, np.concatenate(taken))
+            known, here = int(report.bearings.accepted.sum()), np.concatenate(taken)
+            others = self._start.others(view, here, self.in_view - len(here), known)
+            undelayed, candidates = self._begin_others(view, np.concatenate([here, others.uv]))
+            begun = MapChange(instant.with_more(others), undelayed=undelayed, candidates=candidates)
         else:
-            undelayed, instant, candidates = self._start(view, instant)
-        return MapChange(
-            instant,
-            measured,
-            undelayed,
-            delayed,
-            promoted,
-            candidates,
-            earlier,
-            deleted,
-            observed.strayed,
-            observed.fixed,
+            begun = self._start.begin(view, instant, self.in_view)
+        return replace(
+            begun,
+            measured=measured,
+            delayed=delayed,
+            promoted=promoted,
+            earlier=earlier,
+            deleted=deleted,
+            strayed=observed.strayed,
+            fixed=observed.fixed,
         )
-
-    def _start(self, view: View, instant: ImagePoints) -> tuple[ImagePoints, ImagePoints, ImagePoints]:
-        """What the map begins with, if it is seen: vague features, others, and candidates."""
-        none = ImagePoints()
-        if self._target is not None:
-            return none, self._target.start(view.image, self.in_view), none
-        if self._free is not None:
-            return none, self._free.start(view, self.in_view), none
-        if self._wheels and self._filter.odometry_time is not None:
-            return self._start_on_wheels(view)
-        return none, instant, none
-
-    def _start_on_wheels(self, view: View) -> tuple[ImagePoints, ImagePoints, ImagePoints]:
-        """One vague feature, which starts the filter, and candidates, whose depth the wheels' way will tell.
-
-        Many vague ones would put what their depths lack down to the wheels (METHOD 23).
-        """
-        uv = view.corners.pick(np.empty((0, 2)), self.in_view)
-        vague = len(uv) if self._undelayed else 1
-        first = ImagePoints.born(self._filter.add_undelayed(uv[:vague]), uv[:vague])
-        if not self._filter.started:
-            return ImagePoints(), ImagePoints(), ImagePoints()
-        rest = uv[vague:]
-        return first, ImagePoints(), ImagePoints(self._filter.add_candidates(rest), rest)
 
     def begin(self, view: View, overlap: Overlaps, report: UpdateReport) -> MapChange:
         """After a restart: the features that the new map begins with, and candidates beside them."""

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from collabslam._core import Camera, Filter, UpdateReport
-from collabslam.slam.map.management import MapManager
 from collabslam.slam.map.size import MapSize
 from collabslam.slam.map_change import Recovered
 from collabslam.slam.recovery.known_submaps import KnownSubmaps
 from collabslam.slam.recovery.relocalise import Relocaliser
-from collabslam.slam.status import StatusMonitor
+from collabslam.slam.recovery.restart import Restart
 from collabslam.slam.targets.fix import find_by_targets, find_in_aside
 from collabslam.slam.targets.in_map import PrintedTargets
-from collabslam.slam.tracking.tracks import Found
 from collabslam.slam.view import View
-from collabslam.slam.worn.matcher import WornMatcher
-from collabslam.slam.worn.overlaps import Overlaps
 
 
 class Recovery:
@@ -28,31 +22,28 @@ class Recovery:
     camera : Camera
         Cs.
     printed : PrintedTargets
-    maps : Relocaliser, KnownSubmaps
-        Where a camera may be found: maps, and the submaps that it started with.
-    worn : WornMatcher
-    map_manager : MapManager
-    judges : StatusMonitor, MapSize
-        Whether the camera is in its map, and whether that is as large as Cf says.
-    metric : bool
-        Whether the map is in metres: to one of an arbitrary unit none in metres can be tied.
+    relocaliser : Relocaliser
+        Maps in which a camera may be found.
+    known : KnownSubmaps
+        Submaps that it started with, in which it may be found, too.
+    restart : Restart
+    size : MapSize
+        Whether the map in use is as large as Cf says.
     """
 
     def __init__(
         self,
         core: Filter,
         camera: Camera,
-        printed: PrintedTargets,
-        maps: tuple[Relocaliser, KnownSubmaps],
-        worn: WornMatcher,
-        map_manager: MapManager,
-        judges: tuple[StatusMonitor, MapSize],
         *,
-        metric: bool,
+        printed: PrintedTargets,
+        relocaliser: Relocaliser,
+        known: KnownSubmaps,
+        restart: Restart,
+        size: MapSize,
     ) -> None:
         self._filter, self._camera, self._printed = core, camera, printed
-        (self._relocaliser, self._known), self._worn = maps, worn
-        self._map, (self._monitor, self._size), self._metric = map_manager, judges, metric
+        self._relocaliser, self._known, self._restart, self._size = relocaliser, known, restart, size
 
     def attempt(self, view: View, report: UpdateReport, *, followed: bool) -> Recovered | None:
         """After the update of a frame: puts the camera where images say it is; None if it stays where it was.
@@ -66,7 +57,7 @@ class Recovery:
         if not view.started:
             return None
         wrong = self._size.contradicted and not (followed or self._holds_targets())
-        found = self._restart(view, wrong=True) if wrong else None
+        found = self._restart.attempt(view, wrong=True) if wrong else None
         begun = found is not None
         if found is None:
             found = self._by_targets(lost=not report.accepted)
@@ -76,7 +67,7 @@ class Recovery:
         if found is None and view.lost and not report.accepted:
             found = self._known.attempt(view)
             in_submap = found is not None
-            found = found or (None if wrong else self._restart(view, wrong=False))
+            found = found or (None if wrong else self._restart.attempt(view, wrong=False))
         if found is not None and found.other_map is not None:
             self._size.leave(contradicted=begun)
             self._printed.move(found.targets)
@@ -96,24 +87,3 @@ class Recovery:
 
     def _holds_targets(self) -> bool:
         return bool(self._printed.in_list(self._filter.landmarks().ids))
-
-    def _restart(self, view: View, *, wrong: bool) -> Recovered | None:
-        """A new map from Cf where prediction puts a lost camera, and its births; None if too few.
-
-        A camera that has never known where it is has nothing to tie a map to.  A map of a ``wrong`` size is
-        not put aside, to be found again, and where it has led the camera since it was right is in doubt.
-        """
-        if not (self._metric and self._monitor.found):
-            return None
-        for _, placed in view.worn:
-            overlap = Overlaps((self._worn.match(view, placed, Found.nothing(), self._map.in_view),))
-            if overlap.observation is None:
-                continue
-            old = None if wrong else self._relocaliser.map_in_use(self._printed)
-            gone = self._size.gone(self._filter.pose) if wrong else np.zeros(3)
-            report = self._filter.restart(overlap.observation, gone)
-            if report.accepted:
-                self._relocaliser.put_aside(old)
-                begun = self._map.begin(view, overlap, report)
-                return Recovered(other_map={}, begun=begun, counts=overlap.counts(report))
-        return None

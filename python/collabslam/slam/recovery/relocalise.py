@@ -12,14 +12,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from collabslam._core import Camera, Filter, Prediction, UpdateReport
+from collabslam._core import Camera, Filter, UpdateReport
 from collabslam.formats.schema import Check, items, number, optional, table, whole
 from collabslam.frontend.describe import Descriptors
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.patch import Patch, capture
 from collabslam.frontend.place_recognition import MIN_PATCHES, SUPPORT, Fix, describe_views, locate
-from collabslam.frontend.search import GATE
-from collabslam.settings.frontend import FrontendSettings, SearchSettings
+from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints, Recovered
 from collabslam.slam.recovery.map_aside import MapAside, check_aside
 from collabslam.slam.state import PATCH, SECONDS, PersistentState
@@ -39,16 +38,6 @@ MAX_RHO_RATIO = 0.3
 
 MAX_ASIDE = 4
 """Maps put aside, at most; beyond it the second oldest goes, as the first is the one best tied to W."""
-
-
-def searchable(expected: Prediction, settings: SearchSettings) -> Prediction:
-    """What of `Filter.predict_pixels` can be searched whole: ellipses that fit into the largest window.
-
-    Where a lost camera might be is soon wider than any window; what is found in a part of it proves little.
-    """
-    variance = np.diagonal(expected.s, axis1=1, axis2=2).max(axis=1, initial=0.0)
-    fits = GATE**2 * variance <= settings.max_radius**2
-    return expected.subset(fits)
 
 
 class Relocaliser(PersistentState):

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
 
 from collabslam._core import Camera, DepthMeasurement, Filter
 from collabslam.errors import DataError
-from collabslam.formats.schema import Check, array, items
+from collabslam.formats.schema import Check, array, covariance, instance, items, optional, pose
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.patch import SIZE, Patch, capture, warp_templates
 from collabslam.frontend.search import FOUND, active_search
 from collabslam.geometry import pose_inverse
 from collabslam.settings.frontend import FrontendSettings
-from collabslam.slam.map_change import ImagePoints
-from collabslam.slam.state import PATCH, PersistentState
+from collabslam.slam.map.start import Start
+from collabslam.slam.map_change import ImagePoints, MapChange
+from collabslam.slam.state import PATCH
 from collabslam.slam.targets.in_map import PrintedTargets, by_pose_error, known_points
 from collabslam.slam.targets.patches import RADIUS, SIGMA, find_target
 from collabslam.slam.view import View
@@ -33,7 +34,13 @@ _LEAST_KNOWN = 4
 """Points that tell how the camera moves."""
 
 
-class TargetStart(PersistentState):
+def _check_target(value: Any, where: str) -> None:
+    """A `Target` with a patch of each point."""
+    instance(Target, points=array("<f8", None, 3), t_tc=pose, covariance=covariance(6))(value, where)
+    items(array("|u1", None, None), len(value.points))(value.patches, f"{where}.patches")
+
+
+class TargetStart(Start):
     """Known points as first features, with one shared error of the target's pose.
 
     Parameters
@@ -47,6 +54,7 @@ class TargetStart(PersistentState):
     """
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
+        "_target": optional(_check_target),
         "_points_w": array("<f8", None, 3),
         "_patches": items(PATCH),
         "_elsewhere": array("<f8", 2),
@@ -60,17 +68,21 @@ class TargetStart(PersistentState):
         printed: PrintedTargets,
         options: FrontendSettings,
     ) -> None:
+        super().__init__("target")
         self._core, self._camera, self._options = core, camera, options
         self._target, self._printed = target, printed
         self._points_w = np.empty((0, 3))
         self._patches: list[Patch] = []
         self._elsewhere = np.zeros(2)  # depth of all others and its sd, metres; zero where they are born
 
-    def start(self, image: Image, count: int) -> ImagePoints:
-        """Starts the filter; the features born on the target's plane, its points first.
+    def begin(self, view: View, born: ImagePoints, count: int) -> MapChange:
+        """As `Start.begin`: the features born on the target's plane, its points first.
 
         Where no target is found nothing is born, and the next frame is tried.
         """
+        return MapChange(self._started(view.image, count))
+
+    def _started(self, image: Image, count: int) -> ImagePoints:
         seen = self._seen(image)
         if seen is None:
             return ImagePoints()

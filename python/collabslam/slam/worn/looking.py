@@ -11,6 +11,7 @@ import numpy as np
 from collabslam._core import Filter
 from collabslam.formats.schema import Check, covariance, instance, optional, pose, table
 from collabslam.slam.state import PersistentState
+from collabslam.slam.status import StatusMonitor
 from collabslam.types import Array, WornView
 
 
@@ -80,6 +81,7 @@ class Looking(PersistentState):
     Parameters
     ----------
     core : Filter
+    monitor : StatusMonitor
     least : int
         Fewest matches with which a view is used.
     """
@@ -90,8 +92,8 @@ class Looking(PersistentState):
         ),
     }
 
-    def __init__(self, core: Filter, least: int) -> None:
-        self._filter, self._least = core, least
+    def __init__(self, core: Filter, monitor: StatusMonitor, least: int) -> None:
+        self._filter, self._monitor, self._least = core, monitor, least
         self._last: dict[int, WornPose] = {}
 
     def saw(self, number: int, worn: WornView) -> None:
@@ -101,9 +103,9 @@ class Looking(PersistentState):
         self._last = self._last | {number: WornPose(t_cf, covariance, bias)}
 
     def ask(self, number: int) -> Look | None:
-        """The answer for that worn camera; None where nothing would be gained, or it was never seen."""
+        """The answer for that worn camera; None where nothing is gained, it was never seen, or Cs is lost."""
         worn = self._last.get(number)
-        if worn is None:
+        if worn is None or self._monitor.lost:
             return None
         here, around = self._filter.where_to_look(
             worn.t_cf, worn.covariance, worn.bias, least=self._least, who=number

@@ -14,7 +14,7 @@ from collabslam.formats import container
 from collabslam.runs import checkpoint
 from collabslam.runs.results import CHECKPOINT
 from collabslam.slam.map import saved_map
-from collabslam.slam.parts import CLASSES
+from collabslam.slam.saving import CLASSES
 from collabslam_lab.reliability.attacks.attack import READ_OR_REFUSED, REFUSED, Attack, Deed, Outcome
 from collabslam_lab.reliability.attacks.scene import Scene
 

@@ -1,0 +1,204 @@
+"""The frame loop: METHOD section 7 in order, a line or two for each of its steps.
+
+What a step does inside lives in ``frontend`` (images), in the folders beside this file and in the Rust core
+(the filter).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from collabslam._core import UpdateReport
+from collabslam.frontend.detect import Corners, Hidden, hidden_by_any
+from collabslam.frontend.flow import FlowImage
+from collabslam.frontend.followed import followed_points
+from collabslam.frontend.patch import SIZE
+from collabslam.results import FrameFeatures, PlacedCamera, StepResult
+from collabslam.slam.doubts import NOTHING
+from collabslam.slam.map_change import MapChange
+from collabslam.slam.outcome import Outcome
+from collabslam.slam.parts import Parts
+from collabslam.slam.stage_times import StageTimes
+from collabslam.slam.tracking.blank_image import FROZEN
+from collabslam.slam.tracking.depth_input import Depths
+from collabslam.slam.tracking.tracks import Found
+from collabslam.slam.view import PlacedViews, View
+from collabslam.slam.worn.late_views import Views
+from collabslam.slam.worn.looking import counts as look_counts
+from collabslam.slam.worn.overlaps import Overlaps
+from collabslam.slam.worn.tags import overlaps
+from collabslam.types import Image, Status
+
+
+class FrameLoop:
+    """Takes the frames, one after the other.
+
+    Parameters
+    ----------
+    parts : Parts
+    """
+
+    def __init__(self, parts: Parts) -> None:
+        self._parts, self._filter, self._options = parts, parts.filter, parts.options
+
+    def step(self, t: float, image: Image, worn: Views) -> StepResult:
+        """One frame with the views of Cf that came with it; see `Slam.step`."""
+        blank = self._parts.blank.judge(image)
+        began = None
+        for frame in self._parts.late.frames(t, image, worn):
+            before = self._filter.started
+            result = self._frame(*frame, blank if frame[0] == t else "")
+            if self._filter.started and not before:
+                began = frame[0]
+        if began is not None and began < t:
+            result.diagnostics["start_ago_s"] = t - began  # W is where Cs was then
+        return result
+
+    def _frame(self, t: float, image: Image, worn: Views, blank: str) -> StepResult:
+        """One frame, its image judged by `BlankImageDetector` and its views of Cf due."""
+        core, parts, times = self._filter, self._parts, StageTimes()
+        for one in worn:
+            parts.looking.saw(parts.worn.number(one.who), one)
+        core.predict(t)
+        followed = core.followed_odometry
+        if blank:
+            return self._coast(t, blank, times, followed=followed)
+        view = self._view(t, image, worn)
+        last = parts.tracks.last_image
+        expected = parts.search.expected(view)
+        times.done("predict")
+        expected, found, slipped = parts.search.search(view, expected, followed=followed)
+        times.done("search")
+        missing = 0 if view.lost else parts.map.missing(found)
+        overlap = self._overlap(view, found, missing)
+        times.done("cf")
+        depths = parts.depth.take(view, found, overlap.ids, missing)
+        report = self._update(found, overlap, depths)
+        turned = not report.accepted and self._turn(view, last)
+        times.done("update")
+        recovered = parts.recovery.attempt(view, report, followed=followed)
+        times.done("relocalise")
+        if recovered is not None:
+            change = recovered.begun or MapChange()
+        elif turned or (report.accepted and not view.lost):
+            change = parts.map.grow(view, found, overlap, depths, report)
+        else:
+            change = parts.map.hold(view, found)
+        parts.tracks.adopt(view, core.pose, change, core.candidates, recovered)
+        parts.fixed.adopt(change.fixed)
+        parts.relocaliser.forget(change.deleted)
+        if recovered is None:
+            parts.size.take(overlap, core.pose)
+        outcome = Outcome(
+            view,
+            expected,
+            found,
+            overlap,
+            report,
+            recovered,
+            change,
+            followed=followed,
+            slipped=slipped,
+            turned=turned,
+        )
+        parts.late.keep(view, found, outcome.seen, change)
+        residual = {"target_residual_px": parts.start.residual(image, core.pose)}
+        counts = {**outcome.counts(), **parts.printed.counts(), **residual}
+        status, judged = parts.verdict.of(outcome)
+        times.done("map")
+        features = outcome.features
+        where = overlap.poses(core, report, view) if recovered is None else {}
+        return self._result(t, status, counts | judged, features, times, where)
+
+    def _view(self, t: float, image: Image, views: Views) -> View:
+        """The frame as the parts see it: what is hidden, where corners are, how the camera stood before."""
+        started, lost = self._filter.started, self._parts.monitor.lost
+        worn = self._parts.late.place(t, views, lost=lost)
+        hidden = self._hidden(worn)
+        corners = Corners(image, self._options.detect, SIZE, hidden=hidden)
+        return View(t, image, worn, hidden, corners, started, lost)
+
+    def _hidden(self, worn: PlacedViews) -> Hidden | None:
+        """Which pixels of Cs show no landmark: whoever wears a Cf, or what is fixed to the camera."""
+        wearers = (self._parts.worn.hidden(placed.worn) for _, placed in worn)
+        hiding = [hides for hides in wearers if hides is not None]
+        if self._parts.fixed.is_there:
+            hiding.append(self._parts.fixed.hides)
+        return hidden_by_any(hiding)
+
+    def _overlap(self, view: View, found: Found, missing: int) -> Overlaps:
+        """What the worn cameras see of the frame (METHOD 7.4); ``missing`` is what it lacks of features."""
+        if view.lost:
+            return Overlaps()
+        parts = self._parts
+        return overlaps(parts.late, parts.worn, parts.printed, view, found, missing)
+
+    def _update(self, found: Found, overlap: Overlaps, depths: Depths) -> UpdateReport:
+        """The batch test and the update (METHOD 7.5 to 7.7)."""
+        return self._filter.update(
+            found.searched,
+            found.ids,
+            found.uv,
+            worn=overlap.observation,
+            further=overlap.further,
+            depths=depths.observation,
+            min_inliers=self._parts.monitor.min_inliers(len(found.searched)),
+        )
+
+    def _turn(self, view: View, last: tuple[float, FlowImage] | None) -> bool:
+        """The turn that the last two images show, where the map tells nothing of the frame (METHOD 27).
+
+        Not after a frame that failed, as after a cut, nor where the map is doubted: what moves would pass for
+        the scene.
+        """
+        parts, now = self._parts, self._parts.tracks.last_image
+        trusted = parts.monitor.unbroken and parts.doubts.standing() == NOTHING
+        if not (view.started and trusted) or last is None or now is None:
+            return False
+        turn = self._filter.angular_velocity * (view.t - last[0])
+        images = last[1], now[1]
+        pairs = followed_points(images, parts.camera, turn, self._options.flow, view.hidden)
+        return self._filter.predict_again(last[0], *pairs)
+
+    def _coast(self, t: float, blank: str, times: StageTimes, *, followed: bool) -> StepResult:
+        """A frame that was predicted and shows nothing; depths given for it are gone."""
+        self._parts.depth.forget()
+        times.done("predict")
+        status = self._parts.verdict.unseen(t, frozen=blank == FROZEN, followed=followed)
+        counts = {"accepted": 0, "relocalised": 0, "loops": 0, "unseen": 1, "slipped": 0, "turned": 0}
+        features = FrameFeatures.unsearched(self._filter.predict_pixels())
+        return self._result(t, status, counts, features, times, {})
+
+    def _result(
+        self,
+        t: float,
+        status: Status,
+        counts: Mapping[str, Any],
+        features: FrameFeatures,
+        times: StageTimes,
+        worn: Mapping[str, PlacedCamera],
+    ) -> StepResult:
+        core, metric, scale_sd = self._filter, self._parts.start.metric, self._filter.scale_sd
+        look = {}
+        if self._options.worn.where_to_look:
+            look = look_counts(self._parts.looking.ask(0))
+            times.done("look")
+        pose_map, covariance_map = self._parts.submaps.place()
+        sizes = {"map_size": core.map_size, "candidates": core.candidate_count}
+        return StepResult(
+            t=t,
+            pose=core.pose,
+            covariance=core.pose_covariance,
+            status=status,
+            valid=core.started and status is not Status.LOST,
+            started=core.started,
+            metric=metric,
+            scale_sd=scale_sd if metric and scale_sd is not None else math.inf,
+            pose_map=pose_map,
+            covariance_map=covariance_map,
+            diagnostics={**counts, **look, **sizes, **times.all()},
+            worn=worn,
+            features=features,
+        )

@@ -1,0 +1,72 @@
+"""What a frame of Cs shows of what was expected (METHOD 7.2 and 7.3), also where the wheels have slipped."""
+
+from __future__ import annotations
+
+from collabslam._core import Filter, Prediction
+from collabslam.frontend.search import GATE
+from collabslam.settings.frontend import SearchSettings
+from collabslam.slam.status import StatusMonitor
+from collabslam.slam.targets.in_map import PrintedTargets
+from collabslam.slam.tracking.tracks import Found, Tracks
+from collabslam.slam.view import View
+
+
+class FrameSearch:
+    """Looks for features, candidates and printed targets in an image.
+
+    Parameters
+    ----------
+    core : Filter
+    tracks : Tracks
+    printed : PrintedTargets
+    monitor : StatusMonitor
+    settings : SearchSettings
+    """
+
+    def __init__(
+        self,
+        core: Filter,
+        tracks: Tracks,
+        printed: PrintedTargets,
+        monitor: StatusMonitor,
+        settings: SearchSettings,
+    ) -> None:
+        self._filter, self._tracks, self._printed = core, tracks, printed
+        self._monitor, self._settings = monitor, settings
+
+    def expected(self, view: View) -> Prediction:
+        """Features to search, with their predicted pixels.
+
+        Of a lost camera those whose ellipses fit into the largest window: where it might be is soon wider
+        than any, and what is found in a part of it proves little.
+        """
+        expected = self._filter.predict_pixels()
+        if view.hidden is not None:
+            expected = expected.subset(~view.hidden(expected.uv))
+        if not view.lost:
+            return expected
+        variance = expected.s.diagonal(axis1=1, axis2=2).max(axis=1, initial=0.0)
+        return expected.subset(GATE**2 * variance <= self._settings.max_radius**2)
+
+    def search(self, view: View, expected: Prediction, *, followed: bool) -> tuple[Prediction, Found, bool]:
+        """What was expected, what the image shows of it, and whether ``followed`` wheels slipped."""
+        found = self._look(view, expected)
+        least = self._monitor.min_inliers(len(found.searched))
+        if followed and not view.lost and self._filter.contradicts_odometry(found.ids, found.uv, least):
+            return self._after_slip(view, expected, found)
+        return expected, found, False
+
+    def _look(self, view: View, expected: Prediction) -> Found:
+        found = self._tracks.search(view, self._filter.pose, expected, self._filter.predict_conditional)
+        return self._printed.place(view, expected, found)
+
+    def _after_slip(self, view: View, expected: Prediction, found: Found) -> tuple[Prediction, Found, bool]:
+        """The search as if the wheels may have slipped, if it explains the image; else the one before."""
+        self._filter.distrust_odometry()
+        wider = self.expected(view)
+        again = self._look(view, wider)
+        least = self._monitor.min_inliers(len(again.searched))
+        if len(again.ids) >= max(least, len(found.ids) // 2, 1):
+            return wider, again, True
+        self._filter.trust_odometry()
+        return expected, found, False

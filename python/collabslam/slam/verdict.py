@@ -1,0 +1,80 @@
+"""What is said of a frame: its status, and what the run is doubted for (METHOD 22)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from collabslam._core import Filter
+from collabslam.slam.doubts import NOTHING, Doubts
+from collabslam.slam.outcome import Outcome
+from collabslam.slam.recovery.relocalise import Relocaliser
+from collabslam.slam.status import StatusMonitor
+from collabslam.slam.submaps.submaps import Submaps
+from collabslam.types import Status
+
+
+class Verdict:
+    """Judges frames; a place that is trusted is kept, to be found again and as part of a submap.
+
+    Parameters
+    ----------
+    core : Filter
+    monitor : StatusMonitor
+    doubts : Doubts
+    relocaliser : Relocaliser
+    submaps : Submaps
+    """
+
+    def __init__(
+        self,
+        core: Filter,
+        *,
+        monitor: StatusMonitor,
+        doubts: Doubts,
+        relocaliser: Relocaliser,
+        submaps: Submaps,
+    ) -> None:
+        self._filter, self._monitor, self._doubts = core, monitor, doubts
+        self._relocaliser, self._submaps = relocaliser, submaps
+
+    def of(self, outcome: Outcome) -> tuple[Status, dict[str, Any]]:
+        """The status of a frame, and its diagnostics ``doubt`` and ``loops``."""
+        view, change = outcome.view, outcome.change
+        status = self._judge(
+            view.t,
+            outcome.inliers,
+            accepted=outcome.accepted,
+            followed=outcome.followed,
+            identified=outcome.recovered is not None and outcome.recovered.identified,
+        )
+        if view.lost:  # a map that was in doubt is no better where a lost camera finds itself in it again
+            doubt = self._doubts.standing()
+        else:
+            measured = outcome.report, len(outcome.found.ids), outcome.overlap, change
+            doubt = self._doubts.judge(*measured, jumped=outcome.jumped)
+        trusted = status is Status.OK and not outcome.found_again
+        if trusted:
+            self._relocaliser.remember(view, self._filter.pose, outcome.seen)
+        follows = trusted and doubt == NOTHING
+        loops = self._submaps.follow(view, outcome.seen.without(change.deleted)) if follows else 0
+        if status is Status.OK and doubt != NOTHING:
+            status = Status.DOUBTFUL
+        return status, {"doubt": doubt, "loops": loops}
+
+    def unseen(self, t: float, *, frozen: bool, followed: bool) -> Status:
+        """The status of a frame that shows nothing.
+
+        A blank image says that the camera sees nothing; a frozen one says nothing of the camera.  Neither
+        says anything against odometry that was followed.
+        """
+        if frozen and self._filter.started and self._monitor.is_fresh(t):
+            return Status.OK
+        return self._judge(t, 0, accepted=frozen or followed, followed=followed)
+
+    def _judge(
+        self, t: float, inliers: int, *, accepted: bool, followed: bool, identified: bool = False
+    ) -> Status:
+        """Status of the frame; before the start nothing can be said of a pose."""
+        if not self._filter.started:
+            return Status.COASTING
+        return self._monitor.update(t, inliers, accepted=accepted, followed=followed, identified=identified)
