@@ -55,7 +55,9 @@ check: $(VENV)/.built
 	cargo clippy --release --workspace --all-targets --locked -- -D warnings
 	$(BIN)/ruff check python research tests benches examples docs packaging
 	$(BIN)/ruff format --check python research tests benches examples docs packaging
+	$(BIN)/python packaging/stubs.py --check
 	$(BIN)/mypy
+	$(BIN)/python -m mypy.stubtest collabslam._core --mypy-config-file pyproject.toml
 
 # For any Linux since 2014: zig links against the old C library, whatever this machine has.
 wheel: $(VENV)/.installed $(VENV)/.fetched

@@ -1,14 +1,18 @@
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Protocol, final
+# Made by packaging/stubs.py from crates/pycollab.
+from collections.abc import Mapping, Sequence
+from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from collabslam.frontend.patch import Patch
 
 __all__ = [
     "AffineMaps",
     "Block",
     "Camera",
     "CandidateReport",
+    "CandidateViews",
     "ConditionalPrediction",
     "Consensus",
     "DepthMeasurement",
@@ -77,24 +81,7 @@ __all__ = [
     "tangent_to_fixed",
     "warp_patches",
 ]
-
 __version__: str
-
-_Array = NDArray[np.float64]
-_Ids = NDArray[np.int64]
-_Mask = NDArray[np.bool_]
-_Image = NDArray[np.uint8]
-_Region = tuple[float, float, float, float]
-
-class _Patch(Protocol):
-    @property
-    def pixels(self) -> _Image: ...
-    @property
-    def uv_ref(self) -> _Array: ...
-    @property
-    def t_wc(self) -> _Array: ...
-    @property
-    def inside(self) -> _Array: ...
 
 @final
 class ProjectedPoints:
@@ -107,11 +94,10 @@ class ProjectedPoints:
     visible : (N,) bool
         In front of the camera, within the model's range, and inside the image.
     """
-
     @property
-    def uv(self) -> _Array: ...
+    def uv(self) -> NDArray[np.float64]: ...
     @property
-    def visible(self) -> _Mask: ...
+    def visible(self) -> NDArray[np.bool_]: ...
 
 @final
 class Camera:
@@ -134,7 +120,6 @@ class Camera:
     InputError
         For an unknown model, a wrong number of parameters or impossible values.
     """
-
     def __new__(
         cls,
         model: str,
@@ -159,7 +144,7 @@ class Camera:
     def distortion(self) -> tuple[float, ...]:
         """Parameters of the distortion model."""
     @property
-    def matrix(self) -> _Array:
+    def matrix(self) -> NDArray[np.float64]:
         """The (3, 3) matrix K, px."""
     def project(self, points: ArrayLike) -> ProjectedPoints:
         """Pixels of points.
@@ -178,7 +163,7 @@ class Camera:
         InputError
             For a wrong shape.
         """
-    def unproject(self, uv: ArrayLike) -> _Array:
+    def unproject(self, uv: ArrayLike) -> NDArray[np.float64]:
         """Unit rays of pixels.
 
         Parameters
@@ -196,10 +181,473 @@ class Camera:
         InputError
             For a wrong shape.
         """
+    def __repr__(self) -> str: ...
     def __getnewargs__(self) -> tuple[str, int, int, list[float], list[float]]: ...
     def __eq__(self, other: object, /) -> bool: ...
     def __ne__(self, other: object, /) -> bool: ...
     __hash__: None  # type: ignore[assignment]
+
+@final
+class Factor:
+    """What was measured of one or two submaps' poses, weighted by its covariance.
+
+    Parameters
+    ----------
+    first : int
+        Submap that it is measured from; -1 is W.
+    second : int
+        Submap that is measured.
+    pose : (4, 4) float64
+        Of the second from the first, metres.
+    handed_on : (K,) float64
+        What the first was found to hand on; none where the factor does not speak of it.
+    weight : (R, 6 + K + L) float64
+        Makes the residual white: of the pose, of what the first handed on, and of the L numbers that
+        the second hands on, if the factor speaks of them.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, or a pose that is none.
+    """
+    def __new__(
+        cls, first: int, second: int, pose: ArrayLike, handed_on: ArrayLike, weight: ArrayLike
+    ) -> Factor: ...
+    @staticmethod
+    def between(first: int, second: int, edge: Edge) -> Factor:
+        """What the filter says of two submaps that follow one another.
+
+        Parameters
+        ----------
+        first, second : int
+        edge : Edge
+
+        Returns
+        -------
+        Factor
+
+        Raises
+        ------
+        FilterError
+            If its covariance is none.
+        """
+    @staticmethod
+    def of_pose(first: int, second: int, pose: ArrayLike, covariance: ArrayLike) -> Factor:
+        """A pose measured by itself.
+
+        Parameters
+        ----------
+        first : int
+            -1 is W.
+        second : int
+        pose : (4, 4) float64
+        covariance : (6, 6) float64
+            Right tangent, m^2 and rad^2.
+
+        Returns
+        -------
+        Factor
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, or a pose that is none.
+        FilterError
+            If the covariance is none.
+        """
+    @staticmethod
+    def of_handed_on(submap: int, covariance: ArrayLike) -> Factor:
+        """How well the filter knows what a submap hands on, where none of the same map follows it.
+
+        Parameters
+        ----------
+        submap : int
+        covariance : (K, K) float64
+
+        Returns
+        -------
+        Factor
+
+        Raises
+        ------
+        InputError
+            For a wrong shape.
+        FilterError
+            If the covariance is none.
+        """
+    @staticmethod
+    def of_sight(first: int, second: int, sight: Sight) -> Factor:
+        """What the sight of an earlier submap says.
+
+        Parameters
+        ----------
+        first : int
+            The submap that is seen.
+        second : int
+            The submap at whose end it is seen.
+        sight : Sight
+
+        Returns
+        -------
+        Factor
+
+        Raises
+        ------
+        InputError
+            If its information is not finite.
+        """
+    @property
+    def first(self) -> int: ...
+    @property
+    def second(self) -> int: ...
+    @property
+    def pose(self) -> NDArray[np.float64]: ...
+    @property
+    def handed_on(self) -> NDArray[np.float64]: ...
+    @property
+    def weight(self) -> NDArray[np.float64]: ...
+
+@final
+class PoseGraph:
+    """A graph of submaps' poses.
+
+    Parameters
+    ----------
+    poses : (N, 4, 4) float64
+        Of each submap in W, metres.
+    handed_on : sequence of N (K,) float64
+        By how much what each handed on is wrong, as many numbers as it handed on.
+    factors : list of Factor
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, numbers that are not finite, or a factor of a submap that is not there or hands
+        on other numbers.
+    """
+    def __new__(
+        cls, poses: ArrayLike, handed_on: Sequence[ArrayLike], factors: Sequence[Factor]
+    ) -> PoseGraph: ...
+    def solved(self) -> PoseGraph:
+        """The graph whose poses all factors agree with best.
+
+        Returns
+        -------
+        PoseGraph
+
+        Raises
+        ------
+        FilterError
+            If a submap is tied to nothing.
+        """
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """(N, 4, 4) float64, see the class."""
+    @property
+    def handed_on(self) -> list[NDArray[np.float64]]:
+        """List of N (K,) float64, see the class."""
+    def placed(self, submap: int) -> Placed:
+        """A submap in W, as all factors have it.
+
+        Parameters
+        ----------
+        submap : int
+
+        Returns
+        -------
+        Placed
+
+        Raises
+        ------
+        InputError
+            If there is no such submap.
+        FilterError
+            If a submap is tied to nothing.
+        """
+    def relative(self, first: int, second: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Pose of one submap from another, and its covariance (right tangent, m^2 and rad^2).
+
+        Parameters
+        ----------
+        first, second : int
+
+        Returns
+        -------
+        pose : (4, 4) float64
+        covariance : (6, 6) float64
+
+        Raises
+        ------
+        InputError
+            If there is no such submap.
+        FilterError
+            If a submap is tied to nothing.
+        """
+    def distance(self, factor: Factor) -> float:
+        """Chi-square of a factor before it is believed, of as many degrees of freedom as it measures.
+
+        Parameters
+        ----------
+        factor : Factor
+
+        Returns
+        -------
+        float
+
+        Raises
+        ------
+        InputError
+            If it is of a submap that is not there, or of other numbers than the submaps hand on.
+        FilterError
+            If a submap is tied to nothing.
+        """
+
+@final
+class Placed:
+    """A pose in W with what is handed on there, and how well both are known.
+
+    Parameters
+    ----------
+    pose : (4, 4) float64
+        Metres.
+    handed_on : (K,) float64
+        By how much what is handed on there is wrong.
+    covariance : (6 + K, 6 + K) float64
+        Joint, of the pose (right tangent, m and rad) and what is handed on.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes, or a pose that is none.
+    """
+    def __new__(cls, pose: ArrayLike, handed_on: ArrayLike, covariance: ArrayLike) -> Placed: ...
+    @property
+    def pose(self) -> NDArray[np.float64]: ...
+    @property
+    def handed_on(self) -> NDArray[np.float64]: ...
+    @property
+    def covariance(self) -> NDArray[np.float64]: ...
+    def onward(self, edge: Edge) -> Placed:
+        """Where the way from here ends, corrected by what the errors handed on here are now known to be.
+
+        Parameters
+        ----------
+        edge : Edge
+
+        Returns
+        -------
+        Placed
+
+        Raises
+        ------
+        InputError
+            If other numbers were handed on where the way begins.
+        FilterError
+            If the covariance of the way is none.
+        """
+
+@final
+class SettingInfo:
+    """A setting of the filter.
+
+    Attributes
+    ----------
+    key : str
+        Dotted name.
+    type : str
+        ``float``, ``int``, ``bool`` or ``enum``.
+    default : bool, int, float or str
+    min, max : float or None
+        Its range, ends included.
+    unit : str
+    choices : list of str
+        The values of an ``enum``; none of others.
+    doc : str
+        What it does.
+    when : str or None
+        The case in which to change it; None for a switch of the lab.
+    """
+    @property
+    def key(self) -> str: ...
+    @property
+    def type(self) -> str: ...
+    @property
+    def default(self) -> bool | int | float | str: ...
+    @property
+    def min(self) -> float | None: ...
+    @property
+    def max(self) -> float | None: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def choices(self) -> list[str]: ...
+    @property
+    def doc(self) -> str: ...
+    @property
+    def when(self) -> str | None: ...
+
+@final
+class Edge:
+    """The way from where a submap began, as the filter knows it; of :meth:`Filter.since_submap`.
+
+    Attributes
+    ----------
+    pose : (4, 4) float64
+        Of its end from its beginning, metres.
+    revised : (K,) float64
+        By how much the estimate of what the beginning handed on has changed since.
+    covariance : (6 + K + L, 6 + K + L) float64
+        Joint, of the pose (right tangent, m and rad), the K numbers that the beginning handed on
+        and the L that the end hands on, where it has ended.
+    """
+    @property
+    def pose(self) -> NDArray[np.float64]: ...
+    @property
+    def revised(self) -> NDArray[np.float64]: ...
+    @property
+    def covariance(self) -> NDArray[np.float64]: ...
+
+@final
+class Submap:
+    """A submap that has ended; of :meth:`Filter.end_submap`.
+
+    Attributes
+    ----------
+    edge : Edge or None
+        The way since the last one ended; None of the first one in a map.
+    pose : (4, 4) float64
+        T_WC where it ended, metres.
+    pose_covariance : (6, 6) float64
+        Right tangent, m^2 and rad^2.
+    handed_on : (K, K) float64
+        Covariance of what it hands on: the logarithm of the scale, and of each worn camera the
+        lasting error of T_CF, m and rad along the axes of C.
+    ids : (N,) int64
+        Landmarks in view.
+    points : (N, 3) float64
+        From the camera, metres.
+    covariance : (3 N, 3 N) float64
+        Their joint covariance as they stand to the camera, m^2.
+    with_handed_on : (3 N, K) float64
+        Their covariance with what is handed on.
+    slip : float
+        Standard deviation of a slip while all that is in view is exchanged once, radians.
+    """
+    @property
+    def edge(self) -> Edge | None: ...
+    @property
+    def pose(self) -> NDArray[np.float64]: ...
+    @property
+    def pose_covariance(self) -> NDArray[np.float64]: ...
+    @property
+    def handed_on(self) -> NDArray[np.float64]: ...
+    @property
+    def ids(self) -> NDArray[np.int64]: ...
+    @property
+    def points(self) -> NDArray[np.float64]: ...
+    @property
+    def covariance(self) -> NDArray[np.float64]: ...
+    @property
+    def with_handed_on(self) -> NDArray[np.float64]: ...
+    @property
+    def slip(self) -> float: ...
+
+@final
+class Sight:
+    """Where the camera is in an earlier submap; of :meth:`SubmapLandmarks.sight`.
+
+    Attributes
+    ----------
+    pose : (4, 4) float64
+        Of the camera in the frame of the submap's end, metres.
+    accepted : (N,) bool
+        The matches that it rests on.
+    chi2 : float
+        Their squared residual against all noise.
+    dof : int
+        Its degrees of freedom.
+    """
+    @property
+    def pose(self) -> NDArray[np.float64]: ...
+    @property
+    def accepted(self) -> NDArray[np.bool_]: ...
+    @property
+    def chi2(self) -> float: ...
+    @property
+    def dof(self) -> int: ...
+
+@final
+class SubmapLandmarks:
+    """The landmarks of a submap, to be seen again.
+
+    Parameters
+    ----------
+    points, covariance, with_handed_on, handed_on : ndarray
+        As :class:`Submap` has them.
+
+    Raises
+    ------
+    InputError
+        For wrong shapes.
+    """
+    def __new__(
+        cls, points: ArrayLike, covariance: ArrayLike, with_handed_on: ArrayLike, handed_on: ArrayLike
+    ) -> SubmapLandmarks: ...
+    def sight(
+        self,
+        camera: Camera,
+        sigma: float,
+        slip: float,
+        landmarks: ArrayLike,
+        uv: ArrayLike,
+        guess: ArrayLike,
+        least: int,
+    ) -> Sight | None:
+        """Pose of a camera that sees the submap, from matches with its landmarks and their covariance.
+
+        The worst match is taken out until each agrees with the others and all together pass, by chi-square.
+
+        Parameters
+        ----------
+        camera : Camera
+        sigma : float
+            Standard deviation of a pixel.
+        slip : float
+            Of what all matches share, radians, as :class:`Submap` has it.
+        landmarks : (N,) int64
+            Of each match, by its place among the points.
+        uv : (N, 2) float64
+            Its pixel.
+        guess : (4, 4) float64
+            The pose to begin with, as PnP gives it.
+        least : int
+            Fewest matches that must be left.
+
+        Returns
+        -------
+        Sight or None
+            None if too few matches agree.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, numbers that are not finite, or a landmark that is not there.
+        """
+
+@final
+class Turn:
+    """One at a time, and nobody waits: whoever comes second is told so.
+
+    Used as a context manager.
+
+    Raises
+    ------
+    BusyError
+        On entering, if somebody is inside, another thread or a call further up in the same one.
+    """
+    def __new__(cls) -> Turn: ...
+    def __enter__(self) -> None: ...
+    def __exit__(self, *_error: object) -> None: ...
 
 @final
 class Filter:
@@ -225,7 +673,6 @@ class Filter:
     BusyError
         From every method and attribute, while another thread changes the filter; it stays as it was.
     """
-
     def __new__(
         cls,
         camera: Camera,
@@ -244,19 +691,19 @@ class Filter:
     def map_size(self) -> int:
         """Number of features in the map."""
     @property
-    def features(self) -> _Ids:
+    def features(self) -> NDArray[np.int64]:
         """Ids of the features, (N,) int64, in order."""
     @property
     def candidate_count(self) -> int:
         """Number of candidates that wait for parallax."""
     @property
-    def candidates(self) -> _Ids:
+    def candidates(self) -> NDArray[np.int64]:
         """Ids of the candidates that are alive, (N,) int64."""
     @property
-    def pose(self) -> _Array:
+    def pose(self) -> NDArray[np.float64]:
         """T_WC, (4, 4) float64, metres: maps points of Cs into W."""
     @property
-    def pose_covariance(self) -> _Array:
+    def pose_covariance(self) -> NDArray[np.float64]:
         """(6, 6) float64, covariance of the pose over (translation m, rotation rad), right tangent of T_WC
         (METHOD 1).
         """
@@ -272,16 +719,16 @@ class Filter:
         standard deviation of that, seconds; None for a shutter that is known not to roll (METHOD 4).
         """
     @property
-    def velocity(self) -> _Array:
+    def velocity(self) -> NDArray[np.float64]:
         """Velocity in W, (3,) float64, m/s."""
     @property
-    def angular_velocity(self) -> _Array:
+    def angular_velocity(self) -> NDArray[np.float64]:
         """Angular velocity in C, (3,) float64, rad/s."""
     @property
-    def mean(self) -> _Array:
+    def mean(self) -> NDArray[np.float64]:
         """The whole state vector, (n,) float64: camera (13), then the blocks of :attr:`blocks`."""
     @property
-    def covariance(self) -> _Array:
+    def covariance(self) -> NDArray[np.float64]:
         """The whole covariance P, (n, n) float64, cross-covariances included."""
     @property
     def blocks(self) -> list[Block]:
@@ -296,18 +743,6 @@ class Filter:
         ------
         FilterError
             Saying what is wrong.
-        """
-    def checkpoint(self) -> None:
-        """Remembers the filter as it is, for :meth:`rollback`, in memory of its own; an earlier checkpoint is
-        forgotten. A copy of P's stored triangle, about a hundredth of a frame.
-        """
-    def rollback(self) -> None:
-        """Makes the filter what it was at the last :meth:`checkpoint`, bit for bit; this may be repeated.
-
-        Raises
-        ------
-        InputError
-            If there has been no checkpoint.
         """
     def snapshot(self) -> bytes:
         """The filter as bytes, for :meth:`restore`: cameras, settings, mean, P, candidates and counters, with
@@ -326,6 +761,447 @@ class Filter:
         DataError
             If the bytes are cut short, altered or of another version.
         """
+    def checkpoint(self) -> None:
+        """Remembers the filter as it is, for :meth:`rollback`, in memory of its own; an earlier checkpoint is
+        forgotten. A copy of P's stored triangle, about a hundredth of a frame.
+        """
+    def rollback(self) -> None:
+        """Makes the filter what it was at the last :meth:`checkpoint`, bit for bit; this may be repeated.
+
+        Raises
+        ------
+        InputError
+            If there has been no checkpoint.
+        """
+    def __copy__(self) -> Filter: ...
+    def __deepcopy__(self, _memo: object) -> Filter: ...
+    def __reduce__(self) -> str: ...
+    def add_candidates(self, uv: ArrayLike) -> NDArray[np.int64]:
+        """Starts candidates for delayed births at pixels of the present view.
+
+        Parameters
+        ----------
+        uv : (N, 2) float64
+            Pixels in Cs.
+
+        Returns
+        -------
+        (N,) int64
+            Their ids.
+
+        Raises
+        ------
+        InputError
+            For a wrong shape, NaN, or before the start.
+        """
+    def observe_candidates(self, ids: ArrayLike, uv: ArrayLike) -> CandidateReport:
+        """Observes candidates (METHOD 5, delayed).
+
+        Parameters
+        ----------
+        ids, uv : (N,) int64, (N, 2) float64
+            Candidates found in Cs and their pixels.
+
+        Returns
+        -------
+        CandidateReport
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, unknown ids, an id given twice; the filter stays as it was.
+        """
+    def promote_candidates(self, ids: ArrayLike) -> NDArray[np.int64]:
+        """Candidates that shall wait for parallax no longer are born with a vague depth, as features of their
+        first view.
+
+        Parameters
+        ----------
+        ids : (N,) int64
+
+        Returns
+        -------
+        (N,) int64
+            Feature ids, -1 where that gives no feature.
+
+        Raises
+        ------
+        InputError
+            For unknown ids, or an id given twice.
+        """
+    def drop_candidates(self, ids: ArrayLike) -> None:
+        """Forgets candidates that were lost.
+
+        Parameters
+        ----------
+        ids : (N,) int64
+            Those that are no candidates any more do not count.
+        """
+    def add_undelayed(self, uv: ArrayLike) -> NDArray[np.int64]:
+        """Starts features with a vague depth at pixels of the present view; the filter too, in an arbitrary
+        unit, if it has not started.
+
+        Parameters
+        ----------
+        uv : (N, 2) float64
+            Pixels in Cs.
+
+        Returns
+        -------
+        (N,) int64
+            Feature ids, -1 where the pixel has no ray.
+
+        Raises
+        ------
+        InputError
+            For a wrong shape or NaN.
+        """
+    def start_from_views(self, times: ArrayLike, views: ArrayLike) -> NDArray[np.int64]:
+        """The scale-free start: at the last of several views of one camera, if they tell how it has moved
+        (METHOD 5).
+
+        W is the first view; the unit is such that the mean inverse depth is ``birth.undelayed_rho``.
+
+        Parameters
+        ----------
+        times : (K,) float64
+            Of the views, seconds, increasing.
+        views : (K, N, 2) float64
+            Pixels in Cs of the same N points in each of them.
+
+        Returns
+        -------
+        (N,) int64
+            Feature ids, -1 for a point that gives none; all are -1 where the views do not tell it yet: the
+            filter has not started then.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, fewer than two views or more than 20, more than 500 points, times that do
+            not increase, or a filter that has
+            started; it stays as it was.
+        """
+    def start_from_points(
+        self, points: ArrayLike, noise: ArrayLike, shared: ArrayLike, covariance: ArrayLike
+    ) -> NDArray[np.int64]:
+        """Starts from points of known position in C (METHOD 10).
+
+        Parameters
+        ----------
+        points : (N, 3) float64
+            Metres in C.
+        noise : (N, 3, 3) float64
+            Covariance of each point by itself, m^2.
+        shared : (N, 3, 6) float64
+            Derivative of each point by the 6-number error of the target's pose.
+        covariance : (6, 6) float64
+            Covariance of that error.
+
+        Returns
+        -------
+        (N,) int64
+            Feature ids.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, a covariance that is none, a point at the camera, or a filter that has
+            started.
+        """
+    def add_points(
+        self, points: ArrayLike, noise: ArrayLike, shared: ArrayLike, covariance: ArrayLike
+    ) -> NDArray[np.int64]:
+        """Adds a rigid target that comes into view: points of known position in C (METHOD 10).
+
+        Later bearings of them are metric: what they do not share is all that their distances can be wrong by.
+
+        Parameters
+        ----------
+        points : (N, 3) float64
+            Metres in C.
+        noise : (N, 3, 3) float64
+            Covariance of each point by itself, m^2.
+        shared : (N, 3, 6) float64
+            Derivative of each point by the 6-number error of the target's pose.
+        covariance : (6, 6) float64
+            Covariance of that error.
+
+        Returns
+        -------
+        (N,) int64
+            Feature ids.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, a covariance that is none, a point at the camera, or a filter that has
+            not started.
+        """
+    def keep_pose(self, lateness: float) -> bool:
+        """Keeps the camera's pose for views of Cf that come up to ``lateness`` seconds late, at most
+        ``worn.late``; True if it did.
+
+        To be called at the end of a frame. It does nothing before the start, and so soon after the last pose
+        that there is none to gain.
+        """
+    @property
+    def kept_times(self) -> NDArray[np.float64]:
+        """Times of the frames whose poses are kept, (K,) float64, seconds, increasing."""
+    def kept_pose(self, t: float) -> NDArray[np.float64]:
+        """T_WC of a frame whose pose is kept, or of the present one, as it is known now, (4, 4) float64.
+
+        Parameters
+        ----------
+        t : float
+            The frame's time, seconds.
+
+        Raises
+        ------
+        InputError
+            If no pose of that time is kept.
+        """
+    def view_timing(self, t: float, *, who: int = 0) -> str:
+        """What can be done with a view of Cf that was taken at ``t`` (seconds), now that the filter is at its
+        frame's time.
+
+        Parameters
+        ----------
+        t : float
+        who : int
+            The worn camera's number.
+
+        Returns
+        -------
+        str
+            ``present`` (of the frame's instant, within ``worn.tolerance``), ``late`` (between poses that are
+            kept), ``reordered`` (late, and older than one that was measured); or why it is refused:
+            ``repeated`` (measured before), ``stale`` (older than what is kept), ``future`` (after the frame).
+        """
+    def carry_worn(
+        self, t_cf: ArrayLike, covariance: ArrayLike, t: float, frame: float, *, who: int = 0
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """T_CF of a view carried to a frame of another time: what matching the two images starts from.
+
+        Parameters
+        ----------
+        t_cf : (4, 4) float64
+            Measured pose of Cf relative to Cs when the view was taken: maps points of F into C, metres.
+        covariance : (6, 6) float64
+            Of it over (translation m, rotation rad), tangent on the right.
+        t, frame : float
+            When the view was taken; the frame's time, which is the present one or one of `kept_times`.
+            Seconds.
+        who : int
+            The worn camera's number.
+
+        Returns
+        -------
+        t_cf : (4, 4) float64
+            Maps points of F, when the view was taken, into C at the frame's time.
+        covariance : (6, 6) float64
+            Of it, that of the motion of Cs between included.
+
+        Raises
+        ------
+        InputError
+            For a view that `view_timing` refuses, a frame whose pose is not kept, or an impossible pose.
+        """
+    def worn_clock(self, *, who: int = 0) -> tuple[float, float] | None:
+        """How late the images of a worn camera were taken, as far as the filter knows (METHOD 26).
+
+        Parameters
+        ----------
+        who : int
+            The worn camera's number.
+
+        Returns
+        -------
+        tuple of (float, float) or None
+            Seconds after their stamps by the clock of Cs, and the standard deviation of that; None where
+            the clock is exact (``worn.clock_sd`` is 0), or there is no such camera.
+        """
+    def forget_time(self) -> None:
+        """Forgets the time before the start, which nothing depends on: a filter may start from an old frame.
+
+        Raises
+        ------
+        InputError
+            If the filter has started.
+        """
+    def landmarks(self) -> Landmarks:
+        """The map, without features that have no point yet (rho <= 0).
+
+        Returns
+        -------
+        Landmarks
+        """
+    def manage_map(self, keep: ArrayLike | None = None) -> NDArray[np.int64]:
+        """Deletes failing features, the longest unseen of too many, candidates that are too old, and clones
+        nobody needs.
+
+        Parameters
+        ----------
+        keep : (K,) int64, optional
+            Features that stay, however long they were not seen, if they do not fail: landmarks that are known
+            again for certain. They do not count for ``map.max_features``.
+
+        Returns
+        -------
+        (N,) int64
+            The deleted features.
+
+        Raises
+        ------
+        InputError
+            For a wrong shape, or ids that are none.
+        """
+    def remove_features(self, ids: ArrayLike) -> None:
+        """Removes features.
+
+        Parameters
+        ----------
+        ids : (N,) int64
+
+        Raises
+        ------
+        InputError
+            For unknown ids; the filter stays as it was.
+        """
+    def end_submap(self, seen: ArrayLike) -> Submap:
+        """Ends the present submap and begins the next one; no estimate changes.
+
+        Parameters
+        ----------
+        seen : (N,) int64
+            Features measured in this frame; those of good depth are taken down.
+
+        Returns
+        -------
+        Submap
+
+        Raises
+        ------
+        InputError
+            Before the start, or for unknown ids; the filter stays as it was.
+        """
+    def since_submap(self) -> Edge | None:
+        """The way since the last submap ended, or None where none has in this map.
+
+        Returns
+        -------
+        Edge or None
+        """
+    def known_map(self) -> KnownMap:
+        """The map to start another filter in.
+
+        Returns
+        -------
+        KnownMap
+        """
+    def start_from_map(
+        self, landmarks: ArrayLike, covariance: ArrayLike, place: ArrayLike
+    ) -> NDArray[np.int64]:
+        """Starts in a map, not knowing where the camera is; :meth:`relocalise` is to follow.
+
+        Parameters
+        ----------
+        landmarks : (N, 6) float64
+            ``x y z theta phi rho`` of each in W (METHOD 2): metres, radians, 1/m.
+        covariance : (6 N, 6 N) float64
+            Their joint covariance.
+        place : (6, 6) float64
+            Covariance of the map's place in W, (translation m, rotation rad).
+
+        Returns
+        -------
+        (N,) int64
+            Feature ids, in the map's order.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, a covariance that is none, or a filter that has started; it stays as it
+            was.
+        """
+    def set_odometry_frame(self, t_bc: ArrayLike) -> None:
+        """Says where Cs sits in the odometry's frame, before there is any; the identity unless told.
+
+        Parameters
+        ----------
+        t_bc : (4, 4) float64
+            Maps points of C into the odometry's frame B, metres.
+
+        Raises
+        ------
+        InputError
+            For an impossible pose, or once there was odometry.
+        """
+    def add_odometry(self, t: float, twist: ArrayLike, covariance: ArrayLike) -> None:
+        """Gives the mean twist of the odometry's frame since the sample before, for predictions to follow.
+
+        Parameters
+        ----------
+        t : float
+            Its end, seconds, later than the last one's.
+        twist : (6,) float64
+            Velocity and angular velocity along the axes of the odometry's frame, m/s and rad/s.
+        covariance : (6, 6) float64
+            Of it, as independent from sample to sample; positive definite.
+
+        Raises
+        ------
+        InputError
+            For NaN, impossible numbers, a time that does not follow, or if too many samples wait for a
+            frame; nothing is kept then.
+        """
+    @staticmethod
+    def check_odometry(twist: ArrayLike, covariance: ArrayLike) -> None:
+        """Checks that a sample could be given to :meth:`add_odometry`, but for its time.
+
+        Parameters
+        ----------
+        twist, covariance
+            As there.
+
+        Raises
+        ------
+        InputError
+            Saying why it could not.
+        """
+    @property
+    def odometry_time(self) -> float | None:
+        """Stamp of the last sample, seconds, or None."""
+    @property
+    def odometry_scale(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Errors of the odometry's scales as they are estimated, of translation and of turns, relative, and
+        their covariance: (2,) and (2, 2) float64.  None before the first motion that odometry told, and where
+        the settings take the scales as exact.
+        """
+    @property
+    def followed_odometry(self) -> bool:
+        """Whether the last prediction followed odometry, for most of its time; until a frame is measured."""
+    def contradicts_odometry(self, found: ArrayLike, uv: ArrayLike, least: int) -> bool:
+        """Whether what Cs shows contradicts the odometry that the last prediction followed.
+
+        Parameters
+        ----------
+        found, uv : (N,) int64, (N, 2) float64
+            Features found in Cs and their pixels.
+        least : int
+            Fewer than these contradict it, too.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, NaN, unknown ids, an id given twice.
+        """
+    def distrust_odometry(self) -> None:
+        """Takes the last motion as if the wheels may have slipped: P reaches from what odometry tells to what
+        the camera's own velocity does, and features are looked for in wider places.
+        """
+    def trust_odometry(self) -> None:
+        """Takes `distrust_odometry` back, before anything was measured."""
     def predict(self, t: float) -> None:
         """Predicts to time ``t`` (seconds). Before the start only the time is noted.
 
@@ -413,140 +1289,6 @@ class Filter:
         InputError
             For wrong shapes, NaN, a pose or a covariance that is none, or a filter without a worn camera.
         """
-    def keep_pose(self, lateness: float) -> bool:
-        """Keeps the camera's pose for views of Cf that come up to ``lateness`` seconds late, at most
-        ``worn.late``; True if it did.
-
-        To be called at the end of a frame. It does nothing before the start, and so soon after the last pose
-        that there is none to gain.
-        """
-    @property
-    def kept_times(self) -> _Array:
-        """Times of the frames whose poses are kept, (K,) float64, seconds, increasing."""
-    def kept_pose(self, t: float) -> _Array:
-        """T_WC of a frame whose pose is kept, or of the present one, as it is known now, (4, 4) float64.
-
-        Parameters
-        ----------
-        t : float
-            The frame's time, seconds.
-
-        Raises
-        ------
-        InputError
-            If no pose of that time is kept.
-        """
-    def view_timing(self, t: float, *, who: int = 0) -> str:
-        """What can be done with a view of Cf that was taken at ``t`` (seconds), now that the filter is at its
-        frame's time.
-
-        Parameters
-        ----------
-        t : float
-        who : int
-            The worn camera's number.
-
-        Returns
-        -------
-        str
-            ``present`` (of the frame's instant, within ``worn.tolerance``), ``late`` (between poses that are
-            kept), ``reordered`` (late, and older than one that was measured); or why it is refused:
-            ``repeated`` (measured before), ``stale`` (older than what is kept), ``future`` (after the frame).
-        """
-    def carry_worn(
-        self, t_cf: ArrayLike, covariance: ArrayLike, t: float, frame: float, *, who: int = 0
-    ) -> tuple[_Array, _Array]:
-        """T_CF of a view carried to a frame of another time: what matching the two images starts from.
-
-        Parameters
-        ----------
-        t_cf : (4, 4) float64
-            Measured pose of Cf relative to Cs when the view was taken: maps points of F into C, metres.
-        covariance : (6, 6) float64
-            Of it over (translation m, rotation rad), tangent on the right.
-        t, frame : float
-            When the view was taken; the frame's time, which is the present one or one of `kept_times`.
-            Seconds.
-        who : int
-            The worn camera's number.
-
-        Returns
-        -------
-        t_cf : (4, 4) float64
-            Maps points of F, when the view was taken, into C at the frame's time.
-        covariance : (6, 6) float64
-            Of it, that of the motion of Cs between included.
-
-        Raises
-        ------
-        InputError
-            For a view that `view_timing` refuses, a frame whose pose is not kept, or an impossible pose.
-        """
-    def worn_clock(self, *, who: int = 0) -> tuple[float, float] | None:
-        """How late the images of a worn camera were taken, as far as the filter knows (METHOD 26).
-
-        Parameters
-        ----------
-        who : int
-            The worn camera's number.
-
-        Returns
-        -------
-        tuple of (float, float) or None
-            Seconds after their stamps by the clock of Cs, and the standard deviation of that; None where
-            the clock is exact (``worn.clock_sd`` is 0), or there is no such camera.
-        """
-    def forget_time(self) -> None:
-        """Forgets the time before the start, which nothing depends on: a filter may start from an old frame.
-
-        Raises
-        ------
-        InputError
-            If the filter has started.
-        """
-    @property
-    def pose_and_scale_covariance(self) -> _Array | None:
-        """(7, 7) float64, covariance of the pose over (translation m, rotation rad), right tangent of T_WC,
-        and of the scale's logarithm, as `scale_sd` has it; None without a map.
-        """
-    def where_to_look(
-        self,
-        t_cf: ArrayLike,
-        covariance: ArrayLike,
-        bias: ArrayLike | None = None,
-        *,
-        least: int = 0,
-        who: int = 0,
-    ) -> tuple[CandidateViews, CandidateViews]:
-        """Views of Cf that a person could offer next, and how much each would tell (METHOD 24).
-
-        Parameters
-        ----------
-        t_cf : (4, 4) float64
-            Where the person is and looks: maps points of F into C, metres.
-        covariance : (6, 6) float64
-            Of the next measured T_CF over (translation m, rotation rad), tangent on the right; along the axes
-            of Cs it is taken to be the same whichever way Cf looks.
-        bias : (6, 6) float64, optional
-            The part of it that lasts from frame to frame; ``worn.bias_share`` of it if left out.
-        least : int
-            Fewest matches with which a view is used.
-        who : int
-            The worn camera's number.
-
-        Returns
-        -------
-        here : CandidateViews
-            From where Cf is, by direction, those with the most matches first.
-        elsewhere : CandidateViews
-            From places around, each looking at the middle of what Cs sees. None of both before the start, and
-            where Cs sees nothing of known depth.
-
-        Raises
-        ------
-        InputError
-            As `check_worn`.
-        """
     def check_worn(
         self, t_cf: ArrayLike, covariance: ArrayLike, bias: ArrayLike | None = None, *, who: int = 0
     ) -> None:
@@ -566,84 +1308,6 @@ class Filter:
         InputError
             Saying why it cannot.
         """
-    def set_odometry_frame(self, t_bc: ArrayLike) -> None:
-        """Says where Cs sits in the odometry's frame, before there is any; the identity unless told.
-
-        Parameters
-        ----------
-        t_bc : (4, 4) float64
-            Maps points of C into the odometry's frame B, metres.
-
-        Raises
-        ------
-        InputError
-            For an impossible pose, or once there was odometry.
-        """
-    def add_odometry(self, t: float, twist: ArrayLike, covariance: ArrayLike) -> None:
-        """Gives the mean twist of the odometry's frame since the sample before, for predictions to follow.
-
-        Parameters
-        ----------
-        t : float
-            Its end, seconds, later than the last one's.
-        twist : (6,) float64
-            Velocity and angular velocity along the axes of the odometry's frame, m/s and rad/s.
-        covariance : (6, 6) float64
-            Of it, as independent from sample to sample; positive definite.
-
-        Raises
-        ------
-        InputError
-            For NaN, impossible numbers, a time that does not follow, or if too many samples wait for a
-            frame; nothing is kept then.
-        """
-    @staticmethod
-    def check_odometry(twist: ArrayLike, covariance: ArrayLike) -> None:
-        """Checks that a sample could be given to :meth:`add_odometry`, but for its time.
-
-        Parameters
-        ----------
-        twist, covariance
-            As there.
-
-        Raises
-        ------
-        InputError
-            Saying why it could not.
-        """
-    @property
-    def odometry_time(self) -> float | None:
-        """Stamp of the last sample, seconds, or None."""
-    @property
-    def odometry_scale(self) -> tuple[_Array, _Array] | None:
-        """Errors of the odometry's scales as they are estimated, of translation and of turns, relative, and
-        their covariance: (2,) and (2, 2) float64.  None before the first motion that odometry told, and where
-        the settings take the scales as exact.
-        """
-    @property
-    def followed_odometry(self) -> bool:
-        """Whether the last prediction followed odometry, for most of its time; until a frame is measured."""
-    def contradicts_odometry(self, found: ArrayLike, uv: ArrayLike, least: int) -> bool:
-        """Whether what Cs shows contradicts the odometry that the last prediction followed.
-
-        Parameters
-        ----------
-        found, uv : (N,) int64, (N, 2) float64
-            Features found in Cs and their pixels.
-        least : int
-            Fewer than these contradict it, too.
-
-        Raises
-        ------
-        InputError
-            For wrong shapes, NaN, unknown ids, an id given twice.
-        """
-    def distrust_odometry(self) -> None:
-        """Takes the last motion as if the wheels may have slipped: P reaches from what odometry tells to what
-        the camera's own velocity does, and features are looked for in wider places.
-        """
-    def trust_odometry(self) -> None:
-        """Takes `distrust_odometry` back, before anything was measured."""
     @staticmethod
     def check_depths(depth: ArrayLike, sigma: ArrayLike) -> None:
         """Checks that depths can be measured.
@@ -822,260 +1486,48 @@ class Filter:
             For wrong shapes, NaN, a covariance that is none, an impossible pose, a ``least`` below 4, or
             before the start; the filter stays as it was.
         """
-    def add_candidates(self, uv: ArrayLike) -> _Ids:
-        """Starts candidates for delayed births at pixels of the present view.
-
-        Parameters
-        ----------
-        uv : (N, 2) float64
-            Pixels in Cs.
-
-        Returns
-        -------
-        (N,) int64
-            Their ids.
-
-        Raises
-        ------
-        InputError
-            For a wrong shape, NaN, or before the start.
+    @property
+    def pose_and_scale_covariance(self) -> NDArray[np.float64] | None:
+        """(7, 7) float64, covariance of the pose over (translation m, rotation rad), right tangent of T_WC,
+        and of the scale's logarithm, as `scale_sd` has it; None without a map.
         """
-    def observe_candidates(self, ids: ArrayLike, uv: ArrayLike) -> CandidateReport:
-        """Observes candidates (METHOD 5, delayed).
+    def where_to_look(
+        self,
+        t_cf: ArrayLike,
+        covariance: ArrayLike,
+        bias: ArrayLike | None = None,
+        *,
+        least: int = 0,
+        who: int = 0,
+    ) -> tuple[CandidateViews, CandidateViews]:
+        """Views of Cf that a person could offer next, and how much each would tell (METHOD 24).
 
         Parameters
         ----------
-        ids, uv : (N,) int64, (N, 2) float64
-            Candidates found in Cs and their pixels.
-
-        Returns
-        -------
-        CandidateReport
-
-        Raises
-        ------
-        InputError
-            For wrong shapes, NaN, unknown ids, an id given twice; the filter stays as it was.
-        """
-    def promote_candidates(self, ids: ArrayLike) -> _Ids:
-        """Candidates that shall wait for parallax no longer are born with a vague depth, as features of their
-        first view.
-
-        Parameters
-        ----------
-        ids : (N,) int64
-
-        Returns
-        -------
-        (N,) int64
-            Feature ids, -1 where that gives no feature.
-
-        Raises
-        ------
-        InputError
-            For unknown ids, or an id given twice.
-        """
-    def drop_candidates(self, ids: ArrayLike) -> None:
-        """Forgets candidates that were lost.
-
-        Parameters
-        ----------
-        ids : (N,) int64
-            Those that are no candidates any more do not count.
-        """
-    def add_undelayed(self, uv: ArrayLike) -> _Ids:
-        """Starts features with a vague depth at pixels of the present view; the filter too, in an arbitrary
-        unit, if it has not started.
-
-        Parameters
-        ----------
-        uv : (N, 2) float64
-            Pixels in Cs.
-
-        Returns
-        -------
-        (N,) int64
-            Feature ids, -1 where the pixel has no ray.
-
-        Raises
-        ------
-        InputError
-            For a wrong shape or NaN.
-        """
-    def start_from_views(self, times: ArrayLike, views: ArrayLike) -> _Ids:
-        """The scale-free start: at the last of several views of one camera, if they tell how it has moved
-        (METHOD 5).
-
-        W is the first view; the unit is such that the mean inverse depth is ``birth.undelayed_rho``.
-
-        Parameters
-        ----------
-        times : (K,) float64
-            Of the views, seconds, increasing.
-        views : (K, N, 2) float64
-            Pixels in Cs of the same N points in each of them.
-
-        Returns
-        -------
-        (N,) int64
-            Feature ids, -1 for a point that gives none; all are -1 where the views do not tell it yet: the
-            filter has not started then.
-
-        Raises
-        ------
-        InputError
-            For wrong shapes, NaN, fewer than two views or more than 20, more than 500 points, times that do
-            not increase, or a filter that has
-            started; it stays as it was.
-        """
-    def start_from_points(
-        self, points: ArrayLike, noise: ArrayLike, shared: ArrayLike, covariance: ArrayLike
-    ) -> _Ids:
-        """Starts from points of known position in C (METHOD 10).
-
-        Parameters
-        ----------
-        points : (N, 3) float64
-            Metres in C.
-        noise : (N, 3, 3) float64
-            Covariance of each point by itself, m^2.
-        shared : (N, 3, 6) float64
-            Derivative of each point by the 6-number error of the target's pose.
+        t_cf : (4, 4) float64
+            Where the person is and looks: maps points of F into C, metres.
         covariance : (6, 6) float64
-            Covariance of that error.
+            Of the next measured T_CF over (translation m, rotation rad), tangent on the right; along the axes
+            of Cs it is taken to be the same whichever way Cf looks.
+        bias : (6, 6) float64, optional
+            The part of it that lasts from frame to frame; ``worn.bias_share`` of it if left out.
+        least : int
+            Fewest matches with which a view is used.
+        who : int
+            The worn camera's number.
 
         Returns
         -------
-        (N,) int64
-            Feature ids.
+        here : CandidateViews
+            From where Cf is, by direction, those with the most matches first.
+        elsewhere : CandidateViews
+            From places around, each looking at the middle of what Cs sees. None of both before the start, and
+            where Cs sees nothing of known depth.
 
         Raises
         ------
         InputError
-            For wrong shapes, NaN, a covariance that is none, a point at the camera, or a filter that has
-            started.
-        """
-    def add_points(
-        self, points: ArrayLike, noise: ArrayLike, shared: ArrayLike, covariance: ArrayLike
-    ) -> _Ids:
-        """Adds a rigid target that comes into view: points of known position in C (METHOD 10).
-
-        Later bearings of them are metric: what they do not share is all that their distances can be wrong by.
-
-        Parameters
-        ----------
-        points : (N, 3) float64
-            Metres in C.
-        noise : (N, 3, 3) float64
-            Covariance of each point by itself, m^2.
-        shared : (N, 3, 6) float64
-            Derivative of each point by the 6-number error of the target's pose.
-        covariance : (6, 6) float64
-            Covariance of that error.
-
-        Returns
-        -------
-        (N,) int64
-            Feature ids.
-
-        Raises
-        ------
-        InputError
-            For wrong shapes, NaN, a covariance that is none, a point at the camera, or a filter that has
-            not started.
-        """
-    def landmarks(self) -> Landmarks:
-        """The map, without features that have no point yet (rho <= 0).
-
-        Returns
-        -------
-        Landmarks
-        """
-    def manage_map(self, keep: ArrayLike | None = None) -> _Ids:
-        """Deletes failing features, the longest unseen of too many, candidates that are too old, and clones
-        nobody needs.
-
-        Parameters
-        ----------
-        keep : (K,) int64, optional
-            Features that stay, however long they were not seen, if they do not fail: landmarks that are known
-            again for certain. They do not count for ``map.max_features``.
-
-        Returns
-        -------
-        (N,) int64
-            The deleted features.
-
-        Raises
-        ------
-        InputError
-            For a wrong shape, or ids that are none.
-        """
-    def remove_features(self, ids: ArrayLike) -> None:
-        """Removes features.
-
-        Parameters
-        ----------
-        ids : (N,) int64
-
-        Raises
-        ------
-        InputError
-            For unknown ids; the filter stays as it was.
-        """
-    def end_submap(self, seen: ArrayLike) -> Submap:
-        """Ends the present submap and begins the next one; no estimate changes.
-
-        Parameters
-        ----------
-        seen : (N,) int64
-            Features measured in this frame; those of good depth are taken down.
-
-        Returns
-        -------
-        Submap
-
-        Raises
-        ------
-        InputError
-            Before the start, or for unknown ids; the filter stays as it was.
-        """
-    def since_submap(self) -> Edge | None:
-        """The way since the last submap ended, or None where none has in this map.
-
-        Returns
-        -------
-        Edge or None
-        """
-    def known_map(self) -> KnownMap:
-        """The map to start another filter in.
-
-        Returns
-        -------
-        KnownMap
-        """
-    def start_from_map(self, landmarks: ArrayLike, covariance: ArrayLike, place: ArrayLike) -> _Ids:
-        """Starts in a map, not knowing where the camera is; :meth:`relocalise` is to follow.
-
-        Parameters
-        ----------
-        landmarks : (N, 6) float64
-            ``x y z theta phi rho`` of each in W (METHOD 2): metres, radians, 1/m.
-        covariance : (6 N, 6 N) float64
-            Their joint covariance.
-        place : (6, 6) float64
-            Covariance of the map's place in W, (translation m, rotation rad).
-
-        Returns
-        -------
-        (N,) int64
-            Feature ids, in the map's order.
-
-        Raises
-        ------
-        InputError
-            For wrong shapes, NaN, a covariance that is none, or a filter that has started; it stays as it
-            was.
+            As `check_worn`.
         """
 
 @final
@@ -1091,7 +1543,6 @@ class Block:
     offset, size : int
         Its first row in the mean and in P, and its number of rows.
     """
-
     @property
     def id(self) -> int: ...
     @property
@@ -1105,96 +1556,76 @@ class Block:
     __hash__: None  # type: ignore[assignment]
 
 @final
-class Prediction:
-    """Features that should be visible in Cs.
+class CandidateReport:
+    """What became of candidates that were observed.
+
+    Attributes
+    ----------
+    born : (N,) int64
+        Feature id of those that became features, -1 elsewhere.
+    strayed : (N,) float64
+        Of those that were given up as they are where no point at rest would be: by how many times as much
+        as noise and the poses allow; 0 elsewhere.
+    held : (N,) bool
+        Those that wait where they were first seen: they may be fixed to the camera.
+    fixed : (N,) bool
+        Those that were given up as they are fixed to the camera.
+    """
+    @property
+    def born(self) -> NDArray[np.int64]: ...
+    @property
+    def strayed(self) -> NDArray[np.float64]: ...
+    @property
+    def held(self) -> NDArray[np.bool_]: ...
+    @property
+    def fixed(self) -> NDArray[np.bool_]: ...
+
+@final
+class Landmarks:
+    """The map with the uncertainty of each landmark.
 
     Attributes
     ----------
     ids : (N,) int64
-    uv : (N, 2) float64
-        Pixels where they are expected.
-    s : (N, 2, 2) float64
-        Innovation covariance of those, measurement noise included, px^2.
     points : (N, 3) float64
         In W, metres.
-    rho, rho_sd : (N,) float64
-        Inverse distance from Cs now and its standard deviation, 1/m.
+    covariance : (N, 3, 3) float64
+        Of each point, m^2.
+    rho_ratio : (N,) float64
+        Relative standard deviation of its inverse range, sd(rho) / rho.
     """
-
     @property
-    def ids(self) -> _Ids: ...
+    def ids(self) -> NDArray[np.int64]: ...
     @property
-    def uv(self) -> _Array: ...
+    def points(self) -> NDArray[np.float64]: ...
     @property
-    def s(self) -> _Array: ...
+    def covariance(self) -> NDArray[np.float64]: ...
     @property
-    def points(self) -> _Array: ...
-    @property
-    def rho(self) -> _Array: ...
-    @property
-    def rho_sd(self) -> _Array: ...
-    def subset(self, which: _Mask | _Ids) -> Prediction:
-        """Some of the features.
-
-        Parameters
-        ----------
-        which : (N,) bool or (M,) int64
-            A mask, or rows.
-
-        Returns
-        -------
-        Prediction
-
-        Raises
-        ------
-        InputError
-            If it is neither.
-        """
-    def __len__(self) -> int: ...
+    def rho_ratio(self) -> NDArray[np.float64]: ...
 
 @final
-class ConditionalPrediction:
-    """Where features are expected once others of the frame have been found.
+class KnownMap:
+    """A map for another filter to start in; see :meth:`Filter.start_from_map`.
 
     Attributes
     ----------
-    uv : (M, 2) float64
-        Pixels in Cs; NaN where nothing is expected of a feature.
-    s : (M, 2, 2) float64
-        Their covariances, measurement noise included, px^2.
-    agree : (N,) bool
-        Of those found: the feature agrees with the others.
+    ids : (N,) int64
+        Features of the filter that made it.
+    landmarks : (N, 6) float64
+        ``x y z theta phi rho`` of each in W (METHOD 2): metres, radians, 1/m.
+    covariance : (6 N, 6 N) float64
+        Their joint covariance.
+    place : (6, 6) float64
+        Covariance of the map's place in W, (translation m, rotation rad).
     """
-
     @property
-    def uv(self) -> _Array: ...
+    def ids(self) -> NDArray[np.int64]: ...
     @property
-    def s(self) -> _Array: ...
+    def landmarks(self) -> NDArray[np.float64]: ...
     @property
-    def agree(self) -> _Mask: ...
-
-@final
-class OverlapPrediction:
-    """Where the views of Cs and Cf overlap (METHOD 9).
-
-    Attributes
-    ----------
-    roi_s, roi_f : (u0, v0, u1, v1) floats
-        Region of interest in Cs and in Cf, pixels.
-    d_max : float
-        Largest depth at which a match is of use, metres.
-    baseline : float
-        Distance of the cameras, metres.
-    """
-
+    def covariance(self) -> NDArray[np.float64]: ...
     @property
-    def roi_s(self) -> _Region: ...
-    @property
-    def roi_f(self) -> _Region: ...
-    @property
-    def d_max(self) -> float: ...
-    @property
-    def baseline(self) -> float: ...
+    def place(self) -> NDArray[np.float64]: ...
 
 @final
 class WornMeasurement:
@@ -1226,7 +1657,6 @@ class WornMeasurement:
     InputError
         For wrong shapes, and ids that are none. `Filter.update` checks the values.
     """
-
     def __new__(
         cls,
         t_cf: ArrayLike,
@@ -1259,11 +1689,99 @@ class DepthMeasurement:
     InputError
         For wrong shapes, and ids that are none. `Filter.update` checks the values.
     """
-
     def __new__(
         cls, ids: ArrayLike, uv: ArrayLike, depth: ArrayLike, sigma: ArrayLike
     ) -> DepthMeasurement: ...
     def __len__(self) -> int: ...
+
+@final
+class Prediction:
+    """Features that should be visible in Cs.
+
+    Attributes
+    ----------
+    ids : (N,) int64
+    uv : (N, 2) float64
+        Pixels where they are expected.
+    s : (N, 2, 2) float64
+        Innovation covariance of those, measurement noise included, px^2.
+    points : (N, 3) float64
+        In W, metres.
+    rho, rho_sd : (N,) float64
+        Inverse distance from Cs now and its standard deviation, 1/m.
+    """
+    @property
+    def ids(self) -> NDArray[np.int64]: ...
+    @property
+    def uv(self) -> NDArray[np.float64]: ...
+    @property
+    def s(self) -> NDArray[np.float64]: ...
+    @property
+    def points(self) -> NDArray[np.float64]: ...
+    @property
+    def rho(self) -> NDArray[np.float64]: ...
+    @property
+    def rho_sd(self) -> NDArray[np.float64]: ...
+    def subset(self, which: NDArray[np.bool_] | NDArray[np.int64] | slice) -> Prediction:
+        """Some of the features.
+
+        Parameters
+        ----------
+        which : (N,) bool, (M,) int64 or slice
+            A mask, or rows.
+
+        Returns
+        -------
+        Prediction
+
+        Raises
+        ------
+        InputError
+            If it is none of these, or there is no such row.
+        """
+    def __len__(self) -> int: ...
+
+@final
+class ConditionalPrediction:
+    """Where features are expected once others of the frame have been found.
+
+    Attributes
+    ----------
+    uv : (M, 2) float64
+        Pixels in Cs; NaN where nothing is expected of a feature.
+    s : (M, 2, 2) float64
+        Their covariances, measurement noise included, px^2.
+    agree : (N,) bool
+        Of those found: the feature agrees with the others.
+    """
+    @property
+    def agree(self) -> NDArray[np.bool_]: ...
+    @property
+    def uv(self) -> NDArray[np.float64]: ...
+    @property
+    def s(self) -> NDArray[np.float64]: ...
+
+@final
+class OverlapPrediction:
+    """Where the views of Cs and Cf overlap (METHOD 9).
+
+    Attributes
+    ----------
+    roi_s, roi_f : (u0, v0, u1, v1) floats
+        Region of interest in Cs and in Cf, pixels.
+    d_max : float
+        Largest depth at which a match is of use, metres.
+    baseline : float
+        Distance of the cameras, metres.
+    """
+    @property
+    def roi_s(self) -> tuple[float, float, float, float]: ...
+    @property
+    def roi_f(self) -> tuple[float, float, float, float]: ...
+    @property
+    def d_max(self) -> float: ...
+    @property
+    def baseline(self) -> float: ...
 
 @final
 class Outcomes:
@@ -1276,14 +1794,13 @@ class Outcomes:
     batch test), ``rejected-conditional`` (contradicted by the others), ``unused`` (in this mode),
     ``refused`` (with the whole frame).
     """
-
     @property
-    def accepted(self) -> _Mask:
+    def accepted(self) -> NDArray[np.bool_]:
         """(N,) bool: the measurement of a known feature was used, as rows of its own or of a better form of
         the same match.
         """
     @property
-    def born(self) -> _Ids:
+    def born(self) -> NDArray[np.int64]:
         """(N,) int64: id of the feature born from each, -1 for none."""
     @property
     def names(self) -> list[str]:
@@ -1341,7 +1858,6 @@ class UpdateReport:
         Of a relocalisation: whether prediction excludes where it found the camera, whatever is not known of
         the map.
     """
-
     @property
     def bearings(self) -> Outcomes: ...
     @property
@@ -1361,7 +1877,7 @@ class UpdateReport:
     @property
     def exact(self) -> bool: ...
     @property
-    def worn_error(self) -> _Array: ...
+    def worn_error(self) -> NDArray[np.float64]: ...
     @property
     def further(self) -> list[Outcomes]: ...
     @property
@@ -1382,13 +1898,12 @@ class WornCameraPose:
     covariance : (6, 6) float64
         Of it over (translation m, rotation rad), right tangent.
     """
-
     @property
     def who(self) -> int: ...
     @property
-    def pose(self) -> _Array: ...
+    def pose(self) -> NDArray[np.float64]: ...
     @property
-    def covariance(self) -> _Array: ...
+    def covariance(self) -> NDArray[np.float64]: ...
 
 @final
 class MapRelocalisation:
@@ -1401,37 +1916,10 @@ class MapRelocalisation:
     ids : (M,) int64
         The new feature ids of the map's landmarks, in its order; none where the pose was not taken.
     """
-
     @property
     def report(self) -> UpdateReport: ...
     @property
-    def ids(self) -> _Ids: ...
-
-@final
-class CandidateReport:
-    """What became of candidates that were observed.
-
-    Attributes
-    ----------
-    born : (N,) int64
-        Feature id of those that became features, -1 elsewhere.
-    strayed : (N,) float64
-        Of those that were given up as they are where no point at rest would be: by how many times as much
-        as noise and the poses allow; 0 elsewhere.
-    held : (N,) bool
-        Those that wait where they were first seen: they may be fixed to the camera.
-    fixed : (N,) bool
-        Those that were given up as they are fixed to the camera.
-    """
-
-    @property
-    def born(self) -> _Ids: ...
-    @property
-    def strayed(self) -> _Array: ...
-    @property
-    def held(self) -> _Mask: ...
-    @property
-    def fixed(self) -> _Mask: ...
+    def ids(self) -> NDArray[np.int64]: ...
 
 @final
 class CandidateViews:
@@ -1449,990 +1937,71 @@ class CandidateViews:
     best : int or None
         The view of the largest gain; None where nothing is gained.
     """
-
     @property
-    def t_cf(self) -> _Array: ...
+    def t_cf(self) -> NDArray[np.float64]: ...
     @property
-    def matches(self) -> _Array: ...
+    def matches(self) -> NDArray[np.float64]: ...
     @property
-    def gain(self) -> _Array: ...
+    def gain(self) -> NDArray[np.float64]: ...
     @property
     def best(self) -> int | None: ...
 
 @final
-class Landmarks:
-    """The map with the uncertainty of each landmark.
+class EpipolarResiduals:
+    """Sampson residuals of pairs of rays.
 
     Attributes
     ----------
-    ids : (N,) int64
-    points : (N, 3) float64
-        In W, metres.
-    covariance : (N, 3, 3) float64
-        Of each point, m^2.
-    rho_ratio : (N,) float64
-        Relative standard deviation of its inverse range, sd(rho) / rho.
+    residual : (M,) float64
+        In units of the pixel noise: its standard deviation is that of one pixel coordinate.
+    jacobian : (M, 6) float64
+        By (translation, rotation) on the right of T_CF, pixels per metre and per radian.
     """
-
     @property
-    def ids(self) -> _Ids: ...
+    def residual(self) -> NDArray[np.float64]: ...
     @property
-    def points(self) -> _Array: ...
-    @property
-    def covariance(self) -> _Array: ...
-    @property
-    def rho_ratio(self) -> _Array: ...
+    def jacobian(self) -> NDArray[np.float64]: ...
 
 @final
-class KnownMap:
-    """A map for another filter to start in; see :meth:`Filter.start_from_map`.
+class MatchNoise:
+    """How accurate matches are.
+
+    Parameters
+    ----------
+    focal : (float, float)
+        Focal lengths of Cs and Cf, pixels per radian.
+    sigma : float
+        Standard deviation of a right match's residual, pixels.
+    limit : float
+        Largest residual of a match that agrees, pixels.
+    """
+    @property
+    def focal(self) -> tuple[float, float]: ...
+    @property
+    def sigma(self) -> float: ...
+    @property
+    def limit(self) -> float: ...
+    def __new__(cls, focal: tuple[float, float], sigma: float, limit: float) -> MatchNoise: ...
+
+@final
+class Consensus:
+    """Pose that matches agree on.
 
     Attributes
     ----------
-    ids : (N,) int64
-        Features of the filter that made it.
-    landmarks : (N, 6) float64
-        ``x y z theta phi rho`` of each in W (METHOD 2): metres, radians, 1/m.
-    covariance : (6 N, 6 N) float64
-        Their joint covariance.
-    place : (6, 6) float64
-        Covariance of the map's place in W, (translation m, rotation rad).
+    t_cf : (4, 4) float64
+        Maps points of F into C, metres.
+    covariance : (6, 6) float64
+        Of it, over (translation m, rotation rad), tangent on the right.
+    agree : (M,) bool
+        Matches whose residual is within the limit under the pose.
     """
-
     @property
-    def ids(self) -> _Ids: ...
+    def t_cf(self) -> NDArray[np.float64]: ...
     @property
-    def landmarks(self) -> _Array: ...
+    def covariance(self) -> NDArray[np.float64]: ...
     @property
-    def covariance(self) -> _Array: ...
-    @property
-    def place(self) -> _Array: ...
-
-@final
-class Edge:
-    """The way from where a submap began, as the filter knows it; of :meth:`Filter.since_submap`.
-
-    Attributes
-    ----------
-    pose : (4, 4) float64
-        Of its end from its beginning, metres.
-    revised : (K,) float64
-        By how much the estimate of what the beginning handed on has changed since.
-    covariance : (6 + K + L, 6 + K + L) float64
-        Joint, of the pose (right tangent, m and rad), the K numbers that the beginning handed on
-        and the L that the end hands on, where it has ended.
-    """
-
-    @property
-    def pose(self) -> _Array: ...
-    @property
-    def revised(self) -> _Array: ...
-    @property
-    def covariance(self) -> _Array: ...
-
-@final
-class Submap:
-    """A submap that has ended; of :meth:`Filter.end_submap`.
-
-    Attributes
-    ----------
-    edge : Edge or None
-        The way since the last one ended; None of the first one in a map.
-    pose : (4, 4) float64
-        T_WC where it ended, metres.
-    pose_covariance : (6, 6) float64
-        Right tangent, m^2 and rad^2.
-    handed_on : (K, K) float64
-        Covariance of what it hands on: the logarithm of the scale, and of each worn camera the
-        lasting error of T_CF, m and rad along the axes of C.
-    ids : (N,) int64
-        Landmarks in view.
-    points : (N, 3) float64
-        From the camera, metres.
-    covariance : (3 N, 3 N) float64
-        Their joint covariance as they stand to the camera, m^2.
-    with_handed_on : (3 N, K) float64
-        Their covariance with what is handed on.
-    slip : float
-        Standard deviation of a slip while all that is in view is exchanged once, radians.
-    """
-
-    @property
-    def edge(self) -> Edge | None: ...
-    @property
-    def pose(self) -> _Array: ...
-    @property
-    def pose_covariance(self) -> _Array: ...
-    @property
-    def handed_on(self) -> _Array: ...
-    @property
-    def ids(self) -> _Ids: ...
-    @property
-    def points(self) -> _Array: ...
-    @property
-    def covariance(self) -> _Array: ...
-    @property
-    def with_handed_on(self) -> _Array: ...
-    @property
-    def slip(self) -> float: ...
-
-@final
-class Sight:
-    """Where the camera is in an earlier submap; of :meth:`SubmapLandmarks.sight`.
-
-    Attributes
-    ----------
-    pose : (4, 4) float64
-        Of the camera in the frame of the submap's end, metres.
-    accepted : (N,) bool
-        The matches that it rests on.
-    chi2 : float
-        Their squared residual against all noise.
-    dof : int
-        Its degrees of freedom.
-    """
-
-    @property
-    def pose(self) -> _Array: ...
-    @property
-    def accepted(self) -> _Mask: ...
-    @property
-    def chi2(self) -> float: ...
-    @property
-    def dof(self) -> int: ...
-
-@final
-class Factor:
-    """What was measured of one or two submaps' poses, weighted by its covariance.
-
-    Parameters
-    ----------
-    first : int
-        Submap that it is measured from; -1 is W.
-    second : int
-        Submap that is measured.
-    pose : (4, 4) float64
-        Of the second from the first, metres.
-    handed_on : (K,) float64
-        What the first was found to hand on; none where the factor does not speak of it.
-    weight : (R, 6 + K + L) float64
-        Makes the residual white: of the pose, of what the first handed on, and of the L numbers that
-        the second hands on, if the factor speaks of them.
-
-    Raises
-    ------
-    InputError
-        For wrong shapes, or a pose that is none.
-    """
-
-    def __new__(
-        cls, first: int, second: int, pose: ArrayLike, handed_on: ArrayLike, weight: ArrayLike
-    ) -> Factor: ...
-    @staticmethod
-    def between(first: int, second: int, edge: Edge) -> Factor:
-        """What the filter says of two submaps that follow one another.
-
-        Parameters
-        ----------
-        first, second : int
-        edge : Edge
-
-        Returns
-        -------
-        Factor
-
-        Raises
-        ------
-        FilterError
-            If its covariance is none.
-        """
-    @staticmethod
-    def of_pose(first: int, second: int, pose: ArrayLike, covariance: ArrayLike) -> Factor:
-        """A pose measured by itself.
-
-        Parameters
-        ----------
-        first : int
-            -1 is W.
-        second : int
-        pose : (4, 4) float64
-        covariance : (6, 6) float64
-            Right tangent, m^2 and rad^2.
-
-        Returns
-        -------
-        Factor
-
-        Raises
-        ------
-        InputError
-            For wrong shapes, or a pose that is none.
-        FilterError
-            If the covariance is none.
-        """
-    @staticmethod
-    def of_handed_on(submap: int, covariance: ArrayLike) -> Factor:
-        """How well the filter knows what a submap hands on, where none of the same map follows it.
-
-        Parameters
-        ----------
-        submap : int
-        covariance : (K, K) float64
-
-        Returns
-        -------
-        Factor
-
-        Raises
-        ------
-        InputError
-            For a wrong shape.
-        FilterError
-            If the covariance is none.
-        """
-    @staticmethod
-    def of_sight(first: int, second: int, sight: Sight) -> Factor:
-        """What the sight of an earlier submap says.
-
-        Parameters
-        ----------
-        first : int
-            The submap that is seen.
-        second : int
-            The submap at whose end it is seen.
-        sight : Sight
-
-        Returns
-        -------
-        Factor
-
-        Raises
-        ------
-        InputError
-            If its information is not finite.
-        """
-    @property
-    def first(self) -> int: ...
-    @property
-    def second(self) -> int: ...
-    @property
-    def pose(self) -> _Array: ...
-    @property
-    def handed_on(self) -> _Array: ...
-    @property
-    def weight(self) -> _Array: ...
-
-@final
-class Placed:
-    """A pose in W with what is handed on there, and how well both are known.
-
-    Parameters
-    ----------
-    pose : (4, 4) float64
-        Metres.
-    handed_on : (K,) float64
-        By how much what is handed on there is wrong.
-    covariance : (6 + K, 6 + K) float64
-        Joint, of the pose (right tangent, m and rad) and what is handed on.
-
-    Raises
-    ------
-    InputError
-        For wrong shapes, or a pose that is none.
-    """
-
-    def __new__(cls, pose: ArrayLike, handed_on: ArrayLike, covariance: ArrayLike) -> Placed: ...
-    @property
-    def pose(self) -> _Array: ...
-    @property
-    def handed_on(self) -> _Array: ...
-    @property
-    def covariance(self) -> _Array: ...
-    def onward(self, edge: Edge) -> Placed:
-        """Where the way from here ends, corrected by what the errors handed on here are now known to be.
-
-        Parameters
-        ----------
-        edge : Edge
-
-        Returns
-        -------
-        Placed
-
-        Raises
-        ------
-        InputError
-            If other numbers were handed on where the way begins.
-        FilterError
-            If the covariance of the way is none.
-        """
-
-@final
-class PoseGraph:
-    """A graph of submaps' poses.
-
-    Parameters
-    ----------
-    poses : (N, 4, 4) float64
-        Of each submap in W, metres.
-    handed_on : sequence of N (K,) float64
-        By how much what each handed on is wrong, as many numbers as it handed on.
-    factors : list of Factor
-
-    Raises
-    ------
-    InputError
-        For wrong shapes, numbers that are not finite, or a factor of a submap that is not there or hands
-        on other numbers.
-    """
-
-    def __new__(
-        cls, poses: ArrayLike, handed_on: Iterable[ArrayLike], factors: list[Factor]
-    ) -> PoseGraph: ...
-    def solved(self) -> PoseGraph:
-        """The graph whose poses all factors agree with best.
-
-        Returns
-        -------
-        PoseGraph
-
-        Raises
-        ------
-        FilterError
-            If a submap is tied to nothing.
-        """
-    def placed(self, submap: int) -> Placed:
-        """A submap in W, as all factors have it.
-
-        Parameters
-        ----------
-        submap : int
-
-        Returns
-        -------
-        Placed
-
-        Raises
-        ------
-        InputError
-            If there is no such submap.
-        FilterError
-            If a submap is tied to nothing.
-        """
-    def relative(self, first: int, second: int) -> tuple[_Array, _Array]:
-        """Pose of one submap from another, and its covariance (right tangent, m^2 and rad^2).
-
-        Parameters
-        ----------
-        first, second : int
-
-        Returns
-        -------
-        pose : (4, 4) float64
-        covariance : (6, 6) float64
-
-        Raises
-        ------
-        InputError
-            If there is no such submap.
-        FilterError
-            If a submap is tied to nothing.
-        """
-    def distance(self, factor: Factor) -> float:
-        """Chi-square of a factor before it is believed, of as many degrees of freedom as it measures.
-
-        Parameters
-        ----------
-        factor : Factor
-
-        Returns
-        -------
-        float
-
-        Raises
-        ------
-        InputError
-            If it is of a submap that is not there, or of other numbers than the submaps hand on.
-        FilterError
-            If a submap is tied to nothing.
-        """
-    @property
-    def poses(self) -> _Array:
-        """(N, 4, 4) float64, see the class."""
-    @property
-    def handed_on(self) -> list[_Array]:
-        """List of N (K,) float64, see the class."""
-
-@final
-class SubmapLandmarks:
-    """The landmarks of a submap, to be seen again.
-
-    Parameters
-    ----------
-    points, covariance, with_handed_on, handed_on : ndarray
-        As :class:`Submap` has them.
-
-    Raises
-    ------
-    InputError
-        For wrong shapes.
-    """
-
-    def __new__(
-        cls, points: ArrayLike, covariance: ArrayLike, with_handed_on: ArrayLike, handed_on: ArrayLike
-    ) -> SubmapLandmarks: ...
-    def sight(
-        self,
-        camera: Camera,
-        sigma: float,
-        slip: float,
-        landmarks: ArrayLike,
-        uv: ArrayLike,
-        guess: ArrayLike,
-        least: int,
-    ) -> Sight | None:
-        """Pose of a camera that sees the submap, from matches with its landmarks and their covariance.
-
-        The worst match is taken out until each agrees with the others and all together pass, by chi-square.
-
-        Parameters
-        ----------
-        camera : Camera
-        sigma : float
-            Standard deviation of a pixel.
-        slip : float
-            Of what all matches share, radians, as :class:`Submap` has it.
-        landmarks : (N,) int64
-            Of each match, by its place among the points.
-        uv : (N, 2) float64
-            Its pixel.
-        guess : (4, 4) float64
-            The pose to begin with, as PnP gives it.
-        least : int
-            Fewest matches that must be left.
-
-        Returns
-        -------
-        Sight or None
-            None if too few matches agree.
-
-        Raises
-        ------
-        InputError
-            For wrong shapes, numbers that are not finite, or a landmark that is not there.
-        """
-
-@final
-class ExpectedPixels:
-    """Where templates are expected in an image.
-
-    Parameters
-    ----------
-    uv : (N, 2) float64
-        Predicted pixels; NaN where there is none.
-    s : (N, 2, 2) float64
-        Covariance of each, pixel noise included, px^2.
-    guess : (N, 2) float64, optional
-        Where something else says that the point is; NaN where it does not say.
-
-    Raises
-    ------
-    InputError
-        If an argument has another type or shape.
-    """
-
-    def __new__(cls, uv: ArrayLike, s: ArrayLike, guess: ArrayLike | None = None) -> ExpectedPixels: ...
-    def __len__(self) -> int: ...
-
-@final
-class SearchWindow:
-    """How far around a predicted pixel a template is searched.
-
-    Parameters
-    ----------
-    gate : float
-        Radius of the ellipse in standard deviations.
-    min_radius : float
-        Least radius of the ellipse, pixels.
-    large_radius : float
-        Radius above which it is not searched whole if a guess lies in it, pixels.
-    max_radius : float
-        Cap of the window's half side, pixels.
-    guess_radius : float
-        Half side of the window around a guess, pixels.
-    guess_gate : float
-        How generously a guess lies in the ellipse: a factor on ``gate``.
-    """
-
-    def __new__(
-        cls,
-        *,
-        gate: float,
-        min_radius: float,
-        large_radius: float,
-        max_radius: float,
-        guess_radius: float,
-        guess_gate: float,
-    ) -> SearchWindow: ...
-    @property
-    def gate(self) -> float: ...
-    @property
-    def min_radius(self) -> float: ...
-    @property
-    def large_radius(self) -> float: ...
-    @property
-    def max_radius(self) -> float: ...
-    @property
-    def guess_radius(self) -> float: ...
-    @property
-    def guess_gate(self) -> float: ...
-
-@final
-class PeakTest:
-    """Which peak of the correlation is a match.
-
-    Parameters
-    ----------
-    min_score : float
-        Least correlation.
-    ambiguity : float
-        Largest share of the best peak that another may reach.
-    peak_distance : float
-        Peaks nearer than this to the best one belong to it, pixels.
-    min_deviation : float
-        Least standard deviation of a template's grey values.
-    scarce : bool
-        Whether less correlation is asked for, by the share of a template that is noise (METHOD 7).
-    """
-
-    def __new__(
-        cls,
-        *,
-        min_score: float,
-        ambiguity: float,
-        peak_distance: float,
-        min_deviation: float,
-        scarce: bool = False,
-    ) -> PeakTest: ...
-    @property
-    def min_score(self) -> float: ...
-    @property
-    def ambiguity(self) -> float: ...
-    @property
-    def peak_distance(self) -> float: ...
-    @property
-    def min_deviation(self) -> float: ...
-    @property
-    def scarce(self) -> bool: ...
-
-@final
-class SearchResult:
-    """What a search found.
-
-    Parameters
-    ----------
-    uv : (N, 2) float64
-        Sub-pixel position of the best peak; NaN where there is none.
-    score : (N,) float64
-        Its correlation; -1 where there is none.
-    second : (N,) float64
-        Correlation of the next best peak that does not belong to it; -1 where there is none.
-    code : (N,) int64
-        0 found, 1 score too low, 2 ambiguous, 3 outside of the image, 4 not searched as not ``whole``.
-
-    Raises
-    ------
-    InputError
-        If an argument has another type or shape.
-    """
-
-    def __new__(cls, uv: ArrayLike, score: ArrayLike, second: ArrayLike, code: ArrayLike) -> SearchResult: ...
-    @property
-    def uv(self) -> _Array: ...
-    @property
-    def score(self) -> _Array: ...
-    @property
-    def second(self) -> _Array: ...
-    @property
-    def code(self) -> _Ids: ...
-    def subset(self, which: _Mask | _Ids | slice) -> SearchResult:
-        """Some of the rows.
-
-        Parameters
-        ----------
-        which : (N,) bool, (M,) int64 or slice
-            A mask, or rows.
-
-        Returns
-        -------
-        SearchResult
-
-        Raises
-        ------
-        InputError
-            If it is none of these, or there is no such row.
-        """
-    def __len__(self) -> int: ...
-
-def search_templates(
-    image: _Image,
-    templates: _Image,
-    expected: ExpectedPixels,
-    window: SearchWindow,
-    peaks: PeakTest,
-    *,
-    whole: bool = True,
-) -> SearchResult:
-    """Looks for each template inside the ellipse of its predicted pixel, by zero-normalised
-    cross-correlation.
-
-    Parameters
-    ----------
-    image : (H, W) uint8
-    templates : (N, h, h) uint8
-        Side h odd.
-    expected : ExpectedPixels
-        One row for each template.
-    window : SearchWindow
-    peaks : PeakTest
-    whole : bool
-        Whether ellipses above ``large_radius`` are searched where no guess lies in them.
-
-    Returns
-    -------
-    SearchResult
-
-    Raises
-    ------
-    InputError
-        If an argument has another type or shape.
-    """
-
-@final
-class WarpLimits:
-    """Which warps of a patch are allowed.
-
-    Parameters
-    ----------
-    min_area, max_area : float
-        Least and largest change of area.
-    max_stretch : float
-        Largest ratio of the two scales.
-    """
-
-    def __new__(cls, *, min_area: float, max_area: float, max_stretch: float) -> WarpLimits: ...
-    @property
-    def min_area(self) -> float: ...
-    @property
-    def max_area(self) -> float: ...
-    @property
-    def max_stretch(self) -> float: ...
-
-@final
-class AffineMaps:
-    """Predicted pixels in another view, and the maps of pixel offsets into it.
-
-    Attributes
-    ----------
-    uv : (N, 2) float64
-        Predicted pixel; NaN where the landmark is not in front of the camera.
-    affine : (N, 2, 2) float64
-        ``offset_now = affine @ offset_ref``; the identity where there is none.
-    ok : (N,) bool
-        Whether there is one that keeps its orientation.
-    """
-
-    @property
-    def uv(self) -> _Array: ...
-    @property
-    def affine(self) -> _Array: ...
-    @property
-    def ok(self) -> _Mask: ...
-
-def affine_maps(
-    camera_ref: Camera,
-    uv_ref: ArrayLike,
-    camera_now: Camera,
-    t_now_ref: ArrayLike,
-    inverse_range: ArrayLike,
-) -> AffineMaps:
-    """Predicted pixel of patches in another view, and the affine map of pixel offsets into it.
-
-    Parameters
-    ----------
-    camera_ref, camera_now : Camera
-    uv_ref : (N, 2) float64
-        Points in the reference image.
-    t_now_ref : (N, 4, 4) float64
-        Each maps points of its reference camera into the camera now, metres.
-    inverse_range : (N,) float64
-        Inverse distance of each landmark from its reference camera, 1/m; NaN or 0: infinitely far.
-
-    Returns
-    -------
-    AffineMaps
-
-    Raises
-    ------
-    InputError
-        If an argument has another type or shape.
-    """
-
-def affine_at(
-    camera_ref: Camera,
-    uv_ref: ArrayLike,
-    camera_now: Camera,
-    t_now_ref: ArrayLike,
-    inverse_range: ArrayLike,
-    limits: WarpLimits,
-) -> _Array:
-    """Affine maps of pixel offsets from one camera's image into another's, at given depths.
-
-    Parameters
-    ----------
-    camera_ref, camera_now : Camera
-    uv_ref : (N, 2) float64
-        Points in the reference image.
-    t_now_ref : (4, 4) float64
-        Maps points of the reference camera into the camera now, metres.
-    inverse_range : (N,) float64
-        Inverse distance of each point from its reference camera, 1/m; NaN or 0: infinitely far.
-    limits : WarpLimits
-
-    Returns
-    -------
-    (N, 2, 2) float64
-        ``offset_now = affine @ offset_ref``; where that is not allowed at the depth, the map of the
-        rotation alone; where this is not either, the identity.
-
-    Raises
-    ------
-    InputError
-        If an argument has another type or shape.
-    """
-
-@final
-class Windows:
-    """Windows cut out of an image.
-
-    Attributes
-    ----------
-    windows : list of N (2 half + 1, 2 half + 1) uint8
-    inside : (N, 4) float64
-        First and last column and row of each that hold image (u0, v0, u1, v1); the rest repeats its
-        edge.
-    """
-
-    @property
-    def windows(self) -> list[_Image]: ...
-    @property
-    def inside(self) -> _Array: ...
-
-def capture_windows(image: _Image, uv: ArrayLike, half: int) -> Windows:
-    """Cuts windows around points rounded to whole pixels out of an image.
-
-    Parameters
-    ----------
-    image : (H, W) uint8
-        Beyond its edge the edge repeats.
-    uv : (N, 2) float64
-        Pixels.
-    half : int
-        Pixels of a window on each side of its middle.
-
-    Returns
-    -------
-    Windows
-
-    Raises
-    ------
-    InputError
-        If an argument has another type or shape, or a point is not finite.
-    """
-
-@final
-class SampledTemplates:
-    """Templates sampled from an image.
-
-    Attributes
-    ----------
-    templates : (N, size, size) uint8
-        Bilinear samples; where the map shrinks, each pixel is the mean of 2 x 2 of them.
-    reach : (N, 2) float64
-        Largest distance in u and v between a sample and its centre, image pixels.
-    """
-
-    @property
-    def templates(self) -> _Image: ...
-    @property
-    def reach(self) -> _Array: ...
-
-def sample_templates(image: _Image, centres: ArrayLike, affine: ArrayLike, size: int) -> SampledTemplates:
-    """Templates sampled around points of an image under affine maps.
-
-    Parameters
-    ----------
-    image : (H, W) uint8
-        Beyond its edge the edge repeats.
-    centres : (N, 2) float64
-        Centre of each template in the image (u, v).
-    affine : (N, 2, 2) float64
-        Map from image offsets to template offsets.
-    size : int
-        Side of a template, pixels (odd).
-
-    Returns
-    -------
-    SampledTemplates
-
-    Raises
-    ------
-    InputError
-        If an argument has another type or shape, or a map has no inverse.
-    """
-
-@final
-class WarpedPatches:
-    """Templates of patches seen from another pose.
-
-    Attributes
-    ----------
-    templates : (N, size, size) uint8
-        Zeros where there is none.
-    ok : (N,) bool
-        False where the change of area or the stretch is out of bounds, or the warp leaves the stored
-        window.
-    affine : (N, 2, 2) float64
-        Maps pixel offsets at capture to pixel offsets now; the identity where there is none.
-    """
-
-    @property
-    def templates(self) -> _Image: ...
-    @property
-    def ok(self) -> _Mask: ...
-    @property
-    def affine(self) -> _Array: ...
-
-def warp_patches(
-    camera_ref: Camera,
-    camera_now: Camera,
-    patches: Sequence[_Patch],
-    t_wc: ArrayLike,
-    points: ArrayLike,
-    size: int,
-    limits: WarpLimits,
-) -> WarpedPatches:
-    """Templates as patches are expected to look from another pose.
-
-    Parameters
-    ----------
-    camera_ref, camera_now : Camera
-        The camera that captured the patches, and the one that looks now.
-    patches : sequence of N Patch
-        See `collabslam.frontend.patch.Patch`.
-    t_wc : (4, 4) float64
-        Pose of the camera now: maps its points into W, metres.
-    points : (N, 3) float64
-        Landmarks in W, metres; a row of NaN: only the rotation between the poses counts.
-    size : int
-        Side of a template, pixels (odd).
-    limits : WarpLimits
-
-    Returns
-    -------
-    WarpedPatches
-
-    Raises
-    ------
-    InputError
-        If an argument has another type or shape.
-    """
-
-def corner_peaks(
-    response: NDArray[np.float32], reach: int, border: int, quality: float, least: float
-) -> _Array:
-    """Local maxima of a corner response, the strongest first.
-
-    Parameters
-    ----------
-    response : (H, W) float32
-        Not below zero.
-    reach : int
-        A peak is the largest response within so many pixels (square neighbourhood).
-    border : int
-        Pixels along the edge without peaks.
-    quality, least : float
-        Least response as a share of the best, and as a number.
-
-    Returns
-    -------
-    (M, 2) float64
-        Sub-pixel places (u, v), by a parabola through each peak.
-
-    Raises
-    ------
-    InputError
-        If an argument has another type or shape.
-    """
-
-def spread_corners(
-    peaks: ArrayLike,
-    existing: ArrayLike,
-    count: int,
-    shape: tuple[int, int],
-    cells: int,
-    distance: float,
-) -> _Ids:
-    """At most ``count`` peaks, those first whose part of the image needs them most.
-
-    Parameters
-    ----------
-    peaks : (M, 2) float64
-        Pixels, the most wanted first.
-    existing : (N, 2) float64
-        Points that there are already; those that are not finite do not count.
-    count : int
-    shape : (int, int)
-        Rows and columns of the image.
-    cells : int
-        Of the grid, along the image's longer side.
-    distance : float
-        Least distance between a peak and an existing point, pixels.
-
-    Returns
-    -------
-    (K,) int64
-        Rows of ``peaks``.
-
-    Raises
-    ------
-    InputError
-        If an argument has another type or shape.
-    """
-
-def describe_windows(image: _Image, centres: ArrayLike, axes: ArrayLike, step: float) -> NDArray[np.float32]:
-    """SIFT's histogram of gradients over windows warped by affine maps.
-
-    Parameters
-    ----------
-    image : (H, W) uint8
-    centres : (N, 2) float64
-        Pixels (u, v).
-    axes : (N, 2, 2) float64
-        Maps offsets in the described view to pixel offsets in the image.
-    step : float
-        Distance of the window's 8 x 8 samples in the described view.
-
-    Returns
-    -------
-    (N, 128) float32
-        Square roots of the L1-normalised histogram (RootSIFT): unit vectors.
-
-    Raises
-    ------
-    InputError
-        If an argument has another type or shape.
-    """
+    def agree(self) -> NDArray[np.bool_]: ...
 
 @final
 class PairPoints:
@@ -2456,7 +2025,6 @@ class PairPoints:
     InputError
         If an argument has another type or shape.
     """
-
     def __new__(
         cls,
         rays: ArrayLike,
@@ -2482,10 +2050,6 @@ class PairOptions:
     max_distance : float
         Largest distance of descriptors.
     """
-
-    def __new__(
-        cls, *, sigma: tuple[float, float], gate: float, ratio: float, max_distance: float
-    ) -> PairOptions: ...
     @property
     def sigma(self) -> tuple[float, float]: ...
     @property
@@ -2494,6 +2058,9 @@ class PairOptions:
     def ratio(self) -> float: ...
     @property
     def max_distance(self) -> float: ...
+    def __new__(
+        cls, *, sigma: tuple[float, float], gate: float, ratio: float, max_distance: float
+    ) -> PairOptions: ...
 
 @final
 class PairMatches:
@@ -2510,11 +2077,10 @@ class PairMatches:
     one_sided : int
         Points whose best partner has a better one.
     """
-
     @property
-    def index_s(self) -> _Ids: ...
+    def index_s(self) -> NDArray[np.int64]: ...
     @property
-    def index_f(self) -> _Ids: ...
+    def index_f(self) -> NDArray[np.int64]: ...
     @property
     def alone(self) -> int: ...
     @property
@@ -2522,160 +2088,247 @@ class PairMatches:
     @property
     def one_sided(self) -> int: ...
 
-def match_pairs(
-    points: PairPoints,
-    rays_f: ArrayLike,
-    descriptors_f: NDArray[np.float32],
-    t_cf: ArrayLike,
-    covariance: ArrayLike,
-    options: PairOptions,
-) -> PairMatches:
-    """Matches points of Cs with points of Cf by their descriptors, among the pairs that the measured pose
-    allows.
-
-    Parameters
-    ----------
-    points : PairPoints
-        Of Cs.
-    rays_f : (M, 3) float64
-        Unit rays of the points of Cf, in F.
-    descriptors_f : (M, K) float32
-    t_cf : (4, 4) float64
-        Measured pose of Cf relative to Cs: maps points of F into C, metres.
-    covariance : (6, 6) float64
-        Of it, over (translation m, rotation rad), tangent on the right.
-    options : PairOptions
-
-    Returns
-    -------
-    PairMatches
-
-    Raises
-    ------
-    InputError
-        If an argument has another type or shape, or the covariance is not positive definite.
-    """
-
 @final
-class EpipolarResiduals:
-    """Sampson residuals of pairs of rays.
+class Windows:
+    """Windows cut out of an image.
 
     Attributes
     ----------
-    residual : (M,) float64
-        In units of the pixel noise: its standard deviation is that of one pixel coordinate.
-    jacobian : (M, 6) float64
-        By (translation, rotation) on the right of T_CF, pixels per metre and per radian.
+    windows : list of N (2 half + 1, 2 half + 1) uint8
+    inside : (N, 4) float64
+        First and last column and row of each that hold image (u0, v0, u1, v1); the rest repeats its
+        edge.
     """
-
     @property
-    def residual(self) -> _Array: ...
+    def windows(self) -> list[NDArray[np.uint8]]: ...
     @property
-    def jacobian(self) -> _Array: ...
-
-def epipolar_residuals(
-    rays_s: ArrayLike, rays_f: ArrayLike, t_cf: ArrayLike, focal: tuple[float, float]
-) -> EpipolarResiduals:
-    """Sampson residual of each pair of rays, and its derivative by an error of the pose.
-
-    Parameters
-    ----------
-    rays_s, rays_f : (M, 3) float64
-        Unit rays in C and F.
-    t_cf : (4, 4) float64
-        Maps points of F into C, metres.
-    focal : (float, float)
-        Focal lengths of Cs and Cf, pixels per radian.
-
-    Returns
-    -------
-    EpipolarResiduals
-
-    Raises
-    ------
-    InputError
-        If an argument has another shape.
-    """
+    def inside(self) -> NDArray[np.float64]: ...
 
 @final
-class MatchNoise:
-    """How accurate matches are.
-
-    Parameters
-    ----------
-    focal : (float, float)
-        Focal lengths of Cs and Cf, pixels per radian.
-    sigma : float
-        Standard deviation of a right match's residual, pixels.
-    limit : float
-        Largest residual of a match that agrees, pixels.
-    """
-
-    def __new__(cls, focal: tuple[float, float], sigma: float, limit: float) -> MatchNoise: ...
-    @property
-    def focal(self) -> tuple[float, float]: ...
-    @property
-    def sigma(self) -> float: ...
-    @property
-    def limit(self) -> float: ...
-
-@final
-class Consensus:
-    """Pose that matches agree on.
+class SampledTemplates:
+    """Templates sampled from an image.
 
     Attributes
     ----------
-    t_cf : (4, 4) float64
-        Maps points of F into C, metres.
-    covariance : (6, 6) float64
-        Of it, over (translation m, rotation rad), tangent on the right.
-    agree : (M,) bool
-        Matches whose residual is within the limit under the pose.
+    templates : (N, size, size) uint8
+        Bilinear samples; where the map shrinks, each pixel is the mean of 2 x 2 of them.
+    reach : (N, 2) float64
+        Largest distance in u and v between a sample and its centre, image pixels.
     """
-
     @property
-    def t_cf(self) -> _Array: ...
+    def templates(self) -> NDArray[np.uint8]: ...
     @property
-    def covariance(self) -> _Array: ...
+    def reach(self) -> NDArray[np.float64]: ...
+
+@final
+class WarpedPatches:
+    """Templates of patches seen from another pose.
+
+    Attributes
+    ----------
+    templates : (N, size, size) uint8
+        Zeros where there is none.
+    ok : (N,) bool
+        False where the change of area or the stretch is out of bounds, or the warp leaves the stored
+        window.
+    affine : (N, 2, 2) float64
+        Maps pixel offsets at capture to pixel offsets now; the identity where there is none.
+    """
     @property
-    def agree(self) -> _Mask: ...
+    def templates(self) -> NDArray[np.uint8]: ...
+    @property
+    def ok(self) -> NDArray[np.bool_]: ...
+    @property
+    def affine(self) -> NDArray[np.float64]: ...
 
-def find_consensus(
-    rays_s: ArrayLike,
-    rays_f: ArrayLike,
-    t_cf: ArrayLike,
-    covariance: ArrayLike,
-    noise: MatchNoise,
-    start: Consensus | None = None,
-) -> Consensus:
-    """Correction of a measured pose that most pairs agree on, under the prior of its covariance.
-
-    Sampled first (three pairs and the prior give a correction, linear in the residuals), then refined
-    by Gauss-Newton steps with Tukey weights.
+@final
+class ExpectedPixels:
+    """Where templates are expected in an image.
 
     Parameters
     ----------
-    rays_s, rays_f : (M, 3) float64
-        Matched unit rays in C and F; fewer than three leave the pose as it is.
-    t_cf : (4, 4) float64
-        Measured pose: maps points of F into C, metres.
-    covariance : (6, 6) float64
-        Over (translation m, rotation rad), tangent on the right.
-    noise : MatchNoise
-    start : Consensus, optional
-        An earlier one of nearly the same matches; it takes the place of the sampling.
-
-    Returns
-    -------
-    Consensus
+    uv : (N, 2) float64
+        Predicted pixels; NaN where there is none.
+    s : (N, 2, 2) float64
+        Covariance of each, pixel noise included, px^2.
+    guess : (N, 2) float64, optional
+        Where something else says that the point is; NaN where it does not say.
 
     Raises
     ------
     InputError
-        If an argument has another shape, or the covariance is not positive definite.
+        If an argument has another type or shape.
     """
+    def __new__(cls, uv: ArrayLike, s: ArrayLike, guess: ArrayLike | None = None) -> ExpectedPixels: ...
+    def __len__(self) -> int: ...
 
-def skew(v: ArrayLike) -> _Array:
+@final
+class SearchWindow:
+    """How far around a predicted pixel a template is searched.
+
+    Parameters
+    ----------
+    gate : float
+        Radius of the ellipse in standard deviations.
+    min_radius : float
+        Least radius of the ellipse, pixels.
+    large_radius : float
+        Radius above which it is not searched whole if a guess lies in it, pixels.
+    max_radius : float
+        Cap of the window's half side, pixels.
+    guess_radius : float
+        Half side of the window around a guess, pixels.
+    guess_gate : float
+        How generously a guess lies in the ellipse: a factor on ``gate``.
+    """
+    @property
+    def gate(self) -> float: ...
+    @property
+    def min_radius(self) -> float: ...
+    @property
+    def large_radius(self) -> float: ...
+    @property
+    def max_radius(self) -> float: ...
+    @property
+    def guess_radius(self) -> float: ...
+    @property
+    def guess_gate(self) -> float: ...
+    def __new__(
+        cls,
+        *,
+        gate: float,
+        min_radius: float,
+        large_radius: float,
+        max_radius: float,
+        guess_radius: float,
+        guess_gate: float,
+    ) -> SearchWindow: ...
+
+@final
+class PeakTest:
+    """Which peak of the correlation is a match.
+
+    Parameters
+    ----------
+    min_score : float
+        Least correlation.
+    ambiguity : float
+        Largest share of the best peak that another may reach.
+    peak_distance : float
+        Peaks nearer than this to the best one belong to it, pixels.
+    min_deviation : float
+        Least standard deviation of a template's grey values.
+    scarce : bool
+        Whether less correlation is asked for, by the share of a template that is noise (METHOD 7).
+    """
+    @property
+    def min_score(self) -> float: ...
+    @property
+    def ambiguity(self) -> float: ...
+    @property
+    def peak_distance(self) -> float: ...
+    @property
+    def min_deviation(self) -> float: ...
+    @property
+    def scarce(self) -> bool: ...
+    def __new__(
+        cls,
+        *,
+        min_score: float,
+        ambiguity: float,
+        peak_distance: float,
+        min_deviation: float,
+        scarce: bool = False,
+    ) -> PeakTest: ...
+
+@final
+class SearchResult:
+    """What a search found.
+
+    Parameters
+    ----------
+    uv : (N, 2) float64
+        Sub-pixel position of the best peak; NaN where there is none.
+    score : (N,) float64
+        Its correlation; -1 where there is none.
+    second : (N,) float64
+        Correlation of the next best peak that does not belong to it; -1 where there is none.
+    code : (N,) int64
+        0 found, 1 score too low, 2 ambiguous, 3 outside of the image, 4 not searched as not ``whole``.
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+    @property
+    def uv(self) -> NDArray[np.float64]: ...
+    @property
+    def score(self) -> NDArray[np.float64]: ...
+    @property
+    def second(self) -> NDArray[np.float64]: ...
+    @property
+    def code(self) -> NDArray[np.int64]: ...
+    def __new__(cls, uv: ArrayLike, score: ArrayLike, second: ArrayLike, code: ArrayLike) -> SearchResult: ...
+    def subset(self, which: NDArray[np.bool_] | NDArray[np.int64] | slice) -> SearchResult:
+        """Some of the rows.
+
+        Parameters
+        ----------
+        which : (N,) bool, (M,) int64 or slice
+            A mask, or rows.
+
+        Returns
+        -------
+        SearchResult
+
+        Raises
+        ------
+        InputError
+            If it is none of these, or there is no such row.
+        """
+    def __len__(self) -> int: ...
+
+@final
+class WarpLimits:
+    """Which warps of a patch are allowed.
+
+    Parameters
+    ----------
+    min_area, max_area : float
+        Least and largest change of area.
+    max_stretch : float
+        Largest ratio of the two scales.
+    """
+    @property
+    def min_area(self) -> float: ...
+    @property
+    def max_area(self) -> float: ...
+    @property
+    def max_stretch(self) -> float: ...
+    def __new__(cls, *, min_area: float, max_area: float, max_stretch: float) -> WarpLimits: ...
+
+@final
+class AffineMaps:
+    """Predicted pixels in another view, and the maps of pixel offsets into it.
+
+    Attributes
+    ----------
+    uv : (N, 2) float64
+        Predicted pixel; NaN where the landmark is not in front of the camera.
+    affine : (N, 2, 2) float64
+        ``offset_now = affine @ offset_ref``; the identity where there is none.
+    ok : (N,) bool
+        Whether there is one that keeps its orientation.
+    """
+    @property
+    def uv(self) -> NDArray[np.float64]: ...
+    @property
+    def affine(self) -> NDArray[np.float64]: ...
+    @property
+    def ok(self) -> NDArray[np.bool_]: ...
+
+def skew(v: ArrayLike) -> NDArray[np.float64]:
     """Matrix of the cross product: ``skew(v) @ p == cross(v, p)``.
 
     Parameters
@@ -2692,7 +2345,7 @@ def skew(v: ArrayLike) -> _Array:
         For a wrong shape, or a number that is not finite.
     """
 
-def rotation_exp(w: ArrayLike) -> _Array:
+def rotation_exp(w: ArrayLike) -> NDArray[np.float64]:
     """Rotation matrix of a rotation vector.
 
     Parameters
@@ -2710,7 +2363,7 @@ def rotation_exp(w: ArrayLike) -> _Array:
         For a wrong shape, or a number that is not finite.
     """
 
-def rotation_log(rotation: ArrayLike) -> _Array:
+def rotation_log(rotation: ArrayLike) -> NDArray[np.float64]:
     """Rotation vector of a rotation matrix.
 
     Parameters
@@ -2728,7 +2381,7 @@ def rotation_log(rotation: ArrayLike) -> _Array:
         For a wrong shape, or a number that is not finite.
     """
 
-def left_jacobian(w: ArrayLike) -> _Array:
+def left_jacobian(w: ArrayLike) -> NDArray[np.float64]:
     """Left Jacobian of SO(3): the mean of ``Exp(s w)`` over s from 0 to 1.
 
     Under a constant twist ``(v, w)`` over a unit of time a pose is moved by ``left_jacobian(w) v``.
@@ -2748,7 +2401,7 @@ def left_jacobian(w: ArrayLike) -> _Array:
         For a wrong shape, or a number that is not finite.
     """
 
-def rotation_from_quaternion(q_wxyz: ArrayLike) -> _Array:
+def rotation_from_quaternion(q_wxyz: ArrayLike) -> NDArray[np.float64]:
     """Rotation matrix of a Hamilton quaternion.
 
     Parameters
@@ -2766,7 +2419,7 @@ def rotation_from_quaternion(q_wxyz: ArrayLike) -> _Array:
         For a wrong shape, a number that is not finite, or a quaternion of length zero.
     """
 
-def quaternion_wxyz(rotation: ArrayLike) -> _Array:
+def quaternion_wxyz(rotation: ArrayLike) -> NDArray[np.float64]:
     """Hamilton quaternion of a rotation matrix.
 
     Parameters
@@ -2800,7 +2453,7 @@ def is_rotation(matrix: ArrayLike, tolerance: float = 1e-3) -> bool:
         It is (3, 3), finite, orthonormal and no reflection.
     """
 
-def pose_inverse(t_ab: ArrayLike) -> _Array:
+def pose_inverse(t_ab: ArrayLike) -> NDArray[np.float64]:
     """Inverse of a rigid pose: ``t_ba`` of ``t_ab``.
 
     Parameters
@@ -2818,7 +2471,7 @@ def pose_inverse(t_ab: ArrayLike) -> _Array:
         For a wrong shape, a number that is not finite, or another last row than 0 0 0 1.
     """
 
-def se3_exp(xi: ArrayLike) -> _Array:
+def se3_exp(xi: ArrayLike) -> NDArray[np.float64]:
     """Exp of METHOD 1: ``Exp((v, w)) = [R(w), v; 0, 1]``.
 
     Translation and rotation act separately: ``T_hat Exp(xi) = (R_hat R(w), t_hat + R_hat v)``.
@@ -2838,7 +2491,7 @@ def se3_exp(xi: ArrayLike) -> _Array:
         For a wrong shape, or a number that is not finite.
     """
 
-def se3_log(t: ArrayLike) -> _Array:
+def se3_log(t: ArrayLike) -> NDArray[np.float64]:
     """Inverse of :func:`se3_exp`.
 
     Parameters
@@ -2856,7 +2509,7 @@ def se3_log(t: ArrayLike) -> _Array:
         For a wrong shape, a number that is not finite, or another last row than 0 0 0 1.
     """
 
-def adjoint(t_ab: ArrayLike) -> _Array:
+def adjoint(t_ab: ArrayLike) -> NDArray[np.float64]:
     """Matrix that carries a small tangent vector through a pose, in (translation, rotation) order.
 
     To first order ``T Exp(xi) T^-1 = Exp(adjoint(T) xi)``; it makes a left perturbation of a right one.
@@ -2875,7 +2528,7 @@ def adjoint(t_ab: ArrayLike) -> _Array:
         For a wrong shape, a number that is not finite, or another last row than 0 0 0 1.
     """
 
-def ray_angles(rays: ArrayLike) -> tuple[_Array, _Array]:
+def ray_angles(rays: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Azimuth and elevation of rays (METHOD 2), with their derivatives.
 
     Parameters
@@ -2896,7 +2549,7 @@ def ray_angles(rays: ArrayLike) -> tuple[_Array, _Array]:
         For a wrong shape, or a number that is not finite.
     """
 
-def tangent_to_fixed(t_ab: ArrayLike, covariance: ArrayLike) -> _Array:
+def tangent_to_fixed(t_ab: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
     """A pose's covariance along the fixed axes of A: diag(R, R) P diag(R, R)^T.
 
     Parameters
@@ -2916,7 +2569,7 @@ def tangent_to_fixed(t_ab: ArrayLike, covariance: ArrayLike) -> _Array:
         For a wrong shape, a number that is not finite, or another last row than 0 0 0 1.
     """
 
-def fixed_to_tangent(t_ab: ArrayLike, covariance: ArrayLike) -> _Array:
+def fixed_to_tangent(t_ab: ArrayLike, covariance: ArrayLike) -> NDArray[np.float64]:
     """The inverse of :func:`tangent_to_fixed`.
 
     Parameters
@@ -2936,7 +2589,7 @@ def fixed_to_tangent(t_ab: ArrayLike, covariance: ArrayLike) -> _Array:
         For a wrong shape, a number that is not finite, or another last row than 0 0 0 1.
     """
 
-def interpolate_pose(t0: ArrayLike, t1: ArrayLike, share: float) -> _Array:
+def interpolate_pose(t0: ArrayLike, t1: ArrayLike, share: float) -> NDArray[np.float64]:
     """Pose between two poses: straight in translation, constant rate in rotation.
 
     Parameters
@@ -2975,47 +2628,6 @@ def chi2_quantile(probability: float, dof: float) -> float:
         For a probability or degrees of freedom out of range.
     """
 
-@final
-class SettingInfo:
-    """A setting of the filter.
-
-    Attributes
-    ----------
-    key : str
-        Dotted name.
-    type : str
-        ``float``, ``int``, ``bool`` or ``enum``.
-    default : bool, int, float or str
-    min, max : float or None
-        Its range, ends included.
-    unit : str
-    choices : list of str
-        The values of an ``enum``; none of others.
-    doc : str
-        What it does.
-    when : str or None
-        The case in which to change it; None for a switch of the lab.
-    """
-
-    @property
-    def key(self) -> str: ...
-    @property
-    def type(self) -> str: ...
-    @property
-    def default(self) -> bool | int | float | str: ...
-    @property
-    def min(self) -> float | None: ...
-    @property
-    def max(self) -> float | None: ...
-    @property
-    def unit(self) -> str: ...
-    @property
-    def choices(self) -> list[str]: ...
-    @property
-    def doc(self) -> str: ...
-    @property
-    def when(self) -> str | None: ...
-
 def settings_schema() -> list[SettingInfo]:
     """Every setting of the filter, and every switch of the lab.
 
@@ -3039,18 +2651,353 @@ def accepted_value(key: str, value: object) -> bool | int | float | str | None:
         None if the setting cannot have this value, or there is no such setting.
     """
 
-@final
-class Turn:
-    """One at a time, and nobody waits: whoever comes second is told so.
+def epipolar_residuals(
+    rays_s: ArrayLike, rays_f: ArrayLike, t_cf: ArrayLike, focal: tuple[float, float]
+) -> EpipolarResiduals:
+    """Sampson residual of each pair of rays, and its derivative by an error of the pose.
 
-    Used as a context manager.
+    Parameters
+    ----------
+    rays_s, rays_f : (M, 3) float64
+        Unit rays in C and F.
+    t_cf : (4, 4) float64
+        Maps points of F into C, metres.
+    focal : (float, float)
+        Focal lengths of Cs and Cf, pixels per radian.
+
+    Returns
+    -------
+    EpipolarResiduals
 
     Raises
     ------
-    BusyError
-        On entering, if somebody is inside, another thread or a call further up in the same one.
+    InputError
+        If an argument has another shape.
     """
 
-    def __init__(self) -> None: ...
-    def __enter__(self) -> None: ...
-    def __exit__(self, *_error: object) -> None: ...
+def find_consensus(
+    rays_s: ArrayLike,
+    rays_f: ArrayLike,
+    t_cf: ArrayLike,
+    covariance: ArrayLike,
+    noise: MatchNoise,
+    start: Consensus | None = None,
+) -> Consensus:
+    """Correction of a measured pose that most pairs agree on, under the prior of its covariance.
+
+    Sampled first (three pairs and the prior give a correction, linear in the residuals), then refined
+    by Gauss-Newton steps with Tukey weights.
+
+    Parameters
+    ----------
+    rays_s, rays_f : (M, 3) float64
+        Matched unit rays in C and F; fewer than three leave the pose as it is.
+    t_cf : (4, 4) float64
+        Measured pose: maps points of F into C, metres.
+    covariance : (6, 6) float64
+        Over (translation m, rotation rad), tangent on the right.
+    noise : MatchNoise
+    start : Consensus, optional
+        An earlier one of nearly the same matches; it takes the place of the sampling.
+
+    Returns
+    -------
+    Consensus
+
+    Raises
+    ------
+    InputError
+        If an argument has another shape, or the covariance is not positive definite.
+    """
+
+def corner_peaks(
+    response: NDArray[np.float32], reach: int, border: int, quality: float, least: float
+) -> NDArray[np.float64]:
+    """Local maxima of a corner response, the strongest first.
+
+    Parameters
+    ----------
+    response : (H, W) float32
+        Not below zero.
+    reach : int
+        A peak is the largest response within so many pixels (square neighbourhood).
+    border : int
+        Pixels along the edge without peaks.
+    quality, least : float
+        Least response as a share of the best, and as a number.
+
+    Returns
+    -------
+    (M, 2) float64
+        Sub-pixel places (u, v), by a parabola through each peak.
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+
+def spread_corners(
+    peaks: ArrayLike, existing: ArrayLike, count: int, shape: tuple[int, int], cells: int, distance: float
+) -> NDArray[np.int64]:
+    """At most ``count`` peaks, those first whose part of the image needs them most.
+
+    Parameters
+    ----------
+    peaks : (M, 2) float64
+        Pixels, the most wanted first.
+    existing : (N, 2) float64
+        Points that there are already; those that are not finite do not count.
+    count : int
+    shape : (int, int)
+        Rows and columns of the image.
+    cells : int
+        Of the grid, along the image's longer side.
+    distance : float
+        Least distance between a peak and an existing point, pixels.
+
+    Returns
+    -------
+    (K,) int64
+        Rows of ``peaks``.
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+
+def describe_windows(
+    image: NDArray[np.uint8], centres: ArrayLike, axes: ArrayLike, step: float
+) -> NDArray[np.float32]:
+    """SIFT's histogram of gradients over windows warped by affine maps.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+    centres : (N, 2) float64
+        Pixels (u, v).
+    axes : (N, 2, 2) float64
+        Maps offsets in the described view to pixel offsets in the image.
+    step : float
+        Distance of the window's 8 x 8 samples in the described view.
+
+    Returns
+    -------
+    (N, 128) float32
+        Square roots of the L1-normalised histogram (RootSIFT): unit vectors.
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+
+def match_pairs(
+    points: PairPoints,
+    rays_f: ArrayLike,
+    descriptors_f: NDArray[np.float32],
+    t_cf: ArrayLike,
+    covariance: ArrayLike,
+    options: PairOptions,
+) -> PairMatches:
+    """Matches points of Cs with points of Cf by their descriptors, among the pairs that the measured pose
+    allows.
+
+    Parameters
+    ----------
+    points : PairPoints
+        Of Cs.
+    rays_f : (M, 3) float64
+        Unit rays of the points of Cf, in F.
+    descriptors_f : (M, K) float32
+    t_cf : (4, 4) float64
+        Measured pose of Cf relative to Cs: maps points of F into C, metres.
+    covariance : (6, 6) float64
+        Of it, over (translation m, rotation rad), tangent on the right.
+    options : PairOptions
+
+    Returns
+    -------
+    PairMatches
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape, or the covariance is not positive definite.
+    """
+
+def capture_windows(image: NDArray[np.uint8], uv: ArrayLike, half: int) -> Windows:
+    """Cuts windows around points rounded to whole pixels out of an image.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+        Beyond its edge the edge repeats.
+    uv : (N, 2) float64
+        Pixels.
+    half : int
+        Pixels of a window on each side of its middle.
+
+    Returns
+    -------
+    Windows
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape, or a point is not finite.
+    """
+
+def sample_templates(
+    image: NDArray[np.uint8], centres: ArrayLike, affine: ArrayLike, size: int
+) -> SampledTemplates:
+    """Templates sampled around points of an image under affine maps.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+        Beyond its edge the edge repeats.
+    centres : (N, 2) float64
+        Centre of each template in the image (u, v).
+    affine : (N, 2, 2) float64
+        Map from image offsets to template offsets.
+    size : int
+        Side of a template, pixels (odd).
+
+    Returns
+    -------
+    SampledTemplates
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape, or a map has no inverse.
+    """
+
+def warp_patches(
+    camera_ref: Camera,
+    camera_now: Camera,
+    patches: Sequence[Patch],
+    t_wc: ArrayLike,
+    points: ArrayLike,
+    size: int,
+    limits: WarpLimits,
+) -> WarpedPatches:
+    """Templates as patches are expected to look from another pose.
+
+    Parameters
+    ----------
+    camera_ref, camera_now : Camera
+        The camera that captured the patches, and the one that looks now.
+    patches : sequence of N Patch
+        See `collabslam.frontend.patch.Patch`.
+    t_wc : (4, 4) float64
+        Pose of the camera now: maps its points into W, metres.
+    points : (N, 3) float64
+        Landmarks in W, metres; a row of NaN: only the rotation between the poses counts.
+    size : int
+        Side of a template, pixels (odd).
+    limits : WarpLimits
+
+    Returns
+    -------
+    WarpedPatches
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+
+def search_templates(
+    image: NDArray[np.uint8],
+    templates: NDArray[np.uint8],
+    expected: ExpectedPixels,
+    window: SearchWindow,
+    peaks: PeakTest,
+    *,
+    whole: bool = True,
+) -> SearchResult:
+    """Looks for each template inside the ellipse of its predicted pixel, by zero-normalised
+    cross-correlation.
+
+    Parameters
+    ----------
+    image : (H, W) uint8
+    templates : (N, h, h) uint8
+        Side h odd.
+    expected : ExpectedPixels
+        One row for each template.
+    window : SearchWindow
+    peaks : PeakTest
+    whole : bool
+        Whether ellipses above ``large_radius`` are searched where no guess lies in them.
+
+    Returns
+    -------
+    SearchResult
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+
+def affine_maps(
+    camera_ref: Camera, uv_ref: ArrayLike, camera_now: Camera, t_now_ref: ArrayLike, inverse_range: ArrayLike
+) -> AffineMaps:
+    """Predicted pixel of patches in another view, and the affine map of pixel offsets into it.
+
+    Parameters
+    ----------
+    camera_ref, camera_now : Camera
+    uv_ref : (N, 2) float64
+        Points in the reference image.
+    t_now_ref : (N, 4, 4) float64
+        Each maps points of its reference camera into the camera now, metres.
+    inverse_range : (N,) float64
+        Inverse distance of each landmark from its reference camera, 1/m; NaN or 0: infinitely far.
+
+    Returns
+    -------
+    AffineMaps
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """
+
+def affine_at(
+    camera_ref: Camera,
+    uv_ref: ArrayLike,
+    camera_now: Camera,
+    t_now_ref: ArrayLike,
+    inverse_range: ArrayLike,
+    limits: WarpLimits,
+) -> NDArray[np.float64]:
+    """Affine maps of pixel offsets from one camera's image into another's, at given depths.
+
+    Parameters
+    ----------
+    camera_ref, camera_now : Camera
+    uv_ref : (N, 2) float64
+        Points in the reference image.
+    t_now_ref : (4, 4) float64
+        Maps points of the reference camera into the camera now, metres.
+    inverse_range : (N,) float64
+        Inverse distance of each point from its reference camera, 1/m; NaN or 0: infinitely far.
+    limits : WarpLimits
+
+    Returns
+    -------
+    (N, 2, 2) float64
+        ``offset_now = affine @ offset_ref``; where that is not allowed at the depth, the map of the
+        rotation alone; where this is not either, the identity.
+
+    Raises
+    ------
+    InputError
+        If an argument has another type or shape.
+    """

@@ -15,7 +15,29 @@ use numpy::{Element, PyReadonlyArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 /// An argument before its type and shape are checked.
+///
+/// Python: ArrayLike
 pub(crate) type Argument<'py> = Bound<'py, PyAny>;
+
+/// Such an argument that must have its type already: an image, or templates.
+///
+/// Python: NDArray[np.uint8]
+pub(crate) type PixelsArgument<'py> = Argument<'py>;
+
+/// The same for descriptors, and for the response of a detector.
+///
+/// Python: NDArray[np.float32]
+pub(crate) type SinglesArgument<'py> = Argument<'py>;
+
+/// Several arrays of different lengths.
+///
+/// Python: Sequence[ArrayLike]
+pub(crate) type Arguments<'py> = Argument<'py>;
+
+/// Which rows of an array are wanted, as numpy takes it.
+///
+/// Python: NDArray[np.bool_] | NDArray[np.int64] | slice
+pub(crate) type RowsArgument<'py> = Argument<'py>;
 
 /// A number type of the core, and numpy's kinds that turn into it without loss of meaning.
 trait Number: Element {

@@ -8,10 +8,20 @@ use numpy::{Element, PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 
 /// `(N,)`
+///
+/// Python: NDArray[T]
 pub(crate) type Column<T> = Py<PyArray1<T>>;
+/// `(N, K)` of any number
+///
+/// Python: NDArray[T]
+pub(crate) type Grid<T> = Py<PyArray2<T>>;
 /// `(N, K)`
-pub(crate) type Table = Py<PyArray2<f64>>;
+///
+/// Python: NDArray[np.float64]
+pub(crate) type Table = Grid<f64>;
 /// `(N, R, C)`
+///
+/// Python: NDArray[T]
 pub(crate) type Stack<T> = Py<PyArray3<T>>;
 
 /// One number a row.

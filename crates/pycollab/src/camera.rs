@@ -7,6 +7,12 @@ use crate::gate;
 use ekf_core::Camera;
 use nalgebra::{Vector2, Vector3};
 use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+
+/// As many as the model has.
+///
+/// Python: tuple[float, ...]
+type Parameters<'py> = Bound<'py, PyTuple>;
 
 /// Where points lie in an image.
 ///
@@ -86,8 +92,8 @@ impl PyCamera {
 
     /// Parameters of the distortion model.
     #[getter]
-    fn distortion<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, pyo3::types::PyTuple>> {
-        pyo3::types::PyTuple::new(py, self.0.distortion_parameters())
+    fn distortion<'py>(&self, py: Python<'py>) -> PyResult<Parameters<'py>> {
+        PyTuple::new(py, self.0.distortion_parameters())
     }
 
     /// The (3, 3) matrix K, px.

@@ -1,7 +1,8 @@
 //! The graph of submaps' poses (METHOD 25).
 
 use crate::arrays_in::{
-    Argument, ROUNDING, finite, finite_numbers, finite_square, matrix, rigid, same_length, table,
+    Argument, Arguments, ROUNDING, finite, finite_numbers, finite_square, matrix, rigid,
+    same_length, table,
 };
 use crate::arrays_out::{Column, Stack, Table, column, stacked, to_matrix, to_pose, to_table};
 use crate::errors::{invalid, to_python};
@@ -231,7 +232,7 @@ impl PyPoseGraph {
     #[new]
     fn new(
         poses: Argument<'_>,
-        handed_on: Argument<'_>,
+        handed_on: Arguments<'_>,
         factors: Vec<PyRef<'_, PyFactor>>,
     ) -> PyResult<Self> {
         let poses = crate::arrays_in::stack::<4, 4>("poses", &poses)?;

@@ -18,12 +18,9 @@ use pyo3::prelude::*;
 /// The compiled core of collabslam: the filter, the cameras, and the inner loops of the front end.
 #[pymodule]
 mod _core {
-    use pyo3::prelude::*;
-
-    #[pymodule_init]
-    fn init(m: &Bound<'_, PyModule>) -> PyResult<()> {
-        m.add("__version__", env!("CARGO_PKG_VERSION"))
-    }
+    #[pymodule_export]
+    #[expect(non_upper_case_globals, reason = "Python's name for it")]
+    const __version__: &str = env!("CARGO_PKG_VERSION");
 
     #[pymodule_export]
     use crate::camera::{ProjectedPoints, PyCamera};

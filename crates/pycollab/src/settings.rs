@@ -7,6 +7,16 @@ use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyString};
 
+/// Values by their dotted keys.
+///
+/// Python: Mapping[str, bool | int | float | str]
+pub(crate) type Values<'py> = Bound<'py, PyDict>;
+
+/// The value of a setting.
+///
+/// Python: bool | int | float | str
+type AnyValue = Py<PyAny>;
+
 /// A setting of the filter.
 ///
 /// Attributes
@@ -29,7 +39,7 @@ use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyString};
 pub(crate) struct SettingInfo {
     key: String,
     r#type: &'static str,
-    default: Py<PyAny>,
+    default: AnyValue,
     min: Option<f64>,
     max: Option<f64>,
     unit: &'static str,
@@ -38,7 +48,7 @@ pub(crate) struct SettingInfo {
     when: Option<&'static str>,
 }
 
-fn to_value(py: Python<'_>, value: Value) -> PyResult<Py<PyAny>> {
+fn to_value(py: Python<'_>, value: Value) -> PyResult<AnyValue> {
     match value {
         Value::Float(x) => x.into_py_any(py),
         Value::Int(i) => i.into_py_any(py),
@@ -105,15 +115,15 @@ pub(crate) fn accepted_value(
     py: Python<'_>,
     key: &str,
     value: &Bound<'_, PyAny>,
-) -> PyResult<Option<Py<PyAny>>> {
+) -> PyResult<Option<AnyValue>> {
     let accepted = of_python(value).and_then(|value| Settings::accepted(key, &value).ok());
     accepted.map(|value| to_value(py, value)).transpose()
 }
 
 /// Settings from flat dictionaries over the defaults: a user's settings, and the lab's switches.
 pub(crate) fn from_dicts(
-    values: Option<&Bound<'_, PyDict>>,
-    switches: Option<&Bound<'_, PyDict>>,
+    values: Option<&Values<'_>>,
+    switches: Option<&Values<'_>>,
 ) -> PyResult<Settings> {
     let mut settings = Settings::default();
     let known = settings::schema();
@@ -131,7 +141,7 @@ pub(crate) fn from_dicts(
 /// Sets the values of a dictionary; keys that are `misplaced` in it are refused.
 fn set(
     settings: &mut Settings,
-    values: &Bound<'_, PyDict>,
+    values: &Values<'_>,
     misplaced: impl Fn(&str) -> bool,
 ) -> PyResult<()> {
     for (key, value) in values.iter() {

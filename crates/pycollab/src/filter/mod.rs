@@ -19,11 +19,12 @@ pub(crate) use where_to_look::CandidateViews;
 use crate::arrays_out::{Column, Table, column, symmetric, to_ids, to_matrix, to_pose};
 use crate::camera::PyCamera;
 use crate::errors::{invalid, named};
+use crate::settings::Values;
 use crate::{gate, settings};
 use ekf_core::math::pose::Pose;
 use ekf_core::{EkfError, Filter};
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict};
+use pyo3::types::PyBytes;
 use std::sync::{RwLock, TryLockError};
 
 /// The Extended Kalman Filter without images: predict, look up what should be seen, update.
@@ -51,6 +52,8 @@ use std::sync::{RwLock, TryLockError};
 pub(crate) struct PyFilter(RwLock<Filter>);
 
 /// One worn camera, or several.
+///
+/// Python: Camera | Sequence[Camera]
 #[derive(FromPyObject)]
 enum WornCameras<'py> {
     One(PyRef<'py, PyCamera>),
@@ -130,8 +133,8 @@ impl PyFilter {
     fn new(
         camera: &PyCamera,
         worn_cameras: Option<WornCameras<'_>>,
-        settings: Option<&Bound<'_, PyDict>>,
-        switches: Option<&Bound<'_, PyDict>>,
+        settings: Option<&Values<'_>>,
+        switches: Option<&Values<'_>>,
     ) -> PyResult<Self> {
         let settings = settings::from_dicts(settings, switches)?;
         let worn = match &worn_cameras {
@@ -326,7 +329,7 @@ impl PyFilter {
         Self::none_of_it()
     }
 
-    fn __reduce__(&self) -> PyResult<Self> {
+    fn __reduce__(&self) -> PyResult<String> {
         Self::none_of_it()
     }
 }

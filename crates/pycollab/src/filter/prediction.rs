@@ -2,7 +2,9 @@
 
 use super::PyFilter;
 use super::measurements::bearings;
-use crate::arrays_in::{Argument, covariance6, ids, numbers, pixels, pose, same_length};
+use crate::arrays_in::{
+    Argument, RowsArgument, covariance6, ids, numbers, pixels, pose, same_length,
+};
 use crate::arrays_out::{Column, Stack, Table, chosen, column, stacked, to_ids, vectors};
 use crate::gate;
 use ekf_core::{ConditionalPrediction, Filter};
@@ -38,7 +40,7 @@ impl PyPrediction {
     ///
     /// Parameters
     /// ----------
-    /// which : (N,) bool or (M,) int64
+    /// which : (N,) bool, (M,) int64 or slice
     ///     A mask, or rows.
     ///
     /// Returns
@@ -48,8 +50,8 @@ impl PyPrediction {
     /// Raises
     /// ------
     /// InputError
-    ///     If it is neither.
-    fn subset(&self, which: Argument<'_>) -> PyResult<Self> {
+    ///     If it is none of these, or there is no such row.
+    fn subset(&self, which: RowsArgument<'_>) -> PyResult<Self> {
         Ok(Self {
             ids: chosen(&self.ids, &which)?,
             uv: chosen(&self.uv, &which)?,

@@ -52,13 +52,13 @@ pub(crate) fn epipolar_residuals(
     rays_s: Argument<'_>,
     rays_f: Argument<'_>,
     t_cf: Argument<'_>,
-    focal: [f64; 2],
+    focal: (f64, f64),
 ) -> PyResult<EpipolarResiduals> {
     let (pairs, pose) = (pairs(&rays_s, &rays_f)?, pose("t_cf", &t_cf)?);
     let found: Vec<_> = gate::compute(py, || {
         let residuals = pairs.iter();
         residuals
-            .map(|pair| consensus::epipolar_residual(pair, &pose, focal))
+            .map(|pair| consensus::epipolar_residual(pair, &pose, focal.into()))
             .collect()
     });
     Ok(EpipolarResiduals {

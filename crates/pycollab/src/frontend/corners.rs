@@ -1,6 +1,6 @@
 //! Corners of an image.
 
-use crate::arrays_in::{Argument, InRows, pixels};
+use crate::arrays_in::{Argument, InRows, SinglesArgument, pixels};
 use crate::arrays_out::{Column, Table, to_rows, vectors};
 use crate::errors::{bad_shape, invalid};
 use crate::gate;
@@ -33,7 +33,7 @@ use pyo3::prelude::*;
 #[pyfunction]
 pub(crate) fn corner_peaks(
     py: Python<'_>,
-    response: Argument<'_>,
+    response: SinglesArgument<'_>,
     reach: usize,
     border: usize,
     quality: f32,

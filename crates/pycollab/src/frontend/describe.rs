@@ -1,9 +1,10 @@
 //! Descriptors of windows.
 
-use crate::arrays_in::{Argument, grey, pixels, same_length, stack};
+use crate::arrays_in::{Argument, PixelsArgument, grey, pixels, same_length, stack};
+use crate::arrays_out::Grid;
 use crate::gate;
 use ::frontend::describe::{LENGTH, describe};
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 
 /// SIFT's histogram of gradients over windows warped by affine maps.
@@ -30,11 +31,11 @@ use pyo3::prelude::*;
 #[pyfunction]
 pub(crate) fn describe_windows(
     py: Python<'_>,
-    image: Argument<'_>,
+    image: PixelsArgument<'_>,
     centres: Argument<'_>,
     axes: Argument<'_>,
     step: f64,
-) -> PyResult<Py<PyArray2<f32>>> {
+) -> PyResult<Grid<f32>> {
     let grey = grey("image", &image)?;
     let (centres, axes) = (pixels("centres", &centres)?, stack::<2, 2>("axes", &axes)?);
     same_length("axes", centres.len(), axes.len())?;

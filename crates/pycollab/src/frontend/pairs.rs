@@ -1,6 +1,8 @@
 //! Points of Cs and Cf that may be the same, by their descriptors.
 
-use crate::arrays_in::{Argument, InRows, covariance6, mask, numbers, pose, rows, same_length};
+use crate::arrays_in::{
+    Argument, InRows, SinglesArgument, covariance6, mask, numbers, pose, rows, same_length,
+};
 use crate::arrays_out::{Column, to_rows};
 use crate::errors::{bad_shape, invalid};
 use crate::gate;
@@ -43,7 +45,7 @@ impl PairPoints {
         rays: Argument<'_>,
         ranges: Argument<'_>,
         known: Argument<'_>,
-        descriptors: Argument<'_>,
+        descriptors: SinglesArgument<'_>,
         depths: Argument<'_>,
     ) -> PyResult<Self> {
         let (rays, ranges) = (rows::<3>("rays", &rays)?, rows::<2>("ranges", &ranges)?);
@@ -161,7 +163,7 @@ pub(crate) fn match_pairs(
     py: Python<'_>,
     points: &PairPoints,
     rays_f: Argument<'_>,
-    descriptors_f: Argument<'_>,
+    descriptors_f: SinglesArgument<'_>,
     t_cf: Argument<'_>,
     covariance: Argument<'_>,
     options: &PairOptions,

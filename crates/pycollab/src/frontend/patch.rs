@@ -1,16 +1,23 @@
 //! Windows cut out of images, and templates made of them.
 
 use super::warp::WarpLimits;
-use crate::arrays_in::{Argument, grey, numbers, odd_side, pixels, pose, rows, same_length, stack};
-use crate::arrays_out::{Column, Stack, Table, column, stacked, to_templates, vectors};
+use crate::arrays_in::{
+    Argument, PixelsArgument, grey, numbers, odd_side, pixels, pose, rows, same_length, stack,
+};
+use crate::arrays_out::{Column, Grid, Stack, Table, column, stacked, to_templates, vectors};
 use crate::camera::PyCamera;
 use crate::errors::invalid;
 use crate::gate;
 use ::frontend::warp::{self, Patch, Views};
 use nalgebra::{Matrix2, Vector2, Vector4};
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use numpy::{PyArray1, PyArrayMethods};
 use pyo3::intern;
 use pyo3::prelude::*;
+
+/// A patch, which has its parts as attributes.
+///
+/// Python: Patch
+type PatchArgument<'py> = Argument<'py>;
 
 /// Windows cut out of an image.
 ///
@@ -22,7 +29,7 @@ use pyo3::prelude::*;
 ///     edge.
 #[pyclass(module = "collabslam._core", frozen, get_all)]
 pub(crate) struct Windows {
-    windows: Vec<Py<PyArray2<u8>>>,
+    windows: Vec<Grid<u8>>,
     inside: Table,
 }
 
@@ -48,7 +55,7 @@ pub(crate) struct Windows {
 #[pyfunction]
 pub(crate) fn capture_windows(
     py: Python<'_>,
-    image: Argument<'_>,
+    image: PixelsArgument<'_>,
     uv: Argument<'_>,
     half: usize,
 ) -> PyResult<Windows> {
@@ -114,7 +121,7 @@ pub(crate) struct SampledTemplates {
 #[pyfunction]
 pub(crate) fn sample_templates(
     py: Python<'_>,
-    image: Argument<'_>,
+    image: PixelsArgument<'_>,
     centres: Argument<'_>,
     affine: Argument<'_>,
     size: usize,
@@ -187,7 +194,7 @@ pub(crate) fn warp_patches(
     py: Python<'_>,
     camera_ref: &PyCamera,
     camera_now: &PyCamera,
-    patches: Vec<Argument<'_>>,
+    patches: Vec<PatchArgument<'_>>,
     t_wc: Argument<'_>,
     points: Argument<'_>,
     size: usize,

@@ -1,7 +1,8 @@
 //! Search of templates around predicted pixels.
 
 use crate::arrays_in::{
-    Argument, grey, numbers, pixels, same_length, stack, templates, whole_numbers,
+    Argument, PixelsArgument, RowsArgument, grey, numbers, pixels, same_length, stack, templates,
+    whole_numbers,
 };
 use crate::arrays_out::{Column, Table, chosen, column, vectors};
 use crate::gate;
@@ -205,7 +206,7 @@ impl SearchResult {
     /// ------
     /// InputError
     ///     If it is none of these, or there is no such row.
-    fn subset(&self, which: Argument<'_>) -> PyResult<Self> {
+    fn subset(&self, which: RowsArgument<'_>) -> PyResult<Self> {
         Ok(Self {
             uv: chosen(&self.uv, &which)?,
             score: chosen(&self.score, &which)?,
@@ -246,8 +247,8 @@ impl SearchResult {
 #[pyo3(signature = (image, templates, expected, window, peaks, *, whole = true))]
 pub(crate) fn search_templates(
     py: Python<'_>,
-    image: Argument<'_>,
-    templates: Argument<'_>,
+    image: PixelsArgument<'_>,
+    templates: PixelsArgument<'_>,
     expected: &ExpectedPixels,
     window: &SearchWindow,
     peaks: &PeakTest,
