@@ -11,17 +11,28 @@ CRATES = $(shell ls -d $(CARGO_HOME)/registry/src/* 2> /dev/null)
 GIVEN := $(RUSTFLAGS)
 export RUSTFLAGS = $(GIVEN) --remap-path-prefix=$(CURDIR)=. $(CRATES:%=--remap-path-prefix=%=crates)
 
-.PHONY: demo test test-live check docs wheel wheel-twice bench bench-frames reliability mutants audit clean
+.PHONY: demo quick test test-live check docs wheel wheel-twice bench bench-frames reliability mutants audit clean
 
 # The main job on its embedded default: renders the corridor, runs it with and without Cf.
 demo: $(VENV)/.built
 	$(BIN)/collabslam demo --out results/demo --overwrite
 
+# Two processes share the tests of Python, each file whole to one of them.
+JOBS ?= 2
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder
+
+# What a change breaks most, in a minute: the quick lints, and the tests of the package that are not slow.
+quick: $(VENV)/.built
+	cargo fmt --all --check
+	$(RUFF)
+	$(BIN)/python packaging/stubs.py --check
+	$(PYTEST) -m 'not slow and not wheel' tests/python
+
 # Every test, Rust and Python, the lints, and a wheel in an empty environment. (All Rust tests are in the default
 # members, ekf-core and frontend; this wheel shares the build above, make wheel makes the one to hand out.)
 test: $(VENV)/.built check
 	cargo test --release --locked
-	$(BIN)/python -m pytest
+	$(PYTEST)
 	rm -f dist/*.whl
 	$(BIN)/maturin build --release --locked --out dist
 	$(BIN)/python -m pytest -m wheel
@@ -50,11 +61,12 @@ reliability: $(VENV)/.built
 	cargo build --release --locked -p collabslam-fuzz
 	$(BIN)/collabslam-lab reliability --driver target/release/fuzz $(if $(SHORT),,--full)
 
+LINTED := python research tests benches examples docs packaging
+RUFF = $(BIN)/ruff check $(LINTED) && $(BIN)/ruff format --check $(LINTED)
 check: $(VENV)/.built
 	cargo fmt --all --check
 	cargo clippy --release --workspace --all-targets --locked -- -D warnings
-	$(BIN)/ruff check python research tests benches examples docs packaging
-	$(BIN)/ruff format --check python research tests benches examples docs packaging
+	$(RUFF)
 	$(BIN)/python packaging/stubs.py --check
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest collabslam._core --mypy-config-file pyproject.toml

@@ -6,12 +6,11 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from helpers.waiting import LONGEST
+
 from collabslam import Slam
 from collabslam.live.core import LivePose, RobotFrame
 from collabslam.live.slam import LiveSlam
-
-LONGEST = 20.0
-"""Seconds for which it is stuck if nobody ends that."""
 
 
 @contextmanager

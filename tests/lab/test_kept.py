@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.waiting import LONGEST
 
 from collabslam.errors import DataError
 from collabslam_lab import kept as kept_module
@@ -55,7 +56,7 @@ def go(numbers: list[int], folder: Path, jobs: int = 2, engine: Engine = LOCAL) 
     return kept(TASK, pieces, folder, jobs=jobs, engine=engine, progress=True)
 
 
-@pytest.mark.parametrize("engine", [LOCAL, Engine("dask", seconds=60.0)], ids=["local", "dask"])
+@pytest.mark.parametrize("engine", [LOCAL, Engine("dask", seconds=LONGEST)], ids=["local", "dask"])
 def test_what_fails_costs_none_of_the_others(
     tmp_path: Path, engine: Engine, capsys: pytest.CaptureFixture[str]
 ) -> None:

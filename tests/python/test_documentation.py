@@ -20,6 +20,7 @@ from helpers.bags import Maker
 from helpers.clip import Clip, Short
 from helpers.posted import TAG, paint, walk_past
 from helpers.sensed_person import write_sensor_bag
+from helpers.waiting import LONGEST
 
 import collabslam
 from collabslam import Board, demo
@@ -162,7 +163,7 @@ def play(words: list[str], folder: Path) -> None:
     elif name == "wait":
         while BESIDE:
             process = BESIDE.pop()
-            _, said = process.communicate(timeout=60.0)
+            _, said = process.communicate(timeout=LONGEST)
             assert process.returncode == 0, said
     elif name in COMMAND_LINES:
         for option in ("--out", "--record", "--animation"):  # runs of one page do not stand in another's way
@@ -190,6 +191,7 @@ def play(words: list[str], folder: Path) -> None:
         raise AssertionError(f"nothing runs {words}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
 def test_commands_run(page: Path, there: Path) -> None:
     for words in commands(page):
@@ -201,6 +203,7 @@ def test_commands_run(page: Path, there: Path) -> None:
         play(words, there)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p, "python")], ids=lambda p: p.stem)
 def test_python_runs(page: Path, there: Path) -> None:
     names: dict[str, object] = {}
@@ -213,6 +216,7 @@ def test_every_command_is_documented_somewhere() -> None:
     assert set(COMMANDS) - used <= {"settings", "reproduce"}
 
 
+@pytest.mark.slow
 def test_the_site_builds(tmp_path: Path) -> None:
     # Not --quiet: what is not shown does not count as a warning.
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]

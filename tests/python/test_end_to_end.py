@@ -32,6 +32,8 @@ from helpers.whole_runs import LARGEST_NEES, MODES, scores
 
 from collabslam.simulation import corridor_recording, demo_recording
 
+pytestmark = pytest.mark.slow
+
 SEEDS = range(3)
 LEAST_NEES = 0.03
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.waiting import LONGEST
 
 from collabslam import Camera
 from collabslam.frontend.worn_verdict import ask_images
@@ -60,7 +61,7 @@ def test_the_table_is_whole() -> None:
 
 @pytest.mark.parametrize("name", ONE_EACH, ids="-".join)
 def test_one_of_each_kind(ground: Ground, name: tuple[str, str]) -> None:
-    result = perform(BY_NAME[name], ground)
+    result = perform(BY_NAME[name], ground, seconds=LONGEST)
     assert result.good, result
 
 
@@ -76,7 +77,7 @@ def _program(scene: Scene, text: str) -> Deed:
         ("raise KeyError('x')", Outcome.TRACEBACK),
         ("import os; os.abort()", Outcome.TRACEBACK),
         ("import sys; sys.exit(3)", Outcome.TRACEBACK),
-        ("import time; time.sleep(60)", Outcome.HANG),
+        ("import time; time.sleep(600)", Outcome.HANG),
         ("import os; os.remove(__file__)", Outcome.LOST),
         ("open(__file__, 'a').write('#')", Outcome.LOST),
         ("import sys; block = b'x' * 400_000_000; sys.exit(2)", Outcome.MEMORY),
@@ -95,7 +96,7 @@ def test_what_must_not_happen_is_seen(
         monkeypatch.setattr(performing, "MEGABYTES", 300.0)
     ours = b"x" * 400_000_000 if outcome is Outcome.UNNAMED else b""
     attack = Attack("test", "it", "what", lambda scene: _program(scene, text), REFUSED, "word")
-    result = perform(attack, ground, seconds=3.0)
+    result = perform(attack, ground, seconds=1.0 if outcome is Outcome.HANG else LONGEST)
     del ours
     assert result.outcome is outcome
     assert result.good == (outcome is Outcome.REFUSED)

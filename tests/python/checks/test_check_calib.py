@@ -32,6 +32,8 @@ from collabslam.simulation import corridor_recording
 from collabslam.types import Array, Frame, Image, Recording
 from collabslam_lab.hardware.free_running import FreeRunning, WornAt, WornClock
 
+pytestmark = pytest.mark.slow
+
 FRAMES = 54
 """Of the demo's recording: Cf is there in the first and in the last fourteen."""
 AS_TEXT = sorted(range(FRAMES), key=str)
@@ -68,11 +70,23 @@ def _described(shape: tuple[int, int], content: bytes) -> matching.Points:
     return matching.describe(np.frombuffer(content, np.uint8).reshape(shape))
 
 
+def _matched(a: matching.Points, b: matching.Points) -> matching.Matches:
+    """Of points that `_described` keeps, so that they are known by where they are."""
+    key = id(a.uv), id(b.uv)
+    if key not in MATCHED:
+        MATCHED[key] = a, b, matching.match_points(a, b)
+    return MATCHED[key][2]
+
+
+MATCHED: dict[tuple[int, int], tuple[matching.Points, matching.Points, matching.Matches]] = {}
+
+
 @pytest.fixture
 def walk(recorded: tuple[Recording, list[Frame]], monkeypatch: pytest.MonkeyPatch) -> Walk:
-    """The recording; its images are described once for all tests."""
+    """The recording; its images are described, and matched, once for all tests."""
     for module in (lengths, robot, views):
         monkeypatch.setattr(module, "describe", lambda image: _described(image.shape, image.tobytes()))
+        monkeypatch.setattr(module, "match_points", _matched)
     return Walk(*recorded)
 
 

@@ -18,6 +18,8 @@ from collabslam.datasets import load_camera
 from collabslam.datasets.exif import equivalent_focal_length
 from collabslam.geometry import pose, rotation_exp
 
+pytestmark = pytest.mark.slow
+
 CAMERA = Camera("radtan", 480, 360, (402.0, 405.0, 244.0, 176.0), [-0.12, 0.05, 0.001, -0.0005])
 BOARD = Board(7, 5, 0.03)
 

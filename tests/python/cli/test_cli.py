@@ -79,6 +79,7 @@ def test_two_runs_write_the_same_bytes(tmp_path: Path) -> None:
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 
 
+@pytest.mark.slow
 def test_two_pictures_of_a_run_are_the_same_bytes(tmp_path: Path) -> None:
     for name in ("a.png", "b.png"):
         plot_run(runner.run(Walk(), slam=FakeSlam(Walk())), tmp_path / name)

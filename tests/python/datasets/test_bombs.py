@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from helpers.waiting import LONGEST
 
 from collabslam._core import Camera
 from collabslam.datasets import images, load_camera, open_recording
@@ -137,7 +138,7 @@ def test_only_regular_files_are_opened(
 
     reader = threading.Thread(target=attempt, daemon=True)
     reader.start()
-    reader.join(10.0)
+    reader.join(LONGEST)
     assert seen, "it waits"
     assert isinstance(seen[0], DataError)
     assert "no regular file" in str(seen[0])

@@ -58,6 +58,7 @@ def _yaml(camera: collabslam.Camera) -> str:
     return text
 
 
+@pytest.mark.slow
 def test_depth_images_of_tum_make_one_camera_metric(tum: Path, clip: Clip) -> None:
     recording = open_recording(tum, camera=tum.parent / "camera.yaml")
     assert recording.frame(3).depth is None
@@ -77,6 +78,7 @@ def test_depth_images_of_tum_make_one_camera_metric(tum: Path, clip: Clip) -> No
     assert cli.main([*words, "--out", str(tum.parent / "out")]) == 0
 
 
+@pytest.mark.slow
 def test_faults_of_depth_images_are_named(tum: Path) -> None:
     recording = open_recording(tum, camera=tum.parent / "camera.yaml")
     file = tum / "depth" / "5.png"
@@ -111,6 +113,7 @@ def test_edges_and_holes_are_no_depths() -> None:
     np.testing.assert_allclose(later.sigma - points.sigma, 0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
 def test_a_depth_topic_of_a_bag(clip: Clip, tmp_path: Path, encoding: str) -> None:
     maker = Maker(tmp_path / "walk", "ros1")
@@ -137,6 +140,7 @@ def test_a_depth_topic_of_a_bag(clip: Clip, tmp_path: Path, encoding: str) -> No
             other.frame(0)
 
 
+@pytest.mark.slow
 def test_a_rigs_second_camera_is_used_by_itself(
     clip: Clip, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -64,6 +64,7 @@ def test_it_carries_the_camera_through_the_dark(clip: Clip) -> None:
     assert 0.002 < sd < 0.5 * np.sqrt(np.trace(blind.covariances[12][:3, :3]))
 
 
+@pytest.mark.slow
 def test_wheels_that_spin_are_not_believed(clip: Clip) -> None:
     spinning = wheels(clip)
     spinning.twists[(spinning.times > 0.9) & (spinning.times < 1.1)] *= 4.0
@@ -115,6 +116,7 @@ def test_bad_odometry_leaves_the_engine_as_it_was(
     assert slam.filter.snapshot() == before
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_bit_for_bit(clip: Clip, tmp_path: Path) -> None:
     recording = Driven(clip, wheels(clip), range(8, 10))
     whole = run(recording, out=tmp_path / "whole")
@@ -129,6 +131,7 @@ def test_a_run_goes_on_bit_for_bit(clip: Clip, tmp_path: Path) -> None:
     np.testing.assert_array_equal(again.record.covariances, whole.record.covariances)
 
 
+@pytest.mark.slow
 def test_a_file_serves_the_command_line(clip: Clip, tmp_path: Path) -> None:
     source = clip.recording
     with RecordingWriter(tmp_path / "walk", source.camera, source.worn_camera) as writer:

@@ -36,6 +36,7 @@ def test_a_view_comes_with_the_first_frame_from_its_time_on() -> None:
     assert own_time(5 * MS, 6 * MS) == 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["folder", "bag"])
 def test_times_of_views_are_written_and_read(walk: Recording, kind: str, tmp_path: Path) -> None:
     if kind == "folder":

@@ -20,6 +20,7 @@ from collabslam.datasets.recording_writer import stable_quaternion
 from collabslam.types import worn_cameras
 
 
+@pytest.mark.slow
 def test_what_is_written_in_a_loop_reads_and_runs(clip: Clip, tmp_path: Path) -> None:
     source = clip.recording
     with RecordingWriter(tmp_path / "walk", source.camera, source.worn_camera) as writer:
@@ -175,6 +176,7 @@ def persons(videos: Path) -> Path:
     return videos
 
 
+@pytest.mark.slow
 def test_videos_of_several_persons_are_a_recording(persons: Path, clip: Clip, tmp_path: Path) -> None:
     read = open_recording(persons)
     assert list(worn_cameras(read)) == ["anna", "ben"]

@@ -34,6 +34,7 @@ def _calls() -> list[tuple[Path, str, ast.Call]]:
     ]
 
 
+@pytest.mark.slow
 def test_nothing_that_is_read_can_run() -> None:
     for path, name, call in _calls():
         assert name not in {"eval", "exec", "compile", "__import__", "os.system", "os.popen"}, path
@@ -73,6 +74,7 @@ def walk(clip: Clip, tmp_path: Path) -> Path:
     return write_recording(Short(clip, 3), tmp_path / "walk")
 
 
+@pytest.mark.slow
 def test_a_calibration_makes_no_objects(walk: Path, tmp_path: Path) -> None:
     mark = tmp_path / "ran"
     sensor = walk / "cam0" / "sensor.yaml"

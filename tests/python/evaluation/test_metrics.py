@@ -125,6 +125,7 @@ def test_chi2_quantiles_match_the_tables() -> None:
     assert consistency.nees_band(2, 200) == pytest.approx((1.73, 2.29), abs=0.01)
 
 
+@pytest.mark.slow
 def test_chi2_agrees_with_scipy() -> None:
     stats = pytest.importorskip("scipy.stats")
     for dof in (1, 2, 3, 6, 120, 6000):

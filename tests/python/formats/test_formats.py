@@ -68,6 +68,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_evo_reads_the_tum_files(run: Path) -> None:
     estimate, truth = run / "trajectory.tum", run / "groundtruth.tum"
     expected = np.sqrt(np.mean(np.sum((RunFolder(run).trajectory()[1] - TRUTH)[:, :3, 3] ** 2, axis=1)))
@@ -75,6 +76,7 @@ def test_evo_reads_the_tum_files(run: Path) -> None:
     assert 0.0 < rmse(tool("evo_rpe", "tum", truth, estimate)) < 0.2
 
 
+@pytest.mark.slow
 def test_smfeval_tells_an_honest_covariance_from_one_that_is_not(run: Path, tmp_path: Path) -> None:
     times, _, covariances = RunFolder(run).trajectory()
     tight = tmp_path / "tight.cov"
@@ -99,6 +101,7 @@ def test_an_export_replaces_nothing(run: Path, tmp_path: Path) -> None:
         mine.unlink()
 
 
+@pytest.mark.slow
 def test_evo_reads_euroc_and_kitti(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     euroc, kitti = tmp_path / "run.csv", tmp_path / "run.txt"
     assert cli.main(["export", str(run), str(euroc), "--to", "euroc"]) == 0

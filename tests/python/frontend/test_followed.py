@@ -30,6 +30,7 @@ def _followed(images, turn, hidden=None):
     return followed_points(pair, CAMERA, turn, FlowSettings(), hidden)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("expected", [TURN, np.zeros(3)])
 def test_points_are_where_the_turn_takes_them(images, expected):
     before, now = _followed(images, expected)

@@ -88,6 +88,7 @@ def run(scene, t_cf, *, settings=SETTINGS, rho=None, sd=None, roi_s=None, roi_f=
     return match_worn(views, ViewedPoints(uv, rho, sd), settings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_worn_matches_are_many_and_right(scene, seed):
     t_cf = measured(seed)

@@ -8,9 +8,10 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,32 +21,37 @@ pytest.importorskip("zenoh", reason="the extra live is not installed")
 pytest.importorskip("cryptography", reason="the extra live is not installed")
 
 from helpers.driven import T_BC, Driven, wheels
+from helpers.in_step import Behind, InStep
+from helpers.waiting import LONGEST, until
 
 from collabslam import DataError, Settings, SettingsError
 from collabslam.datasets import write_recording
 from collabslam.datasets.wrapped import WrappedRecording
 from collabslam.live import link, messages, names
 from collabslam.live.cameras import PlayedRecording
-from collabslam.live.core import OdometrySample
+from collabslam.live.core import OdometrySample, RobotFrame
 from collabslam.live.keys import Keys, make_keys
 from collabslam.live.link import Address
 from collabslam.live.record import EventReader
 from collabslam.live.replay import replay
 from collabslam.live.results import ENGINE
 from collabslam.live.robot import RobotNode, RobotOptions
-from collabslam.live.sending import send_all
-from collabslam.live.steady import SteadyClock
+from collabslam.live.slam import BOUNDS
 from collabslam.live.worn import WornDevice
 from collabslam.types import Frame, Image
 
+LEAST = BOUNDS[RobotFrame]
+"""Frames that are done however busy the machine is: as many wait."""
+
 
 class Held(WrappedRecording):
-    """The clip as a recording."""
+    """The clip as a recording, its last frame some seconds later."""
 
-    def __init__(self, clip: Clip) -> None:
+    def __init__(self, clip: Clip, pause: float = 0.0) -> None:
         super().__init__(clip.recording)
-        self._frames = clip.frames
-        self.times = np.array([f.t for f in clip.frames])
+        last = clip.frames[-1]
+        self._frames = [*clip.frames[:-1], replace(last, t=last.t + pause)]
+        self.times = np.array([f.t for f in self._frames])
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -71,15 +77,7 @@ def address() -> Address:
         return Address("127.0.0.1", s.getsockname()[1])
 
 
-def until(true: object, seconds: float = 60.0) -> bool:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if true():  # type: ignore[operator]
-            return True
-        time.sleep(0.02)
-    return False
-
-
+@pytest.mark.slow
 def test_live_over_the_link_and_its_record_again(
     clip: Clip, folder: Path, address: Address, tmp_path: Path
 ) -> None:
@@ -87,25 +85,26 @@ def test_live_over_the_link_and_its_record_again(
     options = RobotOptions(tmp_path / "live", Settings.default(), record=tmp_path / "record")
     summaries = []
     with link.open_robot(address, Keys.read(folder / "robot")) as session:
-        node = RobotNode(session, PlayedRecording(recording), options)
+        played = InStep(recording)
+        node = RobotNode(session, played, options)
+        played.follow(node, "anna")
         robot = threading.Thread(target=lambda: summaries.append(node.run()))
         with link.open_device(address, Keys.read(folder / "anna")) as at_device:
             assert until(lambda: link.connected(at_device))
             robot.start()
             assert clip.recording.worn_camera is not None
             camera = PlayedRecording(recording)
-            camera.clock = SteadyClock(100.0)
+            camera.clock = Behind(played, 100.0)
             poses: list[bytes] = []
             heard = link.subscriber(at_device, names.POSE, lambda key, data: poses.append(data))
             with WornDevice(at_device, "anna", clip.recording.worn_camera, camera.clock) as device:
-                send_all(device, camera, lambda: not robot.is_alive())
-                robot.join(60.0)
+                InStep.send(device, camera, robot)
             heard.undeclare()
     (summary,) = summaries
-    assert summary["frames"] + summary.get("dropped frames", 0) == len(recording)
-    assert summary["links"]["collab"] >= len(recording) // 2  # a busy machine is late with some
-    assert summary["statuses"]["OK"] >= len(recording) // 2
-    assert len(poses) >= len(recording) // 2
+    assert summary["frames"] == len(recording)
+    assert summary["links"]["collab"] >= len(recording) - 2  # Cf does not see what the last frame shows
+    assert summary["statuses"]["OK"] >= len(recording) - 1
+    assert len(poses) >= len(recording) - 1
     t, pose, covariance = messages.pose_from(poses[-1], "test")
     assert t in recording.times
     assert np.isfinite(pose).all()
@@ -120,6 +119,7 @@ def test_live_over_the_link_and_its_record_again(
     assert kept["links"] == summary["links"]
 
 
+@pytest.mark.slow
 def test_a_robot_follows_the_odometry_that_comes_with_its_images(
     clip: Clip, address: Address, tmp_path: Path
 ) -> None:
@@ -128,8 +128,11 @@ def test_a_robot_follows_the_odometry_that_comes_with_its_images(
         tmp_path / "live", Settings.default(), mode="mono", start="odometry", record=tmp_path / "record"
     )
     with link.open_robot(address, None) as session:
-        summary = RobotNode(session, PlayedRecording(Driven(clip, odometry)), options).run()
-    assert summary["frames"] >= len(clip.frames) // 2  # a busy machine drops some
+        played = InStep(Driven(clip, odometry))
+        node = RobotNode(session, played, options)
+        played.follow(node)
+        summary = node.run()
+    assert summary["frames"] == len(clip.frames)
     reader = EventReader(tmp_path / "record")
     samples = [event for event in reader.events() if isinstance(event, OdometrySample)]
     assert len(samples) >= len(odometry.times) - 10
@@ -163,8 +166,7 @@ def test_a_device_writes_its_own_keys_only(
         others = [names.key("anna", names.IMAGE), names.POSE, names.STATUS, "collabslam/worn/anna"]
         for key in (*others, names.key("berta", names.IMAGE)):
             session.put(key, b"x" * 1000)
-        assert until(lambda: len(robot) >= 1)
-        time.sleep(0.3)
+        assert until(lambda: robot)  # the last one; what was put before it would be there before it
     assert robot == [(names.key("berta", names.IMAGE), 1000)]
 
 
@@ -177,12 +179,20 @@ def test_images_go_as_datagrams_and_the_rest_does_not(
         kinds = {str(of.reliability).rpartition(".")[2] for of in session.info.links()}
         assert kinds == {"BEST_EFFORT", "RELIABLE"}
         for datagrams in (True, False):
-            for device in ("anna", "berta"):
-                out = link.publisher(session, names.key(device, names.IMAGE), datagrams=datagrams)
-                out.put(bytes(10_000 + datagrams))
-            time.sleep(0.3)  # what comes at once is held to be a flood
-        assert until(lambda: len(robot) >= 2)
-    assert sorted(robot) == [(names.key("berta", names.IMAGE), n) for n in (10_000, 10_001)]
+            image = bytes(10_000 + datagrams)
+            others, own = (
+                link.publisher(session, names.key(device, names.IMAGE), datagrams=datagrams)
+                for device in ("anna", "berta")
+            )
+
+            def arrives(out: Any = own, image: bytes = image) -> bool:
+                """What comes at once is held to be a flood, and a datagram may be lost: it is put again."""
+                out.put(image)
+                return len(image) in [size for _, size in robot]
+
+            others.put(image)
+            assert until(arrives)
+    assert set(robot) == {(names.key("berta", names.IMAGE), n) for n in (10_000, 10_001)}
 
 
 def test_a_message_that_is_too_large_does_not_arrive(
@@ -202,9 +212,14 @@ def test_a_foreign_certificate_and_none_are_refused(
     make_keys(tmp_path, hosts=["127.0.0.1"], devices=["anna"])
     for keys in (Keys.read(tmp_path / "anna"), None):
         with link.open_device(address, keys) as session:
-            assert not until(lambda s=session: link.connected(s), 1.5)  # type: ignore[misc]
             session.put(names.key("anna", names.IMAGE), b"x")
-    assert robot == []
+            with link.open_device(address, Keys.read(folder / "berta")) as welcome:  # later than that
+                key = names.key("berta", names.IMAGE)
+                heard = len(robot)
+                assert until(lambda w=welcome, k=key, n=heard: w.put(k, b"berta") or len(robot) > n)
+            assert not link.connected(session)
+            session.put(names.key("anna", names.IMAGE), b"x")
+    assert {key for key, _ in robot} == {names.key("berta", names.IMAGE)}
 
 
 def test_without_keys_only_this_machine_is_served(address: Address) -> None:
@@ -251,19 +266,21 @@ def test_private_keys_are_private_and_made_once(folder: Path) -> None:
         make_keys(folder, hosts=[], devices=["../anna"])
 
 
+@pytest.mark.slow
 def test_a_robot_that_was_killed_goes_on_from_its_checkpoint(
     clip: Clip, address: Address, tmp_path: Path
 ) -> None:
     walk, out = write_recording(Held(clip), tmp_path / "walk"), tmp_path / "out"
-    command = [sys.executable, "-m", "collabslam", "live", "robot", str(walk), "--insecure"]
+    paused = write_recording(Held(clip, pause=LONGEST), tmp_path / "paused")
+    command = [sys.executable, "-m", "collabslam", "live", "robot", "--insecure"]
     command += ["--listen", f"127.0.0.1:{address.port}", "--out", str(out), "--start", "scale-free"]
     command += ["--mode", "mono", "--checkpoint-every", "3"]
-    process = subprocess.Popen(command)
-    assert until(lambda: (out / ENGINE).is_file() and lines(out / "frames.csv") > 7)
+    process = subprocess.Popen([*command, str(paused)])
+    assert until(lambda: (out / ENGINE).is_file() and lines(out / "frames.csv") >= LEAST + 1)
     process.kill()
     process.wait()
     before = (out / "trajectory.tum").read_text()
-    done = subprocess.run([*command, "--resume"], check=False, capture_output=True, text=True)
+    done = subprocess.run([*command, str(walk), "--resume"], check=False, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     after = (out / "trajectory.tum").read_text()
     assert after.startswith(before.rpartition("\n")[0])
@@ -278,14 +295,15 @@ def lines(path: Path) -> int:
     return path.read_text().count("\n") if path.is_file() else 0
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_with_everything_written(clip: Clip, address: Address, tmp_path: Path) -> None:
-    walk, out = write_recording(Held(clip), tmp_path / "walk"), tmp_path / "out"
+    walk, out = write_recording(Held(clip, pause=LONGEST), tmp_path / "walk"), tmp_path / "out"
     command = [sys.executable, "-m", "collabslam", "live", "robot", str(walk), "--insecure"]
     command += ["--listen", f"127.0.0.1:{address.port}", "--out", str(out), "--record", str(tmp_path / "rec")]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    assert until(lambda: lines(out / "frames.csv") > 3)
+    assert until(lambda: lines(out / "frames.csv") >= LEAST)
     process.send_signal(signal.SIGINT)
-    said, _ = process.communicate(timeout=60.0)
+    said, _ = process.communicate(timeout=LONGEST)
     assert process.returncode == 0
     assert str(out) in said
     summary = json.loads((out / "summary.json").read_text())

@@ -22,6 +22,8 @@ from collabslam.live.views import UNPOSED, LiveView, OwnPose
 from collabslam.targets.printed import sightings
 from collabslam.types import Frame, WornView
 
+pytestmark = pytest.mark.slow
+
 TAG = Tag("36h11", 3, 0.16)
 AHEAD = pose(rotation_exp([0.1, 0.5, 0.05]), [0.15, 0.0, 2.3])
 FRAMES = 10

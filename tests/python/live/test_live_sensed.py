@@ -22,6 +22,8 @@ from collabslam.worn_pose import AhrsReading, LaserScan, WornPoseConfig, WornPos
 from collabslam_lab.worlds.recording import world_recording
 from collabslam_lab.worlds.sensors import config_of, readings_of
 
+pytestmark = pytest.mark.slow
+
 END = 4.0
 """Seconds of the walk."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ pytest.importorskip("rosbags", reason="the extra ros is not installed")
 
 from helpers.driven import COVARIANCE, T_BC, tf, wheels
 from helpers.rosless import Node, stand_in
+from helpers.waiting import until
 
 from collabslam import DataError, Settings, SettingsError
 from collabslam.datasets.odometry import OdometryGiven
@@ -118,9 +118,7 @@ def test_a_node_finds_the_worn_camera_by_tf(clip: Clip) -> None:
         told = tf(("odom", "cf", t - 0.01, A @ worn.t_cf), ("odom", "cf", t + 0.01, A @ worn.t_cf))
         node.takes["/cs"](messages.raw_image(t, "cs", frame.image))
         node.takes[TF](messages.encoded(messages.TRANSFORMS, told))
-        end = time.monotonic() + 20.0
-        while len(node.sent["/collabslam/pose"]) < count - 1 and time.monotonic() < end:
-            time.sleep(0.005)
+        assert until(lambda count=count: len(node.sent["/collabslam/pose"]) >= count - 1)
     node.takes[TF](b"no message")
     running.close()
     assert len(node.sent["/collabslam/pose"]) >= 8
@@ -174,9 +172,7 @@ def test_a_node_follows_wheels_that_tf_places(clip: Clip, kind: str) -> None:
             node.takes["/wheels"](data)
             sent += 1
         node.takes["/cs"](messages.raw_image(frame.t + 1.0, "cs", frame.image))
-        end = time.monotonic() + 20.0
-        while len(done) <= frame.index and time.monotonic() < end:
-            time.sleep(0.005)
+        assert until(lambda frame=frame: len(done) > frame.index)
     node.takes["/wheels"](b"no message")
     running.close()
     assert running._refused == 1

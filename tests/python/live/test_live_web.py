@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import json
 import socket
 import ssl
@@ -22,6 +23,7 @@ pytest.importorskip("zenoh", reason="the extra live is not installed")
 pytest.importorskip("cryptography", reason="the extra live is not installed")
 pytest.importorskip("websockets", reason="the extra live is not installed")
 
+from helpers.waiting import LONGEST, until
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
@@ -73,9 +75,7 @@ def robot() -> Iterator[tuple[Robot, Gateway]]:
     with link.open_robot(address, None) as session, link.open_device(address, None) as device:
         robot = Robot(session)
         gateway = Gateway(device, "web", CAMERA)
-        end = time.monotonic() + 60.0
-        while not link.connected(device) and time.monotonic() < end:
-            time.sleep(0.02)
+        assert until(lambda: link.connected(device))
         yield robot, gateway
 
 
@@ -88,7 +88,7 @@ def served(gateway: Gateway, keys: Path, visit: Any) -> Any:
 
     async def both() -> Any:
         async with WebServer(gateway, TOKENS).serving("127.0.0.1", 0, keys / "web") as port:
-            return await asyncio.wait_for(visit(port, trusting(keys)), 60.0)
+            return await asyncio.wait_for(visit(port, trusting(keys)), LONGEST)
 
     return asyncio.run(both())
 
@@ -111,7 +111,8 @@ def test_a_phone_is_a_worn_camera(robot: tuple[Robot, Gateway], keys: Path) -> N
     there, gateway = robot
     off = 1000.0  # the phone's clock is so much ahead of the gateway's
 
-    async def visit(port: int, context: ssl.SSLContext) -> float:
+    async def visit(port: int, context: ssl.SSLContext) -> tuple[float, float]:
+        began = gateway.clock.now()
         async with open_socket(port, context, "phone") as page:
             await page.send(json.dumps({"token": TOKENS.phone, "width": SIZE[0], "height": SIZE[1]}))
             assert json.loads(await page.recv()) == {"ready": True}
@@ -127,21 +128,25 @@ def test_a_phone_is_a_worn_camera(robot: tuple[Robot, Gateway], keys: Path) -> N
             await page.send(struct.pack(">d", taken) + picture())
             await page.send("no object")
             await page.send(b"short")
-            while not there.of(names.IMAGE) or len(there.of(names.EXCHANGE)) < 3:
-                await asyncio.sleep(0.05)
-            await asyncio.sleep(0.2)  # what is no image has come, too
-            return taken
+            while len(there.of(names.IMAGE)) < 2 or len(there.of(names.EXCHANGE)) < 3:
+                await asyncio.sleep(0.05)  # what comes at once is held to be a flood
+                await page.send(struct.pack(">d", taken + 1.0) + picture())  # behind what is no image
+            return taken, gateway.clock.now() - began
 
-    taken = served(gateway, keys, visit)
-    (image,) = [messages.decoded(messages.COMPRESSED, data) for data in there.of(names.IMAGE)]
+    taken, lasted = served(gateway, keys, visit)
+    image, *later = [messages.decoded(messages.COMPRESSED, data) for data in there.of(names.IMAGE)]
     assert messages.stamp_of(image) == pytest.approx(taken, abs=1e-6)
+    assert [messages.stamp_of(other) for other in later] == pytest.approx(
+        [taken + 1.0] * len(later), abs=1e-6
+    )
     assert image.data.tobytes() == picture()
     exchanges = [messages.exchange_from(data) for data in there.of(names.EXCHANGE)]
     assert len(exchanges) >= 3  # the first ones may be before the link is there
     assert {session for session, _ in exchanges} == {image.header.frame_id}
-    offsets = [e.offset for _, e in exchanges]
-    now_at_robot, now_at_gateway = there.clock.now(), gateway.clock.now()
-    assert np.median(offsets) == pytest.approx(now_at_robot - (now_at_gateway + off), abs=0.01)
+    before, now_at_robot, after = gateway.clock.now(), there.clock.now(), gateway.clock.now()
+    expected = now_at_robot - (0.5 * (before + after) + off)
+    for _, exchange in exchanges:  # one can be wrong by half of what it took, however busy the machine
+        assert abs(exchange.offset - expected) <= 0.5 * (lasted + after - before)
     assert messages.camera_from(there.of(names.CAMERA_INFO)[0], "test").width == SIZE[0]
 
 
@@ -154,12 +159,17 @@ def test_a_phone_that_tracks_itself_tells_its_calibration_and_its_way(
 
     async def visit(port: int, context: ssl.SSLContext) -> list[Any]:
         said = []
-        for told in (numbers, [400.0, -1.0, 2.0, "x"], [1.0]):
+        left = [numbers, [400.0, -1.0, 2.0, "x"], [1.0]]
+        while left:
             async with open_socket(port, context, "phone") as page:
-                hello = {"token": TOKENS.phone, "width": 401, "height": 601, "intrinsics": told}
+                hello = {"token": TOKENS.phone, "width": 401, "height": 601, "intrinsics": left[0]}
                 await page.send(json.dumps(hello))
-                said.append(json.loads(await page.recv()))
-                if "ready" not in said[-1]:
+                answer = json.loads(await page.recv())
+                if "Another phone" in answer.get("refused", ""):  # the one before has not gone yet
+                    continue
+                said.append(answer)
+                del left[0]
+                if "ready" not in answer:
                     continue
                 await page.send(json.dumps({"own": [7.5, 1.0, 2.0, 3.0, *turn]}))
                 await page.send(json.dumps({"own": [7.5, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 0.0]}))  # no turn
@@ -186,8 +196,12 @@ def test_a_phone_that_tracks_itself_tells_its_calibration_and_its_way(
 def test_a_page_is_told_what_the_robot_says(robot: tuple[Robot, Gateway], keys: Path) -> None:
     there, gateway = robot
 
+    heard = threading.Event()
+
     def speak() -> None:
-        for k in range(20):
+        for k in itertools.count():
+            if heard.is_set():
+                return
             pose = np.eye(4)
             pose[:3, 3] = (0.1 * k, 0.0, 0.2 * k)
             there.pose.put(messages.robot_pose(float(k), pose, np.diag([1e-4] * 6)))
@@ -204,7 +218,7 @@ def test_a_page_is_told_what_the_robot_says(robot: tuple[Robot, Gateway], keys: 
         pictures: list[bytes] = []
         async with open_socket(port, context, "view") as page:
             await page.send(json.dumps({"token": TOKENS.view}))
-            thread = threading.Thread(target=speak)
+            thread = threading.Thread(target=speak, daemon=True)
             thread.start()
             while not pictures or told.get("point", [0.0])[0] < 1.0:
                 message = await page.recv()
@@ -212,6 +226,7 @@ def test_a_page_is_told_what_the_robot_says(robot: tuple[Robot, Gateway], keys: 
                     pictures.append(message)
                 else:
                     told |= json.loads(message)
+            heard.set()
             await asyncio.to_thread(thread.join)
         return told, pictures
 
@@ -274,9 +289,10 @@ def test_a_phone_of_another_size_or_a_second_one_is_told_why(
             async with open_socket(port, context, "phone") as second:
                 await second.send(json.dumps({"token": TOKENS.phone, "width": SIZE[0], "height": SIZE[1]}))
                 said.append(json.loads(await second.recv())["refused"])
-        async with open_socket(port, context, "phone") as turned:
-            await turned.send(json.dumps({"token": TOKENS.phone, "width": SIZE[1], "height": SIZE[0]}))
-            said.append(json.loads(await turned.recv())["refused"])
+        while len(said) < 2 or "Another phone" in said[1]:  # until the first has gone
+            async with open_socket(port, context, "phone") as turned:
+                await turned.send(json.dumps({"token": TOKENS.phone, "width": SIZE[1], "height": SIZE[0]}))
+                said[1:] = [json.loads(await turned.recv())["refused"]]
         return said
 
     second, turned = served(robot[1], keys, visit)

@@ -18,6 +18,9 @@ from helpers.clip import Clip
 pytest.importorskip("zenoh", reason="the extra live is not installed")
 pytest.importorskip("cryptography", reason="the extra live is not installed")
 
+from helpers.in_step import Behind, InStep
+from helpers.waiting import LONGEST
+
 from collabslam import Camera, Settings, SettingsError, Slam, open_recording
 from collabslam.cli.live_robot import device_names
 from collabslam.datasets import write_recording
@@ -33,9 +36,7 @@ from collabslam.live.record import EventReader, EventWriter, LivePlan
 from collabslam.live.replay import replay
 from collabslam.live.results import LiveResults
 from collabslam.live.robot import RobotNode, RobotOptions, worn_calibrations
-from collabslam.live.sending import send_all
 from collabslam.live.slam import BOUNDS, LiveSlam
-from collabslam.live.steady import SteadyClock
 from collabslam.live.uplink import Uplink
 from collabslam.live.views import BROKEN, NOBODY, REFUSED, LiveView
 from collabslam.live.worn import WornDevice
@@ -90,6 +91,7 @@ def bits(poses: list[LivePose]) -> list[bytes]:
     return [p.step.pose.tobytes() + p.step.covariance.tobytes() for p in poses]
 
 
+@pytest.mark.slow
 def test_live_is_offline_to_the_last_bit(clip: Clip, frames: list[Frame]) -> None:
     slam, late = engine(clip), list[WornView]()
     offline = []
@@ -165,6 +167,7 @@ def test_who_floods_pushes_nobody_else_out(clip: Clip, frames: list[Frame]) -> N
     assert waiting.count("anna/1") == BOUNDS[LiveView]
 
 
+@pytest.mark.slow
 def test_a_record_is_replayed_to_the_last_bit(clip: Clip, frames: list[Frame], tmp_path: Path) -> None:
     """And both leave the same files, of each person's camera, too."""
     settings = Settings.default()
@@ -325,6 +328,7 @@ def test_a_device_plays_the_person_of_its_name(clip: Clip) -> None:
     assert played.recording.frame(0).views[0].who == "ben"
 
 
+@pytest.mark.slow
 def test_two_devices_and_a_robot_over_the_link(clip: Clip, tmp_path: Path) -> None:
     """What the robot recorded is replayed to the same files; both of them were of use."""
     with socket.socket() as s:
@@ -335,15 +339,17 @@ def test_two_devices_and_a_robot_over_the_link(clip: Clip, tmp_path: Path) -> No
     summaries = []
     with link.open_robot(address, None) as at_robot, link.open_device(address, None) as at_page:
         page = Gateway(at_page, "page", None)
-        node = RobotNode(at_robot, played(folder), options)
+        camera = InStep(open_recording(folder))
+        node = RobotNode(at_robot, camera, options)
+        camera.follow(node, *PERSONS)
         run = threading.Thread(target=lambda: summaries.append(node.run()))
         threads = [
-            threading.Thread(target=lambda name=name: play(folder, name, address, run)) for name in PERSONS
+            threading.Thread(target=play, args=(folder, name, address, run, camera)) for name in PERSONS
         ]
         for thread in (run, *threads):
             thread.start()
         for thread in (run, *threads):
-            thread.join(60.0)
+            thread.join(LONGEST)
         with page.watching() as watch:
             facts, picture = watch.next()
     assert set(facts["persons"]) == set(PERSONS)
@@ -353,20 +359,21 @@ def test_two_devices_and_a_robot_over_the_link(clip: Clip, tmp_path: Path) -> No
     replay(tmp_path / "record", tmp_path / "again")
     for name in ("trajectory.tum", *(f"worn-{person}.tum" for person in PERSONS)):
         live = (tmp_path / "live" / name).read_bytes()
-        assert live.count(b"\n") > 3
+        assert live.count(b"\n") > 10
         assert (tmp_path / "again" / name).read_bytes() == live
-    assert summary["links"]["collab"] > 3
+    assert summary["links"]["collab"] >= len(clip.frames) - 2
 
 
 def played(folder: Path) -> PlayedRecording:
     return PlayedRecording(open_recording(folder))
 
 
-def play(folder: Path, name: str, address: Address, robot: threading.Thread) -> None:
+def play(
+    folder: Path, name: str, address: Address, robot: threading.Thread, played_by_robot: PlayedRecording
+) -> None:
     camera = played(folder)
-    camera.clock = SteadyClock(100.0)
+    camera.clock = Behind(played_by_robot, 100.0)
     camera.play(name)
     lens = camera.recording.worn_camera
     with link.open_device(address, None) as session, WornDevice(session, name, lens, camera.clock) as device:
-        send_all(device, camera, lambda: not robot.is_alive())
-        robot.join(60.0)
+        InStep.send(device, camera, robot)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import time
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ pytest.importorskip("rosbags", reason="the extra ros is not installed")
 
 from helpers.driven import tf
 from helpers.rosless import Node, stand_in
+from helpers.waiting import until
 
 from collabslam import Camera, Settings, SettingsError
 from collabslam.cli import live_ros
@@ -66,9 +66,7 @@ def test_each_has_images_and_a_pose_of_their_own(clip: Clip) -> None:
             around = (("cs", "ben", t + late, worn.t_cf) for late in (-0.01, 0.01))
             node.takes[TF](messages.encoded(messages.TRANSFORMS, tf(*around)))
         node.takes["/cs"](messages.raw_image(t, "cs", frame.image))
-        end = time.monotonic() + 20.0
-        while len(done) <= count and time.monotonic() < end:
-            time.sleep(0.005)
+        assert until(lambda count=count: len(done) > count)
     node.takes[ANNA.t_cf](b"no message")
     running.close()
     assert running._refused == 1

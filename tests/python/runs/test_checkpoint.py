@@ -87,6 +87,7 @@ SKIPPED = {
 """Attributes that are worked out from the others, or that serve one call."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["collab", "collab-tight", "mono", "mono-undelayed"])
 def test_an_engine_that_was_saved_goes_on_bit_for_bit(clip: Clip, tmp_path: Path, mode: str) -> None:
     recording = clip.recording
@@ -363,11 +364,13 @@ def whole(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_checkpoints_change_nothing(clip: Clip, whole: Path, tmp_path: Path) -> None:
     runner.run(Short(clip), mode="collab", out=Output(tmp_path, checkpoint_every=2))
     assert compare_results(whole, tmp_path) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [1, 4, "1e-9s"])
 def test_a_run_that_broke_off_goes_on_bit_for_bit(
     clip: Clip, whole: Path, tmp_path: Path, every: Any
@@ -384,6 +387,7 @@ def test_a_run_that_broke_off_goes_on_bit_for_bit(
         runner.resume(tmp_path, Short(clip))
 
 
+@pytest.mark.slow
 def test_files_that_were_cut_are_made_whole(clip: Clip, whole: Path, tmp_path: Path) -> None:
     with pytest.raises(DataError):
         runner.run(Short(clip, ends=STOP), mode="collab", out=Output(tmp_path, checkpoint_every=2))
@@ -434,6 +438,7 @@ def test_a_checkpoint_needs_a_place(clip: Clip) -> None:
         runner.run(Short(clip), out=Output(checkpoint_every=2))
 
 
+@pytest.mark.slow
 def test_the_command_line(clip: Clip, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recording = write_recording(Short(clip), tmp_path / "walk")
     whole, out = tmp_path / "whole", tmp_path / "out"
@@ -474,6 +479,7 @@ def difference_of_place(whole: Path, out: Path) -> str:
     return f"source of summary.json is {b} in place of {a}"
 
 
+@pytest.mark.slow
 def test_killed_runs_go_on() -> None:
     """The short form of `make reliability`."""
     assert run_kills(3, seed=1, frames=12, every=2) >= 3

@@ -13,6 +13,8 @@ from helpers.clip import Clip, Short
 from collabslam.datasets import write_recording
 from collabslam_lab.reliability.kills import compare_results
 
+pytestmark = pytest.mark.slow
+
 FRAMES = 12
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 

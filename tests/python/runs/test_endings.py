@@ -7,13 +7,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.clip import Clip, Short
 from helpers.stand_ins import FakeSlam, Walk
+from helpers.waiting import until
 
 from collabslam import Output, SavedMap, resume, run
 from collabslam.cli import main as cli
@@ -28,6 +28,23 @@ from collabslam_lab.cli import main as lab_cli
 from collabslam_lab.reliability.kills import compare_results
 
 PROGRAM = [sys.executable, "-m", "collabslam"]
+HELD = """
+import sys, time
+from pathlib import Path
+from collabslam import Slam
+from collabslam.cli.main import main
+
+def held(slam, *arguments, step=Slam.step):
+    while frames.is_file() and frames.read_bytes().count(b"\\n") > 3 and not signalled.exists():
+        time.sleep(0.01)
+    return step(slam, *arguments)
+
+out = Path(sys.argv[-1])
+frames, signalled = out / "frames.csv", out.with_name("signalled")
+Slam.step = held
+sys.exit(main(sys.argv[1:]))
+"""
+"""The program, whose fourth frame lasts until a file says that it has been sent a signal."""
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +60,7 @@ def spoil(recording: Path, frame: int) -> tuple[Path, bytes]:
     return path, image
 
 
+@pytest.mark.slow
 def test_a_bad_datum_leaves_what_an_interrupt_leaves(clip: Clip, tmp_path: Path) -> None:
     out, map_file = tmp_path / "out", tmp_path / "walk.map"
     with pytest.raises(DataError, match="disk is gone") as caught:
@@ -63,6 +81,7 @@ def test_a_bad_datum_leaves_what_an_interrupt_leaves(clip: Clip, tmp_path: Path)
     assert len(SavedMap.load(tmp_path / "end.map").landmarks) > 10
 
 
+@pytest.mark.slow
 def test_the_command_says_so_and_returns_2(
     walk: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -78,17 +97,18 @@ def test_the_command_says_so_and_returns_2(
     assert cli.main(["run", "--resume", str(tmp_path / "out")]) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_signals_wait_for_the_end_of_the_frame(
     walk: Path, tmp_path: Path, number: signal.Signals, status: int
 ) -> None:
     out = tmp_path / "out"
-    command = [*PROGRAM, "run", str(walk), "--out", str(out)]
+    command = [sys.executable, "-c", HELD, "run", str(walk), "--out", str(out)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     frames = out / "frames.csv"
-    while process.poll() is None and (not frames.is_file() or frames.read_bytes().count(b"\n") < 3):
-        time.sleep(0.01)
+    assert until(lambda: frames.is_file() and frames.read_bytes().count(b"\n") > 3)
     process.send_signal(number)
+    (tmp_path / "signalled").touch()
     _, said = process.communicate()
     assert process.returncode == status, said.decode()
     summary = json.loads((out / SUMMARY).read_text())
@@ -142,6 +162,7 @@ def test_what_the_system_refuses_is_no_fault_of_ours(
     assert "File name too long" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_checkpoint_goes_last(clip: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(self: SavedMap, path: Path) -> None:
         raise DataError("The disk is full.")
@@ -214,6 +235,7 @@ def test_a_fault_in_a_run_is_kept_beside_its_results(
     assert len(np.loadtxt(tmp_path / "out" / "trajectory.tum", comments="#")) == 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", [["settings", "show"], ["--help"], ["settings", "check", "/nowhere"]])
 def test_closed_pipes_are_quiet(words: list[str]) -> None:
     expected = subprocess.run([*PROGRAM, *words], capture_output=True, check=False).returncode
@@ -228,6 +250,7 @@ def test_closed_pipes_are_quiet(words: list[str]) -> None:
         assert "Broken" not in f"{done.stdout}{done.stderr}"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs a shell that closes descriptors")
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
 def test_streams_that_were_closed_before_are_quiet(closed: str) -> None:
@@ -238,6 +261,7 @@ def test_streams_that_were_closed_before_are_quiet(closed: str) -> None:
         assert "Traceback" not in f"{done.stdout}{done.stderr}"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="needs a full device")
 def test_output_that_cannot_be_written_is_told() -> None:
     with open("/dev/full", "w") as full:

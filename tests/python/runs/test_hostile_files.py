@@ -22,6 +22,8 @@ from collabslam.slam.map import saved_map
 from collabslam.slam.saving import CLASSES
 from collabslam.types import Target
 
+pytestmark = pytest.mark.slow
+
 SCALARS: list[Any] = [
     None,
     True,

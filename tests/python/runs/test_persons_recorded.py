@@ -89,6 +89,7 @@ def test_written_again_it_is_the_same_to_the_byte(folder: Path, tmp_path: Path) 
         assert (again / path).read_bytes() == (folder / path).read_bytes()
 
 
+@pytest.mark.slow
 def test_each_has_a_trajectory_with_covariance(clip: Clip, folder: Path, finished: Path) -> None:
     """Whose poses are those of the worn cameras in truth, as far as the filter claims."""
     poses = RunFolder(finished).trajectory()
@@ -133,6 +134,7 @@ def test_a_calibration_is_given_to_each_once(folder: Path, capsys: pytest.Captur
     assert "twice for anna" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_two_see_more_than_one(folder: Path) -> None:
     # Without slips: they go by the innovations of a few frames, of which two persons' are other ones.
     settings = with_switches(Settings.default().replace(GLOBAL_SHUTTER), {"filter.process.handover": 0.0})
@@ -161,6 +163,7 @@ def test_a_run_that_was_stopped_ends_as_one_that_was_not(
     assert summaries[0] == summaries[1]
 
 
+@pytest.mark.slow
 def test_results_of_other_persons_are_removed(folder: Path, finished: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
     for names in ("anna,ben", "anna"):
@@ -201,6 +204,7 @@ def test_the_clock_and_the_pose_of_one_are_corrected(folder: Path) -> None:
         CalibratedWorn(base, correction)
 
 
+@pytest.mark.slow
 def test_the_calibration_of_each_is_checked(folder: Path, tmp_path: Path) -> None:
     reports = check_persons(open_recording(folder))
     assert list(reports) == ["anna", "ben"]

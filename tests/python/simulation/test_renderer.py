@@ -120,6 +120,7 @@ def test_depth_is_that_of_the_nearest_surface() -> None:
     assert np.isinf(Renderer([near]).depth(pose, RADTAN)[240, 100])
 
 
+@pytest.mark.slow
 def test_picture_and_depth_agree_on_what_hides_what() -> None:
     tones = (40, 120, 200)
     rng = np.random.Generator(np.random.PCG64(3))
@@ -165,6 +166,7 @@ def test_fine_stripes_far_away_melt_into_grey() -> None:
     assert np.abs(seen.astype(float) - 127.5).max() < 12
 
 
+@pytest.mark.slow
 def test_the_corridor_has_no_holes(recording: SimulatedRecording) -> None:
     white = [Panel(p.origin, p.u, p.v, np.full((8, 8), 200, np.uint8)) for p in corridor(15.0)]
     renderer = Renderer(white)
@@ -172,6 +174,7 @@ def test_the_corridor_has_no_holes(recording: SimulatedRecording) -> None:
         assert (renderer.render(recording.truth[i], recording.camera) == 200).all()
 
 
+@pytest.mark.slow
 def test_frames_repeat_in_any_order_and_follow_the_seed(recording: SimulatedRecording) -> None:
     first, again, other = recording, corridor_recording(seed=0), corridor_recording(seed=1)
     again.frame(44)
@@ -192,6 +195,7 @@ def test_frames_repeat_in_any_order_and_follow_the_seed(recording: SimulatedReco
     assert np.array_equal(first.truth, other.truth)
 
 
+@pytest.mark.slow
 def test_measured_pose_has_the_covariance_it_claims(
     recording: SimulatedRecording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -228,6 +232,7 @@ def test_overlap_comes_and_goes(recording: SimulatedRecording) -> None:
     assert not recording.frame(30).views
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changed",
     [
@@ -249,6 +254,7 @@ def test_each_condition_changes_the_picture(changed: dict[str, Any]) -> None:
     assert np.std(other.astype(float) - same) > 1.0  # the noise is drawn alike in both
 
 
+@pytest.mark.slow
 def test_a_dim_corridor_has_less_contrast_and_more_noise() -> None:
     plain, hard = (corridor_recording(length_m=3.0, conditions=c) for c in (PLAIN, HARD))
     assert np.std(hard.image(0)) < 0.8 * np.std(plain.image(0))
@@ -256,6 +262,7 @@ def test_a_dim_corridor_has_less_contrast_and_more_noise() -> None:
     assert np.std(hard.image(0).astype(float) - again.image(0)) > 1.2 * np.sqrt(2) * 2.52
 
 
+@pytest.mark.slow
 def test_the_demo_is_the_hard_corridor() -> None:
     demo = demo_recording()
     assert len(demo) == round(DEMO_METRES / 1.5 * 10.0)
@@ -274,6 +281,7 @@ def test_the_walk_is_smooth_and_of_the_asked_length(recording: SimulatedRecordin
     assert np.rad2deg(max(turns)) < 1.5
 
 
+@pytest.mark.slow
 def test_epipolar_geometry_holds_along_the_walk_and_across_the_cameras(recording: SimulatedRecording) -> None:
     cs, cf = recording.camera, recording.worn_camera
     for i in (0, 45, 85):

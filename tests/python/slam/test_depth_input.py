@@ -16,6 +16,7 @@ def _grid(clip: Clip, i: int) -> tuple[np.ndarray, np.ndarray]:
     return np.stack([u.ravel(), v.ravel()], axis=1), depth[v.ravel(), u.ravel()]
 
 
+@pytest.mark.slow
 def test_depth_starts_the_map_and_measures_it(clip: Clip) -> None:
     slam = Slam(clip.recording.camera, mode="mono", start="depth")
     first = slam.step(clip.frames[0].t, clip.frames[0].image)

@@ -46,6 +46,7 @@ def _state(slam: Slam) -> tuple[object, ...]:
 
 @pytest.mark.parametrize("mode", MODES)
 class TestEachMode:
+    @pytest.mark.slow
     def test_poses_are_sound(self, runs: Any, mode: str) -> None:
         for step in runs(mode).steps:
             assert np.isfinite(step.pose).all()

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.clip import Clip
+from helpers.waiting import LONGEST
 
 from collabslam import BusyError, InputError, Slam
 from collabslam.slam.guard import all_or_nothing, alone
@@ -95,6 +96,7 @@ def test_interrupted_at_any_stage_it_is_as_before(
     assert step(slam, frame) == straight[1]
 
 
+@pytest.mark.slow
 def test_interrupted_at_any_line_it_is_as_before(clip: Clip, straight: tuple[bytes, bytes]) -> None:
     """Ctrl-C comes between any two lines of ours: every fiftieth of a frame is tried."""
     slam, frame = engine_at(clip), clip.frames[COUNT]
@@ -204,14 +206,14 @@ def test_a_second_thread_is_told_that_the_engine_is_busy(clip: Clip, straight: t
 
     def slow(*arguments: Any) -> Any:
         inside.set()
-        assert go_on.wait(60.0)
+        assert go_on.wait(LONGEST)
         return search(*arguments)
 
     slam._parts.tracks.search = slow  # type: ignore[method-assign, assignment]
     results: list[bytes] = []
     thread = threading.Thread(target=lambda: results.append(step(slam, frame)))
     thread.start()
-    assert inside.wait(60.0)
+    assert inside.wait(LONGEST)
     calls: list[Callable[[], object]] = [
         lambda: slam.step(frame.t, frame.image, frame.views),
         slam.state,
@@ -240,13 +242,14 @@ class Room:
     @alone
     def stay(self) -> None:
         self.entered.set()
-        assert self.leave.wait(60.0)
+        assert self.leave.wait(LONGEST)
 
     @all_or_nothing
     def pass_through(self) -> None:
         pass
 
 
+@pytest.mark.slow
 def test_nobody_waits_wherever_the_other_thread_stands(clip: Clip) -> None:
     """One stops before the n-th line of the guard, another comes: one goes on, the other is told."""
     busy = 0
@@ -254,7 +257,7 @@ def test_nobody_waits_wherever_the_other_thread_stands(clip: Clip) -> None:
         room, stopped, go_on, told = Room(clip), threading.Event(), threading.Event(), []
         first = threading.Thread(target=_held_at, args=(line, stopped, go_on, told, room.pass_through))
         first.start()
-        assert stopped.wait(60.0)
+        assert stopped.wait(LONGEST)
         if told:  # the guard has fewer lines than that
             break
         second = threading.Thread(target=_noted, args=(told, room.stay))
@@ -262,10 +265,10 @@ def test_nobody_waits_wherever_the_other_thread_stands(clip: Clip) -> None:
         while not room.entered.wait(0.01) and not told:
             pass
         go_on.set()
-        first.join(20.0)
+        first.join(LONGEST)
         waits = first.is_alive()
         room.leave.set()
-        second.join(60.0)
+        second.join(LONGEST)
         assert not waits, line
         busy += told.count("busy")
         assert sorted(told) in (["busy", "done"], ["done", "done"]), line
@@ -293,7 +296,7 @@ def _held_at(
             left -= 1
             if left == 0:
                 stopped.set()
-                assert go_on.wait(60.0)
+                assert go_on.wait(LONGEST)
         return trace
 
     sys.settrace(trace)

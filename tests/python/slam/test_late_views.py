@@ -51,6 +51,7 @@ def rows(result: Any) -> int:
     return int(result.diagnostics.get("cf_pixel_rows", 0))
 
 
+@pytest.mark.slow
 def test_a_view_between_two_frames_is_used_and_so_is_one_of_half_a_second_ago() -> None:
     slam = started()
     step(slam, 6, worn(0.57))  # from here on poses are kept
@@ -78,6 +79,7 @@ def test_what_is_handed_in_from_other_threads_is_used_by_its_time() -> None:
     assert one.worn_dropped == two.worn_dropped
 
 
+@pytest.mark.slow
 def test_what_is_not_used_is_counted_by_its_reason() -> None:
     slam = started()
     step(slam, 6, worn(0.57))

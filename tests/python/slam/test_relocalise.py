@@ -91,6 +91,7 @@ def _covered(image: Image) -> Iterator[Image]:
         yield np.clip(glow + generator.normal(0.0, 2.5, image.shape), 0, 255).astype(np.uint8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["black", "covered"])
 def test_a_second_in_the_dark(recording: SimulatedRecording, images: list[Image], how: str) -> None:
     walk = Walk(recording)
@@ -132,6 +133,7 @@ def _is_a_jump(step: StepResult) -> bool:
     return step.valid and step.status is Status.DOUBTFUL and step.diagnostics["doubt"] == "jump"
 
 
+@pytest.mark.slow
 def test_a_jump(recording: SimulatedRecording, images: list[Image]) -> None:
     walk, steps = _jump(recording, images)
     jump = np.linalg.norm((pose_inverse(recording.truth[SEEN]) @ recording.truth[SEEN + SECOND])[:3, 3])
@@ -152,6 +154,7 @@ def test_a_jump(recording: SimulatedRecording, images: list[Image]) -> None:
         walk.is_right(later)
 
 
+@pytest.mark.slow
 def test_a_jump_ends_alike_to_the_bit(recording: SimulatedRecording, images: list[Image]) -> None:
     (one, _), (two, _) = _jump(recording, images), _jump(recording, images)
     assert one.last.pose.tobytes() == two.last.pose.tobytes()
@@ -168,6 +171,7 @@ def _elsewhere(recording: SimulatedRecording, mode: str) -> tuple[Walk, list[Ste
     return walk, steps
 
 
+@pytest.mark.slow
 def test_lost_it_starts_again_where_cf_sees_what_it_sees(recording: SimulatedRecording) -> None:
     walk, steps = _elsewhere(recording, "collab-tight")
     assert [s.status for s in steps] == [Status.COASTING] * 2 + [Status.LOST] + [Status.OK] * 5
@@ -183,6 +187,7 @@ def test_lost_it_starts_again_where_cf_sees_what_it_sees(recording: SimulatedRec
     assert walk.slam.filter.soundness() > -1e-10
 
 
+@pytest.mark.slow
 def test_without_cf_there_is_no_second_map(recording: SimulatedRecording) -> None:
     walk, steps = _elsewhere(recording, "mono")
     assert [s.status for s in steps] == [Status.COASTING] * 2 + [Status.LOST] * 6
@@ -190,6 +195,7 @@ def test_without_cf_there_is_no_second_map(recording: SimulatedRecording) -> Non
     assert not walk.last.valid
 
 
+@pytest.mark.slow
 def test_back_in_the_first_map(recording: SimulatedRecording, images: list[Image], tmp_path: Path) -> None:
     walk, steps = _elsewhere(recording, "collab-tight")
     unsure = np.trace(steps[-1].covariance)
@@ -213,6 +219,7 @@ def test_back_in_the_first_map(recording: SimulatedRecording, images: list[Image
         walk.is_right(later)
 
 
+@pytest.mark.slow
 def test_it_looks_back_while_it_is_ok(
     recording: SimulatedRecording, images: list[Image], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -233,6 +240,7 @@ def test_it_looks_back_while_it_is_ok(
     walk.is_right(i)
 
 
+@pytest.mark.slow
 def test_elsewhere_it_stays_lost(recording: SimulatedRecording, images: list[Image]) -> None:
     walk = Walk(recording)
     ids = walk.ids()

@@ -78,6 +78,7 @@ def test_it_holds_all_of_the_map(slam: Slam, file: Path) -> None:
                 np.testing.assert_array_equal(getattr(a, field.name), getattr(b, field.name))
 
 
+@pytest.mark.slow
 def test_another_camera_finds_itself_in_it(clip: Clip, file: Path) -> None:
     truth_of_w = pose_inverse(clip.recording.truth[0])
     second = Slam(OTHER, mode="mono", start="map", map=SavedMap.load(file))
@@ -102,6 +103,7 @@ def test_another_camera_finds_itself_in_it(clip: Clip, file: Path) -> None:
     assert np.trace(steps[-1].covariance[3:, 3:]) > np.trace(place[3:, 3:])
 
 
+@pytest.mark.slow
 def test_it_goes_on_mapping(clip: Clip, file: Path) -> None:
     second = Slam(OTHER, mode="mono", start="map", map=SavedMap.load(file))
     born = 0
@@ -196,6 +198,7 @@ def test_options_that_do_not_go_together(clip: Clip, file: Path) -> None:
             Slam(camera, mode="mono", start=start, map=SavedMap.load(file))
 
 
+@pytest.mark.slow
 def test_runs_save_it_and_start_in_it(clip: Clip, tmp_path: Path) -> None:
     path = tmp_path / "first.map"
     first = run(FirstFrames(clip.recording, 10), out=Output(save_map=path))

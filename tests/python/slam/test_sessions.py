@@ -49,6 +49,7 @@ def _upside_down(known: SavedMap) -> SavedMap:
     return replace(known, views=views)
 
 
+@pytest.mark.slow
 def test_a_map_holds_the_submaps(first: Slam, file: Path) -> None:
     chain, loaded = first._parts.submaps.chain(), SavedMap.load(file).submaps
     assert len(loaded.submaps) == len(chain.submaps) >= 2
@@ -61,6 +62,7 @@ def test_a_map_holds_the_submaps(first: Slam, file: Path) -> None:
             assert new == alive.index(old) if old in alive else new < 0
 
 
+@pytest.mark.slow
 def test_a_second_run_is_found_in_one_of_them(
     recording: SimulatedRecording, file: Path, tmp_path: Path
 ) -> None:
@@ -90,6 +92,7 @@ def test_a_second_run_is_found_in_one_of_them(
     assert not any(bare.step(0.1 * k, recording.image(i)).valid for k, i in enumerate(AGAIN[:3]))
 
 
+@pytest.mark.slow
 def test_two_runs_with_a_worn_camera_each_end_in_one_frame(
     first: Slam, recording: SimulatedRecording, file: Path, tmp_path: Path
 ) -> None:
@@ -129,6 +132,7 @@ def test_two_runs_with_a_worn_camera_each_end_in_one_frame(
             assert off @ np.linalg.solve(covariance, off) < 22.5
 
 
+@pytest.mark.slow
 def test_another_camera_has_its_own_views_of_them(file: Path) -> None:
     other = Camera("radtan", 640, 400, (500.0, 505.0, 322.0, 199.0), (-0.04, 0.01, 0.0, 0.0005))
     known = SavedMap.load(file)
@@ -141,6 +145,7 @@ def test_another_camera_has_its_own_views_of_them(file: Path) -> None:
         assert submap.described
 
 
+@pytest.mark.slow
 def test_a_submap_as_a_map_says_what_the_submap_says(file: Path) -> None:
     submap = SavedMap.load(file).submaps.submaps[1]
     there = as_map(submap)
@@ -159,6 +164,7 @@ def test_a_submap_as_a_map_says_what_the_submap_says(file: Path) -> None:
     np.testing.assert_allclose(np.linalg.eigvalsh(there.covariance).min(), 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_submaps_that_cannot_be_recognised_are_refused(file: Path, tmp_path: Path) -> None:
     known = SavedMap.load(file)
     last = replace(known.submaps.submaps[-1], descriptors=np.empty((0, 128), np.float32))

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.clip import GLOBAL_SHUTTER
+from helpers.waiting import LONGEST
 
 import collabslam
 from collabslam._core import Factor, PoseGraph
@@ -153,6 +154,7 @@ def walk(recording: SimulatedRecording) -> Walk:
     return there_and_back
 
 
+@pytest.mark.slow
 def test_a_place_that_was_left_is_recognised_and_the_way_corrected(walk: Walk) -> None:
     submaps = walk.slam.submaps()
     assert len(submaps.times) == len(submaps.poses) >= 3
@@ -172,6 +174,7 @@ def test_a_place_that_was_left_is_recognised_and_the_way_corrected(walk: Walk) -
         assert error @ np.linalg.solve(covariance, error) < 30.0
 
 
+@pytest.mark.slow
 def test_the_pose_goes_on_as_odometry_and_the_map_pose_as_the_loops_say(walk: Walk) -> None:
     first = next(k for k, step in enumerate(walk.steps) if step.diagnostics["loops"])
     for step in walk.steps[:first]:
@@ -187,6 +190,7 @@ def test_the_pose_goes_on_as_odometry_and_the_map_pose_as_the_loops_say(walk: Wa
         walk.slam.between_submaps(0, 1000)
 
 
+@pytest.mark.slow
 def test_the_whole_map_has_what_the_filter_has_left_behind(walk: Walk, recording: SimulatedRecording) -> None:
     short = Walk(recording)
     short.go(1)
@@ -211,6 +215,7 @@ def test_the_whole_map_has_what_the_filter_has_left_behind(walk: Walk, recording
     assert all_of_it.covariances.shape == (len(all_of_it.times), 6, 6)
 
 
+@pytest.mark.slow
 def test_a_singular_covariance_of_what_was_handed_on_is_named(walk: Walk) -> None:
     chain = walk.slam._parts.submaps.chain()
     spoilt = replace(chain.submaps[1], handed_on=chain.submaps[1].handed_on + 1e9)
@@ -218,6 +223,7 @@ def test_a_singular_covariance_of_what_was_handed_on_is_named(walk: Walk) -> Non
         whole_way(replace(chain, submaps=[chain.submaps[0], spoilt, *chain.submaps[2:]]))
 
 
+@pytest.mark.slow
 def test_a_loop_counts_ten_frames_after_the_end_of_the_submap(walk: Walk) -> None:
     submaps = walk.slam.submaps()
     counted = [k for k, step in enumerate(walk.steps) if step.diagnostics["loops"]]
@@ -225,6 +231,7 @@ def test_a_loop_counts_ten_frames_after_the_end_of_the_submap(walk: Walk) -> Non
     assert counted == [k + 10 for k in ends if k + 10 < len(walk.steps)]
 
 
+@pytest.mark.slow
 def test_an_engine_of_a_file_finds_the_same_loops_however_long_that_takes(
     walk: Walk, recording: SimulatedRecording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -256,6 +263,7 @@ def test_an_engine_of_a_file_finds_the_same_loops_however_long_that_takes(
             Slam.from_state({**state, "parts": {**state["parts"], "submaps": bad}})
 
 
+@pytest.mark.slow
 def test_a_chain_of_other_worn_cameras_than_the_filter_has_is_refused(walk: Walk) -> None:
     state = walk.slam.state()
     part = state["parts"]["submaps"]
@@ -288,7 +296,7 @@ def test_work_beside_gives_what_it_gives_and_raises_what_it_raises() -> None:
 
     def waits() -> bool:
         calls.append(threading.current_thread())
-        return gone.wait(60.0)
+        return gone.wait(LONGEST)
 
     for wanted in ("one", "another"):
         beside.begin(wanted, waits)

@@ -16,6 +16,8 @@ from collabslam.results import StepResult
 from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.types import Array, Image, Status, WornView
 
+pytestmark = pytest.mark.slow
+
 TAG = Tag("36h11", 3, 0.24)
 PLACE = pose(rotation_exp([0.1, 0.6, 0.05]), [0.15, 0.0, 2.3])
 """Beside the corridor's way, seen from where Cs starts."""

@@ -19,6 +19,8 @@ from collabslam.slam.targets.in_map import SeenTarget, check_targets
 from collabslam.targets.printed import planar_solutions, printed_corners
 from collabslam.types import Array, Image, Status
 
+pytestmark = pytest.mark.slow
+
 TAG, OTHER = Tag("36h11", 3, 0.24), Tag("36h11", 4, 0.24)
 PLACES = {
     TAG: pose(rotation_exp([0.1, 0.6, 0.05]), [0.15, 0.0, 2.3]),

@@ -1,8 +1,12 @@
 """A close, fast turn in a world as hard as life: what the map does not show the images do (METHOD 27)."""
 
+import pytest
+
 from collabslam import Slam, Status
 from collabslam.settings.table import Settings
 from collabslam_lab.worlds import world_recording
+
+pytestmark = pytest.mark.slow
 
 FRAMES = 52  # of the turn; at the 42nd a few of the map's features are found
 

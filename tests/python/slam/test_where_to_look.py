@@ -15,6 +15,8 @@ from collabslam.runs.results import FRAMES
 from collabslam.simulation import corridor_recording
 from collabslam.slam.worn.looking import DIAGNOSTICS, Look
 
+pytestmark = pytest.mark.slow
+
 KEY = "frontend.worn.where_to_look"
 ASKED = Settings.default().replace({KEY: True})
 

@@ -23,6 +23,7 @@ BOARD = Board(7, 4, 0.05)
 BACKGROUND = np.random.default_rng(0).integers(60, 200, (480, 640)).astype(np.uint8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", [TAG, BOARD, Tag("4x4_50", 7, 0.2), Tag("25h9", 1, 0.2)], ids=str)
 def test_a_printed_target_tells_the_pose(target: Tag | Board) -> None:
     rng = np.random.default_rng(1)
@@ -82,6 +83,7 @@ def posted(clip: Clip) -> FirstFrames:
     return walk_past(clip, TAG, 15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", [TAG, BOARD], ids=str)
 def test_one_camera_starts_metric_from_a_printed_target(clip: Clip, target: Tag | Board) -> None:
     walk = walk_past(clip, target, 15)
@@ -100,12 +102,14 @@ def test_one_camera_starts_metric_from_a_printed_target(clip: Clip, target: Tag 
     assert 0.2 * SIZE_SD < result.record.steps[-1].scale_sd < 0.05
 
 
+@pytest.mark.slow
 def test_a_wrong_size_is_a_wrong_scale(posted: FirstFrames) -> None:
     larger = Tag(TAG.family, TAG.number, 1.5 * TAG.side)
     result = collabslam.run(posted, printed=[larger], mode="mono")
     assert length_share(result.record, posted.truth) == pytest.approx(1.5, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_tag_that_comes_into_view_is_an_anchor(clip: Clip, posted: FirstFrames) -> None:
     """With a scale from depths that are all too long, and uncertain enough, the tag says what is right."""
     ways, sds = [], []

@@ -21,6 +21,8 @@ from collabslam.runs import runner
 from collabslam.viz.animation import animate
 from collabslam.viz.rerun_log import COLOURS, RerunLog
 
+pytestmark = pytest.mark.slow
+
 RERUN = str(Path(sys.executable).parent / "rerun")
 
 

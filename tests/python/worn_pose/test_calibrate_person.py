@@ -28,6 +28,8 @@ from collabslam_lab.worlds.catalogue import BOARD
 from collabslam_lab.worlds.sensors import config_of, estimated_poses, readings_of
 from collabslam_lab.worn_sensors import camera_attitude
 
+pytestmark = pytest.mark.slow
+
 NAMES = ("corridor-2", "turn90-5", "h", "f")
 
 

@@ -58,6 +58,8 @@ from collabslam_lab.worn_sensors import (
     simulate_scans,
 )
 
+pytestmark = pytest.mark.slow
+
 
 def test_nees_is_in_its_band() -> None:
     runs = 8
