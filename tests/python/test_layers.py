@@ -74,6 +74,11 @@ ALLOWED: dict[str, set[str]] = {
 }
 """Part of the package, and the parts that it may import."""
 
+ENGINE = ("tracking", "targets", "worn", "submaps", "map", "recovery")
+"""Folders of ``slam``, from the bottom to the top: a file imports from its own and from those before."""
+OF_LOOP = {"engine", "frame_loop", "parts", "saving", "starts", "search", "verdict", "outcome", "doubts"}
+"""Of the files beside them those that make the frame loop; the others are shared by all."""
+
 PRODUCT = {f"collabslam.{part}" for part in ALLOWED}
 LAB_ALLOWED: dict[str, set[str]] = {
     "__init__": set(),
@@ -159,6 +164,14 @@ def test_a_file_imports_what_the_table_allows(module: str) -> None:
     if package == "collabslam_lab":
         allowed |= {f"collabslam.{n}" for n in (*ALLOWED, "_core")}
     assert {_part(m) for m in _imports(module)} <= allowed
+
+
+@pytest.mark.parametrize("folder", ENGINE)
+def test_a_folder_of_the_engine_imports_from_those_below(folder: str) -> None:
+    below = ENGINE[: ENGINE.index(folder) + 1]
+    for module in (m for m in FILES if m.startswith(f"collabslam.slam.{folder}.")):
+        for other in (m.split(".")[2:] for m in _imports(module) if m.startswith("collabslam.slam.")):
+            assert other[0] in below if len(other) > 1 else other[0] not in OF_LOOP, (module, other)
 
 
 def test_the_table_names_folders_that_exist() -> None:

@@ -13,6 +13,7 @@ from collabslam.slam.recovery.known_submaps import KnownSubmaps
 from collabslam.slam.recovery.recovery import Recovery
 from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.recovery.restart import Restart
+from collabslam.slam.search import FrameSearch
 from collabslam.slam.starts import start_of
 from collabslam.slam.status import StatusMonitor
 from collabslam.slam.submaps.submaps import Submaps
@@ -20,7 +21,6 @@ from collabslam.slam.targets.in_map import PrintedTargets
 from collabslam.slam.tracking.blank_image import BlankImageDetector
 from collabslam.slam.tracking.depth_input import DepthInput
 from collabslam.slam.tracking.fixed_content import FixedContent
-from collabslam.slam.tracking.search import FrameSearch
 from collabslam.slam.tracking.tracks import Tracks
 from collabslam.slam.verdict import Verdict
 from collabslam.slam.worn.late_views import LateViews

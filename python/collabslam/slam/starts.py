@@ -9,8 +9,9 @@ from collabslam.errors import SettingsError
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.settings.modes import MODES, SLAM_STARTS
 from collabslam.slam.map.free_start import FreeStart
+from collabslam.slam.map.odometry_start import OdometryStart
 from collabslam.slam.map.saved_map import SavedMap
-from collabslam.slam.map.start import OdometryStart, Start
+from collabslam.slam.start import Start
 from collabslam.slam.targets.in_map import PrintedTargets
 from collabslam.slam.targets.start import TargetStart
 from collabslam.targets.kinds import Board, Tag

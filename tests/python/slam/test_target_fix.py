@@ -14,7 +14,7 @@ from collabslam import Camera, DataError, InputError, RecordingWriter, SavedMap,
 from collabslam.cli import main as cli
 from collabslam.geometry import pose, pose_inverse, rotation_exp, se3_exp, se3_log
 from collabslam.results import StepResult
-from collabslam.slam.targets.fix import find_by_targets
+from collabslam.slam.recovery.by_targets import find_by_targets
 from collabslam.slam.targets.in_map import SeenTarget, check_targets
 from collabslam.targets.printed import planar_solutions, printed_corners
 from collabslam.types import Array, Image, Status

@@ -10,8 +10,8 @@ import numpy as np
 from collabslam._core import Camera, Filter
 from collabslam.formats.schema import Check, array, items, number, optional, refuse
 from collabslam.frontend.flow import there_and_back
-from collabslam.slam.map.start import Start
 from collabslam.slam.map_change import ImagePoints, MapChange
+from collabslam.slam.start import Start
 from collabslam.slam.state import FARTHEST_PIXEL, SECONDS
 from collabslam.slam.view import View
 from collabslam.types import Array, Image, Mask

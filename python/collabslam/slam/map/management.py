@@ -8,8 +8,8 @@ import numpy as np
 
 from collabslam._core import Filter, UpdateReport
 from collabslam.settings.table import Settings
-from collabslam.slam.map.start import Start
 from collabslam.slam.map_change import ImagePoints, MapChange
+from collabslam.slam.start import Start
 from collabslam.slam.targets.in_map import PrintedTargets
 from collabslam.slam.tracking.depth_input import Depths
 from collabslam.slam.tracking.tracks import Found

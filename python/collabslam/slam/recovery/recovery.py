@@ -5,10 +5,10 @@ from __future__ import annotations
 from collabslam._core import Camera, Filter, UpdateReport
 from collabslam.slam.map.size import MapSize
 from collabslam.slam.map_change import Recovered
+from collabslam.slam.recovery.by_targets import find_by_targets, find_in_aside
 from collabslam.slam.recovery.known_submaps import KnownSubmaps
 from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.recovery.restart import Restart
-from collabslam.slam.targets.fix import find_by_targets, find_in_aside
 from collabslam.slam.targets.in_map import PrintedTargets
 from collabslam.slam.view import View
 

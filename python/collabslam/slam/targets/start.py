@@ -16,8 +16,8 @@ from collabslam.frontend.patch import SIZE, Patch, capture, warp_templates
 from collabslam.frontend.search import FOUND, active_search
 from collabslam.geometry import pose_inverse
 from collabslam.settings.frontend import FrontendSettings
-from collabslam.slam.map.start import Start
 from collabslam.slam.map_change import ImagePoints, MapChange
+from collabslam.slam.start import Start
 from collabslam.slam.state import PATCH
 from collabslam.slam.targets.in_map import PrintedTargets, by_pose_error, known_points
 from collabslam.slam.targets.patches import RADIUS, SIGMA, find_target
