@@ -17,7 +17,7 @@ from collabslam.settings.setting import Value
 from collabslam.slam.map.size import MapSize
 from collabslam.slam.map_change import MapChange
 from collabslam.slam.state import PersistentState
-from collabslam.slam.worn.matcher import Overlap
+from collabslam.slam.worn.overlap import Overlap
 from collabslam.slam.worn.overlaps import Overlaps
 from collabslam.types import Array
 

@@ -24,9 +24,10 @@ from collabslam.slam.stage_times import StageTimes
 from collabslam.slam.tracking.blank_image import FROZEN
 from collabslam.slam.tracking.depth_input import Depths
 from collabslam.slam.tracking.tracks import Found
-from collabslam.slam.view import PlacedViews, View
+from collabslam.slam.view import View
 from collabslam.slam.worn.late_views import Views
 from collabslam.slam.worn.looking import counts as look_counts
+from collabslam.slam.worn.overlap import Overlap
 from collabslam.slam.worn.overlaps import Overlaps
 from collabslam.slam.worn.tags import overlaps
 from collabslam.types import Image, Status
@@ -120,9 +121,9 @@ class FrameLoop:
         corners = Corners(image, self._options.detect, SIZE, hidden=hidden)
         return View(t, image, worn, hidden, corners, started, lost)
 
-    def _hidden(self, worn: PlacedViews) -> Hidden | None:
+    def _hidden(self, worn: tuple[Overlap, ...]) -> Hidden | None:
         """Which pixels of Cs show no landmark: whoever wears a Cf, or what is fixed to the camera."""
-        wearers = (self._parts.worn.hidden(placed.worn) for _, placed in worn)
+        wearers = (self._parts.worn.hidden(overlap.worn) for overlap in worn)
         hiding = [hides for hides in wearers if hides is not None]
         if self._parts.fixed.is_there:
             hiding.append(self._parts.fixed.hides)

@@ -20,12 +20,11 @@ from collabslam.slam.state import check_camera, persistent_parts
 from collabslam.slam.submaps.chain import Submap
 from collabslam.slam.submaps.loop_search import Wanted
 from collabslam.slam.worn.late_views import KeptFrame
-from collabslam.slam.worn.looking import WornPose
 from collabslam.types import Target, WornView
 
 KIND, VERSION = "engine state", 15
 """Of the file that `Slam.save` writes; the version counts the changes of what is in it."""
-CLASSES = (KeptFrame, Loop, MapAside, Patch, Submap, Target, Wanted, WornPose, WornView)
+CLASSES = (KeptFrame, Loop, MapAside, Patch, Submap, Target, Wanted, WornView)
 """Dataclasses that are in it."""
 STATE = fields(
     camera=check_camera,

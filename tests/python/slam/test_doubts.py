@@ -15,7 +15,7 @@ from collabslam.settings.table import Settings
 from collabslam.slam.doubts import CAUSES, NOTHING, Doubts
 from collabslam.slam.map.size import MapSize
 from collabslam.slam.map_change import MapChange
-from collabslam.slam.worn.matcher import Overlap
+from collabslam.slam.worn.overlap import Overlap
 from collabslam.slam.worn.overlaps import Overlaps
 from collabslam.types import WornView
 
@@ -46,10 +46,13 @@ def report(*, refused: int = 0, worn: int = 0, nis: float = 30.0, accepted: bool
 def seen(*against: float, size: float = float("nan")) -> Overlaps:
     """Twenty matches with each Cf, and how much they contradict T_CF, and the map's size."""
     each = [
-        Overlap(k, ids=np.arange(20), points=60, against=a, size=size, refused=max(a, size) > 1.0)
+        Overlap(k, VIEW, VIEW, 0.0, ids=np.arange(20), points=60, against=a, size=size)
         for k, a in enumerate(against)
     ]
-    return Overlaps(tuple(o if o.refused else replace(o, worn=VIEW) for o in each))
+    refused = [max(a, size) > 1.0 for a in against]
+    return Overlaps(
+        tuple(replace(o, refused=no, measured=not no) for o, no in zip(each, refused, strict=True))
+    )
 
 
 def born(strayed: int = 0, by: float = 1.0) -> MapChange:

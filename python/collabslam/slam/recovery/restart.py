@@ -59,8 +59,8 @@ class Restart:
         """
         if not (self._metric and self._monitor.found):
             return None
-        for _, placed in view.worn:
-            overlap = Overlaps((self._worn.match(view, placed, Found.nothing(), self._map.in_view),))
+        for given in view.worn:
+            overlap = Overlaps((self._worn.match(view, given, Found.nothing(), self._map.in_view),))
             if overlap.observation is None:
                 continue
             old = None if wrong else self._relocaliser.map_in_use(self._printed)

@@ -38,8 +38,9 @@ from collabslam.settings.table import Settings
 from collabslam.slam.map_change import ImagePoints, MapChange
 from collabslam.slam.state import SECONDS, PersistentState
 from collabslam.slam.tracking.tracks import Found, Tracks
-from collabslam.slam.view import PlacedViews, PlacedWorn, View
+from collabslam.slam.view import View
 from collabslam.slam.worn.matcher import WornMatcher
+from collabslam.slam.worn.overlap import Overlap
 from collabslam.types import Array, Ids, Image, WornView
 
 MOST_PENDING = 32
@@ -209,36 +210,36 @@ class LateViews(PersistentState):
             worn = worn[1:]
         yield t, image, worn
 
-    def place(self, t: float, views: Views, *, lost: bool) -> PlacedViews:
-        """The views that can be used, with T_CF as it is for the frame at ``t`` and the numbers of their
-        cameras."""
-        placed = ((self._worn.number(view.who), self._placed(t, view, lost=lost)) for view in views)
-        found = tuple((number, view) for number, view in placed if view is not None)
-        self.used += tuple(view.captured or view.worn for _, view in found)
-        return found
+    def place(self, t: float, views: Views, *, lost: bool) -> tuple[Overlap, ...]:
+        """The views that can be used, with T_CF as it is for the frame at ``t``."""
+        at_frame = ((view, self._at_frame(t, view, lost=lost)) for view in views)
+        found = [(view, worn) for view, worn in at_frame if worn is not None]
+        self.used += tuple(view for view, _ in found)
+        return tuple(Overlap(self._worn.number(view.who), view, worn, t) for view, worn in found)
 
-    def _placed(self, t: float, worn: WornView, *, lost: bool) -> PlacedWorn | None:
-        if worn.t is None:
-            return PlacedWorn(worn)
+    def _at_frame(self, t: float, worn: WornView, *, lost: bool) -> WornView | None:
+        """The view with T_CF as it is for the frame at ``t``; None, and counted, if it is not used."""
+        if worn.t is None or (worn.t == t and self._clock_sd == 0.0):
+            return worn
         if worn.t == t:
-            return PlacedWorn(self._carried(worn, t), worn) if self._clock_sd > 0.0 else PlacedWorn(worn)
+            return self._carried(worn, t)
         timing = self._timing(worn)
         if lost and t - worn.t > START_GAP * self._late:
             timing = STALE  # nobody knows where Cs was
         if timing in REASONS:
             self._drop(timing)
             return None
-        return PlacedWorn(self._carried(worn, t), worn)
+        return self._carried(worn, t)
 
-    def beside(self, view: View, placed: PlacedWorn, found: Found) -> tuple[View, PlacedWorn, Found]:
+    def beside(self, view: View, overlap: Overlap, found: Found) -> tuple[View, Overlap, Found]:
         """The frame nearest in time to a view of Cf, the view there, and what was found."""
-        captured = placed.captured
-        if captured is None or captured.t is None or view.lost or not view.started:
-            return view, placed, found
-        nearest = min(self._frames, key=lambda frame: abs(frame.t - _time(captured)), default=None)
-        if nearest is None or abs(view.t - captured.t) <= abs(nearest.t - captured.t):
-            return view, placed, found
-        worn = self._carried(captured, nearest.t)
+        if overlap.given is overlap.worn or view.lost or not view.started:
+            return view, overlap, found
+        taken = overlap.taken
+        nearest = min(self._frames, key=lambda frame: abs(frame.t - taken), default=None)
+        if nearest is None or abs(view.t - taken) <= abs(nearest.t - taken):
+            return view, overlap, found
+        worn = self._carried(overlap.given, nearest.t)
         corners = Corners(nearest.image, self._options.detect, SIZE, hidden=self._worn.hidden(worn))
         earlier = replace(view, t=nearest.t, image=nearest.image, corners=corners)
         ids, alive = nearest.ids, np.isin(nearest.candidates, self._filter.candidates)
@@ -246,7 +247,7 @@ class LateViews(PersistentState):
         some, code = np.full(int(known.sum()), 1.0), np.full(int(known.sum()), FOUND)
         return (
             earlier,
-            PlacedWorn(worn, captured),
+            replace(overlap, worn=worn, at=nearest.t, image=nearest.image),
             Found(
                 searched=ids[known],
                 result=SearchResult(nearest.uv[known], some, some, code),

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from collabslam._core import Filter
-from collabslam.formats.schema import Check, covariance, instance, optional, pose, table
+from collabslam.formats.schema import Check, covariance, fields, optional, pose, table
 from collabslam.slam.state import PersistentState
 from collabslam.slam.status import StatusMonitor
 from collabslam.types import Array, WornView
@@ -66,15 +66,6 @@ def counts(look: Look | None) -> dict[str, float]:
     return dict(zip(DIAGNOSTICS, numbers, strict=True))
 
 
-@dataclass(frozen=True)
-class WornPose:
-    """Where Cf was when it was last measured: ``t_cf``, ``covariance`` and ``bias`` as of a `WornView`."""
-
-    t_cf: Array
-    covariance: Array
-    bias: Array | None
-
-
 class Looking(PersistentState):
     """Remembers where Cf was last, and asks the filter where it should look.
 
@@ -87,29 +78,26 @@ class Looking(PersistentState):
     """
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
-        "_last": table(
-            int, instance(WornPose, t_cf=pose, covariance=covariance(6), bias=optional(covariance(6)))
-        ),
+        "_last": table(int, fields(t_cf=pose, covariance=covariance(6), bias=optional(covariance(6)))),
     }
 
     def __init__(self, core: Filter, monitor: StatusMonitor, least: int) -> None:
         self._filter, self._monitor, self._least = core, monitor, least
-        self._last: dict[int, WornPose] = {}
+        # By the number of the worn camera: ``t_cf``, ``covariance`` and ``bias`` as of its last `WornView`.
+        self._last: dict[int, dict[str, Any]] = {}
 
     def saw(self, number: int, worn: WornView) -> None:
         """A frame came with this view of the worn camera with that number."""
         bias = None if worn.bias is None else np.array(worn.bias, np.float64)
         t_cf, covariance = (np.array(a, np.float64) for a in (worn.t_cf, worn.covariance))
-        self._last = self._last | {number: WornPose(t_cf, covariance, bias)}
+        self._last = self._last | {number: {"t_cf": t_cf, "covariance": covariance, "bias": bias}}
 
     def ask(self, number: int) -> Look | None:
         """The answer for that worn camera; None where nothing is gained, it was never seen, or Cs is lost."""
         worn = self._last.get(number)
         if worn is None or self._monitor.lost:
             return None
-        here, around = self._filter.where_to_look(
-            worn.t_cf, worn.covariance, worn.bias, least=self._least, who=number
-        )
+        here, around = self._filter.where_to_look(**worn, least=self._least, who=number)
         if here.best is None:
             return None
         view = here.t_cf[here.best]
@@ -118,7 +106,7 @@ class Looking(PersistentState):
             gain=float(here.gain[here.best]),
             matches=float(here.matches[here.best]),
             t_cf=view,
-            **_turn(worn.t_cf, view),
+            **_turn(worn["t_cf"], view),
             stand_at=(view if stand is None else around.t_cf[stand])[:3, 3],
             stand_gain=float(here.gain[here.best] if stand is None else around.gain[stand]),
         )

@@ -3,146 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
-from collabslam._core import Camera, Filter, Outcomes, WornMeasurement
+from collabslam._core import Camera, Filter
 from collabslam.errors import InputError
 from collabslam.frontend.detect import Hidden
-from collabslam.frontend.patch import Patch, capture
 from collabslam.frontend.two_views import TwoViews, ViewedPoints
 from collabslam.frontend.wearer_mask import covered
 from collabslam.frontend.worn_match import WornMatches, match_worn
 from collabslam.images import check_grey
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.settings.table import Settings
-from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.state import SECONDS
 from collabslam.slam.tracking.tracks import Found
-from collabslam.slam.view import PlacedWorn, View
+from collabslam.slam.view import View
+from collabslam.slam.worn.overlap import Overlap
 from collabslam.types import Array, Ids, WornView
-
-
-@dataclass(frozen=True)
-class Overlap:
-    """Matches between Cs and one Cf, ready for the filter.
-
-    Attributes
-    ----------
-    number : int
-        Of the worn camera.
-    ids : (M,) int64
-        Feature of each pair, -1 for a new point.
-    candidates : (M,) int64
-        Candidate that the new point was until now, -1 for none.
-    uv, uv_f : (M, 2) float64
-        Pixels in Cs and Cf; NaN in Cs for corners of tags.
-    worn : WornView or None
-        None where there is no overlap, or it was refused.
-    matches : WornMatches or None
-    against : float
-        How much the view contradicts T_CF, above 1 beyond its covariance: the images do (`Verdict`), or the
-        map does; NaN where neither says anything.
-    size : float
-        How much it contradicts the map's size, above 1 beyond all covariances (`ask_size`); NaN where it
-        says nothing.
-    refused : bool
-        The view contradicts T_CF or the map, or the map's size: it is not used.
-    baseline : float
-        |t_CF|, metres; NaN without overlap.
-    view : View or None
-        The frame that the matches are of, where the view of Cf was taken at another time than the frame's.
-    at : float
-        Time of the frame of Cs that the matches are of, seconds.
-    tag_corners : int
-        How many of the pairs, the last ones, are corners of the map's printed tags, read off in Cf.
-    """
-
-    number: int = 0
-    ids: Ids = field(default_factory=lambda: np.empty(0, np.int64))
-    candidates: Ids = field(default_factory=lambda: np.empty(0, np.int64))
-    uv: Array = field(default_factory=lambda: np.empty((0, 2)))
-    uv_f: Array = field(default_factory=lambda: np.empty((0, 2)))
-    worn: WornView | None = None
-    matches: WornMatches | None = None
-    points: int = 0
-    against: float = float("nan")
-    size: float = float("nan")
-    refused: bool = False
-    baseline: float = float("nan")
-    view: View | None = None
-    at: float = float("nan")
-    tag_corners: int = 0
-
-    @property
-    def pixels(self) -> Array:
-        """(K, 4) float64: pixels in Cs and in Cf of what both see."""
-        both = len(self.ids) - self.tag_corners
-        return np.hstack([self.uv[:both], self.uv_f[:both]])
-
-    @property
-    def observation(self) -> WornMeasurement | None:
-        """As `Filter.update` takes it."""
-        if self.worn is None:
-            return None
-        worn, capture = self.worn, None
-        if worn.t is not None and self.view is not None:
-            capture = (worn.t, self.at)
-        return WornMeasurement(
-            worn.t_cf,
-            worn.covariance,
-            self.ids,
-            self.uv,
-            self.uv_f,
-            bias=worn.bias,
-            capture=capture,
-            who=self.number,
-        )
-
-    def births(self, outcomes: Outcomes, t: float) -> tuple[ImagePoints, Ids]:
-        """Features born from pairs of the frame at ``t``, and the candidates (C,) that births use up."""
-        used = self.candidates[outcomes.born >= 0]
-        born = ImagePoints.born(outcomes.born, self.uv) if self.at == t else ImagePoints()
-        return born, used[used >= 0]
-
-    def earlier_births(self, outcomes: Outcomes, core: Filter, t: float) -> dict[int, Patch]:
-        """Features born from pairs of a frame before the one at ``t``, with their patches from there."""
-        if self.view is None or self.at == t:
-            return {}
-        born = ImagePoints.born(outcomes.born, self.uv)
-        patches = capture(self.view.image, born.uv, core.kept_pose(self.at))
-        return dict(zip(born.ids.tolist(), patches, strict=True))
-
-    def counts(self, outcomes: Outcomes | None) -> dict[str, Any]:
-        """Diagnostics of the worn camera; None is what was not measured."""
-        rejected = self.matches.rejected if self.matches else {}
-        verdict = self.matches.verdict if self.matches else None
-        correction = np.full(6, np.nan) if verdict is None else verdict.correction
-        return {
-            "overlap": int(self.worn is not None and not np.isnan(self.baseline)),
-            "baseline_m": self.baseline,
-            "cf_refused": int(self.refused),
-            "t_cf_correction_m": float(np.linalg.norm(correction[:3])),
-            "t_cf_correction_deg": float(np.degrees(np.linalg.norm(correction[3:]))),
-            "t_cf_against": self.against,
-            "size_against": self.size,
-            "cf_points": self.points,
-            "cf_matches": len(self.ids),
-            "cf_tag_corners": self.tag_corners,
-            "cf_rejected_region": rejected.get("region", 0),
-            "cf_rejected_ratio": rejected.get("ratio", 0) + rejected.get("mutual", 0),
-            "cf_rejected_epipolar": rejected.get("epipolar", 0) + rejected.get("consensus", 0),
-            "cf_rejected_low_score": rejected.get("score", 0),
-            "cf_rejected_chi2": outcomes.rejected_gate if outcomes else 0,
-            "cf_rejected_hohct": outcomes.rejected_batch if outcomes else 0,
-            "cf_rejected_conditional": outcomes.rejected_conditional if outcomes else 0,
-            "cf_too_uncertain": outcomes.too_uncertain if outcomes else 0,
-            "depth_rows": outcomes.depth_rows if outcomes else 0,
-            "cf_pixel_rows": outcomes.pixel_rows if outcomes else 0,
-        }
-
 
 NEW_POINTS = 120
 """Most new corners of Cs that are tried in Cf."""
@@ -242,7 +120,7 @@ class WornMatcher:
     def match(
         self,
         view: View,
-        placed: PlacedWorn,
+        overlap: Overlap,
         found: Found,
         missing: int,
         before: Sequence[Overlap] = (),
@@ -252,13 +130,12 @@ class WornMatcher:
         Of the new ones those are taken that other worn cameras begin in the same frame, as ``before`` says,
         and as many more as the frame is ``missing`` then.
         """
-        worn, started = placed.worn, view.started
-        number = self.number(worn.who)
+        worn, started = overlap.worn, view.started
         if started and self._only_start:
-            return Overlap(number)
-        overlap = self._filter.predict_overlap(worn.t_cf, worn.covariance, who=number)
-        if overlap is None:
-            return Overlap(number)
+            return overlap
+        regions = self._filter.predict_overlap(worn.t_cf, worn.covariance, who=overlap.number)
+        if regions is None:
+            return overlap
         known = np.empty(0, np.int64) if self._only_births and started else np.flatnonzero(found.hit)
         known_uv = found.result.uv[known]
         taken = np.concatenate([found.uv, found.candidate_uv])
@@ -273,8 +150,8 @@ class WornMatcher:
             self._worn_cameras[worn.who],
             worn.t_cf,
             worn.covariance,
-            overlap.roi_s,
-            overlap.roi_f,
+            regions.roi_s,
+            regions.roi_f,
         )
         points = ViewedPoints(
             uv,
@@ -286,35 +163,33 @@ class WornMatcher:
         # A start rests on this one view alone: it needs one that the images confirm.
         unsure = not started and np.isnan(against)
         if against > 1.0 or matches.size > 1.0 or unsure:
-            return Overlap(
-                number,
+            return replace(
+                overlap,
                 matches=matches,
                 points=len(uv),
                 against=against,
                 size=matches.size,
                 refused=not unsure,
-                baseline=overlap.baseline,
+                baseline=regions.baseline,
             )
         ids = np.concatenate([found.searched[known], np.full(len(unknown), -1)])
         candidates = np.concatenate([np.full(len(known), -1), found.candidates, np.full(len(fresh), -1)])
-        begun = _begun(view.t, uv, candidates, before)
+        begun = _begun(overlap.at, uv, candidates, before)
         most = missing - len({tuple(point) for o in before for point in o.uv[o.ids < 0].tolist()})
         chosen = self._choose(ids[matches.index], begun[matches.index], matches, most)
         rows = matches.index[chosen]
-        return Overlap(
-            number,
+        return replace(
+            overlap,
+            measured=True,
             ids=ids[rows].astype(np.int64),
             candidates=candidates[rows].astype(np.int64),
             uv=uv[rows],
             uv_f=matches.uv_f[chosen],
-            worn=placed.captured or worn,
             matches=matches,
             points=len(uv),
             against=against,
             size=matches.size,
-            baseline=overlap.baseline,
-            view=None if placed.captured is None else view,
-            at=view.t,
+            baseline=regions.baseline,
         )
 
     def _contradicts(self, known: int, tried: int, matches: WornMatches) -> bool:

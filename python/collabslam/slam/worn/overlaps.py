@@ -12,8 +12,8 @@ from collabslam.frontend.patch import Patch
 from collabslam.results import PlacedCamera
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.view import View
-from collabslam.slam.worn.matcher import Overlap
-from collabslam.types import Array, Ids
+from collabslam.slam.worn.overlap import Overlap
+from collabslam.types import Array, Ids, WornView
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Overlaps:
     @property
     def used(self) -> list[Overlap]:
         """Those that are measured: the first together with what Cs found, each other one by itself."""
-        return [overlap for overlap in self.each if overlap.worn is not None]
+        return [overlap for overlap in self.each if overlap.measured]
 
     @property
     def ids(self) -> Ids:
@@ -47,8 +47,7 @@ class Overlaps:
     @property
     def further(self) -> list[WornMeasurement]:
         """Its argument ``further``."""
-        observations = (overlap.observation for overlap in self.used[1:])
-        return [observation for observation in observations if observation is not None]
+        return [overlap.observation for overlap in self.used[1:]]
 
     @property
     def pixels(self) -> Array:
@@ -58,12 +57,12 @@ class Overlaps:
     @property
     def names(self) -> list[str]:
         """Whose worn camera each of those is of."""
-        return [o.worn.who for o in self.each if o.worn is not None for _ in o.pixels]
+        return [o.worn.who for o in self.each if o.measured for _ in o.pixels]
 
     def with_outcomes(self, report: UpdateReport) -> list[tuple[Overlap, Outcomes | None]]:
         """Each with what the filter did with its matches; None where it was not measured."""
         outcomes = iter((report.pairs, *report.further))
-        return [(overlap, None if overlap.worn is None else next(outcomes)) for overlap in self.each]
+        return [(overlap, next(outcomes) if overlap.measured else None) for overlap in self.each]
 
     def births(self, report: UpdateReport, t: float) -> tuple[ImagePoints, Ids]:
         """Features born from pairs of the frame at ``t``, and the candidates (C,) that births use up."""
@@ -88,7 +87,7 @@ class Overlaps:
         against its T_CF."""
         told = [overlap.counts(outcomes) for overlap, outcomes in self.with_outcomes(report)]
         if not told:
-            return Overlap().counts(None)
+            return _NOBODY.counts(None)
         worst = max(told, key=lambda counts: np.nan_to_num(counts["t_cf_against"], nan=-1.0))
         numbers = {name for name, value in worst.items() if isinstance(value, float)}
         return {name: worst[name] if name in numbers else sum(c[name] for c in told) for name in worst}
@@ -100,15 +99,19 @@ class Overlaps:
         measured = {pose.who: pose for pose in report.worn_poses}
         matches = {overlap.number: len(overlap.ids) for overlap in self.each}
         out = {}
-        for number, placed in view.worn:
-            found = measured.get(number) or core.worn_pose(placed.stated(number, view.t))
-            taken = placed.captured.t if placed.captured is not None else None
-            out[placed.worn.who] = PlacedCamera(
+        for seen in view.worn:
+            found = measured.get(seen.number) or core.worn_pose(seen.observation)
+            out[seen.worn.who] = PlacedCamera(
                 found.pose,
                 found.covariance,
-                number in measured,
-                view.t if taken is None else taken,
-                matches.get(number, 0),
-                core.worn_clock(who=number),
+                seen.number in measured,
+                seen.taken,
+                matches.get(seen.number, 0),
+                core.worn_clock(who=seen.number),
             )
         return out
+
+
+_NO_VIEW = WornView(np.empty((0, 0), np.uint8), np.eye(4), np.eye(6))
+_NOBODY = Overlap(0, _NO_VIEW, _NO_VIEW, float("nan"))
+"""In the place of a view, where none came."""

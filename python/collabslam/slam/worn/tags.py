@@ -9,9 +9,10 @@ import numpy as np
 from collabslam.slam.map_change import ImagePoints
 from collabslam.slam.targets.in_map import PrintedTargets
 from collabslam.slam.tracking.tracks import Found
-from collabslam.slam.view import PlacedWorn, View
+from collabslam.slam.view import View
 from collabslam.slam.worn.late_views import LateViews
-from collabslam.slam.worn.matcher import Overlap, WornMatcher
+from collabslam.slam.worn.matcher import WornMatcher
+from collabslam.slam.worn.overlap import Overlap
 from collabslam.slam.worn.overlaps import Overlaps
 
 
@@ -31,16 +32,15 @@ def overlaps(
         Features that the frame lacks.
     """
     each: list[Overlap] = []
-    for _, placed in view.worn:
-        there, beside, seen = late.beside(view, placed, found)
-        overlap = matcher.match(there, beside, seen, missing, each)
+    for given in view.worn:
+        overlap = matcher.match(*late.beside(view, given, found), missing, each)
         if matcher.measures_pixels and view.started and not overlap.refused:
-            overlap = _with_tags(overlap, there, beside, printed.in_worn(beside.worn.image))
+            overlap = _with_tags(overlap, printed.in_worn(overlap.worn.image))
         each.append(overlap)
     return Overlaps(tuple(each))
 
 
-def _with_tags(overlap: Overlap, view: View, placed: PlacedWorn, corners: ImagePoints) -> Overlap:
+def _with_tags(overlap: Overlap, corners: ImagePoints) -> Overlap:
     """The overlap with corners of tags, features and their pixels in Cf, whatever Cs sees of them."""
     count = len(corners)
     if not count:
@@ -52,8 +52,6 @@ def _with_tags(overlap: Overlap, view: View, placed: PlacedWorn, corners: ImageP
         candidates=np.concatenate([overlap.candidates[others], np.full(count, -1)]),
         uv=np.concatenate([overlap.uv[others], np.full((count, 2), np.nan)]),
         uv_f=np.concatenate([overlap.uv_f[others], corners.uv]),
-        worn=placed.captured or placed.worn,
-        view=None if placed.captured is None else view,
-        at=view.t,
+        measured=True,
         tag_corners=count,
     )
