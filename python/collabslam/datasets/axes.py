@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
 from collabslam.datasets.gate import tell
 from collabslam.datasets.ordered import DiskRecording
 from collabslam.datasets.poses import axes_of
-from collabslam.datasets.recording import ImageRecording, RecordedView, RecordedWorn
 from collabslam.types import WornView
-
-View = TypeVar("View", RecordedView, WornView)
 
 
 def with_t_cf_turned(recording: DiskRecording, axes: str) -> DiskRecording:
@@ -30,16 +26,9 @@ def with_t_cf_turned(recording: DiskRecording, axes: str) -> DiskRecording:
     tell("axes of T_CF", f"{axes} of both cameras, turned to optical ones", "--t-cf-axes")
     block = np.kron(np.eye(2), turn[:3, :3].T)
 
-    def turned(view: View) -> View:
+    def turned(view: WornView) -> WornView:
         bias = None if view.bias is None else block @ view.bias @ block.T
         t_cf, covariance = turn.T @ view.t_cf @ turn, block @ view.covariance @ block.T
         return replace(view, t_cf=t_cf, covariance=covariance, bias=bias)
 
-    if isinstance(recording, ImageRecording):
-        worn = {
-            name: RecordedWorn(one.camera, {i: turned(view) for i, view in one.views.items()})
-            for name, one in recording.worn.items()
-        }
-        return replace(recording, worn=worn)
-    read_views = recording.read_views
-    return replace(recording, read_views=lambda i: [turned(view) for view in read_views(i)])
+    return replace(recording, worn={name: one.with_views(turned) for name, one in recording.worn.items()})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from collabslam.datasets.recording import ImageRecording, RecordedWorn
+from collabslam.datasets.recording import ImageRecording
 from collabslam.datasets.stamps import usable_frames
 from collabslam.datasets.stream import StreamRecording
 from collabslam.errors import DataError
@@ -32,14 +32,14 @@ def in_order(recording: DiskRecording) -> DiskRecording:
 
 
 def _stream(recording: StreamRecording, kept: Indices, times: Array) -> StreamRecording:
-    read, read_views, indices = recording.read, recording.read_views, kept.tolist()
+    read, indices = recording.read, kept.tolist()
     read_depth = recording.read_depth
     return replace(
         recording,
         times=times,
         truth=None if recording.truth is None else recording.truth[kept],
         read=lambda i: read(indices[i]),
-        read_views=lambda i: read_views(indices[i]),
+        worn={name: one.of_frames(kept) for name, one in recording.worn.items()},
         read_depth=None if read_depth is None else lambda i: read_depth(indices[i]),
         left_out=len(recording) - len(kept),
     )
@@ -52,17 +52,13 @@ def _images(recording: ImageRecording, kept: Indices, times: Array) -> ImageReco
         depth = {new[i]: image for i, image in depth.items() if i in new}
     if rig is not None:
         rig = replace(rig, paths={new[i]: path for i, path in rig.paths.items() if i in new})
-    worn = {
-        name: RecordedWorn(one.camera, {new[i]: view for i, view in one.views.items() if i in new})
-        for name, one in recording.worn.items()
-    }
     return replace(
         recording,
         paths=tuple(recording.paths[i] for i in new),
         times=times,
         truth=None if recording.truth is None else recording.truth[kept],
         rig=rig,
-        worn=worn,
+        worn={name: one.of_frames(kept) for name, one in recording.worn.items()},
         depth=depth,
         left_out=len(recording) - len(kept),
     )

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 from collabslam._core import Camera
 from collabslam.datasets.calibration import check_resolution
+from collabslam.datasets.recorded_worn import RecordedWorn, WornImages
 from collabslam.datasets.stream import StreamRecording
 from collabslam.errors import DataError, InputError, SettingsError
 from collabslam.targets.kinds import Board, Tag
@@ -42,26 +44,8 @@ def printed_source(source: str | None) -> list[Tag | Board]:
     return targets
 
 
-@dataclass(frozen=True)
-class Unposed:
-    """Images of a worn camera without T_CF.
-
-    Attributes
-    ----------
-    camera : Camera
-    views : mapping
-        Number of the view taken together with a frame, by the frame's index.
-    read : callable
-        The image of a view by its number.
-    """
-
-    camera: Camera
-    views: Mapping[int, int]
-    read: Callable[[int], Image]
-
-
 def with_printed_poses(
-    recording: StreamRecording, worn: Mapping[str, Unposed], targets: list[Tag | Board]
+    recording: StreamRecording, worn: Mapping[str, WornImages], targets: list[Tag | Board]
 ) -> StreamRecording:
     """A recording of Cs with the views of each Cf in which both see a target.
 
@@ -69,7 +53,7 @@ def with_printed_poses(
     ----------
     recording : StreamRecording
     worn : mapping
-        Images of each worn camera by the name of whoever wears it.
+        Images of each worn camera, those taken together with frames, by the name of whoever wears it.
     targets : list of Tag and Board
 
     Raises
@@ -77,27 +61,22 @@ def with_printed_poses(
     DataError
         If no view of one was taken together with a frame.
     """
-    for one in worn.values():
-        if not one.views:
-            raise DataError(
-                f"No image of Cf in {recording.source} was taken together with one of Cs; put both on one "
-                "clock."
-            )
+    if not all(images for _, images in worn.values()):
+        raise DataError(
+            f"No image of Cf in {recording.source} was taken together with one of Cs; put both on one clock."
+        )
 
-    def read_worn(i: int, name: str, one: Unposed) -> WornView | None:
-        if i not in one.views:
-            return None
-        image = one.read(one.views[i])
-        check_resolution(one.camera, image, f"of Cf in frame {i} of {recording.source}")
+    def read(i: int, camera: Camera, read_image: Callable[[], Image]) -> WornView | None:
+        image = read_image()
+        check_resolution(camera, image, f"of Cf in frame {i} of {recording.source}")
         try:
-            pair = pose_between(recording.image(i), recording.camera, image, one.camera, targets)
+            pair = pose_between(recording.image(i), recording.camera, image, camera, targets)
         except DataError:  # one of them does not see it
             return None
-        return WornView(image, *pair, who=name)
+        return WornView(image, *pair)
 
-    def read_views(i: int) -> list[WornView]:
-        found = (read_worn(i, name, one) for name, one in worn.items())
-        return [view for view in found if view is not None]
-
-    cameras = {name: one.camera for name, one in worn.items()}
-    return replace(recording, worn_cameras=cameras, read_views=read_views, worn_pose="printed target")
+    posed = {
+        name: RecordedWorn(camera, {i: partial(read, i, camera, image) for i, image in images.items()})
+        for name, (camera, images) in worn.items()
+    }
+    return replace(recording, worn=posed, worn_pose="printed target")

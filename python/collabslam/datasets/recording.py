@@ -14,9 +14,10 @@ from collabslam._core import Camera
 from collabslam.datasets.depth_image import DepthImage
 from collabslam.datasets.gate import tell
 from collabslam.datasets.images import read_grey
+from collabslam.datasets.recorded_worn import RecordedWorn, cameras_of, views_of
 from collabslam.datasets.units import as_seconds, looks_dated, read_stamps
 from collabslam.errors import DataError, InputError
-from collabslam.types import Array, Frame, Image, Odometry, Recording, Target, WornView
+from collabslam.types import Array, Frame, Image, Odometry, Recording, Target
 
 
 @dataclass(frozen=True)
@@ -34,31 +35,6 @@ class Rig:
     camera: Camera
     t_cf: Array
     paths: Mapping[int, Path]
-
-
-@dataclass(frozen=True)
-class RecordedView:
-    """A view of the worn camera on disk, with the measured pose, covariance, bias and time of WornView."""
-
-    path: Path
-    t_cf: Array
-    covariance: Array
-    bias: Array | None = None
-    t: float | None = None
-
-
-@dataclass(frozen=True)
-class RecordedWorn:
-    """The views that a worn camera really took: its calibration, and the views by frame index."""
-
-    camera: Camera
-    views: Mapping[int, RecordedView]
-
-    def read(self, i: int, name: str) -> WornView:
-        """The view of frame ``i``, with the name of whoever wears the camera; DataError if broken."""
-        view = self.views[i]
-        image = read_grey(view.path, self.camera)
-        return WornView(image, view.t_cf, view.covariance, view.bias, view.t, name)
 
 
 @dataclass(frozen=True)
@@ -110,7 +86,7 @@ class ImageRecording:
     @property
     def worn_cameras(self) -> dict[str, Camera]:
         """Calibration of each Cf of which the recording holds views, by name."""
-        return {name: worn.camera for name, worn in self.worn.items()}
+        return cameras_of(self.worn)
 
     @property
     def worn_camera(self) -> Camera | None:
@@ -127,10 +103,9 @@ class ImageRecording:
     def frame(self, i: int) -> Frame:
         """Frame ``i``, with the recorded views of the worn cameras where there are some."""
         i = frame_index(self, i)
-        views = tuple(worn.read(i, name) for name, worn in self.worn.items() if i in worn.views)
         depth = None if self.depth is None else self.depth.get(i)
         points = None if depth is None else depth.points(self.camera)
-        return Frame(i, float(self.times[i]), self.image(i), views, points)
+        return Frame(i, float(self.times[i]), self.image(i), views_of(self.worn, i), points)
 
 
 def check_frames(source: str, times: Array, truth: Array | None) -> None:

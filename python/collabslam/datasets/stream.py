@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from collabslam._core import Camera
 from collabslam.datasets.calibration import check_resolution
+from collabslam.datasets.recorded_worn import RecordedWorn, cameras_of, views_of
 from collabslam.datasets.recording import check_frames, frame_index
-from collabslam.types import Array, DepthPoints, Frame, Image, Odometry, Target, WornView
+from collabslam.types import Array, DepthPoints, Frame, Image, Odometry, Target
 
 
 @dataclass(frozen=True)
@@ -19,10 +20,8 @@ class StreamRecording:
     ----------
     read : callable
         Image of Cs in a frame, (H, W) uint8; quick if the frames are asked for in order.
-    worn_cameras : mapping
-        Calibration of each Cf, by the name of whoever wears it; "" is that of a single one.
-    read_views : callable
-        Views of the worn cameras in a frame.
+    worn : mapping
+        What each worn camera took, by the name of whoever wears it; "" is that of a single one.
     worn_pose : str
         Whether its pose was ``measured``, or ``estimated`` from laser scans and AHRSs.
     read_depth : callable or None
@@ -42,8 +41,7 @@ class StreamRecording:
     camera: Camera
     times: Array
     read: Callable[[int], Image]
-    worn_cameras: Mapping[str, Camera] = field(default_factory=dict)
-    read_views: Callable[[int], Sequence[WornView]] = lambda i: ()
+    worn: Mapping[str, RecordedWorn] = field(default_factory=dict)
     worn_pose: str = "measured"
     truth: Array | None = None
     target: Target | None = None
@@ -56,6 +54,11 @@ class StreamRecording:
 
     def __len__(self) -> int:
         return len(self.times)
+
+    @property
+    def worn_cameras(self) -> dict[str, Camera]:
+        """Calibration of each Cf of which the recording holds views, by name."""
+        return cameras_of(self.worn)
 
     @property
     def worn_camera(self) -> Camera | None:
@@ -71,11 +74,11 @@ class StreamRecording:
     def frame(self, i: int) -> Frame:
         """Frame ``i``, with the worn views where there are some."""
         image = self.image(i)
-        views = self.read_views(i)
+        views = views_of(self.worn, i)
         for view in views:
-            check_resolution(self.worn_cameras[view.who], view.image, f"of Cf in frame {i} of {self.source}")
+            check_resolution(self.worn[view.who].camera, view.image, f"of Cf in frame {i} of {self.source}")
         depth = None if self.read_depth is None else self.read_depth(i)
-        return Frame(i, float(self.times[i]), image, tuple(views), depth)
+        return Frame(i, float(self.times[i]), image, views, depth)
 
     @property
     def has_depth(self) -> bool:

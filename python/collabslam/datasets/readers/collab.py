@@ -26,10 +26,12 @@ and is of its own time (METHOD section 21); its relative pose is the one whose s
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from collabslam._core import Camera
 from collabslam.datasets.calibration import load_camera
 from collabslam.datasets.gate import data_lines, read_keys
 from collabslam.datasets.images import read_grey
@@ -43,14 +45,15 @@ from collabslam.datasets.poses import (
     read_track,
     rigid,
 )
-from collabslam.datasets.printed_pose import Unposed, with_printed_poses
+from collabslam.datasets.printed_pose import with_printed_poses
 from collabslam.datasets.readers.stamped import match_stamps, own_time, read_stream, views_of_frames
-from collabslam.datasets.recording import ImageRecording, RecordedView, RecordedWorn
+from collabslam.datasets.recorded_worn import RecordedWorn, WornImages
+from collabslam.datasets.recording import ImageRecording
 from collabslam.datasets.stream import StreamRecording
 from collabslam.datasets.units import as_nanoseconds, as_seconds, read_stamps, seconds
 from collabslam.errors import CollabslamError, DataError
 from collabslam.targets.kinds import Board, Tag
-from collabslam.types import Array, Odometry
+from collabslam.types import Array, Odometry, WornView
 
 LAYOUT = "a two-camera recording (recording.yaml, cam0/, cam1/, relpose/data.csv)"
 FORMAT = "collabslam-recording"
@@ -147,11 +150,18 @@ def _read_worn(place: WornPlace, stamps: list[int]) -> RecordedWorn:
             f"No view in {folder} has a row of {relative_poses} within 5 ms, and a frame of cam0 after "
             "it; put all three on the same clock."
         )
-    found = {}
+    camera, found = load_camera(folder / "sensor.yaml"), {}
     for i, j in of_frames.items():
         k = known[j]
-        found[i] = RecordedView(paths[k], *poses[measured[k]], own_time(view_stamps[k], stamps[i]))
-    return RecordedWorn(load_camera(folder / "sensor.yaml"), found)
+        own = own_time(view_stamps[k], stamps[i])
+        found[i] = partial(_read_view, paths[k], camera, poses[measured[k]], own)
+    return RecordedWorn(camera, found)
+
+
+def _read_view(
+    path: Path, camera: Camera, pose: tuple[Array, Array, Array | None], t: float | None
+) -> WornView:
+    return WornView(read_grey(path, camera), *pose, t)
 
 
 def _read_odometry(folder: Path) -> Odometry | None:
@@ -210,7 +220,7 @@ def open_printed(path: Path, targets: list[Tag | Board]) -> StreamRecording:
         If a file is missing or broken, or there are no views of Cf.
     """
     base, stamps, persons = _robot(path)
-    worn = {name: _unposed(worn_place(path, name).folder, stamps) for name in persons}
+    worn = {name: _images(worn_place(path, name).folder, stamps) for name in persons}
     stream = StreamRecording(
         base.name,
         base.source,
@@ -223,12 +233,12 @@ def open_printed(path: Path, targets: list[Tag | Board]) -> StreamRecording:
     return with_printed_poses(stream, worn, targets)
 
 
-def _unposed(folder: Path, stamps: list[int]) -> Unposed:
+def _images(folder: Path, stamps: list[int]) -> WornImages:
     """A worn camera's images that were taken together with frames, whose stamps are given."""
     view_stamps, paths = read_stream(folder)
     camera = load_camera(folder / "sensor.yaml")
     views = match_stamps(stamps, view_stamps, _TOLERANCE)
-    return Unposed(camera, views, lambda k: read_grey(paths[k], camera))
+    return camera, {i: partial(read_grey, paths[k], camera) for i, k in views.items()}
 
 
 def _robot(path: Path) -> tuple[ImageRecording, list[int], list[str]]:

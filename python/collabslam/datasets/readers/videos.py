@@ -20,7 +20,8 @@ degrees, or 21 numbers as in `collab`.  A view of Cf comes with the first frame 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -33,10 +34,11 @@ from collabslam.datasets.poses import (
     interpolate_track,
     read_pose_table,
 )
-from collabslam.datasets.printed_pose import Unposed, printed_source, with_printed_poses
+from collabslam.datasets.printed_pose import printed_source, with_printed_poses
 from collabslam.datasets.readers.collab import covariance_of
 from collabslam.datasets.readers.stamped import match_stamps, own_time, views_of_frames
 from collabslam.datasets.readers.video import SUFFIXES, Video, read_stamps
+from collabslam.datasets.recorded_worn import RecordedWorn, WornImages
 from collabslam.datasets.stream import StreamRecording
 from collabslam.datasets.units import NANOSECONDS, as_seconds
 from collabslam.errors import DataError
@@ -120,16 +122,9 @@ def open(path: Path, given: Given) -> StreamRecording:
     if not folders:
         return recording
     if targets:
-        unposed = {name: _unposed(recording, folder) for name, folder in folders.items()}
-        return with_printed_poses(recording, unposed, targets)
-    worn = {name: _worn(recording, folder) for name, folder in folders.items()}
-
-    def read_views(i: int) -> list[WornView]:
-        return [replace(of.view(i), who=name) for name, of in worn.items() if i in of.views]
-
-    return replace(
-        recording, worn_cameras={name: of.camera for name, of in worn.items()}, read_views=read_views
-    )
+        images = {name: _images(recording, folder) for name, folder in folders.items()}
+        return with_printed_poses(recording, images, targets)
+    return replace(recording, worn={name: _worn(recording, folder) for name, folder in folders.items()})
 
 
 def _persons(path: Path) -> dict[str, Path]:
@@ -150,26 +145,17 @@ def _persons(path: Path) -> dict[str, Path]:
     return alone or persons
 
 
-@dataclass(frozen=True)
-class _Worn:
-    """A Cf: of each frame with a view of it, the view's number, T_CF, its covariance, and its own time."""
-
-    camera: Camera
-    video: Video
-    views: Mapping[int, tuple[int, Array, Array, float | None]]
-
-    def view(self, frame: int) -> WornView:
-        k, t_cf, covariance, t = self.views[frame]
-        return WornView(self.video.read(k), t_cf, covariance, t=t)
-
-
-def _unposed(recording: StreamRecording, folder: Path) -> Unposed:
+def _images(recording: StreamRecording, folder: Path) -> WornImages:
     video, times = _read(folder, "cam1")
     together = _together(match_stamps, recording.times, times)
-    return Unposed(_lens(folder, "cam1"), together, video.read)
+    return _lens(folder, "cam1"), {i: partial(video.read, k) for i, k in together.items()}
 
 
-def _worn(recording: StreamRecording, folder: Path) -> _Worn:
+def _view(video: Video, k: int, t_cf: Array, covariance: Array, t: float | None) -> WornView:
+    return WornView(video.read(k), t_cf, covariance, t=t)
+
+
+def _worn(recording: StreamRecording, folder: Path) -> RecordedWorn:
     video, times = _read(folder, "cam1")
     poses = folder / "t_cf.csv"
     if not poses.is_file():
@@ -178,19 +164,20 @@ def _worn(recording: StreamRecording, folder: Path) -> _Worn:
             "that both cameras see, as --topics t_cf=tag:36h11:3=0.16."
         )
     stamps, track, covariances = _poses(poses, (2, 21))
-    views: dict[int, tuple[int, Array, Array, float | None]] = {}
+    views: dict[int, Callable[[], WornView]] = {}
     for frame, view in _together(views_of_frames, recording.times, times).items():
         t = times[view]
         t_cf = interpolate_track(stamps, track, np.asarray([t]))[0]
         own = own_time(*_nanoseconds(np.asarray([t, recording.times[frame]])))
         if np.isfinite(t_cf).all():
-            views[frame] = view, t_cf, covariances[int(np.argmin(np.abs(stamps - t)))], own
+            covariance = covariances[int(np.argmin(np.abs(stamps - t)))]
+            views[frame] = partial(_view, video, view, t_cf, covariance, own)
     if not views:
         raise DataError(
             f"No frame of cam1 in {folder} is between two rows of t_cf.csv, with one of cam0 after "
             "it; put all three on the same clock."
         )
-    return _Worn(_lens(folder, "cam1"), video, views)
+    return RecordedWorn(_lens(folder, "cam1"), views)
 
 
 def _together(pair: Pair, times: Array, others: Array) -> dict[int, int]:

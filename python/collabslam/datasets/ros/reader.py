@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,9 @@ from collabslam.datasets.depth_image import MILLIMETRES, depth_points, depth_sca
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.persons import person_name
 from collabslam.datasets.poses import interpolate_track
-from collabslam.datasets.printed_pose import Unposed, printed_source, with_printed_poses
+from collabslam.datasets.printed_pose import printed_source, with_printed_poses
 from collabslam.datasets.readers.stamped import match_stamps, own_time, views_of_frames
+from collabslam.datasets.recorded_worn import RecordedWorn, WornImages
 from collabslam.datasets.ros.bag import CAMERA_TYPE, IMAGE_TYPES, Bag, BagImages, is_bag
 from collabslam.datasets.ros.sensors import EstimatedPoses
 from collabslam.datasets.ros.worn_pose_source import T_CF_ROLE, WornPoses, worn_poses
@@ -37,10 +39,6 @@ ROLES = {
 WORN_ROLES = ("cf", "cf_info", "t_cf")
 """Roles that each of several persons has, as ``cf.anna``."""
 _TOLERANCE, _TOGETHER = 10_000_000, 20_000_000
-
-View = tuple[int, Array, Array, Array | None, float | None]
-"""Number of a view of Cf, ``T_CF``, its covariance, the part of it that lasts, if that is known, and its
-time, if not the frame's."""
 
 
 def matches(path: Path) -> bool:
@@ -119,24 +117,23 @@ def _with_worn(
         raise DataError(
             "Printed targets tell T_CF of all worn cameras or of none; give all the same t_cf.NAME."
         )
-    cameras, views, unposed, worn_pose = {}, {}, {}, "measured"
+    worn: dict[str, RecordedWorn] = {}
+    unposed: dict[str, WornImages] = {}
+    worn_pose = "measured"
     for name, person in persons.items():
         images = BagImages(bag, person.images)
         if targets:
             pairs = match_stamps(stamps, images.stamps, _TOLERANCE)
-            unposed[name] = Unposed(_camera(bag, person.images, person.info), pairs, images.read)
+            read = {i: partial(images.read, k) for i, k in pairs.items()}
+            unposed[name] = _camera(bag, person.images, person.info), read
             continue
         poses = worn_poses(bag, person.t_cf, given.camera, (given.topics["cs"], person.images))
         worn_pose = "estimated" if isinstance(poses, EstimatedPoses) else worn_pose
-        cameras[name] = poses.camera or _camera(bag, person.images, person.info)
-        views[name] = images, _views(bag, stamps, images.stamps, poses)
+        camera = poses.camera or _camera(bag, person.images, person.info)
+        worn[name] = RecordedWorn(camera, _views(bag, stamps, images, poses))
     if targets:
         return with_printed_poses(recording, unposed, targets)
-
-    def read_views(i: int) -> list[WornView]:
-        return [_view(images, of[i], name) for name, (images, of) in views.items() if i in of]
-
-    return replace(recording, worn_cameras=cameras, read_views=read_views, worn_pose=worn_pose)
+    return replace(recording, worn=worn, worn_pose=worn_pose)
 
 
 def _depths(
@@ -158,9 +155,10 @@ def _depths(
     return read_depth
 
 
-def _view(images: BagImages, view: View, name: str) -> WornView:
-    k, t_cf, covariance, bias, t = view
-    return WornView(images.read(k), t_cf, covariance, bias, t, name)
+def _view(
+    images: BagImages, k: int, t_cf: Array, covariance: Array, bias: Array | None, t: float | None
+) -> WornView:
+    return WornView(images.read(k), t_cf, covariance, bias, t)
 
 
 def only_images(bag: Bag) -> str:
@@ -192,16 +190,16 @@ def _camera(bag: Bag, images: str, info: str | None) -> Camera:
 
 
 def _views(
-    bag: Bag, stamps: list[int], worn_stamps: list[int], poses: WornPoses | EstimatedPoses
-) -> dict[int, View]:
-    """What there is for each frame with a view of Cf and a pose; the view's stamp is by the clock of Cs."""
+    bag: Bag, stamps: list[int], images: BagImages, poses: WornPoses | EstimatedPoses
+) -> dict[int, Callable[[], WornView]]:
+    """How the view of each frame with one and a pose is read; its stamp is by the clock of Cs."""
     shift = round(poses.shift * 10**9)
-    taken = [s + shift for s in worn_stamps]
+    taken = [s + shift for s in images.stamps]
     pairs = views_of_frames(stamps, taken, _TOLERANCE)
     times = np.asarray([seconds(taken[k]) for k in pairs.values()])
     rows = zip(pairs.items(), *poses.at(times), strict=True)
-    out = {
-        i: (k, t_cf, covariance, bias, own_time(taken[k], stamps[i]))
+    out: dict[int, Callable[[], WornView]] = {
+        i: partial(_view, images, k, t_cf, covariance, bias, own_time(taken[k], stamps[i]))
         for (i, k), t_cf, covariance, bias in rows
         if np.isfinite(t_cf).all()
     }
