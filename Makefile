@@ -35,7 +35,7 @@ test: $(VENV)/.built check
 	$(PYTEST)
 	rm -f dist/*.whl
 	$(BIN)/maturin build --release --locked --out dist
-	$(BIN)/python -m pytest -m wheel
+	$(BIN)/python -m pytest -m wheel tests/python/test_wheel.py
 
 # Robot and worn camera over bad networks, with a real browser and a real ROS 2: results/live.json. About six minutes.
 # What the machine lacks (root, Chromium, Python 3.11 for the wheels of ROS 2) is left out, and says so.

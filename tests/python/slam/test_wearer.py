@@ -19,8 +19,6 @@ from collabslam.slam.engine import Slam
 from collabslam.types import Array
 from collabslam_lab.switches import with_switches
 
-pytestmark = pytest.mark.slow
-
 RADIUS = 0.3
 
 

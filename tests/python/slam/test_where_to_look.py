@@ -15,8 +15,6 @@ from collabslam.runs.results import FRAMES
 from collabslam.simulation import corridor_recording
 from collabslam.slam.worn.looking import DIAGNOSTICS, Look
 
-pytestmark = pytest.mark.slow
-
 KEY = "frontend.worn.where_to_look"
 ASKED = Settings.default().replace({KEY: True})
 
@@ -88,6 +86,7 @@ def test_a_changed_array_of_the_caller_is_not_the_answer(clip: Clip) -> None:
     assert answer(slam).gain == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", [True, False])
 def test_frames_csv_has_it_where_it_was_asked_for(tmp_path: Path, asked: bool) -> None:
     result = run(corridor_recording(length_m=1.2), settings=ASKED if asked else None, out=tmp_path / "out")

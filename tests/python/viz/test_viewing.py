@@ -21,8 +21,6 @@ from collabslam.runs import runner
 from collabslam.viz.animation import animate
 from collabslam.viz.rerun_log import COLOURS, RerunLog
 
-pytestmark = pytest.mark.slow
-
 RERUN = str(Path(sys.executable).parent / "rerun")
 
 
@@ -39,6 +37,7 @@ def test_features_say_what_became_of_them(clip: Clip) -> None:
     assert np.linalg.norm(features.found[used] - features.predicted[used], axis=1).max() < 30.0
 
 
+@pytest.mark.slow
 def test_rerun_reads_the_recording(clip: Clip, tmp_path: Path) -> None:
     recording, path = Short(clip, 6), tmp_path / "deep" / "view.rrd"
     with RerunLog(recording, save=path) as log:
@@ -105,6 +104,7 @@ def test_the_viewer_is_the_environments_own(clip: Clip, monkeypatch: pytest.Monk
         RerunLog(clip.recording, view=True)
 
 
+@pytest.mark.slow
 def test_the_animation_moves(clip: Clip, tmp_path: Path) -> None:
     recording = Short(clip, 12)
     results = {mode: runner.run(recording, mode=mode) for mode in ("mono", "collab")}
