@@ -729,7 +729,7 @@ class Filter:
         """The whole state vector, (n,) float64: camera (13), then the blocks of :attr:`blocks`."""
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """The whole covariance P, (n, n) float64, cross-covariances included."""
+        """The covariance that is told, (n, n) float64, what lasts of errors included (METHOD 20)."""
     @property
     def blocks(self) -> list[Block]:
         """Layout of the state after the camera: a list of `Block`, in the state's order."""

@@ -25,7 +25,7 @@ fn differ([a, b]: &[Warm; 2]) -> bool {
     a.filter.pose_covariance() != b.filter.pose_covariance()
 }
 
-fn give_birth(warm: &mut Warm) {
+pub(crate) fn give_birth(warm: &mut Warm) {
     let pose = warm.scene.pose(warm.t).inverse();
     let seen = (0..warm.scene.points.len()).filter_map(|point| {
         let depth = pose.apply(&warm.scene.points[point]).z;

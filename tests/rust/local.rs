@@ -156,7 +156,7 @@ impl Pair {
     }
 
     /// Largest difference, in standard deviations.
-    fn difference(&self) -> f64 {
+    pub(crate) fn difference(&self) -> f64 {
         let (a, b) = (self.plain.state(), self.local.state());
         assert_eq!(a.layout().blocks(), b.layout().blocks());
         let (p, q) = (a.covariance().to_dense(), b.covariance().to_dense());
@@ -203,7 +203,8 @@ fn the_local_update_is_the_plain_one_while_features_become_points() {
 }
 
 fn walk(consistency: &str, linearity: f64) {
-    let mut pair = Pair::new(31, 120, consistency, linearity, 10.0);
+    // White errors: which error modes are put together hangs on what is inside.
+    let mut pair = Pair::new(31, 120, consistency, linearity, 0.0);
     let (mut worst, mut apart): (f64, usize) = (0.0, 0);
     for frame in 0..400 {
         pair.step(frame);

@@ -8,6 +8,7 @@ mod at_rest;
 mod births;
 mod cameras;
 mod conditional_prediction;
+mod error_modes;
 mod free_start;
 mod gauge;
 mod graph;

@@ -98,8 +98,8 @@ impl Dense {
             .map_or(Vector6::zeros(), |w| self.x.fixed_rows::<6>(w).into_owned())
     }
 
-    /// The textbook update, in Joseph's form, which holds for any gain.
-    pub(crate) fn update(&mut self, units: &[(Rows, usize, Option<usize>)]) {
+    /// The textbook update, in Joseph's form, which holds for any gain; returns `1 - K H`.
+    pub(crate) fn update(&mut self, units: &[(Rows, usize, Option<usize>)]) -> DMatrix<f64> {
         let n = self.x.len();
         let m: usize = units.iter().map(|(rows, _, _)| rows.count).sum();
         let mut h = DMatrix::<f64>::zeros(m, n);
@@ -138,6 +138,7 @@ impl Dense {
         self.x += &gain * g;
         let left = DMatrix::identity(n, n) - &gain * h;
         self.p = &left * &self.p * left.transpose() + &gain * r * gain.transpose();
+        left
     }
 
     /// The quaternions of the camera and the clones normalised, P through the Jacobian.

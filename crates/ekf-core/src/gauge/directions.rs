@@ -39,6 +39,7 @@ pub fn directions(x: &[f64], layout: &Layout, out: &mut Vec<f64>) {
             | BlockKind::OdometryScale
             | BlockKind::WornError(_)
             | BlockKind::WornRoll(_)
+            | BlockKind::ErrorModes(_)
             | BlockKind::Auxiliary(_) => {}
         }
     }

@@ -256,6 +256,7 @@ fn carried_blocks<'a>(layout: &'a Layout, followed: &'a [u64]) -> impl Iterator<
         | BlockKind::OdometryScale
         | BlockKind::WornError(_)
         | BlockKind::WornRoll(_)
+        | BlockKind::ErrorModes(_)
         | BlockKind::Auxiliary(_) => false,
     })
 }

@@ -1,10 +1,9 @@
 //! A small random motion of the camera and what it sees, against the rest of the map (METHOD 20).
 
 use super::directions::{SCALE, directions};
-use super::{Gauge, carried_blocks, column, refill};
-use crate::kernel::{Panels, Product};
+use super::{Gauge, carried_blocks, refill};
 use crate::state::{Block, BlockKind, CAMERA_DIM, State};
-use nalgebra::Vector3;
+use nalgebra::{DMatrix, Vector3};
 
 /// Three turns, three translations and the scale.
 const MOTIONS: usize = 7;
@@ -24,7 +23,13 @@ pub(crate) struct Slip {
 impl Gauge {
     /// Adds the covariance of a slip of the camera, its clones and the followed features that were born with the id `free`
     /// or a later one, O(n^2); where a submap began is out of view. What they are to each other is as certain as before.
-    pub(crate) fn slip(&mut self, state: &mut State, slip: &Slip, free: u64) {
+    pub(crate) fn slip(
+        &mut self,
+        state: &mut State,
+        slip: &Slip,
+        free: u64,
+        outside: impl FnOnce(&State, &Block) -> DMatrix<f64>,
+    ) {
         let (n, rows) = (state.p.stored().n, state.x.len());
         directions(&state.x, &state.layout, &mut self.from);
         self.from.resize(MOTIONS * rows, 0.0);
@@ -66,14 +71,6 @@ impl Gauge {
                 self.stored[(TRANSLATION + k) * n + slot] = slip.translation * shift;
             }
         }
-        let Product { x, y } = &mut self.change;
-        x.reshape(n, MOTIONS);
-        y.reshape(n, MOTIONS);
-        for k in 0..MOTIONS {
-            let by = column(&self.stored, n, k);
-            x.set_column(k, by.iter().copied());
-            y.set_column(k, by.iter().map(|b| -b));
-        }
-        state.p.downdate(&Panels::default(), Some(&self.change));
+        state.add_error_modes(&self.stored, outside);
     }
 }

@@ -142,7 +142,10 @@ fn rows_are_sane(
         // Rows of the local update have the diagonal of -Psi; the error of a frame's T_CF is gone after it.
         if matches!(
             block.kind,
-            BlockKind::Auxiliary(_) | BlockKind::WornError(_) | BlockKind::WornRoll(_)
+            BlockKind::Auxiliary(_)
+                | BlockKind::ErrorModes(_)
+                | BlockKind::WornError(_)
+                | BlockKind::WornRoll(_)
         ) {
             continue;
         }

@@ -5,7 +5,7 @@ use crate::kernel::dot;
 use crate::observe::point::CameraPose;
 use crate::observe::{FeatureState, Form};
 use crate::state::{Block, BlockKind, Covariance, State};
-use nalgebra::{SMatrix, Vector3};
+use nalgebra::{DMatrix, DVector, SMatrix, Vector3};
 use std::sync::Arc;
 
 /// What is outside of the working set.
@@ -53,6 +53,9 @@ pub(crate) struct OutsideMark {
 
 /// Frames after which the last points of all features outside are worked out anew.
 const OLDEST: usize = 32;
+
+/// Most features outside that are asked where error modes are put together.
+const SOME: usize = 64;
 
 /// Features with an anchor. What has one now had it when the working set was chosen.
 pub(super) fn anchored(working: &State) -> impl Iterator<Item = &Block> {
@@ -282,6 +285,29 @@ impl OutsideSet {
                 .map(|(&d, r)| working.p.stored_entry(row, d) * r)
                 .sum()
         })
+    }
+
+    /// `G^T V^-1 G` of the error modes G of some features outside, taken evenly, in place of all; V are their variances.
+    pub(crate) fn modes_of_some(&self, working: &State, modes: &Block) -> DMatrix<f64> {
+        let count = modes.kind.dim();
+        let mut gram = DMatrix::zeros(count, count);
+        let every = self.features.len().div_ceil(SOME).max(1);
+        for feature in self.features.iter().step_by(every) {
+            let block = &feature.block;
+            let (_, own) = self.covariance(working, block);
+            let six = modes.range().step_by(6);
+            let by_six: Vec<_> = six
+                .map(|at| self.covariance_with(working, at, block))
+                .collect();
+            for number in 0..block.kind.dim() {
+                let g = DVector::from_fn(count, |k, _| by_six[k / 6][(k % 6, number)]);
+                let variance = own[(number, number)];
+                if variance > 0.0 {
+                    gram.ger(every as f64 / variance, &g, &g, 1.0);
+                }
+            }
+        }
+        gram
     }
 
     /// Where P holds the gauge's direction for a feature outside.

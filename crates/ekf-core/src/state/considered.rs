@@ -15,6 +15,8 @@ pub(crate) struct Considered {
     blocks: Vec<(Block, Vector6<f64>)>,
     /// Covariances of each block with those before it and with itself.
     covariances: Vec<Matrix6<f64>>,
+    /// Error modes of each block, row by row.
+    modes: Vec<f64>,
 }
 
 /// What an update may learn of considered blocks (METHOD 6).
@@ -49,6 +51,8 @@ impl State {
     pub(crate) fn consider(&self, out: &mut Considered) {
         out.blocks.clear();
         out.covariances.clear();
+        out.modes.clear();
+        let modes = self.error_modes();
         for block in self.layout.blocks() {
             if !block.kind.is_considered() {
                 continue;
@@ -56,6 +60,11 @@ impl State {
             out.blocks.push((*block, self.numbers(block)));
             for (other, _) in &out.blocks {
                 out.covariances.push(self.between(block, other));
+            }
+            if let Some(modes) = &modes {
+                for i in block.range() {
+                    out.modes.extend(modes.range().map(|k| self.p.get(i, k)));
+                }
             }
         }
     }
@@ -67,11 +76,37 @@ impl State {
     /// whatever these are (Joseph's form).
     pub(crate) fn keep_considered(&mut self, considered: &Considered, learned: &Learned) {
         let mut covariances = considered.covariances.iter();
+        let modes = self.error_modes();
+        let mut at = 0;
         for (k, (block, mean)) in considered.blocks.iter().enumerate() {
             let by = learned.by(block.offset);
             let step = by.map(|by| by * (self.numbers(block) - mean));
             let kept = mean + step.unwrap_or_default();
             self.x[block.range()].copy_from_slice(&kept.as_slice()[..block.kind.dim()]);
+            if let Some(modes) = &modes {
+                for k in modes.range() {
+                    let dim = block.kind.dim();
+                    let before = Vector6::from_fn(|i, _| {
+                        if i < dim {
+                            considered.modes[at + i * modes.kind.dim() + k - modes.offset]
+                        } else {
+                            0.0
+                        }
+                    });
+                    let now = Vector6::from_fn(|i, _| {
+                        if i < dim {
+                            self.p.get(block.offset + i, k)
+                        } else {
+                            0.0
+                        }
+                    });
+                    let kept = before + by.map(|by| by * (now - before)).unwrap_or_default();
+                    for i in 0..dim {
+                        self.p.set(block.offset + i, k, kept[i]);
+                    }
+                }
+                at += block.kind.dim() * modes.kind.dim();
+            }
             for ((other, _), before) in considered.blocks[..=k].iter().zip(&mut covariances) {
                 let taken = before - self.between(block, other);
                 let mut kept = *before;

@@ -214,7 +214,8 @@ fn in_order(kind: BlockKind, slots: &[usize]) -> bool {
             side_by_side(&slots[..3]) && side_by_side(&slots[3..])
         }
         BlockKind::Auxiliary(_) => true,
-        BlockKind::Feature(Form::Point)
+        BlockKind::ErrorModes(_)
+        | BlockKind::Feature(Form::Point)
         | BlockKind::Clone
         | BlockKind::WornBias(_)
         | BlockKind::Calibration

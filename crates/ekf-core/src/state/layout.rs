@@ -46,6 +46,9 @@ pub enum BlockKind {
     /// Where the present submap began: the camera's pose there `[r(3) q(4)]`, and by how much what it hands on was estimated
     /// wrongly, that many numbers.
     Submap(usize),
+    /// Error modes, that many: what they do to the rest of the state stands as their covariances with it; only the filter
+    /// itself has them, never the state that is shown.
+    ErrorModes(usize),
     /// Auxiliary rows of the local update; only a working state has them, never the state that is shown.
     Auxiliary(usize),
 }
@@ -56,7 +59,7 @@ impl BlockKind {
         match self {
             Self::Clone => POSE_DIM,
             Self::Submap(handed_on) => POSE_DIM.saturating_add(handed_on),
-            Self::Auxiliary(rows) => rows,
+            Self::Auxiliary(rows) | Self::ErrorModes(rows) => rows,
             Self::Feature(form) => form.dim(),
             Self::Readout | Self::WornClock(_) => 1,
             Self::OdometryScale => 2,
@@ -91,6 +94,7 @@ impl BlockKind {
             Self::WornRoll(_) => "WornRoll",
             Self::Submap(_) => "Submap",
             Self::Auxiliary(_) => "Auxiliary",
+            Self::ErrorModes(_) => "ErrorModes",
         }
     }
 }

@@ -7,6 +7,7 @@
 
 mod considered;
 pub mod cov;
+mod error_modes;
 mod image;
 mod lasting;
 pub mod layout;

@@ -240,7 +240,7 @@ impl PyFilter {
         Ok(column(py, mean))
     }
 
-    /// The whole covariance P, (n, n) float64, cross-covariances included.
+    /// The covariance that is told, (n, n) float64, what lasts of errors included (METHOD 20).
     #[getter]
     fn covariance(&self, py: Python<'_>) -> PyResult<Table> {
         let p = self.read(py, |f| Ok(f.state().covariance().to_dense()))?;

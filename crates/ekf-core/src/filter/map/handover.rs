@@ -12,7 +12,8 @@ use crate::gauge::Slip;
 use crate::math::quat;
 use crate::misfit::Misfit;
 use crate::observe::point::CameraPose;
-use crate::state::State;
+use crate::state::{Block, State};
+use nalgebra::DMatrix;
 
 /// Variance of a patch's pixel where camera and scene are as the model says, px^2: what images that were rendered without
 /// any error leave (0.12 to 0.14).
@@ -51,7 +52,13 @@ impl Filter {
                 translation: angle * range,
                 scale: angle,
             };
-            self.gauge.slip(&mut self.state, &slip, self.handover.known);
+            let outside = self.outside.as_ref();
+            let modes_outside = |state: &State, modes: &Block| match outside {
+                Some(outside) => outside.modes_of_some(state, modes),
+                None => DMatrix::zeros(modes.kind.dim(), modes.kind.dim()),
+            };
+            self.gauge
+                .slip(&mut self.state, &slip, self.handover.known, modes_outside);
         }
     }
 

@@ -136,9 +136,10 @@ impl Filter {
         let Some(at) = state.layout.find(before).map(|block| block.offset) else {
             return;
         };
+        let told = state.told();
         let p = |a: usize, b: usize| {
             let map = |at| tangent_map(&state.part::<4>(at + 3));
-            map(a) * state.p.block::<POSE_DIM, POSE_DIM>(a, b) * map(b).transpose()
+            map(a) * told.block::<POSE_DIM, POSE_DIM>(a, b) * map(b).transpose()
         };
         let poses =
             [0, at].map(|at| Pose::from_quat(state.part::<3>(at), &state.part::<4>(at + 3)));

@@ -1,7 +1,7 @@
 //! How well the scale is known.
 
 use crate::filter::ekf::Filter;
-use crate::scale::ScaleEstimate;
+use crate::scale::told_variance;
 
 impl Filter {
     /// Relative standard deviation of the scale: by how much all distances from the camera to its map may be too long
@@ -12,6 +12,6 @@ impl Filter {
     /// It says what P says. In a map of arbitrary unit P holds how far the unit has drifted since the start, which is no
     /// statement about metres.
     pub fn scale_sd(&self) -> Option<f64> {
-        ScaleEstimate::of(&self.state).map(|scale| scale.variance.sqrt())
+        told_variance(&self.state).map(f64::sqrt)
     }
 }

@@ -57,7 +57,7 @@ impl Filter {
         let now = self.begin_submap();
         let (rotation, translation) = self.pose();
         let handed_on: Vec<usize> = now.range().skip(POSE_DIM).collect();
-        let p = &self.state.p;
+        let told = self.state.told();
         let mut submap = Submap {
             edge: then.map(|then| edge(&self.state, &then, &handed_on)),
             pose: Pose {
@@ -65,7 +65,7 @@ impl Filter {
                 translation,
             },
             pose_covariance: self.pose_covariance(),
-            handed_on: dense(&handed_on, &handed_on, |i, j| p.get(i, j)),
+            handed_on: dense(&handed_on, &handed_on, |i, j| told.get(i, j)),
             ids: Vec::new(),
             points: Vec::new(),
             covariance: DMatrix::zeros(0, 0),
@@ -168,7 +168,7 @@ fn edge(state: &State, then: &Block, handed_on: &[usize]) -> Edge {
         .copy_from(&tangent_map(&to.q));
     let starts = [then.offset, 0];
     let ends = |k: usize| starts[k / POSE_DIM] + k % POSE_DIM;
-    let p = &state.p;
+    let p = state.told();
     let poses =
         SMatrix::<f64, { 2 * POSE_DIM }, { 2 * POSE_DIM }>::from_fn(|i, j| p.get(ends(i), ends(j)));
     let way = by * poses * by.transpose();
@@ -235,7 +235,7 @@ impl Seen {
 
     /// Covariance with another one.
     fn with(&self, state: &State, other: &Self) -> SMatrix<f64, 3, 3> {
-        let p = &state.p;
+        let p = state.told();
         let to_feature = |seen: &Self| {
             SMatrix::<f64, POSE_DIM, 6>::from_fn(|i, j| {
                 if j < seen.width {
@@ -269,7 +269,7 @@ fn take_down(state: &State, seen: &[u64], handed_on: &[usize], submap: &mut Subm
     submap.points = landmarks.iter().map(|l| l.point).collect();
     submap.covariance = DMatrix::zeros(3 * n, 3 * n);
     submap.with_handed_on = DMatrix::zeros(3 * n, handed_on.len());
-    let p = &state.p;
+    let p = state.told();
     for (i, one) in landmarks.iter().enumerate() {
         for (j, other) in landmarks.iter().enumerate().take(i + 1) {
             let mut block = one.with(state, other);

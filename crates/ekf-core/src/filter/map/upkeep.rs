@@ -158,6 +158,7 @@ impl Filter {
             | BlockKind::WornError(_)
             | BlockKind::WornRoll(_)
             | BlockKind::Submap(_)
+            | BlockKind::ErrorModes(_)
             | BlockKind::Auxiliary(_) => false,
         });
         for id in &gone {

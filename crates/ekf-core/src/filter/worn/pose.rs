@@ -66,12 +66,12 @@ impl Filter {
         let by_camera = t_cf.inverse().adjoint() * tangent_map(&camera.q);
         let by_camera = DMatrix::from_column_slice(6, POSE_DIM, by_camera.as_slice());
         parts.push((0, by_camera));
-        let p = self.state.covariance();
+        let told = self.state.told();
         let mut covariance = *noise;
         for (a, by_a) in &parts {
             for (b, by_b) in &parts {
                 let (rows, columns) = (by_a.ncols(), by_b.ncols());
-                let block = DMatrix::from_fn(rows, columns, |i, j| p.get(a + i, b + j));
+                let block = DMatrix::from_fn(rows, columns, |i, j| told.get(a + i, b + j));
                 covariance += by_a * block * by_b.transpose();
             }
         }

@@ -47,7 +47,8 @@ impl Filter {
         };
         let known = self
             .started
-            .then(|| Known::new(&self.state, in_view, (t_cf, covariance, &lasting), who));
+            .then(|| self.state.clone().into_told())
+            .map(|told| Known::new(&told, in_view, (t_cf, covariance, &lasting), who));
         let Some(known) = known.flatten() else {
             return Ok(Look::default());
         };
