@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 
-from collabslam._core import Camera, DepthMeasurement, Filter
+from collabslam._core import Camera, DepthMeasurement, Filter, FilterSettings
 from collabslam.types import Array, Indices
 
 CAMERA = Camera("pinhole", 720, 480, (600.0, 600.0, 360.0, 240.0), [])
@@ -39,7 +39,7 @@ class Replay:
 
     def _start(self) -> None:
         features = sum(len(births) for _, births in self._births)
-        self._filter = Filter(CAMERA, CAMERA, settings={"map.max_features": features})
+        self._filter = Filter(CAMERA, CAMERA, settings=FilterSettings({"map.max_features": features}))
         for (t, ids, uv), births in self._births:
             self._filter.predict(t)
             new = np.full(len(births), -1)

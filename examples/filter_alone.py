@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from collabslam import Camera, DepthMeasurement, Filter
+from collabslam import Camera, DepthMeasurement, Filter, FilterSettings
 
 FRAMES, SPEED, PIXEL = 40, 0.02, 0.7
 
@@ -17,7 +17,7 @@ def main() -> None:
     camera = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5))
     points = generator.uniform((-1.0, -0.8, 2.5), (1.5, 0.8, 5.0), (40, 3))  # in W, metres
 
-    slam = Filter(camera, settings={"pixel.sigma_cs": PIXEL})
+    slam = Filter(camera, settings=FilterSettings({"pixel.sigma_cs": PIXEL}))
     slam.predict(0.0)
     uv = camera.project(points).uv
     depth = points[:, 2] * (1.0 + 0.03 * generator.standard_normal(len(points)))

@@ -3,8 +3,9 @@
     python packaging/stubs.py [--check]
 
 Names, defaults, types and docs are those of the `#[pyclass]`, `#[pymethods]`, `#[pyfunction]` and
-`#[pymodule_export] const` items of crates/pycollab, as rustfmt writes them. What a Rust type of the binding
-is in Python stands in its own docs, in a line `Python: ...`; `TYPES` has those of Rust's library and of PyO3.
+`#[pymodule_export] const` items of crates/pycollab, as rustfmt writes them, and of the filter's table of
+settings. What a Rust type of the binding is in Python stands in its own docs, in a line `Python: ...`;
+`TYPES` has those of Rust's library and of PyO3.
 """
 
 from __future__ import annotations
@@ -13,11 +14,13 @@ import argparse
 import re
 import subprocess
 import sys
+import textwrap
 from collections.abc import Iterable
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 SOURCES = ROOT / "crates" / "pycollab" / "src"
+TABLE = ROOT / "crates" / "ekf-core" / "src" / "settings.rs"
 OUT = ROOT / "python" / "collabslam" / "_core.pyi"
 HEAD = """\
 # Made by packaging/stubs.py from crates/pycollab.
@@ -59,6 +62,8 @@ FUNCTION = re.compile(
     re.M,
 )
 CONSTANT = re.compile(rf"{DOCS}^ *(?:pub\(\w+\) )?const (?P<name>\w+): (?P<type>[^=]+) =", re.M)
+GROUP = re.compile(rf"{DOCS}^ +(?P<name>\w+): (?P<type>\w+) \{{\n(?P<body>(?s:.*?))^ +\}}$", re.M)
+SETTING = re.compile(rf"{DOCS}^ +(?P<name>\w+): (?P<type>\w+) = ", re.M)
 SIGNATURE = re.compile(r"#\[pyo3\(signature = \((.*?)\)\)\]", re.S)
 
 
@@ -71,8 +76,9 @@ class Stub:
         From `text`, for a type of which is not known what it is in Python.
     """
 
-    def __init__(self, sources: Iterable[str]) -> None:
+    def __init__(self, sources: Iterable[str], settings: str) -> None:
         self._sources = list(sources)
+        self._groups = list(GROUP.finditer(settings[settings.index("macro_rules! filter_settings") :]))
         self._named = {}
         for item in self._items(NAMED):
             told = re.search(r"/// Python: (.*)", item["docs"])
@@ -89,13 +95,15 @@ class Stub:
         constants = [c for c in self._items(CONSTANT) if "#[pymodule_export" in c["docs"]]
         classes = [c for c in self._items(CLASS) if "#[pyclass" in c["docs"]]
         functions = [f for f in self._items(FUNCTION) if "#[pyfunction" in f["docs"]]
-        exported = [*map(_name, classes), *(item["name"] for item in constants + functions)]
+        groups = [group["type"] for group in self._groups]
+        exported = [*map(_name, classes), *groups, *(item["name"] for item in constants + functions)]
         return "".join(
             [
                 HEAD,
-                f"__all__ = {sorted(exported)}\n",
+                f"__all__ = {sorted(exported, key=_order)}\n",
                 *(f"{c['name']}: {self._type(c['type'], '')}\n{_docs(c, '')}" for c in constants),
                 *map(self._class, classes),
+                *map(self._group, self._groups),
                 *(self._function(f, "", "") for f in functions),
             ]
         )
@@ -109,10 +117,17 @@ class Stub:
             if methods["name"] == item["name"]:
                 functions = FUNCTION.finditer(methods["body"])
                 body += [self._function(f, name, "    ") for f in functions]
+        if name == "FilterSettings":
+            body.append(_properties([(group, group["type"]) for group in self._groups]))
         if re.search(r"\beq\b", item["docs"].split("#[pyclass")[1]):
             body += [f"    def __{word}__(self, other: object, /) -> bool: ...\n" for word in ("eq", "ne")]
             body.append("    __hash__: None  # type: ignore[assignment]\n")
         return f"@final\nclass {name}:\n{_docs(item, '    ')}{''.join(body)}"
+
+    def _group(self, group: re.Match[str]) -> str:
+        """The class of a group of the filter's settings; what is no number is one of a list of names."""
+        fields = [(item, TYPES.get(item["type"], "str")) for item in SETTING.finditer(group["body"])]
+        return f"@final\nclass {group['type']}:\n{_docs(group, '    ', prose=True)}{_properties(fields)}"
 
     def _function(self, item: re.Match[str], owner: str, indent: str) -> str:
         docs, name, first, lines = item["docs"], item["name"], ["self"] if owner else [], []
@@ -177,15 +192,29 @@ def _name(item: re.Match[str]) -> str:
     return told[1] if told else str(item["name"])
 
 
+def _properties(items: list[tuple[re.Match[str], str]]) -> str:
+    """Properties of settings or groups of them, each with its type."""
+    heads = [f"    @property\n    def {item['name']}(self) -> {kind}:\n" for item, kind in items]
+    docs = [_docs(item, " " * 8, prose=True) for item, _ in items]
+    return "".join(head + told for head, told in zip(heads, docs, strict=True))
+
+
+def _order(name: str) -> tuple[bool, bool, str]:
+    """Constants, then classes, then the rest, as ruff wants them."""
+    return not name.isupper(), not name[0].isupper(), name
+
+
 def _value(rust: str) -> str:
     """A default in Python, `...` where Rust makes it."""
     number = re.fullmatch(r"-?[\d.]+(e-?\d+)?", rust)
     return rust if number else VALUES.get(rust, "...")
 
 
-def _docs(item: re.Match[str], indent: str) -> str:
-    """The docs of an item as a docstring."""
+def _docs(item: re.Match[str], indent: str, *, prose: bool = False) -> str:
+    """The docs of an item as a docstring; `prose` is wrapped anew."""
     lines = re.findall(r"^ *///(?: (.*))?$", item["docs"], re.M)
+    if prose:
+        lines = textwrap.wrap(" ".join(lines), 100 - len(indent))
     lines = [f"{indent}{line}".rstrip() for line in lines]
     if not lines:
         return ""
@@ -207,7 +236,8 @@ def _split(text: str) -> list[str]:
 def stub() -> str:
     """The stub of the binding."""
     paths = sorted(SOURCES.rglob("*.rs"), key=lambda path: (path.parent, path.name != "mod.rs", path))
-    text = Stub(path.read_text(encoding="utf-8") for path in paths).text()
+    sources = [path.read_text(encoding="utf-8") for path in paths]
+    text = Stub(sources, TABLE.read_text(encoding="utf-8")).text()
     ruff = [sys.executable, "-m", "ruff", "format", "--stdin-filename", str(OUT), "-"]
     return subprocess.run(ruff, cwd=ROOT, input=text, stdout=subprocess.PIPE, text=True, check=True).stdout
 

@@ -20,7 +20,7 @@ from collabslam.errors import (
 )
 
 if TYPE_CHECKING:
-    from collabslam._core import Camera, DepthMeasurement, Filter, WornMeasurement
+    from collabslam._core import Camera, DepthMeasurement, Filter, FilterSettings, WornMeasurement
     from collabslam.datasets import RecordingWriter, Source, WornSpec, attach_worn, open_recording
     from collabslam.images import to_grey
     from collabslam.results import StepResult
@@ -43,6 +43,7 @@ __all__ = [
     "DepthMeasurement",
     "Filter",
     "FilterError",
+    "FilterSettings",
     "Frame",
     "InputError",
     "Output",
@@ -73,6 +74,7 @@ _HOMES = {
     "Camera": "_core",
     "DepthMeasurement": "_core",
     "Filter": "_core",
+    "FilterSettings": "_core",
     "Frame": "types",
     "Output": "runs.plan",
     "RecordingWriter": "datasets",

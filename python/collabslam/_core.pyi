@@ -8,8 +8,15 @@ from numpy.typing import ArrayLike, NDArray
 from collabslam.frontend.patch import Patch
 
 __all__ = [
+    "DESCRIPTOR_SAMPLES",
+    "MOST_KEPT_POSES",
+    "TOLD_INFORMATION",
+    "UNKNOWN_SPEED",
+    "UNKNOWN_TURN",
     "AffineMaps",
+    "BirthSettings",
     "Block",
+    "CalibrationSettings",
     "Camera",
     "CandidateReport",
     "CandidateViews",
@@ -18,39 +25,47 @@ __all__ = [
     "DepthMeasurement",
     "Edge",
     "EpipolarResiduals",
+    "EstimatorSettings",
     "ExpectedPixels",
     "Factor",
     "Filter",
+    "FilterSettings",
     "KnownMap",
     "Landmarks",
+    "LostSettings",
     "MapRelocalisation",
+    "MapSettings",
     "MatchNoise",
+    "OdometrySettings",
     "Outcomes",
     "OverlapPrediction",
+    "OverlapSettings",
     "PairMatches",
     "PairOptions",
     "PairPoints",
     "PeakTest",
+    "PixelSettings",
     "Placed",
     "PoseGraph",
     "Prediction",
+    "ProcessSettings",
     "ProjectedPoints",
     "SampledTemplates",
     "SearchResult",
     "SearchWindow",
-    "SettingInfo",
     "Sight",
     "Submap",
     "SubmapLandmarks",
     "Turn",
     "UpdateReport",
+    "ValidateSettings",
     "WarpLimits",
     "WarpedPatches",
     "Windows",
     "WornCameraPose",
     "WornMeasurement",
+    "WornSettings",
     "__version__",
-    "accepted_value",
     "adjoint",
     "affine_at",
     "affine_maps",
@@ -82,6 +97,18 @@ __all__ = [
     "warp_patches",
 ]
 __version__: str
+DESCRIPTOR_SAMPLES: int
+"""Samples along the side of a window that is described."""
+MOST_KEPT_POSES: int
+"""Most frames whose poses the filter keeps for views of Cf of another time."""
+TOLD_INFORMATION: float
+"""Information of a direction, over what was thought possible, from which on it counts as told: its
+standard deviation falls to a third.
+"""
+UNKNOWN_SPEED: float
+"""Standard deviation of each component of the velocity of Cs where nothing tells it, m/s."""
+UNKNOWN_TURN: float
+"""The same of its angular velocity, rad/s."""
 
 @final
 class ProjectedPoints:
@@ -447,44 +474,79 @@ class Placed:
         """
 
 @final
-class SettingInfo:
-    """A setting of the filter.
+class FilterSettings:
+    """All settings of the filter and all switches of the lab, checked; nothing of it can be changed.
 
-    Attributes
+    A group is an attribute, and a setting one of its group: ``settings.worn.late`` has the key
+    ``worn.late``.
+
+    Parameters
     ----------
-    key : str
-        Dotted name.
-    type : str
-        ``float``, ``int``, ``bool`` or ``enum``.
-    default : bool, int, float or str
-    min, max : float or None
-        Its range, ends included.
-    unit : str
-    choices : list of str
-        The values of an ``enum``; none of others.
-    doc : str
-        What it does.
-    when : str or None
-        The case in which to change it; None for a switch of the lab.
+    values : dict, optional
+        Dotted key to value, over the defaults.
+
+    Raises
+    ------
+    SettingsError
+        For an unknown key or an impossible value.
     """
+    def __new__(cls, values: Mapping[str, bool | int | float | str] | None = None) -> FilterSettings: ...
+    def changed(self, key: str, value: object) -> FilterSettings | None:
+        """The same settings with one value changed.
+
+        Parameters
+        ----------
+        key : str
+            Dotted key.
+        value : object
+
+        Returns
+        -------
+        FilterSettings or None
+            None if the setting cannot have this value, or there is no such setting.
+        """
+    def values(self) -> dict[str, bool | int | float | str]:
+        """Every value by its dotted key."""
+    def __getnewargs__(self) -> tuple[dict[str, bool | int | float | str]]: ...
     @property
-    def key(self) -> str: ...
+    def estimator(self) -> EstimatorSettings:
+        """Which estimator."""
     @property
-    def type(self) -> str: ...
+    def process(self) -> ProcessSettings:
+        """The motion model: constant velocity with white acceleration (METHOD 3)."""
     @property
-    def default(self) -> bool | int | float | str: ...
+    def odometry(self) -> OdometrySettings:
+        """Odometry as motion input (METHOD 23)."""
     @property
-    def min(self) -> float | None: ...
+    def calibration(self) -> CalibrationSettings:
+        """How well Cs is calibrated. A calibration's error is the same in every frame, so that no
+        number of features averages it out: the filter considers it and does not estimate it, but
+        for the readout (METHOD 4). All zero: the calibration is exact.
+        """
     @property
-    def max(self) -> float | None: ...
+    def pixel(self) -> PixelSettings:
+        """Noise of pixel measurements (METHOD 4)."""
     @property
-    def unit(self) -> str: ...
+    def birth(self) -> BirthSettings:
+        """How features are born (METHOD 5)."""
     @property
-    def choices(self) -> list[str]: ...
+    def worn(self) -> WornSettings:
+        """The worn camera Cf and the error of its pose (METHOD 6)."""
     @property
-    def doc(self) -> str: ...
+    def validate(self) -> ValidateSettings:
+        """Validation of a frame's matches (METHOD 8)."""
     @property
-    def when(self) -> str | None: ...
+    def map(self) -> MapSettings:
+        """Upkeep of the map (METHOD 7, step 8)."""
+    @property
+    def lost(self) -> LostSettings:
+        """When the camera counts as lost."""
+    @property
+    def overlap(self) -> OverlapSettings:
+        """Prediction of the overlap of both views (METHOD 9)."""
+    def __eq__(self, other: object, /) -> bool: ...
+    def __ne__(self, other: object, /) -> bool: ...
+    __hash__: None  # type: ignore[assignment]
 
 @final
 class Edge:
@@ -661,15 +723,11 @@ class Filter:
         Cs.
     worn_cameras : Camera or sequence of Camera, optional
         Cf, one of each person's, numbered from 0; needed to take their pixels.
-    settings : dict, optional
-        Dotted key to value, over the defaults of :func:`settings_schema`.
-    switches : dict, optional
-        The same of the lab's switches, which take parts of the method away to compare with.
+    settings : FilterSettings, optional
+        The defaults if left out.
 
     Raises
     ------
-    SettingsError
-        For an unknown key or an impossible value.
     BusyError
         From every method and attribute, while another thread changes the filter; it stays as it was.
     """
@@ -678,8 +736,7 @@ class Filter:
         camera: Camera,
         worn_cameras: Camera | Sequence[Camera] | None = None,
         *,
-        settings: Mapping[str, bool | int | float | str] | None = None,
-        switches: Mapping[str, bool | int | float | str] | None = None,
+        settings: FilterSettings | None = None,
     ) -> Filter: ...
     @property
     def started(self) -> bool:
@@ -2328,6 +2385,250 @@ class AffineMaps:
     @property
     def ok(self) -> NDArray[np.bool_]: ...
 
+@final
+class EstimatorSettings:
+    """Which estimator."""
+    @property
+    def mode(self) -> str:
+        """What the worn camera is used for and how features are born."""
+    @property
+    def consistency(self) -> str:
+        """What keeps the filter from gaining information that no measurement holds: gauge (the
+        covariance moves with rotation and scale, the directions that no camera can see) or none
+        (the plain EKF).
+        """
+
+@final
+class ProcessSettings:
+    """The motion model: constant velocity with white acceleration (METHOD 3)."""
+    @property
+    def velocity(self) -> str:
+        """Whether the velocity is constant in W, or along the camera's own axes, as on a robot with
+        wheels.
+        """
+    @property
+    def acceleration_density(self) -> float:
+        """Spectral density (its root) of the camera's random acceleration."""
+    @property
+    def angular_acceleration_density(self) -> float:
+        """The same of its angular acceleration."""
+    @property
+    def start_velocity_sd(self) -> float:
+        """Standard deviation of each component of the velocity at the start."""
+    @property
+    def start_angular_velocity_sd(self) -> float:
+        """Standard deviation of each component of the angular velocity at the start."""
+    @property
+    def handover(self) -> float:
+        """How much of the error that landmarks in view share shows in their innovations: a new view
+        stands beside an old one with this many times the part of the innovations that is beyond a
+        patch's own noise, by angle (METHOD 20); 0 for errors that are as the noise of the pixels
+        says.
+        """
+
+@final
+class OdometrySettings:
+    """Odometry as motion input (METHOD 23)."""
+    @property
+    def scale_sd(self) -> float:
+        """Standard deviation of the scale of its translation, relative: of a wheel's radius, and of
+        the slip that lasts.
+        """
+    @property
+    def turn_scale_sd(self) -> float:
+        """The same of its turns."""
+    @property
+    def scale_time(self) -> float:
+        """For how long such an error lasts."""
+
+@final
+class CalibrationSettings:
+    """How well Cs is calibrated. A calibration's error is the same in every frame, so that no number
+    of features averages it out: the filter considers it and does not estimate it, but for the
+    readout (METHOD 4). All zero: the calibration is exact.
+    """
+    @property
+    def focal_sd(self) -> float:
+        """Standard deviation of the focal length, relative."""
+    @property
+    def aspect_sd(self) -> float:
+        """Standard deviation of the ratio of both focal lengths."""
+    @property
+    def centre_sd(self) -> float:
+        """Standard deviation of each coordinate of the principal point."""
+    @property
+    def radial_sd(self) -> float:
+        """Standard deviation of the radial distortion: of its coefficients of the third and the fifth
+        power.
+        """
+    @property
+    def readout(self) -> float:
+        """Time from the first row of an image of Cs to the last one: 0 for a global shutter, negative
+        for an image upside down. The filter estimates it from here. The default is that of a
+        shutter of which nothing is told: it may take its rows all at once, or one after the other
+        until the next image of 30 a second, or evenly anything between.
+        """
+    @property
+    def readout_sd(self) -> float:
+        """Standard deviation of that time; 0 where it is exact."""
+
+@final
+class PixelSettings:
+    """Noise of pixel measurements (METHOD 4)."""
+    @property
+    def sigma_cs(self) -> float:
+        """Standard deviation of a feature's measured pixel in Cs, per axis."""
+    @property
+    def sigma_cf(self) -> float:
+        """Standard deviation of a matched pixel in Cf, per axis."""
+
+@final
+class BirthSettings:
+    """How features are born (METHOD 5)."""
+    @property
+    def first_pose(self) -> str:
+        """How the pose of a candidate's first view is treated at a delayed birth."""
+    @property
+    def min_baseline(self) -> float:
+        """Least distance between first and present view for a delayed birth."""
+    @property
+    def min_parallax(self) -> float:
+        """Least parallax for a delayed birth."""
+    @property
+    def max_rho_ratio(self) -> float:
+        """Largest sd(rho)/rho of a birth from two views; while it is larger the candidate waits."""
+    @property
+    def undelayed_rho(self) -> float:
+        """Inverse depth of an undelayed birth."""
+    @property
+    def undelayed_rho_sd(self) -> float:
+        """Standard deviation of the inverse depth of an undelayed birth."""
+    @property
+    def vague_below(self) -> float:
+        """Where fewer features than this share of `map.in_view` are tracked, as in a turn, waiting
+        candidates are born with a vague inverse depth from their first view. 0 for never. In mono
+        never in metres, as the scale would come from that prior, and in an arbitrary unit only
+        below twice `lost.min_matches`.
+        """
+
+@final
+class WornSettings:
+    """The worn camera Cf and the error of its pose (METHOD 6)."""
+    @property
+    def errors(self) -> str:
+        """How the error of T_CF enters the matches of a frame."""
+    @property
+    def bias_share(self) -> float:
+        """Share of T_CF's stated variance that is a slowly varying bias (Gauss-Markov, along the axes
+        of Cs) rather than white noise, where the worn view itself does not say which part of its
+        covariance lasts.
+        """
+    @property
+    def bias_time(self) -> float:
+        """Time constant of that bias."""
+    @property
+    def common_share(self) -> float:
+        """Share of T_CF's error, of its variance along the axes of Cs, that all worn cameras have in
+        common in a frame, as where one tracker locates them all.
+        """
+    @property
+    def late(self) -> float:
+        """How late a view of Cf may come and still be used: for so long the poses of Cs are kept once
+        views come that are not of a frame's own instant (METHOD 21).
+        """
+    @property
+    def tolerance(self) -> float:
+        """A view taken this close to a frame counts as one of its instant; the motion of Cs meanwhile
+        is added to the noise of T_CF.
+        """
+    @property
+    def clock_sd(self) -> float:
+        """Standard deviation of the offset, the same in all views, of a worn camera's time stamps
+        against the clock of Cs. Views that come between frames and see Cs change its motion tell
+        it; until then it counts as an error of T_CF that lasts.
+        """
+    @property
+    def readout(self) -> float:
+        """Time from the first row of an image of Cf to the last one, root mean square of what it may
+        be. Meanwhile its wearer moves and turns, by 1 m/s and 1 rad/s on each axis (standard
+        deviations), and each row sees another T_CF (METHOD 6). 0 for a shutter that does not roll.
+        """
+    @property
+    def start_births(self) -> int:
+        """Least number of births that starts the filter from a first overlap."""
+
+@final
+class ValidateSettings:
+    """Validation of a frame's matches (METHOD 8)."""
+    @property
+    def test(self) -> str:
+        """Which test of the whole batch."""
+    @property
+    def level(self) -> float:
+        """Confidence level of the chi-square tests."""
+    @property
+    def conditional_level(self) -> float:
+        """Level of the gate for each match given all the others, after the batch test; 1 for none."""
+    @property
+    def max_nodes(self) -> int:
+        """Largest number of hypotheses of a batch test. Past it the best set so far stands, and the
+        frame's report says so. One takes about 0.15 ms for 100 matches and a tenth of that for 40,
+        and a frame is tested up to three times.
+        """
+
+@final
+class MapSettings:
+    """Upkeep of the map (METHOD 7, step 8)."""
+    @property
+    def in_view(self) -> int:
+        """Number of features that the map keeps in view."""
+    @property
+    def reserve(self) -> float:
+        """Candidates tracked beside them, as a share of that number: births take time, and not every
+        candidate is born.
+        """
+    @property
+    def max_features(self) -> int:
+        """Largest number of features in the map."""
+    @property
+    def local_from(self) -> int:
+        """Size of the map from which features out of view are updated only when they come back into
+        view or somebody asks for the whole state: the same result, faster for large maps.
+        """
+    @property
+    def linearity_index(self) -> float:
+        """Linearity index below which a feature in view shrinks from inverse depth (six numbers) to a
+        point (three); 0 for never. The index tells how nonlinear the depth is in the pixels;
+        Civera, Davison and Montiel (2008) take 0.1.
+        """
+    @property
+    def candidate_age(self) -> float:
+        """A candidate that has not been born after so many seconds is dropped."""
+
+@final
+class LostSettings:
+    """When the camera counts as lost."""
+    @property
+    def min_matches(self) -> int:
+        """Accepted matches that a frame needs to be OK, and a lost camera to be found. Each gives two
+        equations for the six numbers of the pose, so 8 leave ten to check it.
+        """
+    @property
+    def seconds(self) -> float:
+        """The camera is lost after this long without an OK frame, or after three failed frames in a
+        row.
+        """
+
+@final
+class OverlapSettings:
+    """Prediction of the overlap of both views (METHOD 9)."""
+    @property
+    def near(self) -> float:
+        """Least depth at which either camera is taken to see anything."""
+    @property
+    def far(self) -> float:
+        """Largest depth at which Cf is used."""
+
 def skew(v: ArrayLike) -> NDArray[np.float64]:
     """Matrix of the cross product: ``skew(v) @ p == cross(v, p)``.
 
@@ -2628,27 +2929,15 @@ def chi2_quantile(probability: float, dof: float) -> float:
         For a probability or degrees of freedom out of range.
     """
 
-def settings_schema() -> list[SettingInfo]:
-    """Every setting of the filter, and every switch of the lab.
+def settings_schema() -> list[
+    tuple[str, str, bool | int | float | str, float | None, float | None, str, tuple[str, ...], str, str]
+]:
+    """What there is to know of every setting of the filter, and of every switch of the lab.
 
     Returns
     -------
-    list of SettingInfo
-    """
-
-def accepted_value(key: str, value: object) -> bool | int | float | str | None:
-    """A value as the filter takes it for a setting or a switch.
-
-    Parameters
-    ----------
-    key : str
-        Dotted name.
-    value : object
-
-    Returns
-    -------
-    bool, int, float, str or None
-        None if the setting cannot have this value, or there is no such setting.
+    list of tuple
+        The arguments of `collabslam.settings.setting.Setting`, in its order.
     """
 
 def epipolar_residuals(

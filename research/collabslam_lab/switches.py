@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
-from collabslam.settings.table import Settings, checked, schema, switches
+from collabslam.settings.table import Settings, schema, switches
 
 
 def with_switches(settings: Settings, changes: Mapping[str, Any]) -> Settings:
@@ -17,10 +16,4 @@ def with_switches(settings: Settings, changes: Mapping[str, Any]) -> Settings:
     SettingsError
         Naming every unknown key, wrong type and value out of range.
     """
-    known = switches()
-    changed = checked(changes, {**schema(), **known})
-    own = {key: value for key, value in changed.items() if key in known}
-    moved = {**settings.switches, **own}
-    moved = {key: value for key, value in moved.items() if value != known[key].default}
-    others = {key: value for key, value in changed.items() if key not in known}
-    return replace(settings, values={**settings.values, **others}, switches=moved)
+    return settings.changed(changes, {**schema(), **switches()})

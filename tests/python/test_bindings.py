@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from collabslam import Camera, DepthMeasurement, Filter, WornMeasurement
+from collabslam import Camera, DepthMeasurement, Filter, FilterSettings, WornMeasurement
 from collabslam.errors import InputError, SettingsError
-from collabslam.settings import table as settings
 
 CS = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5))
 CF = Camera("radtan", 640, 480, (480.0, 482.0, 321.0, 238.0), (-0.05, 0.01, 0.0003, -0.0002))
@@ -222,7 +221,7 @@ def test_bad_start_from_points(name: str) -> None:
 
 
 def test_a_candidate_given_twice_does_not_panic_at_its_birth() -> None:
-    core = Filter(CS, settings={"birth.min_parallax": 0.5}, switches={"birth.min_baseline": 0.01})
+    core = Filter(CS, settings=FilterSettings({"birth.min_parallax": 0.5, "birth.min_baseline": 0.01}))
     start, step = CS.project(POINTS).uv, np.array([0.05, 0.0, 0.0])
     ids = _points(
         core, points=POINTS, noise=np.tile(1e-4 * np.eye(3), (COUNT, 1, 1)), shared=np.zeros((COUNT, 3, 6))
@@ -286,11 +285,20 @@ def test_a_worn_camera_that_is_missing() -> None:
 )
 def test_bad_setting(values: dict[str, Any], words: str) -> None:
     with pytest.raises(SettingsError, match=words):
-        Filter(CS, settings=values)
+        FilterSettings(values)
 
 
-def test_every_default_is_accepted() -> None:
-    Filter(CS, settings=dict(settings.Settings.default().section("filter")))
+def test_settings_are_one_frozen_value() -> None:
+    settings = FilterSettings({"worn.late": 3, "worn.start_births": 9.0})
+    assert (settings.worn.late, settings.worn.start_births) == (3.0, 9)
+    assert settings.estimator.mode == "collab-tight"
+    assert pickle.loads(pickle.dumps(settings)) == settings != FilterSettings()
+    assert FilterSettings(settings.values()) == settings
+    assert settings.changed("worn.late", 1) == FilterSettings({"worn.start_births": 9})
+    assert settings.changed("worn.late", "soon") is None
+    assert settings.changed("worn.never", 1) is None
+    with pytest.raises(AttributeError):
+        settings.worn.late = 2.0  # type: ignore[misc]
 
 
 def test_arrays_of_other_types_are_converted() -> None:

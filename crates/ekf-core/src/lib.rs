@@ -46,7 +46,8 @@ pub use camera::{Camera, Distortion};
 pub use error::EkfError;
 pub use filter::{
     Bearing, CandidateOutcome, Capture, ConditionalPrediction, DepthObservation, Filter, KnownMap,
-    Landmark, Measurements, Outcome, PredictedFeature, Submap, ToldByFound, UpdateReport,
-    ViewTiming, WornObservation, WornPair, WornPose,
+    Landmark, MOST_KEPT_POSES, Measurements, Outcome, PredictedFeature, Submap, TOLD_INFORMATION,
+    ToldByFound, UNKNOWN_SPEED, UNKNOWN_TURN, UpdateReport, ViewTiming, WornObservation, WornPair,
+    WornPose,
 };
 pub use settings::Settings;

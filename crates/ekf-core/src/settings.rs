@@ -1,7 +1,7 @@
 //! Every setting of the filter: its one default, unit, range and meaning.
 //!
-//! The `settings!` table below is the only owner of these facts; the Python layer, the settings file and the
-//! documentation are generated from [`schema`]. Each entry says who may have a reason to change it ([`Audience`]): what
+//! The table [`filter_settings!`] is the only owner of these facts; the Python layer, the settings file and the
+//! documentation are generated from it and from [`schema`]. Each entry says who may have a reason to change it ([`Audience`]): what
 //! no user has one for is a switch of the lab, which the settings file does not know, or a constant beside its formula.
 
 mod choices;
@@ -15,7 +15,7 @@ use Audience::{Lab, User};
 use nalgebra::{Matrix2, Matrix6, Vector2, Vector6};
 use value::Setting;
 
-macro_rules! settings {
+macro_rules! define {
     ($( $(#[doc = $gdoc:literal])+ $group:ident: $gtype:ident {
         $( $(#[doc = $doc:literal])+ $field:ident: $ty:ty = $default:expr, $unit:literal, $min:expr, $max:expr, $audience:expr; )*
     } )*) => {
@@ -77,19 +77,6 @@ macro_rules! settings {
                 Ok(settings)
             }
 
-            /// A value as the setting of this key takes it: whole numbers as real ones where it is real.
-            ///
-            /// # Errors
-            /// As [`Self::set`].
-            pub fn accepted(key: &str, value: &Value) -> Result<Value, EkfError> {
-                let invalid = |why: String| EkfError::InvalidSetting { key: key.into(), why };
-                match key {
-                    $( $( concat!(stringify!($group), ".", stringify!($field)) =>
-                        <$ty as Setting>::from_value(value, $min, $max).map(|own| own.to_value()).map_err(invalid), )* )*
-                    _ => Err(invalid("there is no such setting".into())),
-                }
-            }
-
             /// Sets one value by its dotted key, a switch of the lab's as well.
             ///
             /// # Errors
@@ -111,7 +98,11 @@ macro_rules! settings {
 /// `1 / (30 sqrt(12))`.
 const UNTOLD_READOUT: (f64, f64) = (1.0 / 60.0, 0.009622504486493764);
 
-settings! {
+/// The table of all settings, handed to the macro of this name: groups of `name: type = default, unit, least, largest,
+/// audience`.
+#[macro_export]
+macro_rules! filter_settings {
+    ($macro:ident) => { $macro! {
     /// Which estimator.
     estimator: EstimatorSettings {
         /// What the worn camera is used for and how features are born.
@@ -295,7 +286,10 @@ settings! {
         far: f64 = 60.0, "m", Some(0.1), Some(1e5),
             User("Raise it outdoors where Cf is far from Cs, so that distant things help; lower it indoors to search less.");
     }
+    } };
 }
+
+filter_settings!(define);
 
 impl CalibrationSettings {
     /// The readout of Cs and its standard deviation, seconds; `None` for a shutter that is known not to roll.

@@ -22,6 +22,27 @@ mod _core {
     #[expect(non_upper_case_globals, reason = "Python's name for it")]
     const __version__: &str = env!("CARGO_PKG_VERSION");
 
+    /// Samples along the side of a window that is described.
+    #[pymodule_export]
+    const DESCRIPTOR_SAMPLES: usize = ::frontend::describe::SAMPLES;
+
+    /// Most frames whose poses the filter keeps for views of Cf of another time.
+    #[pymodule_export]
+    const MOST_KEPT_POSES: usize = ekf_core::MOST_KEPT_POSES;
+
+    /// Information of a direction, over what was thought possible, from which on it counts as told: its
+    /// standard deviation falls to a third.
+    #[pymodule_export]
+    const TOLD_INFORMATION: f64 = ekf_core::TOLD_INFORMATION;
+
+    /// Standard deviation of each component of the velocity of Cs where nothing tells it, m/s.
+    #[pymodule_export]
+    const UNKNOWN_SPEED: f64 = ekf_core::UNKNOWN_SPEED;
+
+    /// The same of its angular velocity, rad/s.
+    #[pymodule_export]
+    const UNKNOWN_TURN: f64 = ekf_core::UNKNOWN_TURN;
+
     #[pymodule_export]
     use crate::camera::{ProjectedPoints, PyCamera};
     #[pymodule_export]
@@ -61,7 +82,11 @@ mod _core {
     #[pymodule_export]
     use crate::graph::{PyFactor, PyPlaced, PyPoseGraph};
     #[pymodule_export]
-    use crate::settings::{SettingInfo, accepted_value, settings_schema};
+    use crate::settings::{
+        BirthSettings, CalibrationSettings, EstimatorSettings, LostSettings, MapSettings,
+        OdometrySettings, OverlapSettings, PixelSettings, ProcessSettings, PyFilterSettings,
+        ValidateSettings, WornSettings, settings_schema,
+    };
     #[pymodule_export]
     use crate::submap::{PyEdge, PySight, PySubmap, PySubmapLandmarks};
     #[pymodule_export]

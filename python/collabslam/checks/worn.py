@@ -29,7 +29,7 @@ from collabslam.checks.robot import RobotReport
 from collabslam.checks.trials import Trial, worn_trials
 from collabslam.checks.views import View, sample_views
 from collabslam.datasets.at_frames import AtFrames
-from collabslam.frontend.worn_verdict import Verdict, ask_images, contradicted
+from collabslam.frontend.worn_verdict import INDEPENDENT, LIMIT, SIGMA, Verdict, ask_images, contradicted
 from collabslam.geometry import pose_inverse, se3_log
 from collabslam.types import Array
 
@@ -38,13 +38,9 @@ MOST_PX = 4.0
 CLEAR_COST = 12.0
 """A trial is believed if it costs so much less: one error of T_CF would have to be 3.5 standard deviations,
 which among a dozen trials that differ happens in one of 200 recordings."""
-_SIGMA, _LIMIT = 1.0, 3.0
-"""Of a right match's residual, and the largest of one that agrees, px."""
 _SURE = 3.0
 _LIKELY = 16.8
 """Squared correction of T_CF in standard deviations that one of 100 right ones exceeds (six numbers)."""
-_INDEPENDENT = 20
-"""Matches of a view whose residuals are taken as independent."""
 _HALF_NORMAL = 0.6745
 """Median of the absolute value of a normal variable of unit standard deviation."""
 
@@ -231,12 +227,12 @@ def _corrected(view: View, trial: Trial) -> tuple[float, float, float]:
     if len(rays[0]) < LEAST_MATCHES // 2:
         return np.inf, np.inf, 0.0
     focal = (trial.eyes[0].focal, trial.eyes[1].focal)
-    seen = find_consensus(*rays, t_cf, covariance, MatchNoise(focal, _SIGMA, _LIMIT))
+    seen = find_consensus(*rays, t_cf, covariance, MatchNoise(focal, SIGMA, LIMIT))
     left = epipolar_residuals(matches, *trial.eyes, seen.t_cf)
     xi = se3_log(pose_inverse(t_cf) @ seen.t_cf)
     moved = float(xi @ np.linalg.solve(covariance, xi))
-    cost = _INDEPENDENT * float(np.mean(np.minimum(left, _LIMIT) ** 2)) + moved
-    return cost, moved, float(np.mean(left < _LIMIT))
+    cost = INDEPENDENT * float(np.mean(np.minimum(left, LIMIT) ** 2)) + moved
+    return cost, moved, float(np.mean(left < LIMIT))
 
 
 def _falls(views: list[View], given: Trial, trial: Trial) -> str:
@@ -245,9 +241,7 @@ def _falls(views: list[View], given: Trial, trial: Trial) -> str:
     where = "of Cf"
     if after >= before:
         where = "of Cf beyond T_CF's covariance"
-        before, after = (
-            float(np.sqrt(np.nanmedian(_costs(views, t)) / _INDEPENDENT)) for t in (given, trial)
-        )
+        before, after = (float(np.sqrt(np.nanmedian(_costs(views, t)) / INDEPENDENT)) for t in (given, trial))
     return f"the residual {where} falls from {before:.2f} to {after:.2f} px"
 
 
@@ -275,7 +269,7 @@ def _expected(views: list[View], trial: Trial) -> float:
         rays = _usable(view.matches[0], trial.eyes)
         jacobian = _core.epipolar_residuals(*rays, trial.t_cf(view), focal).jacobian
         sizes.append(np.einsum("ni,ij,nj->n", jacobian, view.covariance, jacobian))
-    return float(_HALF_NORMAL * np.median(np.sqrt(np.concatenate(sizes) + _SIGMA**2)))
+    return float(_HALF_NORMAL * np.median(np.sqrt(np.concatenate(sizes) + SIGMA**2)))
 
 
 def _usable(matches: Matches, eyes: tuple[Eye, Eye]) -> tuple[Array, Array]:

@@ -75,13 +75,13 @@ def main(arguments: argparse.Namespace) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     from collabslam.runs import runner
-    from collabslam.runs.plan import MODE_KEY, Output
+    from collabslam.runs.plan import Output
 
     settings = options.read_settings(arguments)
     source = dataclasses.replace(options.source_with_worn(arguments), frames=arguments.max_frames)
     recording = source.open()
     mode = arguments.mode or runner.default_mode(recording, settings)
-    if arguments.mode is None and mode != settings[MODE_KEY]:
+    if arguments.mode is None and mode != settings.filter.estimator.mode:
         print(f"There is no worn camera in this run (see --worn): the mode is {mode}.", file=sys.stderr)
     if arguments.worn is None and getattr(recording, "rig_used", False):
         print(

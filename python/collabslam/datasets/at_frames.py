@@ -15,8 +15,6 @@ from collabslam.types import Array, Frame, Recording, WornView
 
 REACH = 0.075
 """Seconds from a frame in which a view of Cf at 7 Hz lies; of frames at a lower rate, half their distance."""
-MOTION = (1.0, 0.5)
-"""Of Cs between a view and its frame where no poses tell it: standard deviations, m/s and rad/s."""
 _ASKED = 24
 """Frames that tell whether Cf has a clock of its own."""
 _KEPT = 32
@@ -29,7 +27,7 @@ class AtFrames(WrappedRecording):
     In the recording itself a view comes with the first frame after it, or a later one.  Here a frame has the
     view nearest to it, with ``T_CF`` as it was given, for the view's own time; `moved` tells how Cs moved
     from the frame to then.  Where nothing tells that, the covariance of ``T_CF`` grows by what it may have
-    been (`MOTION`).
+    been (`UNKNOWN_SPEED` and `UNKNOWN_TURN`).
 
     Parameters
     ----------
@@ -91,7 +89,7 @@ class AtFrames(WrappedRecording):
         t = float(self.times[i])
         if self._between(worn, t) is not None:
             return worn
-        sds = np.repeat(MOTION, 3) * abs(_taken(worn, t) - t)
+        sds = np.repeat((_core.UNKNOWN_SPEED, _core.UNKNOWN_TURN), 3) * abs(_taken(worn, t) - t)
         back = _core.adjoint(pose_inverse(worn.t_cf))
         return replace(worn, covariance=worn.covariance + back @ np.diag(sds**2) @ back.T)
 

@@ -21,7 +21,8 @@ from collabslam.types import Array, Image
 Descriptors = NDArray[np.float32]
 Describe = Callable[[Image, Array, Array, float], Descriptors]
 
-_GRID = 8  # samples along a window's side
+SUPPORT = 36.0
+"""Side of the window that the descriptor of a corner covers, pixels."""
 _SIFT_SUPPORT = 6.0  # side of OpenCV's SIFT window over KeyPoint.size
 _ORB_PATCH = 31
 
@@ -82,7 +83,7 @@ def describe_warped(image: Image, uv: Array, axes: Array, size_px: float) -> Des
     (N, 128) float32
         Square roots of the L1-normalised histogram (RootSIFT): unit vectors.
     """
-    step = size_px / _GRID
+    step = size_px / _core.DESCRIPTOR_SAMPLES
     if step < 1.5:
         return _core.describe_windows(image, uv, axes, step)
     half = np.asarray(cv2.pyrDown(image), dtype=np.uint8)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from collabslam._core import Camera
 from collabslam.errors import InputError
-from collabslam.frontend.describe import Descriptors, describe
+from collabslam.frontend.describe import SUPPORT, Descriptors, describe
 from collabslam.frontend.detect import corner_peaks, refine_corners
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.patch import SIZE, Patch, warp_templates
@@ -30,8 +30,6 @@ KIND = "warped-sift"
 """Descriptor of views and corners: SIFT's histogram at a known scale; it needs no key points of its own."""
 SCALES = (0.63, 1.0, 1.6)
 """Sizes at which the image's corners are described, over that of the views."""
-SUPPORT = 36.0
-"""Side of the window that a view's descriptor covers, pixels."""
 MIN_PATCHES = 8
 """Fewest patches found for a pose to be accepted."""
 MIN_VOTES = 6

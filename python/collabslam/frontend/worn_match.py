@@ -36,7 +36,7 @@ from collabslam._core import (
     match_pairs,
     sample_templates,
 )
-from collabslam.frontend.describe import DESCRIPTORS, Descriptors, describe
+from collabslam.frontend.describe import DESCRIPTORS, SUPPORT, Descriptors, describe
 from collabslam.frontend.detect import detect_corners, halves
 from collabslam.frontend.epipolar import inverse_ranges, skews
 from collabslam.frontend.patch import SIZE, inverse_maps, limits
@@ -46,13 +46,11 @@ from collabslam.frontend.two_views import TwoViews, ViewedPoints, inside, whole
 from collabslam.frontend.worn_size import LEAST, ask_size
 from collabslam.frontend.worn_verdict import WIDE, Verdict, ask_images
 from collabslam.geometry import pose_inverse
-from collabslam.settings.frontend import FrontendSettings
+from collabslam.settings.table import Settings
 from collabslam.types import Array, Image, Indices, Mask
 
 SIGMA = 1.0
 """Standard deviation of a corner's pixel, for the gates."""
-SUPPORT = 36.0
-"""Side of the window that a descriptor covers, pixels."""
 _CORNERS = 500  # most interest points searched in Cf's region of interest
 _CORNER_DISTANCE = 0.008  # least distance between them, as a share of the image's width
 _GATE = 3.0  # radius of the epipolar and depth gates in standard deviations
@@ -99,14 +97,14 @@ class WornMatches:
     size: float = float("nan")
 
 
-def match_worn(views: TwoViews, points: ViewedPoints, settings: FrontendSettings) -> WornMatches:
+def match_worn(views: TwoViews, points: ViewedPoints, settings: Settings) -> WornMatches:
     """Finds points of Cs in the worn camera's image.
 
     Parameters
     ----------
     views : TwoViews
     points : ViewedPoints
-    settings : FrontendSettings
+    settings : Settings
 
     Returns
     -------
@@ -147,13 +145,14 @@ class _Expected(NamedTuple):
 class _Matcher:
     """The steps of :func:`match_worn` over their common data."""
 
-    def __init__(self, views: TwoViews, points: ViewedPoints, settings: FrontendSettings) -> None:
+    def __init__(self, views: TwoViews, points: ViewedPoints, settings: Settings) -> None:
         self.image_s, self.camera_s = views.image_s, views.camera_s
         self.image_f, self.camera_f = views.image_f, views.camera_f
         self.t_cf = np.asarray(views.t_cf, dtype=np.float64)
         self.covariance = np.asarray(views.covariance, dtype=np.float64)
         self.roi_s, self.roi_f = whole(views.roi_s, self.image_s), whole(views.roi_f, self.image_f)
-        self.settings, self.options = settings, settings.worn
+        self.settings, self.options = settings.frontend, settings.frontend.worn
+        self.near = settings.filter.overlap.near
         self.focal = (_focal(self.camera_s), _focal(self.camera_f))
         self.uv_s, self.rho = points.uv, points.rho
         self.rays_s = self.camera_s.unproject(self.uv_s).reshape(-1, 3)
@@ -276,7 +275,7 @@ class _Matcher:
             return depths
         last = self._warps(sample, self.t_cf, np.zeros(len(sample)))
         for share in _DEPTHS:
-            rho = share / self.settings.near
+            rho = share / self.near
             warps = self._warps(sample, self.t_cf, np.full(len(sample), rho))
             change = np.linalg.norm(warps - last, axis=(1, 2)) / np.linalg.norm(last, axis=(1, 2))
             if np.median(change) > _DEPTH_CHANGE:
@@ -339,7 +338,7 @@ class _Matcher:
         options, known = self.options, self.known[points] if known is None else known
         reach = _GATE * self.rho_sd[points]
         low = np.where(known, self.rho[points] - reach, 0.0)
-        high = np.where(known, self.rho[points] + reach, 1.0 / self.settings.near)
+        high = np.where(known, self.rho[points] + reach, 1.0 / self.near)
         wanted = PairPoints(
             self.rays_s[points],
             np.stack([low, high], axis=1),

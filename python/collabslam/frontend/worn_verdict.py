@@ -28,9 +28,9 @@ _LAST = 7
 """Views that together tell of a fault that has begun since."""
 _TOGETHER = 0.8
 """`Verdict.against` that counts where most views reach it: the level of each test is then 0.999."""
-_SIGMA, _LIMIT = 1.0, 3.0
+SIGMA, LIMIT = 1.0, 3.0
 """Of a right match's residual, and the largest of one that agrees, px."""
-_INDEPENDENT = 20
+INDEPENDENT = 20
 """Matches of a view whose residuals are taken as independent."""
 _LEVEL = 0.9999
 """Level of each of the two tests of a view."""
@@ -72,7 +72,7 @@ def ask_images(
     focal : (float, float)
         Focal lengths of Cs and Cf, pixels per radian.
     """
-    noise = MatchNoise(focal, _SIGMA, _LIMIT)
+    noise = MatchNoise(focal, SIGMA, LIMIT)
     free = find_consensus(rays_s, rays_f, t_cf, WIDE * covariance, noise)
     if free.agree.sum() < LEAST_AGREEING:
         return None
@@ -123,6 +123,6 @@ def _moved(t_cf: Array, pose: Array) -> Array:
 
 def _left(rays_s: Array, rays_f: Array, pose: Array, focal: tuple[float, float]) -> float:
     """Squared residuals in standard deviations, none larger than a wrong match's."""
-    values = epipolar_residuals(rays_s, rays_f, pose, focal).residual / _SIGMA
-    share = min(1.0, _INDEPENDENT / len(values))
-    return share * float(np.sum(np.minimum(np.abs(values), _LIMIT / _SIGMA) ** 2))
+    values = epipolar_residuals(rays_s, rays_f, pose, focal).residual / SIGMA
+    share = min(1.0, INDEPENDENT / len(values))
+    return share * float(np.sum(np.minimum(np.abs(values), LIMIT / SIGMA) ** 2))

@@ -24,7 +24,6 @@ from collabslam.live.shots import LiveCamera
 from collabslam.live.slam import LiveSlam
 from collabslam.live.uplink import Uplink
 from collabslam.runs.folder import claim, locked
-from collabslam.runs.plan import MODE_KEY
 from collabslam.settings.table import Settings
 from collabslam.slam.engine import Slam
 from collabslam.targets.kinds import Board, Tag
@@ -209,7 +208,7 @@ class RobotNode:
         boards = [str(t) for t in options.targets if isinstance(t, Board)]
         t_bc = None if self._camera.t_bc is None else self._camera.t_bc.ravel().tolist()
         persons = [name for name in worn if name]
-        asked = _mode(options), options.start, dict(options.settings.values)
+        asked = _mode(options), options.start, options.settings.values
         plan = LivePlan(*asked, tags, boards, t_bc, persons)
         return EventWriter(options.record, plan, self._camera.camera, worn)
 
@@ -262,7 +261,7 @@ def _is_alone(options: RobotOptions) -> bool:
 
 
 def _mode(options: RobotOptions) -> str:
-    return options.mode or str(options.settings[MODE_KEY])
+    return options.mode or options.settings.filter.estimator.mode
 
 
 def _folder(options: RobotOptions, stack: contextlib.ExitStack) -> Path:

@@ -208,7 +208,7 @@ def resume(
 
 def default_mode(recording: Recording, settings: Settings) -> str:
     """The mode that the settings name, or ``mono`` if it needs a worn camera and there is none."""
-    mode = str(settings[MODE_KEY])
+    mode = settings.filter.estimator.mode
     return "mono" if recording.worn_camera is None and mode.startswith("collab") else mode
 
 

@@ -7,9 +7,8 @@ switch of the lab.
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
+from operator import attrgetter
 from typing import Any
 
 from collabslam.settings.setting import Setting, Value
@@ -191,12 +190,8 @@ class TargetSettings:
 
 @dataclass(frozen=True)
 class FrontendSettings:
-    """All settings of the front end, by group: the attribute ``search.min_score`` has the same key.
+    """All settings of the front end, by group: the attribute ``search.min_score`` has the same key."""
 
-    ``near`` is the filter's setting ``overlap.near``, the distance at which a view begins, metres.
-    """
-
-    near: float
     blank_image: BlankImageSettings = field(default_factory=BlankImageSettings)
     detect: DetectSettings = field(default_factory=DetectSettings)
     patch: PatchSettings = field(default_factory=PatchSettings)
@@ -205,24 +200,24 @@ class FrontendSettings:
     worn: WornSettings = field(default_factory=WornSettings)
     target: TargetSettings = field(default_factory=TargetSettings)
 
-    @classmethod
-    def from_flat(cls, near: float, values: Mapping[str, Value]) -> FrontendSettings:
-        """Settings from dotted keys and values, which `Settings` has checked; others keep their default."""
-        groups: dict[str, dict[str, Value]] = {}
-        for key, value in values.items():
-            group, name = key.split(".", 1)
-            groups.setdefault(group, {})[name] = value
-        settings = cls(near)
-        changed = {
-            group: dataclasses.replace(getattr(settings, group), **fields) for group, fields in groups.items()
-        }
-        return dataclasses.replace(settings, **changed)
+    def changed(self, key: str, value: Any) -> FrontendSettings | None:
+        """The same settings with one value changed, by its dotted key; None if it is not allowed."""
+        accepted = _BY_KEY[key].accepted(value)
+        if accepted is None:
+            return None
+        group, name = key.split(".")
+        return replace(self, **{group: replace(getattr(self, group), **{name: accepted})})
+
+    def values(self) -> dict[str, Value]:
+        """Every value by its dotted key."""
+        return {setting.key: attrgetter(setting.key)(self) for setting in FRONTEND}
 
 
 FRONTEND: list[Setting] = [
     Setting(f"{group.name}.{item.name}", *item.metadata["rest"])
-    for group in dataclasses.fields(FrontendSettings)
-    if group.default_factory is not dataclasses.MISSING
-    for item in dataclasses.fields(group.default_factory())
+    for group in fields(FrontendSettings)
+    for item in fields(getattr(FrontendSettings(), group.name))
 ]
 """Every setting and switch, in the order of the groups and their fields."""
+
+_BY_KEY = {setting.key: setting for setting in FRONTEND}

@@ -65,16 +65,24 @@ class Setting:
         SettingsError
             If the type is wrong or the value is not allowed.
         """
-        numeric = self.kind in ("int", "float")
-        accepted = self.accepted(_number(value) if numeric else value)
-        if accepted is not None:
-            return accepted
-        unit = f" {self.unit}" if self.unit and numeric else ""
+        accepted = self.accepted(value)
+        if accepted is None:
+            raise SettingsError(self.fault(value))
+        return accepted
+
+    def fault(self, value: Any) -> str:
+        """Why a value is not allowed, in a sentence."""
+        unit = f" {self.unit}" if self.unit and self.kind in ("int", "float") else ""
         wanted = {"int": "a whole number, ", "float": "a number, ", "enum": "one of "}.get(self.kind, "")
-        raise SettingsError(f"'{self.key}' is {shown(value)}; it must be {wanted}{self.allowed()}{unit}.")
+        return f"'{self.key}' is {shown(value)}; it must be {wanted}{self.allowed()}{unit}."
+
+    def read(self, value: Any) -> Any:
+        """``value``; where a number is wanted also a written one, as YAML 1.1 takes 1e-5 for a text."""
+        return _number(value) if self.kind in ("int", "float") else value
 
     def accepted(self, value: Any) -> Value | None:
-        """``value`` as this setting's type, None if it is not allowed; numbers are given as floats."""
+        """``value`` as this setting's type, None if it is not allowed."""
+        value = self.read(value)
         if self.kind == "bool":
             return value if isinstance(value, bool) else None
         if self.kind == "enum":
@@ -88,16 +96,14 @@ class Setting:
         return int(value) if value.is_integer() else None
 
 
-def find(known: Mapping[str, Setting], key: str) -> Setting:
-    """The setting of a key; SettingsError with the nearest name if there is none."""
-    if key in known:
-        return known[key]
+def unknown(known: Mapping[str, Setting], key: str) -> str:
+    """That there is no setting of this key, in a sentence with the nearest name."""
     near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.5)
     if not near:  # the section, or the groups, may have been left out
         last = str(key).rsplit(".", 1)[-1]
         near = [k for k in known if k.rsplit(".", 1)[-1] == last][:1]
     hint = f"did you mean '{near[0]}'?" if near else "'collabslam settings show' lists them all."
-    raise SettingsError(f"There is no setting '{key}'; {hint}")
+    return f"There is no setting '{key}'; {hint}"
 
 
 def shown(value: Any) -> str:
@@ -108,7 +114,7 @@ def shown(value: Any) -> str:
 
 
 def _number(value: Any) -> float | None:
-    """A number, also one like 1e-5, which YAML 1.1 takes for a text; None if it is none."""
+    """A number, also a written one; None if it is none."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         return None
     try:

@@ -1,8 +1,8 @@
-"""The settings file: one YAML with a section for each part, every value known by its dotted key.
+"""All settings of a run in one frozen object, and the file that they are kept in.
 
-The parts own their settings and say what they may be: the filter in Rust (``settings/filter.py``), the front
-end in ``settings/frontend.py``.  Here they are read, written and hashed.  A full key is
-``section.key``, as in ``filter.process.acceleration_density``.
+The parts own their settings and say what they may be: the filter in Rust (`collabslam._core.FilterSettings`),
+the front end in ``settings/frontend.py``.  An attribute of `Settings` is the value with its own type; files,
+command lines and messages name it by the same path, as in ``filter.process.acceleration_density``.
 
 Each part also has switches: they take a step of the method away, or put another in its place, so that the lab
 can tell what the step is worth.  Files, command lines and documentation do not know them.
@@ -14,19 +14,20 @@ import hashlib
 import json
 import textwrap
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from collabslam._core import FilterSettings, settings_schema
 from collabslam.errors import SettingsError
 from collabslam.formats.files import read_text
 from collabslam.formats.schema import any_of, fields, flag, number, table, text, whole
 from collabslam.formats.yaml_text import load_yaml
 from collabslam.settings.frontend import FRONTEND, FrontendSettings
-from collabslam.settings.setting import Setting, Value, find, shown
+from collabslam.settings.setting import Setting, Value, shown, unknown
 
 Flat = dict[str, Value]
 
@@ -51,9 +52,7 @@ def switches() -> dict[str, Setting]:
 
 @cache
 def _all() -> dict[str, Setting]:
-    from collabslam.settings.filter import FILTER
-
-    lists = {"filter": FILTER, "frontend": FRONTEND}
+    lists = {"filter": [Setting(*row) for row in settings_schema()], "frontend": FRONTEND}
     return {
         f"{section}.{setting.key}": replace(setting, key=f"{section}.{setting.key}")
         for section in SECTIONS
@@ -67,19 +66,17 @@ class Settings:
 
     Attributes
     ----------
-    values : dict
-        Every setting by its full key.
-    switches : dict
-        The lab's switches that are not at their defaults, by their full keys.
+    filter : FilterSettings
+    frontend : FrontendSettings
     """
 
-    values: Mapping[str, Value]
-    switches: Mapping[str, Value] = field(default_factory=dict)
+    filter: FilterSettings
+    frontend: FrontendSettings
 
     @classmethod
     def default(cls) -> Settings:
         """Every setting at its default."""
-        return cls.from_flat({})
+        return cls(FilterSettings(), FrontendSettings())
 
     @classmethod
     def load(cls, path: str | Path) -> Settings:
@@ -127,46 +124,71 @@ class Settings:
         SettingsError
             Naming every unknown key, wrong type and value out of range.
         """
-        known = schema()
-        return cls({key: setting.default for key, setting in known.items()} | checked(changes, known))
+        return cls.default().replace(changes)
 
     @classmethod
     def from_state(cls, state: Mapping[str, Mapping[str, Any]]) -> Settings:
         """Settings of a `state`; SettingsError if they are not this program's."""
-        known = schema()
-        missing = next((key for key in known if key not in state["values"]), None)
+        missing = next((key for key in schema() if key not in state["values"]), None)
         if missing:
             raise SettingsError(f"The setting '{missing}' is missing.")
-        return cls(checked(state["values"], known), checked(state["switches"], switches()))
+        return cls.from_flat(state["values"]).changed(state["switches"], switches())
 
     def state(self) -> dict[str, Flat]:
         """Settings and switches as a checkpoint keeps them, for `from_state`."""
-        return {"values": dict(self.values), "switches": dict(self.switches)}
+        return {"values": self.values, "switches": self.switches}
 
     def replace(self, changes: Mapping[str, Any]) -> Settings:
         """The same settings with some values changed, by full dotted keys; raises as `from_flat` does."""
-        return Settings({**self.values, **checked(changes, schema())}, self.switches)
+        return self.changed(changes, schema())
+
+    def changed(self, changes: Mapping[str, Any], known: Mapping[str, Setting]) -> Settings:
+        """The same settings with some of the known ones changed, by full dotted keys.
+
+        Raises
+        ------
+        SettingsError
+            Naming every unknown key, wrong type and value out of range.
+        """
+        parts: dict[str, Any] = {"filter": self.filter, "frontend": self.frontend}
+        faults = []
+        for name, value in changes.items():
+            setting = known.get(name)
+            if setting is None:
+                faults.append(unknown(known, name))
+                continue
+            section, key = name.split(".", 1)
+            changed = parts[section].changed(key, setting.read(value))
+            if changed is None:
+                faults.append(setting.fault(value))
+            else:
+                parts[section] = changed
+        if faults:
+            raise SettingsError(" ".join(faults))
+        return Settings(**parts)
 
     def __getitem__(self, key: str) -> Value:
-        """A value by its full key; SettingsError with the nearest name if there is none."""
-        return self.values[find(schema(), key).key]
+        """A value by its full key, a switch's too; SettingsError with the nearest name if there is none."""
+        if key not in _all():
+            raise SettingsError(unknown(_all(), key))
+        return self._all[key]
 
-    def switch(self, key: str) -> Value:
-        """Where a switch of the lab stands, by its full key."""
-        return self.switches.get(key, switches()[key].default)
+    @property
+    def values(self) -> Flat:
+        """Every setting by its full key, without the switches of the lab."""
+        everything = self._all
+        return {key: everything[key] for key in schema()}
 
-    def section(self, name: str) -> Flat:
-        """The values of one section, by keys without the section's name."""
-        return _section(self.values, name)
+    @property
+    def switches(self) -> Flat:
+        """The lab's switches that are not at their defaults, by their full keys."""
+        everything = self._all
+        return {key: everything[key] for key, s in switches().items() if everything[key] != s.default}
 
-    def section_switches(self, name: str) -> Flat:
-        """The switches of one section that are not at their defaults, by keys without the section's name."""
-        return _section(self.switches, name)
-
-    def frontend(self) -> FrontendSettings:
-        """The settings and switches of the front end, by its groups."""
-        values = {**self.section("frontend"), **self.section_switches("frontend")}
-        return FrontendSettings.from_flat(float(self["filter.overlap.near"]), values)
+    @property
+    def _all(self) -> Flat:
+        own = {"filter": self.filter.values(), "frontend": self.frontend.values()}
+        return {f"{section}.{key}": value for section in SECTIONS for key, value in own[section].items()}
 
     def hash(self) -> str:
         """First 12 hex digits of the SHA-256 of values and switches as canonical JSON."""
@@ -180,6 +202,7 @@ class Settings:
             f"# switched for a comparison: {key}: {_yaml(value)}" for key, value in self.switches.items()
         ]
         groups: tuple[str, ...] = ()
+        values = self.values
         for key, setting in schema().items():
             *path, name = key.split(".")
             shared = _shared(groups, path)
@@ -188,22 +211,8 @@ class Settings:
                 lines.append("  " * depth + path[depth] + ":")
             groups = tuple(path)
             lines += _comment(setting, "  " * len(path))
-            lines.append("  " * len(path) + f"{name}: {_yaml(self.values[key])}")
+            lines.append("  " * len(path) + f"{name}: {_yaml(values[key])}")
         return "\n".join(lines) + "\n"
-
-
-def checked(changes: Mapping[str, Any], known: Mapping[str, Setting]) -> Flat:
-    """The values of changes to known settings, by their keys, as the settings' types.
-
-    Raises
-    ------
-    SettingsError
-        Naming every unknown key, wrong type and value out of range.
-    """
-    faults = [fault for key, value in changes.items() if (fault := _fault(key, value, known))]
-    if faults:
-        raise SettingsError(" ".join(faults))
-    return {key: known[key].checked(value) for key, value in changes.items()}
 
 
 def markdown() -> str:
@@ -260,20 +269,6 @@ def flatten(tree: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, An
             yield from flatten(value, name + ".")
         elif value is not None or name in schema() or not any(k.startswith(name + ".") for k in schema()):
             yield name, value
-
-
-def _fault(key: str, value: Any, known: Mapping[str, Setting]) -> str:
-    """What is wrong with a value, in a sentence; empty if nothing is."""
-    try:
-        find(known, key).checked(value)
-    except SettingsError as error:
-        return str(error)
-    return ""
-
-
-def _section(values: Mapping[str, Value], name: str) -> Flat:
-    prefix = name + "."
-    return {k.removeprefix(prefix): v for k, v in values.items() if k.startswith(prefix)}
 
 
 def _shared(a: tuple[str, ...], b: list[str]) -> int:

@@ -10,10 +10,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from collabslam._core import Outcomes, UpdateReport, chi2_quantile
+from collabslam._core import FilterSettings, Outcomes, UpdateReport, chi2_quantile
 from collabslam.formats.schema import Check, array, fields, table, whole
 from collabslam.frontend.worn_verdict import contradicted, contradicted_lately
-from collabslam.settings.setting import Value
 from collabslam.slam.map.size import MapSize
 from collabslam.slam.map_change import MapChange
 from collabslam.slam.state import PersistentState
@@ -45,8 +44,7 @@ class Doubts(PersistentState):
 
     Parameters
     ----------
-    settings : mapping
-        The filter's.
+    settings : FilterSettings
     size : MapSize
         What views of Cf say of the map's size.
     """
@@ -62,10 +60,10 @@ class Doubts(PersistentState):
         ),
     }
 
-    def __init__(self, settings: Mapping[str, Value], size: MapSize) -> None:
+    def __init__(self, settings: FilterSettings, size: MapSize) -> None:
         self._size = size
         # A good batch fails the test of the batch with this probability, and loses a match or two then.
-        self._expected = 1.0 - float(settings["validate.level"])
+        self._expected = 1.0 - settings.validate.level
         self._matches = np.empty((0, 2))
         self._noise = np.empty((0, 2))
         self._births = np.empty((0, 2))

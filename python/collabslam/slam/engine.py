@@ -16,7 +16,7 @@ from collabslam.errors import InputError
 from collabslam.formats.container import read_container, write_container
 from collabslam.images import check_grey
 from collabslam.results import Landmarks, StepResult, SubmapPoses
-from collabslam.settings.table import Settings
+from collabslam.settings.table import Settings, schema
 from collabslam.slam import saving
 from collabslam.slam.frame_loop import FrameLoop
 from collabslam.slam.guard import Guard, all_or_nothing, alone
@@ -87,15 +87,10 @@ class Slam:
             settings = settings.replace({"filter.estimator.mode": mode})
         if map is not None:  # room for as many new landmarks as without it
             map = map.seen_by(camera)
-            room = min(int(settings["filter.map.max_features"]) + len(map.landmarks), 10000)
-            settings = settings.replace({"filter.map.max_features": room})
+            room, key = settings.filter.map.max_features + len(map.landmarks), "filter.map.max_features"
+            settings = settings.replace({key: min(room, schema()[key].high or room)})
         named = {"": worn_camera} if isinstance(worn_camera, Camera) else dict(worn_camera or {})
-        core = Filter(
-            camera,
-            list(named.values()),
-            settings=settings.section("filter"),
-            switches=settings.section_switches("filter"),
-        )
+        core = Filter(camera, list(named.values()), settings=settings.filter)
         if t_bc is not None:
             core.set_odometry_frame(t_bc)
         metric = start != "scale-free" if map is None else map.metric
@@ -268,7 +263,7 @@ class Slam:
     @property
     def worn_late(self) -> float:
         """How late a view of Cf may come, seconds: the setting ``filter.worn.late``."""
-        return float(self._parts.settings["filter.worn.late"])
+        return self._parts.settings.filter.worn.late
 
     @property
     def views_used(self) -> tuple[WornView, ...]:

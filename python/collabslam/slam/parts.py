@@ -64,9 +64,8 @@ class Parts:
         target: Target | None = None,
     ) -> None:
         self.filter, self.camera, self.worn_cameras, self.settings = core, camera, worn_cameras, settings
-        options, of_filter = settings.frontend(), settings.section("filter")
-        self.options = options
-        self.monitor = StatusMonitor(of_filter, lost=start == "map")
+        options = self.options = settings.frontend
+        self.monitor = StatusMonitor(settings.filter.lost, lost=start == "map")
         self.printed = PrintedTargets(core, camera)
         self.start = start_of(
             start,
@@ -75,7 +74,7 @@ class Parts:
             camera=camera,
             printed=self.printed,
             target=target,
-            mode=str(settings["filter.estimator.mode"]),
+            mode=settings.filter.estimator.mode,
             options=options,
         )
         self.blank = BlankImageDetector(options.blank_image)
@@ -83,12 +82,12 @@ class Parts:
         self.search = FrameSearch(core, self.tracks, self.printed, self.monitor, options.search)
         self.fixed = FixedContent(camera)
         self.depth = DepthInput()
-        self.worn = WornMatcher(core, camera, worn_cameras, settings, options)
-        self.late = LateViews(core, camera, self.worn, self.tracks, settings, options)
+        self.worn = WornMatcher(core, camera, worn_cameras, settings)
+        self.late = LateViews(core, camera, self.worn, self.tracks, settings)
         self.looking = Looking(core, self.monitor, options.worn.min_matches)
         self.map = MapManager(core, settings, self.printed, self.start)
         self.size = MapSize()
-        self.submaps = Submaps(core, camera, float(settings["filter.pixel.sigma_cs"]), options)
+        self.submaps = Submaps(core, camera, settings.filter.pixel.sigma_cs, options)
         self.relocaliser = Relocaliser(core, camera, self.tracks, options)
         self.known = KnownSubmaps(camera, self.relocaliser, self.submaps, options)
         restart = Restart(
@@ -110,7 +109,7 @@ class Parts:
             restart=restart,
             size=self.size,
         )
-        self.doubts = Doubts(of_filter, self.size)
+        self.doubts = Doubts(settings.filter, self.size)
         self.verdict = Verdict(
             core,
             monitor=self.monitor,

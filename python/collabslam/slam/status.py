@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar
 
+from collabslam._core import LostSettings
 from collabslam.formats.schema import Check, flag, number, optional, whole
-from collabslam.settings.setting import Value
 from collabslam.slam.state import SECONDS, PersistentState
 from collabslam.types import Status
 
@@ -26,8 +26,7 @@ class StatusMonitor(PersistentState):
 
     Parameters
     ----------
-    settings : mapping
-        The filter's settings ``lost.*``.
+    settings : LostSettings
     lost : bool
         Whether the camera is lost to begin with.
     """
@@ -39,9 +38,9 @@ class StatusMonitor(PersistentState):
         "found": flag,
     }
 
-    def __init__(self, settings: Mapping[str, Value], *, lost: bool = False) -> None:
-        self._min_matches = int(settings["lost.min_matches"])
-        self._seconds = float(settings["lost.seconds"])
+    def __init__(self, settings: LostSettings, *, lost: bool = False) -> None:
+        self._min_matches = settings.min_matches
+        self._seconds = settings.seconds
         self._last_ok: float | None = None
         self._failed = 0
         self.lost = lost

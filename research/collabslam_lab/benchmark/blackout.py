@@ -91,7 +91,7 @@ def measure(entry: Entry, data: Path, out: Path, *, seed: int = 0) -> list[Row]:
     recording = open_entry(item)
     if recording.truth is None:
         return []
-    options = item.settings.frontend()
+    options = item.settings.frontend
     rate = 1.0 / float(np.median(np.diff(recording.times)))
     blind, after = max(1, round(BLIND_S * rate)), max(1, round(AFTER_S * rate))
     slam = Slam(recording.camera, recording.worn_camera, settings=item.settings, mode=MODE, start=entry.start)

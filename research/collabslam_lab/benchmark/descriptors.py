@@ -20,11 +20,11 @@ from collabslam._core import Camera, Filter, epipolar_residuals
 from collabslam.datasets.emulated.pose_noise import RIG_NOISE, SENSOR_NOISE, PoseNoise
 from collabslam.datasets.emulated.worn import PoseErrors
 from collabslam.errors import CollabslamError
-from collabslam.frontend.describe import DESCRIPTORS, describe
+from collabslam.frontend.describe import DESCRIPTORS, SUPPORT, describe
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.patch import SIZE
 from collabslam.frontend.two_views import TwoViews, ViewedPoints
-from collabslam.frontend.worn_match import SUPPORT, match_worn
+from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import pose_inverse
 from collabslam.runs.report import number
 from collabslam.runs.results import write_summary
@@ -103,10 +103,10 @@ class Look:
 
     def __init__(self, scene: Scene, pair: Pair, errors: PoseErrors, uv: Array | None = None) -> None:
         settings = Settings.default()
-        self._scene, self._pair, self._options = scene, pair, settings.frontend()
+        self._scene, self._pair, self._settings = scene, pair, settings
         image, other = scene.image(pair.i), scene.other.image(pair.j)
         t_cf, covariance = errors.measured(pair.t_cf, pair.i, 0), np.diag(errors.noise.deviations**2)
-        core = Filter(scene.camera, scene.other.camera, settings=settings.section("filter"))
+        core = Filter(scene.camera, scene.other.camera, settings=settings.filter)
         overlap = core.predict_overlap(t_cf, covariance)
         self.views = None
         if overlap is not None:
@@ -116,10 +116,10 @@ class Look:
             )
         self.image, self.other = image, other
         if uv is None:
-            uv = detect_corners(image, _NONE, NEW_POINTS, self._options.detect, SIZE // 2 + 1)
+            uv = detect_corners(image, _NONE, NEW_POINTS, settings.frontend.detect, SIZE // 2 + 1)
         self.uv = uv
         self._rays = scene.camera.unproject(self.uv)
-        self._rho = true_inverse_ranges(scene, pair.i, self.uv, self._options)
+        self._rho = true_inverse_ranges(scene, pair.i, self.uv, settings)
         self._expected, self._inside = self._project(self._rho)
         changed, _ = self._project(self._rho * (1.0 + DEPTH_SHARE))
         self._slack = DEPTH_PX + np.linalg.norm(changed - self._expected, axis=1)
@@ -149,16 +149,17 @@ class Look:
 
         ``ratio`` is the largest of the best to the second best distance; the default's if left out.
         """
-        worn = dataclasses.replace(self._options.worn, descriptor=kind)
+        frontend = self._settings.frontend
+        worn = dataclasses.replace(frontend.worn, descriptor=kind)
         if ratio is not None:
             worn = dataclasses.replace(worn, ratio=ratio)
-        options = dataclasses.replace(self._options, worn=worn)
+        settings = dataclasses.replace(self._settings, frontend=dataclasses.replace(frontend, worn=worn))
         row = {"descriptor": kind, **self.facts(), "ms_describe": self._describing(kind)}
         nothing = np.empty(0, np.int64)
         if self.views is None:
             return {**row, **self.judge(nothing, _NONE), "ms_match": 0.0}
         began = time.process_time()
-        found = match_worn(self.views, ViewedPoints(self.uv), options)
+        found = match_worn(self.views, ViewedPoints(self.uv), settings)
         took = 1e3 * (time.process_time() - began)
         return {**row, **self.judge(found.index, found.uv_f), "ms_match": took}
 

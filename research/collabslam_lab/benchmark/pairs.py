@@ -19,7 +19,7 @@ from collabslam.frontend.epipolar import inverse_ranges
 from collabslam.frontend.two_views import TwoViews, ViewedPoints
 from collabslam.frontend.worn_match import match_worn
 from collabslam.geometry import pose_inverse
-from collabslam.settings.frontend import FrontendSettings
+from collabslam.settings.table import Settings
 from collabslam.simulation.recording import SimulatedRecording, demo_recording
 from collabslam.types import Array, Image, Recording
 from collabslam_lab.benchmark.opening import open_folder, views_of
@@ -147,7 +147,7 @@ def _share(points: Array, camera: Camera, t_cf: Array) -> float:
     return float(np.mean(camera.project((points - t_cf[:3, 3]) @ t_cf[:3, :3]).visible))
 
 
-def true_inverse_ranges(scene: Scene, i: int, uv: Array, options: FrontendSettings) -> Array:
+def true_inverse_ranges(scene: Scene, i: int, uv: Array, settings: Settings) -> Array:
     """(N,) inverse distance, 1/m, of points of frame ``i``; NaN where it is not known.
 
     A rendered scene knows it. On real images other frames, with their true poses, are matched: at least two
@@ -163,7 +163,7 @@ def true_inverse_ranges(scene: Scene, i: int, uv: Array, options: FrontendSettin
     for row, k in enumerate(_third_frames(scene, i)):
         relative = pose_inverse(scene.poses[i]) @ scene.poses[k]
         views = TwoViews(image, scene.camera, scene.image(k), scene.camera, relative, _TRUTH_SD)
-        matches = match_worn(views, ViewedPoints(uv), options)
+        matches = match_worn(views, ViewedPoints(uv), settings)
         rays_s, rays_k = rays[matches.index], scene.camera.unproject(matches.uv_f).reshape(-1, 3)
         rho = inverse_ranges(rays_s, rays_k, relative)
         cosine = np.sum(rays_s * (rays_k @ relative[:3, :3].T), axis=1)

@@ -14,7 +14,8 @@ import yaml
 from collabslam.errors import SettingsError
 from collabslam.formats.yaml_text import load_yaml
 from collabslam.settings.modes import MODES, STARTS
-from collabslam.settings.table import checked, flatten, schema, switches
+from collabslam.settings.table import Settings, flatten
+from collabslam_lab.switches import with_switches
 
 RENDERED = ("demo",)
 """Scenes that need no folder."""
@@ -290,7 +291,9 @@ def _calibration(value: Any, where: str) -> tuple[float, ...] | None:
 def _settings(value: Any, where: str) -> dict[str, Any]:
     """Flat changes of settings and switches, checked; nested groups may be written as mappings."""
     try:
-        return checked(dict(flatten(value or {})), {**schema(), **switches()})
+        changes = dict(flatten(value or {}))
+        settings = with_switches(Settings.default(), changes)
+        return {key: settings[key] for key in changes}
     except (SettingsError, AttributeError) as error:
         raise SettingsError(f"{where}: {error}") from error
 

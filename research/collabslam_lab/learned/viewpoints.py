@@ -99,10 +99,10 @@ def _keys_of(network: Network) -> Callable[..., Array]:
 
 def _ours_anywhere(look: Look) -> tuple[Indices, Array]:
     recognition = place_recognition
-    options = Settings.default().frontend()
+    options = Settings.default().frontend
     there = detect_corners(look.other, np.empty((0, 2)), _OTHERS, options.detect, SIZE // 2 + 1)
-    views = describe.describe(look.image, look.uv, 0.0, recognition.SUPPORT, recognition.KIND)
-    corners = recognition.describe_corners(look.other, there, 0.0, recognition.SUPPORT)
+    views = describe.describe(look.image, look.uv, 0.0, describe.SUPPORT, recognition.KIND)
+    corners = recognition.describe_corners(look.other, there, 0.0, describe.SUPPORT)
     index, corner = recognition.match_descriptors(
         views, np.arange(len(views)), corners, recognition.RATIO, recognition.MAX_DISTANCE
     )

@@ -90,8 +90,7 @@ class CoreRun:
         self.filter = Filter(
             camera,
             [camera] * persons,
-            settings=own.section("filter"),
-            switches=own.section_switches("filter"),
+            settings=own.filter,
         )
         self.features: dict[int, int] = {}
         self._waiting: dict[int, int] = {}

@@ -361,7 +361,7 @@ def test_descriptors_are_judged_by_the_truth(
     scene = pairs.Scene.of(entry, tmp_path, 0)
     pair = pairs.choose_pairs(scene)[0]
     uv = np.array([[300.0, 200.0], [500.0, 300.0]])
-    rho = pairs.true_inverse_ranges(scene, pair.i, uv, Settings.default().frontend())
+    rho = pairs.true_inverse_ranges(scene, pair.i, uv, Settings.default())
     depth = clip.recording.renderer.depth(scene.poses[pair.i], scene.camera)[[200, 300], [300, 500]]
     rays = scene.camera.unproject(uv)
     np.testing.assert_allclose(rays[:, 2] / rho, depth, rtol=1e-9)

@@ -29,7 +29,7 @@ def test_it_finds_the_rotation_by_itself() -> None:
     pytest.importorskip("mahotas")
     image = texture(400, 500)
     turned = cv2.rotate(image, cv2.ROTATE_90_CLOCKWISE)
-    corners = Settings.default().frontend().detect
+    corners = Settings.default().frontend.detect
     uv = detect_corners(image[60:340, 60:440], NONE, 60, corners, 15) + 60.0
     place = np.c_[399.0 - uv[:, 1], uv[:, 0]]
     with known_surf():

@@ -138,7 +138,7 @@ CALLS = st.lists(
 @given(calls=CALLS)
 def test_any_calls_leave_the_filter_sound(calls: list[tuple[str, object]]) -> None:
     camera = _core.Camera("pinhole", 320, 240, (200.0, 200.0, 160.0, 120.0), [])
-    core = _core.Filter(camera, settings={"map.max_features": 8})
+    core = _core.Filter(camera, settings=_core.FilterSettings({"map.max_features": 8}))
     for name, argument in calls:
         before = core.mean.tobytes() + core.covariance.tobytes()
         try:

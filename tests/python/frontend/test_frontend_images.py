@@ -19,7 +19,7 @@ from collabslam.settings.table import Settings
 from collabslam.slam.map_change import ImagePoints, MapChange
 from collabslam.slam.tracking.tracks import Tracks
 
-SETTINGS = Settings.default().frontend()
+SETTINGS = Settings.default().frontend
 NONE = np.empty((0, 2))
 NO_FEATURES = Filter(Camera("pinhole", 540, 360, (500.0, 500.0, 270.0, 180.0))).predict_pixels()
 
@@ -60,7 +60,7 @@ def test_settings_schema_is_complete_and_checked():
     assert all(setting.doc.endswith(".") for setting in FRONTEND)
     for setting in FRONTEND:  # every default is inside its own range
         assert setting.checked(setting.default) == setting.default
-    assert Settings.default().replace({"frontend.search.min_score": 0.5}).frontend().search.min_score == 0.5
+    assert Settings.default().replace({"frontend.search.min_score": 0.5}).frontend.search.min_score == 0.5
 
 
 @pytest.mark.parametrize(

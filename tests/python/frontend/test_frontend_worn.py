@@ -21,7 +21,7 @@ from collabslam.settings.table import Settings
 from collabslam.slam.targets.patches import find_target
 from collabslam.types import Target
 
-SETTINGS = Settings.default().frontend()
+SETTINGS = Settings.default()
 CAMERA = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5), [])
 NONE = np.empty((0, 2))
 COVARIANCE = np.diag([0.03] * 3 + [np.radians(0.5), np.radians(1.0), np.radians(0.5)]) ** 2
@@ -68,7 +68,7 @@ def planes(t_cf: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 @pytest.fixture(scope="module")
 def scene():
     image_s, image_f, depth = planes(T_CF)
-    uv = detect_corners(image_s, NONE, 150, SETTINGS.detect, 12)
+    uv = detect_corners(image_s, NONE, 150, SETTINGS.frontend.detect, 12)
     z = depth[np.rint(uv[:, 1]).astype(int), np.rint(uv[:, 0]).astype(int)]
     rays = CAMERA.unproject(uv)
     points = rays * (z / rays[:, 2])[:, None]
@@ -138,7 +138,7 @@ def test_a_map_of_another_size_is_contradicted_by_its_points(scene, seed):
 
 @pytest.mark.parametrize("kind", ["sift", "orb"])
 def test_other_descriptors_match_too(scene, kind):
-    settings = Settings.default().replace({"frontend.worn.descriptor": kind}).frontend()
+    settings = Settings.default().replace({"frontend.worn.descriptor": kind})
     found = run(scene, measured(1), settings=settings)
     error = np.linalg.norm(found.uv_f - scene[4][found.index], axis=1)
     assert len(found.index) >= 25
@@ -242,7 +242,7 @@ def test_descriptors_follow_the_rotation(kind):
     linear = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     centre = np.array([249.5, 199.5])
     turned = cv2.warpAffine(image, np.c_[linear, centre - linear @ centre], (500, 400))
-    uv = detect_corners(image[80:320, 100:400], NONE, 60, SETTINGS.detect, 15) + np.array([100, 80])
+    uv = detect_corners(image[80:320, 100:400], NONE, 60, SETTINGS.frontend.detect, 15) + np.array([100, 80])
     place = (uv - centre) @ linear.T + centre
     a, b = describe(image, uv, 0.0, 36.0, kind), describe(turned, place, angle, 36.0, kind)
     assert np.allclose(np.linalg.norm(a, axis=1), 1.0, atol=1e-3)
@@ -262,7 +262,7 @@ def test_unknown_descriptor():
 def _target_scene():
     picture = texture(480, 640, 21)
     t_tc = se3_exp([0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
-    uv = detect_corners(picture, NONE, 8, SETTINGS.detect, 60)
+    uv = detect_corners(picture, NONE, 8, SETTINGS.frontend.detect, 60)
     rays = CAMERA.unproject(uv)
     points = rays / rays[:, 2:] + t_tc[:3, 3]  # on the plane z = 0 of the target
     patches = [cv2.getRectSubPix(picture, (15, 15), (float(u), float(v))) for u, v in uv]

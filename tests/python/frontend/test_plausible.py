@@ -15,7 +15,7 @@ from collabslam.geometry import se3_exp
 from collabslam.settings.table import Settings
 from collabslam.types import Array, Image
 
-SETTINGS = Settings.default().frontend()
+SETTINGS = Settings.default()
 CAMERA = Camera("pinhole", 640, 480, (500.0, 500.0, 319.5, 239.5), [])
 DISTANCE, PITCH, BASELINE = 3.0, 90, 1.2
 COVARIANCE = np.diag([0.03] * 3 + [np.radians(0.5), np.radians(1.0), np.radians(0.5)]) ** 2
@@ -39,7 +39,7 @@ def _wall(seed: int) -> tuple[Image, Image, float]:
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_brick_out_of_the_picture_is_not_found_in_another_one(seed: int) -> None:
     image_s, image_f, moved = _wall(seed)
-    uv = detect_corners(image_s, np.empty((0, 2)), 150, SETTINGS.detect, 12)
+    uv = detect_corners(image_s, np.empty((0, 2)), 150, SETTINGS.frontend.detect, 12)
     rho = 1.0 / (DISTANCE * np.linalg.norm(CAMERA.unproject(uv), axis=1) / CAMERA.unproject(uv)[:, 2])
     known = np.arange(len(uv)) % 3 == 0
     t_cf = se3_exp([BASELINE, 0.0, 0.0, 0.0, 0.0, 0.0])

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from collabslam._core import FilterSettings
 from collabslam.geometry import pose
-from collabslam.settings.table import Settings
 from collabslam.slam.doubts import CAUSES, NOTHING, Doubts
 from collabslam.slam.map.size import MapSize
 from collabslam.slam.map_change import MapChange
@@ -24,7 +24,7 @@ VIEW = WornView(np.zeros((4, 4), np.uint8), np.eye(4), np.diag([9e-4] * 3 + [1e-
 
 
 def doubts() -> Doubts:
-    return Doubts(Settings.default().section("filter"), MapSize())
+    return Doubts(FilterSettings(), MapSize())
 
 
 def outcomes(refused: int) -> Any:
@@ -136,7 +136,7 @@ def test_what_cf_showed_is_forgotten_where_it_shows_nothing_any_more() -> None:
 
 def test_a_map_of_another_size_is_doubted_until_views_confirm_it() -> None:
     size = MapSize()
-    judge = Doubts(Settings.default().section("filter"), size)
+    judge = Doubts(FilterSettings(), size)
     views = [seen(0.1, size=0.1)] * 10 + [seen(0.1, size=3.0)] * 10 + [Overlaps()] * 50
     said = []
     for k, view in enumerate([*views, *[seen(0.1, size=0.1)] * 9]):

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from collabslam._core import settings_schema
+from collabslam._core import FilterSettings
 from collabslam.frontend.detect import detect_corners
 from collabslam.frontend.patch import capture
 from collabslam.frontend.place_recognition import (
@@ -253,8 +253,8 @@ def test_elsewhere_it_stays_lost(recording: SimulatedRecording, images: list[Ima
 
 class TestStatus:
     def monitor(self, lost: bool = False, **changes: Any) -> StatusMonitor:
-        values = {i.key: i.default for i in settings_schema() if i.key.startswith("lost.")}
-        return StatusMonitor({**values, **{f"lost.{k}": v for k, v in changes.items()}}, lost=lost)
+        settings = FilterSettings({f"lost.{k}": v for k, v in changes.items()})
+        return StatusMonitor(settings.lost, lost=lost)
 
     def test_three_frames_that_fail(self) -> None:
         m = self.monitor()
@@ -302,7 +302,7 @@ class TestStatus:
 
 class TestPlaceRecognition:
     def test_descriptors_know_a_point_at_another_scale(self, images: list[Image]) -> None:
-        image, options = images[0], Settings.default().frontend()
+        image, options = images[0], Settings.default().frontend
         uv = detect_corners(image, np.empty((0, 2)), 60, options.detect, 60)
         larger = np.asarray(cv2.resize(image, None, fx=1.5, fy=1.5), np.uint8)
         there = (uv + 0.5) * 1.5 - 0.5
@@ -313,7 +313,7 @@ class TestPlaceRecognition:
         assert (landmark == corner).mean() > 0.95
 
     def test_more_views_of_a_landmark_are_no_rivals(self, images: list[Image]) -> None:
-        uv = detect_corners(images[0], np.empty((0, 2)), 30, Settings.default().frontend().detect, 60)
+        uv = detect_corners(images[0], np.empty((0, 2)), 30, Settings.default().frontend.detect, 60)
         views = np.repeat(describe_views(capture(images[0], uv, np.eye(4)), 36.0), 2, axis=0)
         owner = np.repeat(np.arange(len(uv)), 2)
         landmark, corner = match_descriptors(

@@ -41,7 +41,7 @@ def _expected(spread: Array) -> Any:
 def _seen_before(view: View, seen: ImagePoints) -> Tracks:
     """Tracks of four features, some of which were seen in the last image, which is that of ``view``."""
     tracks = Tracks(
-        Camera("pinhole", 240, 240, (200.0, 200.0, 120.0, 120.0), ()), Settings.default().frontend(), 24
+        Camera("pinhole", 240, 240, (200.0, 200.0, 120.0, 120.0), ()), Settings.default().frontend, 24
     )
     nothing = np.empty(0, np.int64)
     tracks.adopt(view, np.eye(4), MapChange(instant=ImagePoints(np.arange(4), TRUE)), nothing)

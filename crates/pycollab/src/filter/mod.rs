@@ -19,9 +19,10 @@ pub(crate) use where_to_look::CandidateViews;
 use crate::arrays_out::{Column, Table, column, symmetric, to_ids, to_matrix, to_pose};
 use crate::camera::PyCamera;
 use crate::errors::{invalid, named};
-use crate::settings::Values;
-use crate::{gate, settings};
+use crate::gate;
+use crate::settings::PyFilterSettings;
 use ekf_core::math::pose::Pose;
+use ekf_core::settings::Settings;
 use ekf_core::{EkfError, Filter};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -37,15 +38,11 @@ use std::sync::{RwLock, TryLockError};
 ///     Cs.
 /// worn_cameras : Camera or sequence of Camera, optional
 ///     Cf, one of each person's, numbered from 0; needed to take their pixels.
-/// settings : dict, optional
-///     Dotted key to value, over the defaults of :func:`settings_schema`.
-/// switches : dict, optional
-///     The same of the lab's switches, which take parts of the method away to compare with.
+/// settings : FilterSettings, optional
+///     The defaults if left out.
 ///
 /// Raises
 /// ------
-/// SettingsError
-///     For an unknown key or an impossible value.
 /// BusyError
 ///     From every method and attribute, while another thread changes the filter; it stays as it was.
 #[pyclass(name = "Filter", module = "collabslam._core", frozen)]
@@ -129,14 +126,13 @@ impl PyFilter {
 #[pymethods]
 impl PyFilter {
     #[new]
-    #[pyo3(signature = (camera, worn_cameras = None, *, settings = None, switches = None))]
+    #[pyo3(signature = (camera, worn_cameras = None, *, settings = None))]
     fn new(
         camera: &PyCamera,
         worn_cameras: Option<WornCameras<'_>>,
-        settings: Option<&Values<'_>>,
-        switches: Option<&Values<'_>>,
-    ) -> PyResult<Self> {
-        let settings = settings::from_dicts(settings, switches)?;
+        settings: Option<&PyFilterSettings>,
+    ) -> Self {
+        let settings = settings.map_or_else(Settings::default, |given| given.0.clone());
         let worn = match &worn_cameras {
             Some(WornCameras::One(camera)) => std::slice::from_ref(camera),
             Some(WornCameras::Several(cameras)) => cameras,
@@ -144,7 +140,7 @@ impl PyFilter {
         };
         let worn = worn.iter().map(|camera| camera.0.clone());
         let filter = Filter::new(settings, camera.0.clone(), worn);
-        Ok(Self(RwLock::new(filter)))
+        Self(RwLock::new(filter))
     }
 
     /// Whether the filter has a map to localise in.

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from collabslam._core import TOLD_INFORMATION
 from collabslam.checks.worn_bias.seen import SeenPose
 from collabslam.datasets.worn_calibration import WornCalibration, corrected
 from collabslam.geometry import pose_inverse, se3_log
@@ -23,9 +24,6 @@ CLOCK_SD = 0.1
 """What the clock may be off by, seconds."""
 WIDER = 2.0
 """What T_CF may be off by, in its stated standard deviations."""
-TOLD = 8.0
-"""Information of a direction, over what was thought possible, from which on it counts as told: its standard
-deviation falls to a third."""
 _SCALE_SD = 0.3
 """What the logarithm of the path's unit may be off by."""
 STRETCH = 10.0
@@ -111,7 +109,7 @@ def fit_bias(views: Sequence[AskedView], later: Later, *, metric: bool = False) 
     prior_sd = np.append(possible, np.full(stretches.max() + 1, 1e-6 if metric else _SCALE_SD))
     x, information, misfit = _solved(asked, later, prior_sd)
     values, directions = _told(information, prior_sd)
-    told = values > TOLD
+    told = values > TOLD_INFORMATION
     variance = np.where(told, 1.0 / (1.0 + values), 1.0)
     covariance = np.outer(possible, possible) * ((directions * variance) @ directions.T)
     sd = np.sqrt(np.diag(covariance))

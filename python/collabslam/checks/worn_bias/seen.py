@@ -11,14 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from collabslam._core import MatchNoise, find_consensus
-from collabslam.frontend.worn_verdict import LEAST_AGREEING, WIDE
+from collabslam.frontend.worn_verdict import INDEPENDENT, LEAST_AGREEING, LIMIT, SIGMA, WIDE
 from collabslam.geometry import pose_inverse, se3_exp, se3_log, skew
 from collabslam.types import Array
 
-_SIGMA, _LIMIT = 1.0, 3.0
-"""Of a right match's pixel, and the largest epipolar residual of one that agrees, px."""
-_INDEPENDENT = 20.0
-"""Matches of a view whose errors are taken as independent."""
 _LOOSE = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])
 """What holds a pose where matches do not: metres and radians."""
 _STEPS = 12
@@ -78,7 +74,7 @@ def inverse_depths(rays: Array, others: Array, t_ab: Array, focal: float) -> tup
     Returns
     -------
     (M,) array, (M,) array
-        NaN where the rays do not meet in front of both cameras within `_LIMIT` pixels.
+        NaN where the rays do not meet in front of both cameras within `LIMIT` pixels.
     """
     t_ba = pose_inverse(t_ab)
     turned, shift = rays @ t_ba[:3, :3].T, t_ba[:3, 3]
@@ -89,8 +85,8 @@ def inverse_depths(rays: Array, others: Array, t_ab: Array, focal: float) -> tup
         seen = there[:, :2] / there[:, 2:]
         off = focal * np.linalg.norm(seen - others[:, :2], axis=1)
         by_rho = (shift[:2] - seen * shift[2]) / there[:, 2:]
-        sd = np.sqrt(2.0) * _SIGMA / focal / np.linalg.norm(by_rho, axis=1)
-        good = (off < _LIMIT) & (rho > 0.0) & (there[:, 2] > 0.0)
+        sd = np.sqrt(2.0) * SIGMA / focal / np.linalg.norm(by_rho, axis=1)
+        good = (off < LIMIT) & (rho > 0.0) & (there[:, 2] > 0.0)
     return np.where(good, rho, np.nan), np.where(good, sd, np.nan)
 
 
@@ -112,7 +108,7 @@ def seen_pose(
     unit_s, unit_f = (
         rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in (triplets.rays_s, triplets.rays_f)
     )
-    found = find_consensus(unit_s, unit_f, measured, WIDE * covariance, MatchNoise(focal, _SIGMA, _LIMIT))
+    found = find_consensus(unit_s, unit_f, measured, WIDE * covariance, MatchNoise(focal, SIGMA, LIMIT))
     agree = np.asarray(found.agree)
     if agree.sum() < LEAST_AGREEING:
         return None
@@ -144,7 +140,7 @@ class _Problem:
         known = np.isfinite(triplets.rho)
         self._prior = np.where(known, triplets.rho, 0.0)
         self._held = np.where(known, triplets.rho_sd, np.inf) ** -2.0
-        self._sd = _SIGMA / focal
+        self._sd = SIGMA / focal
 
     def at(self, pose: Array) -> tuple[Array, Array, Array]:
         """Information (6, 6) about a small motion of the pose, gradient (6,), and weights (M,) of matches."""
@@ -167,9 +163,9 @@ class _Problem:
         cross = white * np.einsum("mi,mij->mj", by_rho, by_pose)
         right = white * np.sum(by_rho * off, axis=1) + self._held * off_rho
         square = white * np.sum(off**2, axis=1) + self._held * off_rho**2 - right**2 / own
-        weights = np.minimum(1.0, _LIMIT / np.sqrt(np.maximum(square, 1e-12)))
+        weights = np.minimum(1.0, LIMIT / np.sqrt(np.maximum(square, 1e-12)))
         weights = np.where((there[:, 2] > 0.0) & np.isfinite(square), weights, 0.0)
-        share = min(1.0, _INDEPENDENT / max(float(weights.sum()), 1.0))
+        share = min(1.0, INDEPENDENT / max(float(weights.sum()), 1.0))
         w = share * weights
         information = white * np.einsum("m,mij,mik->jk", w, by_pose, by_pose)
         information -= np.einsum("m,mj,mk->jk", w / own, cross, cross)

@@ -31,7 +31,7 @@ class _Observed:
 
 def scarce_below(settings: Settings) -> int:
     """With fewer features than this the view runs out of them."""
-    return round(int(settings["filter.map.in_view"]) * float(settings.switch("filter.birth.vague_below")))
+    return round(settings.filter.map.in_view * settings.filter.birth.vague_below)
 
 
 class MapManager:
@@ -49,15 +49,15 @@ class MapManager:
 
     def __init__(self, core: Filter, settings: Settings, printed: PrintedTargets, start: Start) -> None:
         self._filter, self._printed, self._start = core, printed, start
-        self.in_view = int(settings["filter.map.in_view"])
-        self._reserve = round(self.in_view * float(settings.switch("filter.map.reserve")))
-        mode = str(settings["filter.estimator.mode"])
+        self.in_view = settings.filter.map.in_view
+        self._reserve = round(self.in_view * settings.filter.map.reserve)
+        mode = settings.filter.estimator.mode
         self._undelayed = mode == "mono-undelayed"
         self._vague_below = scarce_below(settings)
         if mode.startswith("mono"):
             # Features of unknown depth say little about the scale, and without Cf nothing else would: metres
             # would be their guess.  An arbitrary unit drifts, which is less than not to know where one is.
-            least = 2 * int(settings["filter.lost.min_matches"])
+            least = 2 * settings.filter.lost.min_matches
             self._vague_below = 0 if start.metric else min(least, self._vague_below)
 
     def missing(self, found: Found) -> int:

@@ -13,9 +13,10 @@ from collabslam._core import Camera
 from collabslam.errors import CollabslamError, DataError
 from collabslam.formats.container import read_container, write_container
 from collabslam.formats.schema import array, covariance, fields, flag, refuse, table
+from collabslam.frontend.describe import SUPPORT
 from collabslam.frontend.map_views import in_one_list, in_other_camera
 from collabslam.frontend.patch import Patch
-from collabslam.frontend.place_recognition import SUPPORT, describe_views
+from collabslam.frontend.place_recognition import describe_views
 from collabslam.results import Loop
 from collabslam.slam.state import PATCH, check_camera
 from collabslam.slam.submaps.chain import Chain, Submap, check_chain

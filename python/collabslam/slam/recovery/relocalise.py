@@ -14,10 +14,10 @@ import numpy as np
 
 from collabslam._core import Camera, Filter, UpdateReport
 from collabslam.formats.schema import Check, items, number, optional, table, whole
-from collabslam.frontend.describe import Descriptors
+from collabslam.frontend.describe import SUPPORT, Descriptors
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.patch import Patch, capture
-from collabslam.frontend.place_recognition import MIN_PATCHES, SUPPORT, Fix, describe_views, locate
+from collabslam.frontend.place_recognition import MIN_PATCHES, Fix, describe_views, locate
 from collabslam.settings.frontend import FrontendSettings
 from collabslam.slam.map_change import ImagePoints, Recovered
 from collabslam.slam.recovery.map_aside import MapAside, check_aside

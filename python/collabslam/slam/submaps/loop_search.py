@@ -20,11 +20,11 @@ from collabslam._core import (
     rotation_log,
 )
 from collabslam.errors import FilterError
+from collabslam.frontend.describe import SUPPORT
 from collabslam.frontend.map_views import MapViews
 from collabslam.frontend.place_recognition import (
     MIN_PATCHES,
     MIN_VOTES,
-    SUPPORT,
     Fix,
     describe_views,
     locate,

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from collabslam._core import Camera, Filter, SearchResult
+from collabslam._core import MOST_KEPT_POSES, Camera, Filter, SearchResult
 from collabslam.errors import InputError
 from collabslam.formats.schema import (
     Check,
@@ -33,7 +33,6 @@ from collabslam.formats.schema import (
 from collabslam.frontend.detect import Corners
 from collabslam.frontend.patch import SIZE
 from collabslam.frontend.search import FOUND
-from collabslam.settings.frontend import FrontendSettings
 from collabslam.settings.table import Settings
 from collabslam.slam.map_change import ImagePoints, MapChange
 from collabslam.slam.state import SECONDS, PersistentState
@@ -45,8 +44,6 @@ from collabslam.types import Array, Ids, Image, WornView
 
 MOST_PENDING = 32
 """Most views that wait for their frame; of more, the oldest go."""
-MOST_FRAMES = 18
-"""Most frames of which the image is kept."""
 LATENESSES = 32
 """Views that tell how long poses are kept: until there were so many for ``worn.late``, then as long as the
 latest of so many came late."""
@@ -130,7 +127,6 @@ class LateViews(PersistentState):
     worn : WornMatcher
     tracks : Tracks
     settings : Settings
-    options : FrontendSettings
     """
 
     PERSISTENT: ClassVar[Mapping[str, Check]] = {
@@ -148,13 +144,12 @@ class LateViews(PersistentState):
         worn: WornMatcher,
         tracks: Tracks,
         settings: Settings,
-        options: FrontendSettings,
     ) -> None:
         self._filter, self._camera, self._worn, self._tracks = core, camera, worn, tracks
-        self._options = options
-        self._late = float(settings["filter.worn.late"])
-        self._tolerance = float(settings["filter.worn.tolerance"])
-        self._clock_sd = float(settings["filter.worn.clock_sd"])
+        self._detect = settings.frontend.detect
+        self._late = settings.filter.worn.late
+        self._tolerance = settings.filter.worn.tolerance
+        self._clock_sd = settings.filter.worn.clock_sd
         self._inbox: deque[WornView] = deque(maxlen=MOST_PENDING)
         self._pending: tuple[WornView, ...] = ()
         self._frames: tuple[KeptFrame, ...] = ()
@@ -240,7 +235,7 @@ class LateViews(PersistentState):
         if nearest is None or abs(view.t - taken) <= abs(nearest.t - taken):
             return view, overlap, found
         worn = self._carried(overlap.given, nearest.t)
-        corners = Corners(nearest.image, self._options.detect, SIZE, hidden=self._worn.hidden(worn))
+        corners = Corners(nearest.image, self._detect, SIZE, hidden=self._worn.hidden(worn))
         earlier = replace(view, t=nearest.t, image=nearest.image, corners=corners)
         ids, alive = nearest.ids, np.isin(nearest.candidates, self._filter.candidates)
         known = np.array([self._tracks.has(i) for i in ids.tolist()], np.bool_)
@@ -285,7 +280,7 @@ class LateViews(PersistentState):
             none, ids, uv = np.empty(0), np.empty(0, np.int64), np.empty((0, 2))
             frame = KeptFrame(view.t, view.image.copy(), ids, uv, none, none, ids, uv)
             recent = (f for f in self._frames if view.t - f.t <= self._late)
-            self._frames = (*recent, frame)[-MOST_FRAMES:]
+            self._frames = (*recent, frame)[-MOST_KEPT_POSES:]
 
     def _is_time(self, t: float) -> bool:
         return not self._frames or t - self._frames[-1].t >= 0.75 * START_GAP * self._late

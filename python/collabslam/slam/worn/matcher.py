@@ -14,7 +14,6 @@ from collabslam.frontend.two_views import TwoViews, ViewedPoints
 from collabslam.frontend.wearer_mask import covered
 from collabslam.frontend.worn_match import WornMatches, match_worn
 from collabslam.images import check_grey
-from collabslam.settings.frontend import FrontendSettings
 from collabslam.settings.table import Settings
 from collabslam.slam.state import SECONDS
 from collabslam.slam.tracking.tracks import Found
@@ -50,7 +49,6 @@ class WornMatcher:
     worn_cameras : dict
         Each Cf by its name, in the order in which the filter numbers them.
     settings : Settings
-    options : FrontendSettings
     """
 
     def __init__(
@@ -59,14 +57,13 @@ class WornMatcher:
         camera: Camera,
         worn_cameras: Mapping[str, Camera],
         settings: Settings,
-        options: FrontendSettings,
     ) -> None:
         self._filter = core
         self._camera = camera
         self._worn_cameras = worn_cameras
         self._numbers = {name: number for number, name in enumerate(worn_cameras)}
-        self._options = options
-        mode = str(settings["filter.estimator.mode"])
+        self._settings = settings
+        mode = settings.filter.estimator.mode
         self._only_start = mode.startswith("mono")
         self._only_births = mode == "collab-init"
         self.measures_pixels = mode == "collab-tight"
@@ -112,7 +109,7 @@ class WornMatcher:
 
     def hidden(self, worn: WornView | None) -> Hidden | None:
         """Which pixels of Cs show whoever wears Cf; None where that is nobody, or nobody knows."""
-        radius = self._options.worn.body_radius
+        radius = self._settings.frontend.worn.body_radius
         if worn is None or radius == 0.0:
             return None
         return lambda uv: covered(self._camera, uv, worn.t_cf, radius)
@@ -158,7 +155,7 @@ class WornMatcher:
             np.concatenate([found.rho[known], unknown]),
             np.concatenate([found.rho_sd[known], unknown]),
         )
-        matches = match_worn(views, points, self._options)
+        matches = match_worn(views, points, self._settings)
         against = _BY_MAP if self._contradicts(len(known), len(uv), matches) else _against(matches)
         # A start rests on this one view alone: it needs one that the images confirm.
         unsure = not started and np.isnan(against)

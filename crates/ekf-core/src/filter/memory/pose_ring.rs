@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// Poses that are kept at most: AIM REACH / SPACING, and both ends.
-pub(crate) const MOST: usize = 18;
+pub const MOST_KEPT_POSES: usize = 18;
 /// Times of measured views that are remembered, to know one that is sent again.
 const REMEMBERED: usize = 64;
 
@@ -55,7 +55,7 @@ impl KeptPoses {
             && sane
             && ids.iter().all(is_clone)
             && ids.len() == self.poses.len()
-            && self.poses.len() <= MOST
+            && self.poses.len() <= MOST_KEPT_POSES
             && self.measured.len() <= REMEMBERED
         {
             return Ok(());

@@ -8,8 +8,8 @@ use crate::filter::input::measurements::{Capture, WornObservation};
 use crate::state::{Learned, LinearPart, State};
 use nalgebra::{Matrix6, SMatrix, Vector6};
 
-/// A clock is told by information of that much over what was thought possible: it shrinks to a third.
-const TOLD: f64 = 8.0;
+/// A direction is told by information of that much over what was thought possible: its standard deviation shrinks to a third.
+pub const TOLD_INFORMATION: f64 = 8.0;
 /// How often its noise the twist must be for a view to teach the clock, as with odometry's scales (METHOD 23): by noise alone a
 /// clock seems less off than it is, by one over the square of it, which is 2 ms of 50.
 const CLEAR: f64 = 5.0;
@@ -68,7 +68,7 @@ impl Filter {
     ) {
         let possible = self.settings.worn.clock_sd.powi(2);
         let told = self.state.clocks.get(worn.who);
-        let is_told = told.is_some_and(|told| told.information * possible > TOLD);
+        let is_told = told.is_some_and(|told| told.information * possible > TOLD_INFORMATION);
         let (Some(before), Some(carried), true) = (before, carried, is_told) else {
             return;
         };

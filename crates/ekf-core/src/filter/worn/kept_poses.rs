@@ -3,7 +3,7 @@
 
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
-use crate::filter::memory::pose_ring::MOST;
+use crate::filter::memory::pose_ring::MOST_KEPT_POSES;
 use crate::math::pose::Pose;
 use crate::observe::POSE_DIM;
 use crate::state::{BlockKind, LinearPart};
@@ -53,7 +53,9 @@ impl Filter {
         // The one before the first that is needed is needed, too: views are taken between two.
         let poses = &mut self.kept_poses.poses;
         let over = poses.iter().skip(1).take_while(|(t, _)| *t <= oldest);
-        let over = over.count().max((poses.len() + 1).saturating_sub(MOST));
+        let over = over
+            .count()
+            .max((poses.len() + 1).saturating_sub(MOST_KEPT_POSES));
         let mut gone: Vec<u64> = poses.drain(..over).map(|(_, id)| id).collect();
         let again = gone.pop();
         if !gone.is_empty() {

@@ -13,9 +13,9 @@ use crate::state::LinearPart;
 use nalgebra::{Matrix6, SMatrix, Vector6};
 
 /// Standard deviation of each component of Cs's velocity before the start, when nothing is known of it: m/s.
-const UNKNOWN_SPEED: f64 = 1.0;
+pub const UNKNOWN_SPEED: f64 = 1.0;
 /// The same of its angular velocity: rad/s.
-const UNKNOWN_TURN: f64 = 0.5;
+pub const UNKNOWN_TURN: f64 = 0.5;
 
 /// T_CF as it is between a view of Cf and a frame of another time, with how its error comes about. All tangents are those of
 /// F, on the right.
