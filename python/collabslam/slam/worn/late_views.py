@@ -135,6 +135,7 @@ class LateViews(PersistentState):
         "_awake": flag,
         "_latenesses": items(number(-SECONDS, SECONDS)),
         "dropped": table(str, whole(0)),
+        "used": items(_VIEW),
     }
 
     def __init__(
@@ -172,14 +173,14 @@ class LateViews(PersistentState):
     def state(self) -> dict[str, Any]:
         """As `PersistentState.state`."""
         kept = self.attributes()
-        lists = ("_pending", "_frames", "_latenesses")
+        lists = ("_pending", "_frames", "_latenesses", "used")
         return kept | {name: list(kept[name]) for name in lists}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """As `PersistentState.restore`."""
         super().restore(state)
         self._pending = tuple(self._worn.require(view) for view in self._pending)
-        self._latenesses = tuple(self._latenesses)
+        self._latenesses, self.used = tuple(self._latenesses), tuple(self.used)
         self._frames, shape = tuple(self._frames), (self._camera.height, self._camera.width)
         if any(frame.image.shape != shape for frame in self._frames):
             refuse("kept frames", "of this camera")
