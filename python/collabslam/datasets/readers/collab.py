@@ -129,6 +129,8 @@ def covariance_of(numbers: Array, where: str) -> Array:
 
 
 def _read_relative_poses(path: Path) -> tuple[list[int], list[tuple[Array, Array, Array | None]]]:
+    if not data_lines(path):  # a worn camera that is known, of which there is no view
+        return [], []
     rows = read_pose_table(path, order="wxyz", further=(21, 42), usual="nanoseconds")
     measured = []
     for pose, numbers, line in zip(rows.poses, rows.further, rows.lines, strict=True):
