@@ -10,7 +10,7 @@ import numpy as np
 
 from collabslam._core import Filter
 from collabslam.datasets.gate import data_lines
-from collabslam.datasets.poses import check_position, number_fields
+from collabslam.datasets.poses import BODY_FROM_OPTICAL, check_position, number_fields
 from collabslam.datasets.units import as_seconds, read_stamps
 from collabslam.errors import DataError, InputError
 from collabslam.geometry import left_jacobian, pose_inverse, rotation_log
@@ -18,7 +18,6 @@ from collabslam.types import Array, Odometry
 
 TRIANGLE = np.tril_indices(6)
 """Rows and columns of the 21 numbers of a covariance."""
-_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 _UNKNOWN = 1e4  # (m/s)^2, (rad/s)^2: what is not measured, whatever larger number stands for it
 
 
@@ -70,7 +69,7 @@ def mounted(mount: Sequence[float]) -> Array:
     turn_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
     turn_z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
     t_bc = np.eye(4)
-    t_bc[:3, :3] = turn_z @ turn_y @ turn_x @ _OPTICAL
+    t_bc[:3, :3] = turn_z @ turn_y @ turn_x @ BODY_FROM_OPTICAL[:3, :3]
     t_bc[:3, 3] = mount[:3]
     return t_bc
 

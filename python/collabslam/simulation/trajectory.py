@@ -11,12 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from collabslam.datasets.poses import BODY_FROM_OPTICAL
 from collabslam.simulation.tremor import Tremor
 from collabslam.types import Array
-
-_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""Attitude of a camera (x right, y down, z forward) that looks along +x of the world."""
-
 
 GLANCES = ((0.0, 1.2), (4.1, 5.2), (8.1, 8.9))
 """When the demo's person looks ahead, seconds within a period."""
@@ -39,7 +36,7 @@ def camera_pose(position: npt.ArrayLike, yaw: float, pitch: float, roll: float) 
     turn_y = np.array([[cp, 0.0, -sp], [0.0, 1.0, 0.0], [sp, 0.0, cp]])
     turn_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
     pose = np.eye(4)
-    pose[:3, :3] = turn_z @ turn_y @ turn_x @ _OPTICAL
+    pose[:3, :3] = turn_z @ turn_y @ turn_x @ BODY_FROM_OPTICAL[:3, :3]
     pose[:3, 3] = position
     return pose
 
