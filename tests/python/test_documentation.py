@@ -80,7 +80,8 @@ def make_camchain(path: Path, short: Short) -> None:
     lenses = [{"camera_model": "pinhole", "distortion_model": "radtan", "intrinsics": list(c.intrinsics),
                "distortion_coeffs": list(c.distortion), "resolution": [c.width, c.height]}
               for c in (short.camera, short.worn_camera)]  # fmt: skip
-    bound = np.linalg.inv(next(f.views[0].t_cf for f in short.frames if f.views))
+    frames = (short.frame(k) for k in range(len(short)))
+    bound = np.linalg.inv(next(frame.views[0].t_cf for frame in frames if frame.views))
     path.write_text(yaml.safe_dump({"cam0": lenses[0], "cam1": {**lenses[1], "T_cn_cnm1": bound.tolist()}}))
 
 
@@ -88,7 +89,7 @@ def make_persons(folder: Path, short: Short) -> None:
     """The walk with two persons, who see the same."""
     lenses = dict.fromkeys(("anna", "ben"), short.worn_camera)
     with collabslam.RecordingWriter(folder, short.camera, lenses) as writer:
-        for frame in short.frames:
+        for frame in (short.frame(k) for k in range(len(short))):
             views = [replace(view, who=name) for view in frame.views for name in lenses]
             writer.add(frame.t, frame.image, views, short.truth[frame.index])
 
