@@ -153,7 +153,8 @@ def read_pose_table(
     if broken and len(broken) * _FEW > len(lines):
         raise broken[0]
     if not rows:
-        raise DataError(f"{path} holds no poses; give lines of stamp, x y z, q{' q'.join(order)}.")
+        none = f"no poses; {lost} lines are not finite" if lost else "no poses"
+        raise DataError(f"{path} holds {none}; give lines of stamp, x y z, q{' q'.join(order)}.")
     numbers = [number for _, _, number in rows]
     stamps = read_stamps([text for text, _, _ in rows], str(path), lines=numbers, usual=usual)
     left_out = f"; {lost} not finite and {len(broken)} broken left out" if lost or broken else ""

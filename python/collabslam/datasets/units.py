@@ -127,7 +127,7 @@ def _unit(stamps: list[Decimal], where: str, usual: str | None) -> str:
     typical = float(np.median(np.abs(values)))
     dated = next((u for u, p in UNITS.items() if _YEARS[0] <= typical * 10.0**p < _YEARS[1]), None)
     if len(values) < 2:
-        return dated or usual or "seconds"
+        return usual or dated or "seconds"
     step = float(np.median(np.diff(values)))
     for unit in (dated, usual):
         if unit is not None and _STEPS[0] <= step * 10.0 ** UNITS[unit] <= _STEPS[1]:

@@ -99,7 +99,8 @@ def _read_header(path: Path) -> tuple[str, list[str]]:
                 f"{header} is of version {version}, this program reads versions {VERSION} and {SEVERAL}; "
                 "update the program."
             )
-        name = folder_name(str(keys.take("name") or path.name), DataError)
+        name = keys.take("name")
+        name = folder_name(path.name if name is None else str(name), DataError)
         persons = keys.take("worn") if version == SEVERAL else None
     if version == VERSION:
         return name, [""]
