@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from collabslam.checks.alone import FocalRange, focal_range
+from collabslam.checks.depth import check_depth
 from collabslam.checks.lengths import check_lengths
 from collabslam.checks.mistakes import Eye
 from collabslam.checks.robot import RobotReport, check_robot
@@ -101,7 +102,7 @@ def check_calibration(recording: Recording, robot: RobotReport | None = None) ->
     with_views = AtFrames(recording, robot.poses)
     worn = check_worn(with_views, robot)
     lengths = check_lengths(with_views, robot, worn.undo)
-    findings = robot.findings + worn.findings + lengths.findings
+    findings = robot.findings + worn.findings + lengths.findings + check_depth(recording, robot)
     notes = robot.notes + worn.notes + lengths.notes
     if with_views.free and robot.poses is None:
         notes.append(

@@ -54,9 +54,6 @@ QUATERNIONS = (
     ),
 )
 
-_UNITY = np.diag([1.0, -1.0, 1.0, 1.0])
-"""Turns Unity's left-handed axes (x right, y up, z forward), of world and camera, to optical ones."""
-
 WORN_POSE_MISTAKES = (
     PoseMistake("T_CF is inverted: it maps from Cs to Cf", "give its inverse, from Cf to Cs", pose_inverse),
     PoseMistake(
@@ -94,11 +91,6 @@ WORN_POSE_MISTAKES = (
         "give --t-cf-axes opengl",
         lambda t: OPENGL_FROM_OPTICAL @ t @ OPENGL_FROM_OPTICAL,
     ),
-    PoseMistake(
-        "T_CF is along Unity's left-handed axes (x right, y up, z forward)",
-        "negate y of its position, and x and z of its quaternion",
-        lambda t: _UNITY @ t @ _UNITY,
-    ),
     *QUATERNIONS,
 )
 
@@ -115,11 +107,6 @@ TRUE_POSE_MISTAKES = (
         "the true poses are of OpenGL's axes (x right, y up, z back)",
         "give --poses-axes opengl",
         lambda t: t @ OPENGL_FROM_OPTICAL,
-    ),
-    PoseMistake(
-        "the true poses are of Unity's left-handed axes (x right, y up, z forward)",
-        "negate y of their positions, and x and z of their quaternions",
-        lambda t: _UNITY @ t @ _UNITY,
     ),
     PoseMistake(
         "the true poses were turned to optical axes although they had them",
@@ -196,8 +183,8 @@ MIRRORS = (
         lambda eye: replace(eye, across=not eye.across),
     ),
     EyeMistake(
-        "the images of {camera} are mirrored upside down",
-        "store them as the camera sees them",
+        "the images of {camera} are mirrored upside down, or its poses are left-handed (Unity's, y up)",
+        "store them as the camera sees them, or negate y of the positions and x and z of the quaternions",
         lambda eye: replace(eye, down=not eye.down),
     ),
     EyeMistake(

@@ -18,6 +18,11 @@ from collabslam.types import Array
 
 _CLAMP_SECONDS = 1e-3
 _ROTATION_TOLERANCE = 1e-2
+_HEADER = 5
+"""Lines at the beginning of a file that may name its columns."""
+_QUATERNION = re.compile(r"\b(?:q(?:_?[a-z]+[_.]|_)?|orientation[_.])([wxyz])\b", re.IGNORECASE)
+_SEVERAL = 10
+"""Of so many frames more than one must have a pose, if there are poses."""
 _FEW = 20
 """A file of poses may have one broken line in so many."""
 BODY_FROM_OPTICAL = np.array(
@@ -93,6 +98,7 @@ def read_pose_rows(path: Path) -> Array:
         out.append(rigid(matrix, where))
     if not out:
         raise DataError(f"The pose file {path} holds no poses; give one matrix a line.")
+    tell("poses", f"{len(out)} matrices, a line each", path)
     return np.asarray(out)
 
 
@@ -191,10 +197,12 @@ def _after_id(lines: list[tuple[int, list[str]]]) -> int:
 
 
 def _order_of_header(path: Path) -> str | None:
-    """The order of the quaternion that a file's first line tells by its columns' names."""
-    first = text_of(path).lstrip().split("\n", 1)[0]
-    found = "".join(re.findall(r"\bq(?:_?[a-z]+_|uat\w*_|_)?([wxyz])\b", first, re.IGNORECASE)).lower()
-    return found if found in ("wxyz", "xyzw") else None
+    """The order of the quaternion that a file's first lines tell by their columns' names."""
+    for line in text_of(path).splitlines()[:_HEADER]:
+        found = "".join(_QUATERNION.findall(line)).lower()
+        if found in ("wxyz", "xyzw"):
+            return found
+    return None
 
 
 def read_track(path: Path, *, euroc: bool = False) -> tuple[Array, Array]:
@@ -256,15 +264,18 @@ def _of_lines(path: Path, times: Array) -> Array:
         )
     if lines and all(len(fields) in (12, 16) for _, fields in lines):
         return _one_a_frame(read_pose_rows(path), len(times), f"{path} (a matrix for each frame, as KITTI's)")
-    rows = read_pose_table(path)
-    if counts(rows.texts):
-        return _one_a_frame(np.asarray(rows.poses), len(times), f"{path} (its lines count frames)")
+    rows, ids = read_pose_table(path), [fields[0] for _, fields in lines]
+    if counts(ids) and not _after_id(lines):
+        every = np.full((len(ids), 4, 4), np.nan)
+        every[[int(text) - int(ids[0]) for text in rows.texts]] = rows.poses
+        return _one_a_frame(every, len(times), f"{path} (its lines count frames)")
     stamps = as_seconds(rows.stamps)
     found = interpolate_track(stamps, np.asarray(rows.poses), times)
-    if not np.isfinite(found).any():
+    met = int(np.isfinite(found).all(axis=(1, 2)).sum())
+    if met == 0 or (met == 1 and len(times) >= _SEVERAL):
         raise DataError(
             f"The poses of {path} ({stamps[0]:.3f} to {stamps[-1]:.3f} s) and the images ({times[0]:.3f} to "
-            f"{times[-1]:.3f} s) share no time; give both in the same clock."
+            f"{times[-1]:.3f} s) share no time but for {met} frames; give both in the same clock."
         )
     return found
 

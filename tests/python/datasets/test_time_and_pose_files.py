@@ -165,9 +165,23 @@ TRUE = np.array([pose(k) for k in range(12)])
         [" ".join(f"{v:.9f}" for v in pose(k).ravel()) for k in range(12)],
         ["#timestamp [ns], p_RS_R_x [m], p_y, p_z, q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []"]
         + [line(50_000_000 * k, k, "wxyz").replace(" ", ",") for k in range(12)],
+        ["# by a robot", "# .position.x, y, z, orientation.w, orientation.x, orientation.y, orientation.z"]
+        + [line(0.05 * k, k, "wxyz") for k in range(12)],
         ["time,tx,ty,tz,qw,qx,qy,qz"] + [line(0.05 * k, k, "wxyz").replace(" ", ", ") for k in range(12)],
     ],
-    ids=["tum", "ms", "ns", "ids", "ids from 1", "id and stamp", "kitti", "4x4", "euroc", "named columns"],
+    ids=[
+        "tum",
+        "ms",
+        "ns",
+        "ids",
+        "ids from 1",
+        "id and stamp",
+        "kitti",
+        "4x4",
+        "euroc",
+        "ros",
+        "named columns",
+    ],
 )
 def test_poses_of_every_form_are_those_of_the_frames(tmp_path: Path, lines: list[str]) -> None:
     np.testing.assert_allclose(poses_of_frames(written(tmp_path, lines), TIMES), TRUE, atol=1e-8)
@@ -189,12 +203,21 @@ def test_record3ds_poses(tmp_path: Path) -> None:
         ([" ".join(f"{v:.9f}" for v in pose(k)[:3].ravel()) for k in range(11)], "11 poses for 12 frames"),
         (["1 1 0 0 0 0 0 0 1 a.jpg", "10.5 20.5 -1"], "COLMAP"),
         (['{"frames": [{"file_path": "a.png"}]}'], "nerfstudio"),
+        ([line(0.05 * (k - 11), k) for k in range(12)], "share no time but for 1"),
         ([line(0.05 * k, k).replace(" 0 0 ", " 0 0 0.9 ") for k in range(12)], "no unit quaternion"),
     ],
 )
 def test_poses_that_cannot_be_meant_are_refused(tmp_path: Path, lines: list[str], words: str) -> None:
     with pytest.raises(DataError, match=words):
         poses_of_frames(written(tmp_path, lines), TIMES)
+
+
+def test_a_tracker_that_counts_frames_and_is_lost_keeps_their_order(tmp_path: Path) -> None:
+    lines = [line(k, k) for k in range(12)]
+    lines[4] = "4 nan nan nan nan nan nan nan"
+    found = poses_of_frames(written(tmp_path, lines), TIMES)
+    assert np.isnan(found[4]).all()
+    np.testing.assert_allclose(np.delete(found, 4, 0), np.delete(TRUE, 4, 0), atol=1e-8)
 
 
 def test_lines_of_a_tracker_that_is_lost_are_left_out_and_told(tmp_path: Path) -> None:

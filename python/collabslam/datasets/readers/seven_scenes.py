@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.gate import data_lines
+from collabslam.datasets.gate import data_lines, tell
 from collabslam.datasets.images import natural
 from collabslam.datasets.poses import number_fields, rigid
 from collabslam.datasets.recording import ImageRecording, times_at_rate
@@ -49,6 +49,8 @@ def open(path: Path) -> ImageRecording:
         if pose_file.is_file():
             truth[k] = _read_pose(pose_file)
     known = bool(np.any(np.isfinite(truth)))
+    tell("camera", "the data set's colour camera", "the layout")
+    tell("poses", f"{int(np.isfinite(truth).all(axis=(1, 2)).sum())} of {len(paths)} frames", path)
     return ImageRecording(
         name=path.name,
         source=str(path),

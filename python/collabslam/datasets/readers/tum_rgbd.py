@@ -15,7 +15,7 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.datasets.calibration import read_calibration
 from collabslam.datasets.depth_image import TUM, DepthImage, depth_scale
-from collabslam.datasets.gate import data_lines
+from collabslam.datasets.gate import data_lines, tell
 from collabslam.datasets.images import named_file, require_files
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.poses import interpolate_track, read_track
@@ -89,4 +89,5 @@ def _sensor(path: Path) -> Camera:
             "FILE ('collabslam init --board' makes one)."
         )
     intrinsics, distortion = _SENSORS[found.group(1)]
+    tell("camera", f"the benchmark's of freiburg{found.group(1)}", f"the folder's name {path.name}")
     return Camera("radtan" if distortion else "pinhole", 640, 480, intrinsics, distortion)

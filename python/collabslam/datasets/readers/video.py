@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from collabslam.datasets.calibration import load_camera
-from collabslam.datasets.gate import data_lines
+from collabslam.datasets.gate import data_lines, tell
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.stream import StreamRecording
 from collabslam.datasets.units import as_seconds, listed_stamps
@@ -88,12 +88,14 @@ class Video:
         rate = self._capture.get(cv2.CAP_PROP_FPS)
         self._next = len(stamps)
         self.times: Array = np.asarray(stamps, dtype=np.float64)
+        source = "the container's"
         if not np.all(np.diff(self.times) > 0.0):  # some containers carry no stamps
             if not rate > 0.0:
                 raise DataError(
                     f"The video {path} carries neither stamps nor a frame rate; give --times FILE."
                 )
-            self.times = np.arange(len(stamps)) / rate
+            self.times, source = np.arange(len(stamps)) / rate, f"{rate:g} a second, by the container"
+        tell("stamps", f"{len(stamps)}, {source}", path)
 
     def read(self, i: int) -> Image:
         """The (H, W) uint8 grey image of frame ``i``; DataError if it cannot be decoded."""

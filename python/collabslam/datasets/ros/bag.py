@@ -188,6 +188,7 @@ class Bag:
         where = f"{topic} in {self.path}"
         rows = [(t, *m.pose_and_covariance_of(p, where)) for t, p in self.stamped(topic, *POSE_TYPES)]
         rows.sort(key=lambda row: row[0])
+        tell("poses", f"{len(rows)} with covariance", topic)
         return tuple(np.asarray(column) for column in zip(*rows, strict=True))  # type: ignore[return-value]
 
     def track(self, topic: str) -> tuple[Array, Array]:
@@ -270,6 +271,7 @@ class BagImages:
         if largest:
             tell("depth of pixels", f"{self._bits} bits, by the largest value of all", topic)
         self.stamps = [stamp for stamp, _, _ in rows]
+        tell("stamps", f"{len(rows)}, of the headers (of recording where one has none)", topic)
         self._received = [received for _, received, _ in rows]
         self._next = -1
         self._ahead: Iterator[tuple[int, Any]] = iter(())
