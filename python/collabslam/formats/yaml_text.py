@@ -41,7 +41,7 @@ def load_yaml(text: str) -> Any:
     if len(text) > MOST_CHARACTERS:
         raise yaml.YAMLError(f"the text is longer than {MOST_CHARACTERS} characters")
     try:
-        content = yaml.load(text, _Loader)
+        content = _Loader(text).get_single_data()
         _count(content, 0)
     except RecursionError as error:
         raise yaml.YAMLError("the text is nested too deeply") from error
