@@ -19,7 +19,8 @@ pub fn camera(bytes: &[u8]) -> Result<(), Broken> {
         ("fisheye", 4),
         ("wideangle", 1),
         ("fisheye", 3),
-    ][bytes.below(6)];
+        ("radtan", 8),
+    ][bytes.below(7)];
     let size = (16 * u32::from(bytes.byte()), 16 * u32::from(bytes.byte()));
     let (w, h) = (f64::from(size.0), f64::from(size.1));
     let intrinsics = [

@@ -18,6 +18,8 @@ fn cameras() -> Vec<Camera> {
     let euroc = [458.654, 457.296, 367.215, 248.375];
     let tum_vi = [190.97847715, 190.9733071, 254.93170606, 256.8974428];
     let davison = [195.0, 196.0, 162.0, 125.0];
+    let kinect = [608.0, 608.5, 638.0, 366.0];
+    let rational = [0.536, -2.62, 8e-4, -1.4e-4, 1.52, 0.414, -2.45, 1.45];
     [
         ("pinhole", 752, 480, euroc, &[][..]),
         ("radtan", 752, 480, euroc, &radtan[..]),
@@ -33,6 +35,7 @@ fn cameras() -> Vec<Camera> {
         ("fisheye", 512, 512, tum_vi, &[-0.05, 0.01, -0.003, 0.0][..]),
         ("wideangle", 320, 240, davison, &[6e-6][..]),
         ("wideangle", 320, 240, davison, &[-2e-6][..]),
+        ("radtan", 1280, 720, kinect, &rational[..]),
     ]
     .into_iter()
     .map(|(model, width, height, intrinsics, distortion)| {
@@ -153,8 +156,15 @@ fn agrees_with_opencv() {
         [260.6697961685053, 360.1802686692761],
         [254.93189703847716, 256.8970608533858],
     ];
+    let rational = [
+        [638.0, 366.0],
+        [805.5776710200198, 254.23587799353407],
+        [260.3915075148547, 586.663668605767],
+        [658.8233684942825, 741.8583974380281],
+        [638.0006079999974, 365.99878300000665],
+    ];
     let all = cameras();
-    for (camera, expected) in [(&all[1], radtan), (&all[4], fisheye)] {
+    for (camera, expected) in [(&all[1], radtan), (&all[4], fisheye), (&all[8], rational)] {
         for (point, pixel) in points.iter().zip(expected) {
             let uv = camera.project(&Vector3::from(*point)).unwrap();
             assert!(

@@ -40,7 +40,7 @@ pub(crate) struct ProjectedPoints {
 /// intrinsics : sequence of 4 floats
 ///     ``fx, fy, cx, cy``, px.
 /// distortion : sequence of floats
-///     ``[]``, ``[k1, k2, p1, p2(, k3)]``, ``[k1, k2, k3, k4]`` or ``[K]``.
+///     ``[]``, ``[k1, k2, p1, p2(, k3(, k4, k5, k6))]``, ``[k1, k2, k3, k4]`` or ``[K]``.
 ///
 /// Raises
 /// ------

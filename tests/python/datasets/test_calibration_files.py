@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -254,6 +255,16 @@ def test_rectified_images_have_the_lens_p() -> None:
     assert camera_of(message([], raw), "x").model == "pinhole"  # nothing is changed by rectifying it
     with pytest.raises(DataError, match="'plumb_bob' and has 0 numbers"):
         camera_of(message([], p), "x")
+
+
+def test_a_rational_lens_is_opencvs() -> None:
+    """Eight numbers as of an Azure Kinect."""
+    d = [0.536, -2.62, 8e-4, -1.4e-4, 1.52, 0.414, -2.45, 1.45]
+    camera = lens("rational_polynomial", (1280, 720), (608, 608.5, 638, 366), d, "x")
+    uv = np.stack(np.meshgrid(np.linspace(0, 1279, 9), np.linspace(0, 719, 7)), -1).reshape(-1, 2)
+    rays = camera.unproject(uv)
+    expected = cv2.projectPoints(rays[:, None], np.zeros(3), np.zeros(3), camera.matrix, np.array(d))[0][:, 0]
+    np.testing.assert_allclose(uv, expected, atol=1e-8)
 
 
 def test_lenses_of_other_models_are_carried_to_the_nearest() -> None:

@@ -13,7 +13,7 @@ impl Camera {
     /// Checks a calibration and builds the camera.
     ///
     /// `model` is `"pinhole"`, `"radtan"`, `"fisheye"` or `"wideangle"`; `intrinsics` is `(fx, fy, cx, cy)` in pixels;
-    /// `distortion` holds nothing, `k1 k2 p1 p2 [k3]`, `k1 k2 k3 k4` or `K`.
+    /// `distortion` holds nothing, `k1 k2 p1 p2 [k3 [k4 k5 k6]]`, `k1 k2 k3 k4` or `K`.
     ///
     /// # Errors
     /// `InvalidInput` for an unknown model, an empty image or numbers that are no camera's, `NonFinite` for
@@ -27,8 +27,11 @@ impl Camera {
     ) -> Result<Self, EkfError> {
         let distortion = match (model, distortion) {
             ("pinhole", []) => Distortion::None,
-            ("radtan", &[k1, k2, p1, p2]) => Distortion::RadTan([k1, k2, p1, p2, 0.0]),
-            ("radtan", &[k1, k2, p1, p2, k3]) => Distortion::RadTan([k1, k2, p1, p2, k3]),
+            ("radtan", given @ ([_, _, _, _] | [_, _, _, _, _] | [_, _, _, _, _, _, _, _])) => {
+                let mut k = [0.0; 8];
+                k[..given.len()].copy_from_slice(given);
+                Distortion::RadTan(k)
+            }
             ("fisheye", &[k1, k2, k3, k4]) => Distortion::Fisheye([k1, k2, k3, k4]),
             ("wideangle", &[k]) => Distortion::WideAngle(k),
             ("pinhole" | "radtan" | "fisheye" | "wideangle", given) => {
@@ -36,7 +39,7 @@ impl Camera {
                     what: "camera distortion",
                     expected: match model {
                         "pinhole" => "no parameters for pinhole".into(),
-                        "radtan" => "4 or 5 parameters for radtan".into(),
+                        "radtan" => "4, 5 or 8 parameters for radtan".into(),
                         "fisheye" => "4 parameters for fisheye".into(),
                         _ => "1 parameter for wideangle".into(),
                     },

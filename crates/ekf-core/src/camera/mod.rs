@@ -33,8 +33,9 @@ const MIN_DEPTH: f64 = 1e-6;
 pub enum Distortion {
     /// None: a pinhole.
     None,
-    /// OpenCV's radial-tangential model, `[k1, k2, p1, p2, k3]`, dimensionless.
-    RadTan([f64; 5]),
+    /// OpenCV's radial-tangential model, rational if any of the last three is not zero:
+    /// `[k1, k2, p1, p2, k3, k4, k5, k6]`, dimensionless.
+    RadTan([f64; 8]),
     /// OpenCV's fisheye (equidistant) model, `[k1, k2, k3, k4]`, dimensionless.
     Fisheye([f64; 4]),
     /// Davison's one-parameter wide-angle model: `r_u^2 (1 - 2 K r_d^2) = r_d^2` on pixels from the principal point,
@@ -46,8 +47,9 @@ impl Distortion {
     fn parameters(&self) -> &[f64] {
         match self {
             Self::None => &[],
-            // Given back as most calibrations write it: k3 only where there is one.
-            Self::RadTan(k) if k[4] == 0.0 => &k[..4],
+            // Given back as most calibrations write it: k3, and k4 to k6, only where there are some.
+            Self::RadTan(k) if k[4..] == [0.0; 4] => &k[..4],
+            Self::RadTan(k) if k[5..] == [0.0; 3] => &k[..5],
             Self::RadTan(k) => k,
             Self::Fisheye(k) => k,
             Self::WideAngle(k) => std::slice::from_ref(k),

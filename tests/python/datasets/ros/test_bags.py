@@ -275,6 +275,7 @@ def test_camera_info_models() -> None:
     assert camera("", []).model == "pinhole"
     assert camera("rational_polynomial", [0.1, 0, 0, 0, 0.2, 0, 0, 0]).distortion == (0.1, 0, 0, 0, 0.2)
     assert camera("equidistant", [0.1, 0, 0, 0]).model == "fisheye"
+    assert camera("rational_polynomial", [0.1, 0, 0, 0, 0.2, 0.3, 0, 0]).distortion[5] == 0.3
     assert camera("plumb_bob", [0.1, 0, 0, 0, 0.2, 0, 0, 0]).distortion == (0.1, 0, 0, 0, 0.2)
     whole = SimpleNamespace(width=32, height=24, x_offset=0, y_offset=0)
     assert camera("plumb_bob", [0.1, 0, 0, 0], roi=whole).width == 32
