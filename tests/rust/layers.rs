@@ -22,7 +22,7 @@ const CRATE: Table = &[
     ("overlap", &["math", "camera", "settings"]),
     ("validate", &["chi2", "settings"]),
     ("birth", &["math", "camera", "observe"]),
-    ("misfit", &[]),
+    ("misfit", &["error"]),
     ("placed", &["math", "observe"]),
     ("kernel", &["observe"]),
     ("state", &["error", "math", "observe", "kernel"]),
@@ -78,13 +78,15 @@ const CRATE: Table = &[
 const FILTER: Table = &[
     ("input", &[]),
     ("memory", &[]),
-    ("ekf", &["input", "memory"]),
+    ("setup", &[]),
+    ("workspace", &["input"]),
+    ("ekf", &["memory", "setup", "workspace"]),
     ("checks", &["input", "ekf"]),
     ("predict", &["input", "memory", "ekf"]),
     ("worn", &["input", "memory", "ekf", "predict"]),
     ("births", &["input", "memory", "ekf", "predict"]),
     ("map", &["input", "memory", "ekf", "predict"]),
-    ("persist", &["input", "memory", "ekf"]),
+    ("persist", &["memory", "setup", "ekf"]),
     ("update", &["input", "ekf", "worn"]),
 ];
 

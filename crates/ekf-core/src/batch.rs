@@ -114,15 +114,11 @@ impl Workspace {
         (0..self.pht.rows()).map(|i| by_row(i).sum()).collect()
     }
 
-    /// Largest change that the last update made to a number of the camera's pose, whose rows are stored first.
+    /// Largest change that the update makes to a number of the camera's pose, whose rows are stored first. Valid after
+    /// [`Self::solve`].
     pub(crate) fn moved_by(&self) -> f64 {
         let pose = self.moved.iter().take(POSE_DIM);
         pose.fold(0.0, |largest, x| largest.max(x.abs()))
-    }
-
-    /// Sets what [`Self::moved_by`] returns, for a restored filter.
-    pub(crate) fn remember_move(&mut self, largest: f64) {
-        self.moved = vec![largest];
     }
 
     /// The batch as the validation tests see it. Valid after the factorisation.
@@ -287,7 +283,7 @@ impl Workspace {
     }
 
     /// Computes the update, `V = P H^T L^-T` and `V y`, and checks it before anything changes. Call it once, after
-    /// [`Self::factor`] and before [`Self::apply`]. With a gauge it also computes `V C`, `C = L^-1 H P B`, in the same
+    /// [`Self::factor`] and before [`Self::apply`]. With a gauge, and the features followed, it also computes `V C`, `C = L^-1 H P B`, in the same
     /// pass: the gauge needs `P B` after the update, which is `P B - V C`.
     ///
     /// # Errors
@@ -295,15 +291,15 @@ impl Workspace {
     pub(crate) fn solve(
         &mut self,
         state: &State,
-        gauge: Option<&mut Gauge>,
+        gauge: Option<(&mut Gauge, &[u64])>,
     ) -> Result<(), EkfError> {
         if self.rows() == 0 {
             return Ok(());
         }
         self.along.clear();
         self.along.extend_from_slice(&self.y);
-        if let Some(gauge) = gauge {
-            gauge.prepare(state);
+        if let Some((gauge, followed)) = gauge {
+            gauge.prepare(state, followed);
             self.look_along(gauge, state.p.stored().slots);
         }
         let products = self.along.len() / self.rows();
@@ -320,7 +316,7 @@ impl Workspace {
     pub(crate) fn apply(
         &mut self,
         state: &mut State,
-        gauge: Option<&mut Gauge>,
+        gauge: Option<(&mut Gauge, &[u64])>,
         learned: &Learned,
     ) {
         if self.rows() == 0 {
@@ -332,7 +328,8 @@ impl Workspace {
         for (x, &slot) in state.x.iter_mut().zip(state.p.stored().slots) {
             *x += moved[slot];
         }
-        let change = gauge.map(|gauge| gauge.change(state, Some(&moved[n..])));
+        let change =
+            gauge.map(|(gauge, followed)| gauge.change(state, followed, Some(&moved[n..])));
         state.p.downdate(&self.pht, change);
         state.p.round_up(&self.squares);
         state.keep_considered(&self.considered, learned);

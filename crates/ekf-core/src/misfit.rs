@@ -1,7 +1,10 @@
 //! How well the innovations of a run fit what its settings claim.
 
+use crate::error::EkfError;
+use serde::{Deserialize, Serialize};
+
 /// NIS of all updates since the start, and their degrees of freedom.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Misfit {
     pub(crate) nis: f64,
     pub(crate) dof: f64,
@@ -20,6 +23,16 @@ impl Misfit {
             nis: self.nis - before.nis,
             dof: self.dof - before.dof,
         }
+    }
+
+    /// Whether what a snapshot says can be: these updates were among the `later` ones.
+    pub(crate) fn check(&self, later: &Self) -> Result<(), EkfError> {
+        let among = |part: f64, whole: f64| (0.0..=whole).contains(&part) && whole.is_finite();
+        if among(self.nis, later.nis) && among(self.dof, later.dof) {
+            return Ok(());
+        }
+        let why = "its normalised innovations are impossible";
+        Err(EkfError::bad_snapshot(why))
     }
 
     /// NIS per degree of freedom; 1 before any update.

@@ -4,10 +4,12 @@
 
 use crate::error::EkfError;
 use crate::guard;
+use crate::math::numbers;
 use crate::math::pose::Pose;
 use crate::math::quat;
 use crate::predict::{Reading, TwistMatrix};
 use nalgebra::{Matrix6, SMatrix, Vector6};
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 /// Longest time that one sample tells of, seconds.
@@ -29,19 +31,21 @@ const LEAST_EIGENVALUE: f64 = 1e-9;
 const MOST: usize = 20_000;
 
 /// The mean twist over a time.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Sample {
     /// When that time begins and ends, seconds.
     pub(crate) from: f64,
     pub(crate) t: f64,
     /// `(v, w)` of the odometry's frame along its own axes, m/s and rad/s.
+    #[serde(with = "numbers")]
     pub(crate) twist: Vector6<f64>,
     /// Of it over that time.
+    #[serde(with = "numbers")]
     pub(crate) covariance: Matrix6<f64>,
 }
 
 /// The samples that wait for a frame, and where the camera sits.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Odometry {
     /// `T_BC`: maps points of C into the odometry's frame.
     pub(crate) t_bc: Pose,

@@ -2,18 +2,20 @@
 //! hardly known. That uncertainty is one motion of W for camera and map together, which no measurement sees; so it is kept
 //! beside the state, where it never meets a linearisation, and added to what is said of camera and landmarks.
 
+use crate::math::numbers;
 use crate::math::pose::Pose;
 use crate::math::quat;
 use crate::observe::point::CameraPose;
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector6};
+use serde::{Deserialize, Serialize};
 
 /// Chance that where a camera was found is wrong if prediction excludes it, and that it is not prediction which is wrong.
 const EITHER: f64 = 0.5;
 
 /// Covariance of the frame that the map is in, as a small motion `(translation, rotation)` of W, m^2 and rad^2; zero for
 /// the first map.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Placed(pub(crate) Matrix6<f64>);
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Placed(#[serde(with = "numbers")] pub(crate) Matrix6<f64>);
 
 impl Placed {
     /// That of a map that is certain seen from a camera whose pose has this covariance, right tangent.

@@ -3,42 +3,13 @@
 use super::ekf::Filter;
 use super::input::measurements::{Capture, Measurements};
 use super::input::sources::Scratch;
-use crate::camera::Camera;
 use crate::error::EkfError;
 use crate::guard;
-use crate::guard::{check_bias, check_once, check_pixels, check_pose};
+use crate::guard::{check_once, check_pixels};
 use crate::math::pose::Pose;
-use crate::state::Block;
 use nalgebra::Matrix6;
 
 impl Filter {
-    pub(super) fn check_started(&self) -> Result<(), EkfError> {
-        if self.started {
-            return Ok(());
-        }
-        Err(EkfError::InvalidInput {
-            what: "filter",
-            why: "it has not started; give it a worn camera's overlap, known points or undelayed \
-                  features first"
-                .into(),
-        })
-    }
-
-    pub(super) fn feature_block(&self, id: u64) -> Result<Block, EkfError> {
-        match self.state.layout.find(id) {
-            Some(block) if block.kind.is_feature() => Ok(*block),
-            _ => Err(EkfError::UnknownFeature { id }),
-        }
-    }
-
-    /// Whether there is a feature with this id.
-    pub(super) fn known(&self, id: u64) -> Result<(), EkfError> {
-        if self.outside.as_ref().is_some_and(|outside| outside.has(id)) {
-            return Ok(());
-        }
-        self.feature_block(id).map(|_| ())
-    }
-
     /// Whether a view of Cf can be measured; what is refused here is refused by [`Filter::update`].
     ///
     /// `covariance` is that of `t_cf`, 6x6, (translation, rotation), m^2 and rad^2, right tangent; `bias` the part of it
@@ -53,9 +24,7 @@ impl Filter {
         bias: Option<&Matrix6<f64>>,
         who: usize,
     ) -> Result<(), EkfError> {
-        self.worn_model(who)?;
-        check_pose(t_cf, covariance)?;
-        bias.map_or(Ok(()), |bias| check_bias(bias, covariance))
+        self.setup.check_worn(t_cf, covariance, bias, who)
     }
 
     /// Whether a depth with this standard deviation, metres, can be measured; what is refused here is refused by
@@ -65,17 +34,6 @@ impl Filter {
     /// `InvalidInput` or `NonFinite` if a number cannot be what it stands for.
     pub fn check_depth(depth: f64, sigma: f64) -> Result<(), EkfError> {
         guard::depth(depth, sigma)
-    }
-
-    pub(super) fn worn_model(&self, who: usize) -> Result<&Camera, EkfError> {
-        self.worn_cameras.get(who).ok_or_else(|| {
-            let why = match self.worn_cameras.len() {
-                0 => "the filter was made without a camera model of Cf; give one".into(),
-                n => format!("there is no worn camera {who}; the filter has {n}, numbered from 0"),
-            };
-            let what = "worn camera";
-            EkfError::InvalidInput { what, why }
-        })
     }
 
     pub(super) fn check_measurements(
@@ -106,7 +64,7 @@ impl Filter {
         let of_further = further().filter_map(|p| p.id);
         let searched = z.searched.iter().copied();
         for id in bearings().chain(others()).chain(of_further).chain(searched) {
-            self.known(id)?;
+            self.memory.known(id)?;
         }
         check_once("bearings", bearings(), &mut scratch.ids)?;
         check_once("worn pairs and depths", others(), &mut scratch.ids)?;
@@ -122,7 +80,7 @@ impl Filter {
         for worn in &z.further {
             let ids = worn.pairs.iter().filter_map(|p| p.id);
             check_once("worn pairs", ids, &mut scratch.ids)?;
-            if let (Some(capture), Some(frame)) = (worn.capture, self.time) {
+            if let (Some(capture), Some(frame)) = (worn.capture, self.memory.time) {
                 self.carried(&worn.t_cf, Capture { frame, ..capture }, worn.who)?;
             }
         }

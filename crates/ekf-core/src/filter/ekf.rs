@@ -1,61 +1,26 @@
 //! The filter itself: its parts, and what can be read from it at any time.
 
-use super::input::sources::Scratch;
-use super::memory::candidate::Candidate;
-use super::memory::handed::Handover;
-use super::memory::pose_ring::KeptPoses;
-use super::memory::record::FeatureRecord;
+use super::memory::Memory;
 use super::memory::undo::Undo;
-use super::memory::wheels::Wheels;
-use crate::batch::Workspace;
+use super::setup::Setup;
+use super::workspace::Workspace;
 use crate::camera::Camera;
 use crate::error::EkfError;
-use crate::gauge::Gauge;
-use crate::local::{Buffers, OutsideSet};
+use crate::guard;
+use crate::local::Buffers;
 use crate::math::quat;
-use crate::misfit::Misfit;
-use crate::odometry::Odometry;
-use crate::placed::Placed;
-use crate::settings::{Consistency, Settings};
-use crate::state::{BlockKind, CAMERA_DIM, Mark, State};
-use crate::{guard, validate};
+use crate::settings::Settings;
+use crate::state::{BlockKind, CAMERA_DIM, State};
 use nalgebra::{Matrix3, SMatrix, Vector3, Vector6};
-use std::collections::BTreeMap;
-use std::sync::OnceLock;
 
 /// An Extended Kalman Filter over one camera and its map. One filter serves one thread at a time.
 #[derive(Clone, Debug)]
 pub struct Filter {
-    pub(super) settings: Settings,
-    pub(super) camera: Camera,
-    pub(super) worn_cameras: Vec<Camera>,
-    pub(super) state: State,
-    pub(super) time: Option<f64>,
-    pub(super) started: bool,
-    pub(super) records: BTreeMap<u64, FeatureRecord>,
-    pub(super) candidates: BTreeMap<u64, Candidate>,
-    pub(super) next_candidate: u64,
-    /// Poses of the last second, for views of Cf that come late.
-    pub(super) kept_poses: KeptPoses,
-    pub(super) batch: Workspace,
-    pub(super) test: validate::Workspace,
-    pub(super) placed: Placed,
-    pub(super) handover: Handover,
-    pub(super) misfit: Misfit,
-    pub(super) odometry: Odometry,
-    pub(super) wheels: Wheels,
-    pub(super) gauge: Gauge,
-    pub(super) scratch: Scratch,
-    /// Room for the next list of features that the gauge follows.
-    pub(super) in_view: Vec<u64>,
-    /// What is outside of the working state `state`, in a large map.
-    pub(super) outside: Option<OutsideSet>,
-    /// Room for the next working set.
-    pub(super) buffers: Buffers,
-    /// The last checkpoint.
+    pub(super) setup: Setup,
+    pub(super) memory: Memory,
+    pub(super) workspace: Workspace,
+    /// What was remembered at the last checkpoint.
     pub(super) undo: Undo,
-    /// The whole state, if it was asked for since the last change.
-    pub(super) shown: OnceLock<Box<State>>,
 }
 
 /// Features for which there is room before the first one is born.
@@ -87,49 +52,43 @@ impl Filter {
                 .iter()
                 .for_each(|_| state.append_worn_clock(prior));
         }
+        Self::of(
+            Setup {
+                settings,
+                camera,
+                worn_cameras,
+            },
+            Memory {
+                state,
+                ..Memory::default()
+            },
+        )
+    }
+
+    pub(super) fn of(setup: Setup, memory: Memory) -> Self {
         Self {
-            state,
-            settings,
-            camera,
-            worn_cameras,
-            time: None,
-            started: false,
-            records: BTreeMap::new(),
-            candidates: BTreeMap::new(),
-            next_candidate: 0,
-            kept_poses: KeptPoses::default(),
-            batch: Workspace::default(),
-            test: validate::Workspace::default(),
-            placed: Placed::default(),
-            handover: Handover::default(),
-            misfit: Misfit::default(),
-            odometry: Odometry::default(),
-            wheels: Wheels::default(),
-            gauge: Gauge::default(),
-            scratch: Scratch::default(),
-            in_view: Vec::new(),
-            outside: None,
-            buffers: Buffers::default(),
+            setup,
+            memory,
+            workspace: Workspace::default(),
             undo: Undo::default(),
-            shown: OnceLock::new(),
         }
     }
 
     /// The settings in force.
     pub fn settings(&self) -> &Settings {
-        &self.settings
+        &self.setup.settings
     }
 
     /// The state: mean, layout, and the covariance that is told, what lasts of all errors included (METHOD 20). Put together
     /// when asked for, in O(n^2), in a large map, and where something lasts.
     pub fn state(&self) -> &State {
-        if self.outside.is_none() && self.state.error_modes().is_none() {
-            return &self.state;
+        if self.memory.outside.is_none() && self.memory.state.error_modes().is_none() {
+            return &self.memory.state;
         }
-        self.shown.get_or_init(|| {
-            let whole = match &self.outside {
-                Some(outside) => outside.assemble(&self.state, &mut Buffers::default()),
-                None => self.state.clone(),
+        self.workspace.shown.get_or_init(|| {
+            let whole = match &self.memory.outside {
+                Some(outside) => outside.assemble(&self.memory.state, &mut Buffers::default()),
+                None => self.memory.state.clone(),
             };
             Box::new(whole.into_told())
         })
@@ -137,7 +96,7 @@ impl Filter {
 
     /// Forgets the assembled whole state; to be called before the state changes.
     pub(super) fn changes(&mut self) {
-        self.shown.take();
+        self.workspace.shown.take();
     }
 
     /// Whether the filter is sound (METHOD 3): mean and P finite, quaternions of unit length, the least eigenvalue of the
@@ -149,7 +108,7 @@ impl Filter {
         let unsound = |why: String| EkfError::Unsound { why };
         let state = self.state();
         guard::state_is_sane(state).map_err(unsound)?;
-        guard::attitude_is_sane(&self.state).map_err(unsound)?;
+        guard::attitude_is_sane(&self.memory.state).map_err(unsound)?;
         let least = state.p.least_scaled_eigenvalue();
         if least.is_nan() || least < -guard::ROUNDING {
             let why = format!("the least eigenvalue of the scaled P is {least:e}");
@@ -160,86 +119,71 @@ impl Filter {
 
     /// `v_W`, m/s.
     pub fn velocity(&self) -> Vector3<f64> {
-        self.state.velocity()
+        self.memory.state.velocity()
     }
 
     /// `w_C`, rad/s.
     pub fn angular_velocity(&self) -> Vector3<f64> {
-        self.state.angular_velocity()
+        self.memory.state.angular_velocity()
     }
 
     /// Time of the last prediction, seconds.
     pub fn time(&self) -> Option<f64> {
-        self.time
+        self.memory.time
     }
 
     /// Whether there is a metric (or scale-free) start.
     pub fn started(&self) -> bool {
-        self.started
+        self.memory.started
     }
 
     /// Number of features in the map.
     pub fn map_size(&self) -> usize {
-        let outside = self.outside.as_ref().map_or(0, OutsideSet::len);
-        self.state.layout.features().count() + outside
+        self.memory.map_size()
     }
 
     /// Ids of the features, in order.
     pub fn feature_ids(&self) -> impl Iterator<Item = u64> {
-        self.records.keys().copied()
+        self.memory.records.keys().copied()
     }
 
     /// Number of candidates that wait for parallax.
     pub fn candidate_count(&self) -> usize {
-        self.candidates.len()
+        self.memory.candidates.len()
     }
 
     /// T_WC as rotation matrix and position.
     pub fn pose(&self) -> (Matrix3<f64>, Vector3<f64>) {
-        let pose = self.state.camera_pose();
+        let pose = self.memory.state.camera_pose();
         (quat::rotation(&pose.q), pose.r)
     }
 
     /// 6x6 covariance of the pose, (translation, rotation), right tangent: the state's, and that of the map's place in W.
     pub fn pose_covariance(&self) -> SMatrix<f64, 6, 6> {
-        let pose = self.state.camera_pose();
-        self.state.told().pose_covariance() + self.placed.of_pose(&pose)
-    }
-
-    /// Whether P moves with the directions that no camera can see.
-    pub(super) fn carries(&self) -> bool {
-        self.settings.estimator.consistency == Consistency::Gauge
+        let pose = self.memory.state.camera_pose();
+        self.memory.state.told().pose_covariance() + self.memory.placed.of_pose(&pose)
     }
 
     /// Features that the gauge transport follows: those in view, and those that were in view and are still close to it,
     /// increasing.
     pub fn followed(&self) -> &[u64] {
-        self.gauge.followed()
+        self.memory.followed.ids()
     }
 
     /// Gives the camera its uncertain velocity at the start.
     pub(super) fn start(&mut self) {
-        let process = &self.settings.process;
+        let process = &self.setup.settings.process;
         for i in 0..3 {
-            self.state
+            self.memory
+                .state
                 .p
                 .set(7 + i, 7 + i, process.start_velocity_sd.powi(2));
-            self.state
+            self.memory
+                .state
                 .p
                 .set(10 + i, 10 + i, process.start_angular_velocity_sd.powi(2));
         }
-        self.started = true;
-        self.handover.last = None;
-    }
-
-    /// Takes away what was appended since `mark`.
-    pub(super) fn take_back(&mut self, mark: &Mark) {
-        self.state.take_back(mark);
-        self.gauge.forget_from(self.state.layout.next_id());
-        let (state, outside) = (&self.state, &self.outside);
-        self.records.retain(|&id, _| {
-            state.layout.find(id).is_some()
-                || outside.as_ref().is_some_and(|outside| outside.has(id))
-        });
+        self.memory.started = true;
+        self.memory.handover.last = None;
     }
 }

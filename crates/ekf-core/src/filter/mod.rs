@@ -5,7 +5,8 @@
 //!            -> observe_candidates() -> manage_map() -> add_candidates() / add_undelayed()
 //! ```
 //!
-//! [`Filter`] is one struct; each folder beside this file holds the calls of one subject.
+//! [`Filter`] is three values: what never changes (`setup`), what it remembers (`memory`), and buffers (`workspace`). Each
+//! folder beside this file holds the calls of one subject.
 
 mod births;
 mod checks;
@@ -15,7 +16,9 @@ mod map;
 mod memory;
 mod persist;
 mod predict;
+mod setup;
 mod update;
+mod workspace;
 mod worn;
 
 pub use ekf::Filter;

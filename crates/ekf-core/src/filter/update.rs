@@ -37,9 +37,9 @@ impl Filter {
         report: &mut UpdateReport,
     ) -> Result<(), EkfError> {
         // The lists go back whatever happens.
-        let mut scratch = std::mem::take(&mut self.scratch);
+        let mut scratch = std::mem::take(&mut self.workspace.scratch);
         let done = self.update_with(z, report, &mut scratch);
-        self.scratch = scratch;
+        self.workspace.scratch = scratch;
         done
     }
 
@@ -67,10 +67,10 @@ impl Filter {
     /// Whether a frame's view is measured after what Cs found, instead of together with it: it hangs on the velocity where the
     /// clock is uncertain, and the frame's own pixels tell that better than its prediction, which lags behind it.
     fn is_measured_apart(&self, z: &Measurements) -> bool {
-        let clock = |who| self.state.worn_clock_block(who).is_some();
+        let clock = |who| self.memory.state.worn_clock_block(who).is_some();
         let tight = self.worn_form(z, false) == WornForm::Tight;
         let by_clock = z.worn.as_ref().is_some_and(|worn| clock(worn.who));
-        self.started && by_clock && tight && !z.bearings.is_empty()
+        self.memory.started && by_clock && tight && !z.bearings.is_empty()
     }
 
     /// The update with what Cs found, and then with one view after the other.
@@ -108,7 +108,7 @@ impl Filter {
         let pairs = z.pairs().iter().chain(further);
         let out_of_view = self.follow_too(pairs.filter_map(|pair| pair.id));
         let done = self.measure_all(z, carried, report, scratch);
-        self.gauge.unfollow(&out_of_view);
+        self.memory.followed.remove(&out_of_view);
         if done? {
             self.choose_working_set(&z.searched);
         }
@@ -131,16 +131,16 @@ impl Filter {
         self.settle_odometry();
         self.measure_further(z, &mut used, report, scratch);
         let mut views = z.worn.iter().chain(&z.further);
-        report.worn_error = views
-            .next()
-            .map_or(Vector6::zeros(), |worn| self.state.worn_error(worn.who));
-        if self.started {
+        report.worn_error = views.next().map_or(Vector6::zeros(), |worn| {
+            self.memory.state.worn_error(worn.who)
+        });
+        if self.memory.started {
             let poses = used
                 .iter()
                 .map(|(who, t_cf)| self.measured_worn_pose(*who, t_cf));
             report.worn_poses.extend(poses);
         }
-        self.state.end_worn_errors();
+        self.memory.state.end_worn_errors();
         Ok(true)
     }
 
@@ -154,11 +154,11 @@ impl Filter {
         report: &mut UpdateReport,
         scratch: &mut Scratch,
     ) -> Result<bool, EkfError> {
-        let mark = self.state.mark();
+        let mark = self.memory.state.mark();
         let form = self.worn_form(z, !used.is_empty());
         let worn = z.worn.as_ref().filter(|_| form != WornForm::Unused);
         if let Some(worn) = worn
-            && (self.settings.worn.errors == WornErrors::Shared
+            && (self.setup.settings.worn.errors == WornErrors::Shared
                 || carried.is_some()
                 || !used.is_empty())
         {
@@ -179,7 +179,7 @@ impl Filter {
         let measured = self.measure(z, form, &newborn, &Self::TESTS, report, scratch);
         if !matches!(measured, Ok(true)) {
             // Only blocks at the end were added.
-            self.take_back(&mark);
+            self.memory.take_back(&mark);
             return measured;
         }
         if let (Some(worn), Some(carried), Some(before)) = (worn, carried, &before) {
@@ -195,7 +195,7 @@ impl Filter {
             used.push((worn.who, worn.t_cf.clone()));
         }
         if let Some((worn, capture)) = z.worn.as_ref().and_then(|w| Some((w, w.capture?))) {
-            self.kept_poses.remember(worn.who, capture.t);
+            self.memory.kept_poses.remember(worn.who, capture.t);
         }
         self.finish(z, report);
         Ok(true)
@@ -206,14 +206,16 @@ impl Filter {
         let Some(worn) = &z.worn else {
             return WornForm::Unused;
         };
-        let shared = self.settings.worn.errors == WornErrors::Shared;
-        let earlier = worn.capture.is_some_and(|c| self.time != Some(c.frame));
-        match self.settings.estimator.mode {
+        let shared = self.setup.settings.worn.errors == WornErrors::Shared;
+        let earlier = worn
+            .capture
+            .is_some_and(|c| self.memory.time != Some(c.frame));
+        match self.setup.settings.estimator.mode {
             // The pixels in Cs of an earlier frame were measured then, and those of this frame with the first view.
             mode if (earlier || again) && mode.uses_worn() => WornForm::Tight,
             // All modes start alike, from the best that the first overlap gives.
-            _ if !self.started && shared => WornForm::Tight,
-            _ if !self.started => WornForm::BirthsOnly,
+            _ if !self.memory.started && shared => WornForm::Tight,
+            _ if !self.memory.started => WornForm::BirthsOnly,
             Mode::Mono | Mode::MonoUndelayed => WornForm::Unused,
             Mode::CollabInit => WornForm::BirthsOnly,
             Mode::CollabTight if shared => WornForm::Tight,
@@ -236,19 +238,19 @@ impl Filter {
         refill(&mut scratch.demoted, false, blocks);
         for last in [false, false, true] {
             self.collect_blocks(z, form, newborn, report, scratch);
-            self.batch.build(&self.state);
+            self.workspace.batch.build(&self.memory.state);
             let mut again = false;
             for test in tests {
                 let outcome = test(self, report, &mut scratch.gone);
                 again |= scratch.record(outcome, report);
                 scratch.leave_out();
-                self.batch.leave_out(&scratch.gone);
+                self.workspace.batch.leave_out(&scratch.gone);
                 // Asked after each test, so that a hopeless frame never reaches the costly ones.
                 if report.inlier_count() < z.min_inliers {
                     return Ok(false);
                 }
                 if outcome == Outcome::RejectedGate || !scratch.gone.is_empty() {
-                    self.batch.factor()?;
+                    self.workspace.batch.factor()?;
                 }
             }
             if last || !again {
@@ -258,33 +260,40 @@ impl Filter {
         if form == WornForm::Tight {
             self.linearise_at_told_error(z, scratch)?;
         }
-        report.nis = self.batch.nis();
-        report.dof = self.batch.rows();
-        let carries = self.carries() && report.dof > 0;
-        self.batch
-            .solve(&self.state, carries.then_some(&mut self.gauge))?;
+        report.nis = self.workspace.batch.nis();
+        report.dof = self.workspace.batch.rows();
+        let carries = self.setup.carries() && report.dof > 0;
+        let followed = self.memory.followed.ids();
+        let gauge = carries.then_some((&mut self.workspace.gauge, followed));
+        self.workspace.batch.solve(&self.memory.state, gauge)?;
+        if report.dof > 0 {
+            self.memory.moved_by = self.workspace.batch.moved_by();
+        }
         let scales = self.considered_scales();
-        let gauge = carries.then_some(&mut self.gauge);
-        self.batch.apply(&mut self.state, gauge, &scratch.learned);
+        let followed = self.memory.followed.ids();
+        let gauge = carries.then_some((&mut self.workspace.gauge, followed));
+        self.workspace
+            .batch
+            .apply(&mut self.memory.state, gauge, &scratch.learned);
         self.keep_scales(scales);
-        self.misfit.add(report.nis, report.dof);
-        self.state.normalise_quaternions();
+        self.memory.misfit.add(report.nis, report.dof);
+        self.memory.state.normalise_quaternions();
         if carries {
-            self.gauge.mark_carried(&mut self.state);
+            self.workspace.gauge.mark_carried(&mut self.memory.state);
         }
         Ok(true)
     }
 
     pub(super) fn finish(&mut self, z: &Measurements, report: &mut UpdateReport) {
-        let now = self.time.unwrap_or(0.0);
+        let now = self.memory.time.unwrap_or(0.0);
         for id in &z.searched {
-            if let Some(record) = self.records.get_mut(id) {
+            if let Some(record) = self.memory.records.get_mut(id) {
                 record.searched += 1;
             }
         }
         let found = z.bearings.iter().zip(report.inliers());
         for (bearing, _) in found.filter(|(_, accepted)| *accepted) {
-            if let Some(record) = self.records.get_mut(&bearing.id) {
+            if let Some(record) = self.memory.records.get_mut(&bearing.id) {
                 record.found += 1;
                 record.last_found = now;
             }
@@ -292,23 +301,23 @@ impl Filter {
         // What Cf alone sees is in use, too.
         let pairs = z.pairs().iter().zip(&report.pairs);
         for (pair, _) in pairs.filter(|(pair, is)| pair.uv.is_none() && is.is_accepted()) {
-            if let Some(record) = pair.id.and_then(|id| self.records.get_mut(&id)) {
+            if let Some(record) = pair.id.and_then(|id| self.memory.records.get_mut(&id)) {
                 record.last_found = now;
             }
         }
-        if self.started {
+        if self.memory.started {
             return;
         }
         let outcomes = report.pairs.iter_mut().chain(&mut report.depths);
         let born: Vec<&mut Outcome> = outcomes.filter(|o| matches!(o, Outcome::Born(_))).collect();
-        if born.len() >= self.settings.worn.start_births {
+        if born.len() >= self.setup.settings.worn.start_births {
             self.start();
         } else {
             for outcome in born {
                 *outcome = Outcome::TooUncertain;
             }
-            self.state.remove(|b| b.kind.is_feature());
-            self.records.clear();
+            self.memory.state.remove(|b| b.kind.is_feature());
+            self.memory.records.clear();
         }
     }
 
@@ -329,8 +338,8 @@ impl Filter {
             z.pairs().len() + z.depths.len(),
         );
         self.collect_blocks(z, WornForm::Unused, &[], &mut report, &mut scratch);
-        self.batch.build(&self.state);
-        self.batch.factor()?;
-        Ok(&self.batch)
+        self.workspace.batch.build(&self.memory.state);
+        self.workspace.batch.factor()?;
+        Ok(&self.workspace.batch)
     }
 }

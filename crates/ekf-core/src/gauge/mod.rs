@@ -30,11 +30,9 @@ use directions::SCALE;
 use nalgebra::SMatrix;
 use std::ops::Range;
 
-/// The features that P is carried along with, and buffers that only grow.
+/// Buffers that only grow.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Gauge {
-    /// Increasing.
-    followed: Vec<u64>,
     from: Vec<f64>,
     to: Vec<f64>,
     coordinates: Vec<f64>,
@@ -52,57 +50,10 @@ pub(crate) struct Gauge {
 }
 
 impl Gauge {
-    /// Features that P is carried along with, increasing.
-    pub(crate) fn followed(&self) -> &[u64] {
-        &self.followed
-    }
-
-    pub(crate) fn follows(&self, id: u64) -> bool {
-        self.followed.binary_search(&id).is_ok()
-    }
-
-    /// A feature is born.
-    pub(crate) fn follow(&mut self, id: u64) {
-        self.followed.push(id);
-    }
-
-    /// These are not followed any more.
-    pub(crate) fn unfollow(&mut self, ids: &[u64]) {
-        self.followed.retain(|id| !ids.contains(id));
-    }
-
-    /// Features that were born with this id or a later one were taken back.
-    pub(crate) fn forget_from(&mut self, id: u64) {
-        let kept = self.followed.partition_point(|&other| other < id);
-        self.followed.truncate(kept);
-    }
-
-    /// Follows these features, increasing, and no others.
-    pub(crate) fn follow_all(&mut self, ids: &[u64]) {
-        self.followed.clear();
-        self.followed.extend_from_slice(ids);
-    }
-
-    /// Follows what another filter's gauge followed, increasing.
-    pub(crate) fn following(followed: Vec<u64>) -> Self {
-        Self {
-            followed,
-            ..Self::default()
-        }
-    }
-
-    /// Exchanges the list of those that are followed, increasing.
-    pub(crate) fn swap_followed(&mut self, list: &mut Vec<u64>) {
-        std::mem::swap(&mut self.followed, list);
-    }
-
-    /// Works out `B` and `P B` at the reference mean, where the followed rows of P have their direction.
-    pub(crate) fn prepare(&mut self, state: &State) {
-        let Self {
-            followed,
-            coordinates: b,
-            ..
-        } = self;
+    /// Works out `B` and `P B` at the reference mean, where the rows of P that follow, those of the features `followed` among
+    /// them, have their direction.
+    pub(crate) fn prepare(&mut self, state: &State, followed: &[u64]) {
+        let b = &mut self.coordinates;
         coordinates(&state.reference, &state.layout, &state.p, followed, b);
         let (stored, rows) = (state.p.stored(), state.x.len());
         refill(&mut self.stored, stored.n * GAUGES);
@@ -182,7 +133,12 @@ impl Gauge {
 
     /// What carries P from the reference to the present mean, as `-(T P T^T - P)`; `taken` is what has changed of
     /// the prepared `P B` since. Before quaternions are normalised.
-    pub(crate) fn change(&mut self, state: &State, taken: Option<&[f64]>) -> &Product {
+    pub(crate) fn change(
+        &mut self,
+        state: &State,
+        followed: &[u64],
+        taken: Option<&[f64]>,
+    ) -> &Product {
         let n = state.p.stored().n;
         for (along, taken) in self.along.iter_mut().zip(taken.unwrap_or(&[])) {
             *along -= taken;
@@ -191,7 +147,7 @@ impl Gauge {
             let (c, p) = (column(&self.stored, n, a), column(&self.along, n, b));
             c.iter().zip(p).map(|(c, p)| c * p).sum()
         });
-        self.gather(state);
+        self.gather(state, followed);
         // With D = N(x+) - N(x) and A = P B + D (B^T P B) / 2 it is P + D A^T + A D^T = P - [D A] [-A -D]^T.
         for a in 0..GAUGES {
             for b in 0..GAUGES {
@@ -216,14 +172,14 @@ impl Gauge {
     }
 
     /// `stored = D` of the rows that follow, a row that several features share being moved once.
-    fn gather(&mut self, state: &State) {
+    fn gather(&mut self, state: &State, followed: &[u64]) {
         directions(&state.reference, &state.layout, &mut self.from);
         directions(&state.x, &state.layout, &mut self.to);
         let (n, rows) = (state.p.stored().n, state.x.len());
         self.stored.fill(0.0);
         self.carried.clear();
         self.carried.resize(n, false);
-        let blocks = carried_blocks(&state.layout, &self.followed);
+        let blocks = carried_blocks(&state.layout, followed);
         for i in (0..CAMERA_DIM).chain(blocks.flat_map(Block::range)) {
             let slot = state.p.stored().slots[i];
             self.carried[slot] = true;
@@ -333,8 +289,8 @@ mod tests {
         &t * state.p.to_dense() * t.transpose()
     }
 
-    fn carry(gauge: &mut Gauge, state: &mut State) {
-        let change = gauge.change(state, None);
+    fn carry(gauge: &mut Gauge, state: &mut State, followed: &[u64]) {
+        let change = gauge.change(state, followed, None);
         state.p.downdate(&Panels::default(), Some(change));
         gauge.mark_carried(state);
     }
@@ -343,10 +299,8 @@ mod tests {
     fn what_is_out_of_view_is_carried_when_it_comes_back() {
         let (mut state, [first, second, third]) = state();
         let mut gauge = Gauge::default();
-        gauge.follow(first.id);
-        gauge.follow(second.id);
         let followed = [first.id, second.id];
-        gauge.prepare(&state);
+        gauge.prepare(&state, &followed);
         let b = &gauge.coordinates[3 * state.x.len()..];
         assert!(b.iter().any(|&b| b != 0.0), "depths are good enough");
         for i in 0..state.x.len() {
@@ -359,7 +313,7 @@ mod tests {
         let own = third.offset + 3..third.offset + 6;
         let expected = carried(&state, &followed, |i| !own.contains(&i));
         let before = state.p.to_dense();
-        carry(&mut gauge, &mut state);
+        carry(&mut gauge, &mut state, &followed);
         let off = (state.p.to_dense() - &expected).abs().max();
         assert!(off < 1e-14, "{off:e}");
         assert!((&expected - before).abs().max() > 1e-5, "it does something");
@@ -373,11 +327,11 @@ mod tests {
             assert_eq!(at, is, "row {i}");
         }
         // Back in view: its own three rows move, nothing else.
-        gauge.prepare(&state);
+        gauge.prepare(&state, &followed);
         let expected = carried(&state, &followed, |i| own.contains(&i));
         let before = state.p.to_dense();
-        gauge.follow(third.id);
-        carry(&mut gauge, &mut state);
+        let followed = [first.id, second.id, third.id];
+        carry(&mut gauge, &mut state, &followed);
         let off = (state.p.to_dense() - &expected).abs().max();
         assert!(off < 1e-14, "{off:e}");
         assert!((&expected - before).abs().max() > 1e-5, "it does something");

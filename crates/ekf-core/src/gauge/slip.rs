@@ -21,12 +21,13 @@ pub(crate) struct Slip {
 }
 
 impl Gauge {
-    /// Adds the covariance of a slip of the camera, its clones and the followed features that were born with the id `free`
+    /// Adds the covariance of a slip of the camera, its clones and the features `followed` that were born with the id `free`
     /// or a later one, O(n^2); where a submap began is out of view. What they are to each other is as certain as before.
     pub(crate) fn slip(
         &mut self,
         state: &mut State,
         slip: &Slip,
+        followed: &[u64],
         free: u64,
         outside: impl FnOnce(&State, &Block) -> DMatrix<f64>,
     ) {
@@ -38,7 +39,7 @@ impl Gauge {
             BlockKind::Submap(_) => false,
             _ => true,
         };
-        let blocks = carried_blocks(&state.layout, &self.followed).filter(|b| moved(b));
+        let blocks = carried_blocks(&state.layout, followed).filter(|b| moved(b));
         let carried: Vec<&Block> = blocks.collect();
         for block in &carried {
             for k in 0..3 {

@@ -2,6 +2,7 @@
 
 pub mod between;
 pub mod inverse_depth;
+pub(crate) mod numbers;
 pub mod pose;
 pub mod quat;
 

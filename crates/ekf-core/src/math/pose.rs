@@ -2,18 +2,22 @@
 //!
 //! The two halves act separately: `(R, t) Exp(v, w) = (R Exp(w), t + R v)`.
 
+use super::numbers;
 use super::quat::{self, Quat};
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector6};
+use serde::{Deserialize, Serialize};
 
 /// 6x7 map from an increment of `(r, q)` to the right tangent `(v, w)`.
 pub type TangentMap = SMatrix<f64, 6, 7>;
 
 /// A rigid transform `p -> rotation p + translation`, metres.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Pose {
     /// Rotation matrix.
+    #[serde(with = "numbers")]
     pub rotation: Matrix3<f64>,
     /// Translation, metres.
+    #[serde(with = "numbers")]
     pub translation: Vector3<f64>,
 }
 

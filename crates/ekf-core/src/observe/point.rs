@@ -1,18 +1,21 @@
 //! The point of a feature seen from the camera (METHOD 4, Eq. 5 and 7), and derivatives.
 
 use super::feature::FeatureState;
-use crate::math::quat;
+use crate::math::{numbers, quat};
 use nalgebra::{SMatrix, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// Numbers of a pose `[r(3) q(4)]` in the state.
 pub const POSE_DIM: usize = 7;
 
 /// Camera pose as the state holds it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CameraPose {
     /// `r_WC`, metres.
+    #[serde(with = "numbers")]
     pub r: Vector3<f64>,
     /// `q_WC`.
+    #[serde(with = "numbers")]
     pub q: quat::Quat,
 }
 

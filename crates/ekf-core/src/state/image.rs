@@ -1,7 +1,6 @@
 //! A state in a snapshot. P keeps its slots: which rows are stored once decides the order of sums, hence the bits.
 
-use super::{Block, BlockKind, CAMERA_DIM, Covariance, Lasting, LastingImage, Layout, State};
-use super::{ToldImage, ToldOfClock};
+use super::{Block, BlockKind, CAMERA_DIM, Covariance, Lasting, Layout, State, ToldOfClock};
 use crate::error::EkfError;
 use crate::observe::Form;
 use serde::{Deserialize, Serialize};
@@ -12,8 +11,8 @@ pub(crate) struct StateImage {
     reference: Vec<f64>,
     blocks: Vec<(u64, BlockKind)>,
     next_id: u64,
-    lasting: Vec<LastingImage>,
-    clocks: Vec<ToldImage>,
+    lasting: Vec<Lasting>,
+    clocks: Vec<ToldOfClock>,
     newborn: Option<u64>,
     /// Where each row of P is stored.
     slots: Vec<usize>,
@@ -55,8 +54,8 @@ impl State {
             reference: reference.clone(),
             blocks: layout.blocks().iter().map(|b| (b.id, b.kind)).collect(),
             next_id: layout.next_id(),
-            lasting: lasting.iter().map(Lasting::image).collect(),
-            clocks: clocks.iter().map(ToldOfClock::image).collect(),
+            lasting: lasting.clone(),
+            clocks: clocks.clone(),
             newborn: *newborn,
             slots: stored.slots.to_vec(),
             triangle,
@@ -81,16 +80,12 @@ impl State {
                 "its mean and covariance differ in size",
             ));
         }
-        let means = mean.iter().chain(reference);
-        let mut numbers = means.chain(triangle);
-        let lasting: Option<Vec<_>> = lasting.iter().map(Lasting::from_image).collect();
-        let clocks: Option<Vec<_>> = clocks.iter().map(ToldOfClock::from_image).collect();
-        let sane = numbers.all(|v| v.is_finite());
-        let Some((lasting, clocks)) = lasting.zip(clocks).filter(|_| sane) else {
-            return Err(EkfError::bad_snapshot(
-                "a number of its state is not finite, or missing",
-            ));
-        };
+        let numbers = mean.iter().chain(reference).chain(triangle);
+        let told = clocks.iter().map(|clock| &clock.information);
+        if !numbers.chain(told).all(|v| v.is_finite()) {
+            let why = "a number of its state is not finite";
+            return Err(EkfError::bad_snapshot(why));
+        }
         let mut p = Covariance::of_stored(rows, rows + 64, None);
         let mut entries = triangle.iter();
         for j in 0..rows {
@@ -103,8 +98,8 @@ impl State {
             reference: reference[..CAMERA_DIM].to_vec(),
             p,
             layout: Layout::default(),
-            lasting,
-            clocks,
+            lasting: lasting.clone(),
+            clocks: clocks.clone(),
             newborn: *newborn,
         };
         let mut ids = std::collections::BTreeSet::new();

@@ -1,18 +1,19 @@
 //! What lasts of the errors of the worn cameras' poses (METHOD 6), and the errors of one frame.
 
 use super::{Block, BlockKind, State, Whose};
+use crate::math::numbers;
 use nalgebra::{Matrix6, SMatrix, Vector6};
-
-/// A lasting error in a snapshot: whose it is, and both matrices, column by column.
-pub(crate) type LastingImage = (Whose, Vec<f64>, Vec<f64>);
+use serde::{Deserialize, Serialize};
 
 /// How the lasting error of one worn camera, or what all have in common of theirs, comes about. Both are along C's axes:
 /// that of a worn camera is `b + by_common c`, b its own block and c the common one.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Lasting {
     pub(crate) whose: Whose,
     /// Covariance of the block that has been replaced altogether by fresh noise.
+    #[serde(with = "numbers")]
     pub(crate) stationary: Matrix6<f64>,
+    #[serde(with = "numbers")]
     pub(crate) by_common: Matrix6<f64>,
 }
 
@@ -38,26 +39,6 @@ impl Lasting {
             stationary: covariance * (1.0 - share),
             by_common: common,
         }
-    }
-
-    /// Its numbers, for a snapshot.
-    pub(crate) fn image(&self) -> LastingImage {
-        let [stationary, by_common] =
-            [&self.stationary, &self.by_common].map(|m| m.as_slice().to_vec());
-        (self.whose, stationary, by_common)
-    }
-
-    /// As `image` has it; `None` if that is none.
-    pub(crate) fn from_image((whose, stationary, by_common): &LastingImage) -> Option<Self> {
-        let matrix = |numbers: &[f64]| {
-            let sane = numbers.len() == 36 && numbers.iter().all(|v| v.is_finite());
-            sane.then(|| Matrix6::from_column_slice(numbers))
-        };
-        Some(Self {
-            whose: *whose,
-            stationary: matrix(stationary)?,
-            by_common: matrix(by_common)?,
-        })
     }
 }
 

@@ -18,9 +18,9 @@ pub(crate) use considered::{Considered, Learned};
 pub(crate) use cov::Rest;
 pub use cov::{Covariance, LinearPart};
 pub(crate) use image::StateImage;
-pub(crate) use lasting::{Lasting, LastingImage, root};
+pub(crate) use lasting::{Lasting, root};
 pub use layout::{Block, BlockKind, CAMERA_DIM, Layout, Whose, handed_on_dim};
-pub(crate) use worn_clock::{ToldImage, ToldOfClock};
+pub(crate) use worn_clock::ToldOfClock;
 
 use crate::math::quat;
 use crate::observe::point::CameraPose;
@@ -57,6 +57,12 @@ pub(crate) struct Mark {
     next_id: u64,
     lasting: usize,
     newborn: Option<u64>,
+}
+
+impl Default for State {
+    fn default() -> Self {
+        Self::at_origin(0)
+    }
 }
 
 impl State {

@@ -1,21 +1,22 @@
 //! The worn cameras' clocks in the state, and what the views so far tell of each (METHOD 21, 26).
 
 use super::{Block, BlockKind, State};
+use crate::math::numbers;
 use nalgebra::{Matrix6, SMatrix, Vector6};
-
-/// What is told of a clock in a snapshot: mean, weight column by column, and information.
-pub(crate) type ToldImage = (Vec<f64>, Vec<f64>, f64);
+use serde::{Deserialize, Serialize};
 
 /// Information with which the mean begins, 1/m^2 and 1/rad^2: none to speak of, so that it can be solved for.
 const NO_WEIGHT: f64 = 1e-6;
 
 /// What the views of a worn camera tell of its clock whatever else, that lasts, is wrong with its T_CF (METHOD 26): only that by
 /// which T_CF is off for each second changes from view to view.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct ToldOfClock {
     /// Mean over the views of what T_CF is off by for each second of the clock, along C's axes, m/s and rad/s.
+    #[serde(with = "numbers")]
     pub(crate) mean: Vector6<f64>,
     /// Information of all views about a lasting error of T_CF.
+    #[serde(with = "numbers")]
     weight: Matrix6<f64>,
     /// Information about the clock, 1/s^2.
     pub(crate) information: f64,
@@ -59,23 +60,6 @@ impl ToldOfClock {
         let share = share * share;
         self.weight = self.weight * share + Matrix6::identity() * (NO_WEIGHT * (1.0 - share));
         self.information *= share;
-    }
-
-    /// Its numbers, for a snapshot.
-    pub(crate) fn image(&self) -> ToldImage {
-        let mean = self.mean.as_slice().to_vec();
-        (mean, self.weight.as_slice().to_vec(), self.information)
-    }
-
-    /// As `image` has it; `None` if that is none.
-    pub(crate) fn from_image((mean, weight, information): &ToldImage) -> Option<Self> {
-        let numbers = || mean.iter().chain(weight).chain([information]);
-        let sane = mean.len() == 6 && weight.len() == 36 && numbers().all(|v| v.is_finite());
-        sane.then(|| Self {
-            mean: Vector6::from_column_slice(mean),
-            weight: Matrix6::from_column_slice(weight),
-            information: *information,
-        })
     }
 }
 

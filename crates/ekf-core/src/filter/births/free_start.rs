@@ -29,25 +29,25 @@ impl Filter {
         views: &[Vec<Vector2<f64>>],
     ) -> Result<Vec<Option<u64>>, EkfError> {
         let count = self.check_views(times, views)?;
-        let birth = &self.settings.birth;
-        let sigma = self.settings.pixel.sigma_cs;
+        let birth = &self.setup.settings.birth;
+        let sigma = self.setup.settings.pixel.sigma_cs;
         let wanted = (
             birth.undelayed_rho,
             birth.max_rho_ratio,
-            self.settings.lost.min_matches,
+            self.setup.settings.lost.min_matches,
         );
         let mut ids = vec![None; count];
-        let Some(found) = Structure::of(&self.camera, views, sigma, wanted) else {
+        let Some(found) = Structure::of(&self.setup.camera, views, sigma, wanted) else {
             return Ok(ids);
         };
         self.changes();
-        let origin = self.state.camera_pose();
+        let origin = self.memory.state.camera_pose();
         let mut born = Vec::with_capacity(found.points.len());
         for (k, (&track, y)) in found.tracks.iter().zip(&found.points).enumerate() {
             let at = POSES + 3 * k;
             let own = found.covariance.fixed_view::<3, 3>(at, at).into_owned();
             let block = NewFeature::with_prior_depth(
-                &self.camera,
+                &self.setup.camera,
                 &origin,
                 &views[0][track],
                 sigma,
@@ -80,15 +80,16 @@ impl Filter {
         };
         let velocity = (last.translation - before.translation) / dt;
         let turn = quat::rotation_log(&(before.rotation.transpose() * last.rotation)) / dt;
-        self.state.set_part(0, &pose.r);
-        self.state.set_part(3, &pose.q);
-        self.state.set_part(7, &velocity);
-        self.state.set_part(10, &turn);
-        self.state.reference[..CAMERA_DIM].copy_from_slice(&self.state.x[..CAMERA_DIM]);
+        self.memory.state.set_part(0, &pose.r);
+        self.memory.state.set_part(3, &pose.q);
+        self.memory.state.set_part(7, &velocity);
+        self.memory.state.set_part(10, &turn);
+        self.memory.state.reference[..CAMERA_DIM]
+            .copy_from_slice(&self.memory.state.x[..CAMERA_DIM]);
         let by_poses = by_poses(&pose, last, before, dt);
         let whole = &found.covariance;
         let own = by_poses * whole.fixed_view::<POSES, POSES>(0, 0) * by_poses.transpose();
-        let process = &self.settings.process;
+        let process = &self.setup.settings.process;
         let drift = [
             process.acceleration_density,
             process.angular_acceleration_density,
@@ -101,26 +102,29 @@ impl Filter {
                 } else {
                     0.0
                 };
-                self.state.p.set(i, j, own[(i, j)] + white);
+                self.memory.state.p.set(i, j, own[(i, j)] + white);
             }
         }
         for (a, &(row, at)) in born.iter().enumerate() {
             let cross = by_poses * whole.fixed_view::<POSES, 3>(0, at);
             for j in 0..3 {
                 for i in 0..CAMERA_DIM {
-                    self.state.p.set(i, row + j, cross[(i, j)]);
+                    self.memory.state.p.set(i, row + j, cross[(i, j)]);
                 }
             }
             for &(other_row, other_at) in &born[..a] {
                 for (i, j) in (0..3).flat_map(|i| (0..3).map(move |j| (i, j))) {
                     // They share the calibration's error already.
-                    let shared = self.state.p.get(row + i, other_row + j);
+                    let shared = self.memory.state.p.get(row + i, other_row + j);
                     let own = whole[(at + i, other_at + j)];
-                    self.state.p.set(row + i, other_row + j, shared + own);
+                    self.memory
+                        .state
+                        .p
+                        .set(row + i, other_row + j, shared + own);
                 }
             }
         }
-        self.state.camera_moved();
+        self.memory.state.camera_moved();
     }
 
     fn check_views(&self, times: &[f64], views: &[Vec<Vector2<f64>>]) -> Result<usize, EkfError> {
@@ -130,7 +134,7 @@ impl Filter {
                 why: why.into(),
             })
         };
-        if self.started || self.map_size() > 0 {
+        if self.memory.started || self.map_size() > 0 {
             return invalid("start", "the filter has started already; make a new one");
         }
         let count = views.first().map_or(0, Vec::len);

@@ -29,9 +29,9 @@ impl Filter {
         // The frame that the pairs are of, whose pose is a clone if it is an earlier one.
         let frame = worn
             .capture
-            .and_then(|c| self.offset_of_frame(c.frame).ok());
+            .and_then(|c| self.memory.offset_of_frame(c.frame).ok());
         let frame = frame.unwrap_or(0);
-        let pose = self.state.pose_at(frame);
+        let pose = self.memory.state.pose_at(frame);
         let beside = WornObservation {
             t_cf: self.seen_from(&pose, &worn.t_cf),
             pairs: Vec::new(),
@@ -39,9 +39,9 @@ impl Filter {
         };
         if frame > 0 {
             // Only features of one view share an anchor.
-            self.state.camera_moved();
+            self.memory.state.camera_moved();
         }
-        let sigma = self.settings.pixel.sigma_cs;
+        let sigma = self.setup.settings.pixel.sigma_cs;
         let mut newborn = Vec::new();
         for (i, pair) in worn.pairs.iter().enumerate() {
             let (None, Some(uv)) = (pair.id, pair.uv) else {
@@ -49,7 +49,7 @@ impl Filter {
             };
             let new = self.intersect(&beside, &uv, &pair.uv_f).and_then(|view| {
                 let sd = TIGHT_RHO_RATIO * view.rho;
-                let camera = &self.camera;
+                let camera = &self.setup.camera;
                 // How the camera moved in an earlier frame is not known any more.
                 let unrolled = (frame == 0).then(|| self.unrolled(&uv, view.rho));
                 let uv = unrolled.as_ref().map_or(uv, |unrolled| unrolled.uv);
@@ -70,14 +70,14 @@ impl Filter {
             }
         }
         if frame > 0 {
-            self.state.camera_moved();
+            self.memory.state.camera_moved();
         }
         newborn
     }
 
     /// A pose relative to the camera's present one, as it is relative to another pose of the state.
     fn seen_from(&self, other: &CameraPose, relative: &Pose) -> Pose {
-        let now = self.state.camera_pose();
+        let now = self.memory.state.camera_pose();
         if *other == now {
             return relative.clone();
         }
@@ -90,14 +90,14 @@ impl Filter {
         newborn: &[(usize, u64)],
         report: &mut UpdateReport,
     ) {
-        let largest = self.settings.birth.max_rho_ratio;
+        let largest = self.setup.settings.birth.max_rho_ratio;
         let mut gone = Vec::new();
         for &(i, id) in newborn {
             if report.pairs[i] != Outcome::Born(id) {
                 gone.push(id);
-            } else if let Ok(block) = self.feature_block(id) {
-                let rho = self.state.feature(&block).scale();
-                let variance = self.state.p.get(block.offset + 5, block.offset + 5);
+            } else if let Ok(block) = self.memory.feature_block(id) {
+                let rho = self.memory.state.feature(&block).scale();
+                let variance = self.memory.state.p.get(block.offset + 5, block.offset + 5);
                 if rho <= 0.0 || variance.max(0.0).sqrt() > largest * rho {
                     gone.push(id);
                     report.pairs[i] = Outcome::TooUncertain;
@@ -109,8 +109,11 @@ impl Filter {
 
     pub(crate) fn instant_births(&mut self, z: &Measurements, report: &mut UpdateReport) {
         let Some(worn) = &z.worn else { return };
-        let pose = self.state.camera_pose();
-        let (sigma, sigma_f) = (self.settings.pixel.sigma_cs, self.settings.pixel.sigma_cf);
+        let pose = self.memory.state.camera_pose();
+        let (sigma, sigma_f) = (
+            self.setup.settings.pixel.sigma_cs,
+            self.setup.settings.pixel.sigma_cf,
+        );
         for (i, pair) in worn.pairs.iter().enumerate() {
             if pair.id.is_some() {
                 continue;
@@ -120,11 +123,11 @@ impl Filter {
                 continue;
             };
             let variance = self.rho_variance(worn, &view, &pair.uv_f);
-            if variance.sqrt() > self.settings.birth.max_rho_ratio * view.rho {
+            if variance.sqrt() > self.setup.settings.birth.max_rho_ratio * view.rho {
                 report.pairs[i] = Outcome::TooUncertain;
                 continue;
             }
-            let warp = self.camera.warp_jacobian(&unrolled.uv);
+            let warp = self.setup.camera.warp_jacobian(&unrolled.uv);
             let mut new = NewFeature::from_two_views(&pose, &view, &warp, (sigma, sigma_f));
             new.share_motion(unrolled.by_motion);
             let by_error = view.rho_by_tangent();
@@ -144,7 +147,7 @@ impl Filter {
     }
 
     pub(crate) fn depth_births(&mut self, z: &Measurements, report: &mut UpdateReport) {
-        let pose = self.state.camera_pose();
+        let pose = self.memory.state.camera_pose();
         for (i, depth) in z.depths.iter().enumerate() {
             if depth.id.is_some() {
                 continue;
@@ -162,16 +165,16 @@ impl Filter {
         &self,
         depth: &DepthObservation,
     ) -> Option<(Vector3<f64>, Matrix3<f64>)> {
-        let range = self.camera.unproject(&depth.uv)?.z / depth.depth;
+        let range = self.setup.camera.unproject(&depth.uv)?.z / depth.depth;
         let uv = self.unrolled(&depth.uv, range).uv;
-        let (ray, by_uv) = self.camera.unproject_jac(&uv)?;
+        let (ray, by_uv) = self.setup.camera.unproject_jac(&uv)?;
         if ray.z < 1e-3 {
             return None;
         }
         // p = depth * ray / ray_z
         let unit = ray / ray.z;
         let by_pixel = (by_uv - unit * by_uv.fixed_view::<1, 2>(2, 0)) * (depth.depth / ray.z);
-        let noise = by_pixel * by_pixel.transpose() * self.settings.pixel.sigma_cs.powi(2)
+        let noise = by_pixel * by_pixel.transpose() * self.setup.settings.pixel.sigma_cs.powi(2)
             + unit * unit.transpose() * depth.sigma.powi(2);
         Some((unit * depth.depth, noise))
     }
@@ -187,7 +190,7 @@ impl Filter {
         shared: &[SMatrix<f64, 3, 6>],
         covariance: &Matrix6<f64>,
     ) -> Result<Vec<u64>, EkfError> {
-        if self.started {
+        if self.memory.started {
             return Err(EkfError::InvalidInput {
                 what: "start",
                 why: "the filter has started already; make a new one".into(),
@@ -215,7 +218,7 @@ impl Filter {
         shared: &[SMatrix<f64, 3, 6>],
         covariance: &Matrix6<f64>,
     ) -> Result<Vec<u64>, EkfError> {
-        if !self.started {
+        if !self.memory.started {
             return Err(EkfError::InvalidInput {
                 what: "points",
                 why: "the filter has not started; start it from them".into(),
@@ -263,14 +266,14 @@ impl Filter {
         guard::variances("shared", shared.iter().flat_map(|m| m.iter()))?;
         check_pose(&Pose::identity(), covariance)?;
         self.changes();
-        let mark = self.state.mark();
-        let error = self.state.append(
+        let mark = self.memory.state.mark();
+        let error = self.memory.state.append(
             BlockKind::WornError(Whose::Common),
             &Vector6::zeros(),
             &[],
             covariance,
         );
-        let pose = self.state.camera_pose();
+        let pose = self.memory.state.camera_pose();
         let born: Option<Vec<u64>> = (0..points.len())
             .map(|i| {
                 let shared = Some((error.offset, &shared[i]));
@@ -278,15 +281,15 @@ impl Filter {
                 self.append_feature(&new).map(|block| block.id)
             })
             .collect();
-        let born = born.filter(|_| guard::state_is_sane(&self.state).is_ok());
+        let born = born.filter(|_| guard::state_is_sane(&self.memory.state).is_ok());
         let Some(ids) = born else {
-            self.take_back(&mark);
+            self.memory.take_back(&mark);
             return Err(EkfError::InvalidInput {
                 what: "noise, shared or covariance",
                 why: "its numbers are out of all bounds; give metres".into(),
             });
         };
-        self.state.remove(|b| b.id == error.id);
+        self.memory.state.remove(|b| b.id == error.id);
         Ok(ids)
     }
 }

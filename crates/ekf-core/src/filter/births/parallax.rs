@@ -6,7 +6,7 @@ use crate::birth::new_feature::{FirstPoseCovariance, NewFeature};
 use crate::birth::two_view::TwoView;
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
-use crate::filter::memory::candidate::{Candidate, CandidateOutcome, FirstView};
+use crate::filter::memory::candidate::{Candidate, CandidateOutcome, FirstView, RememberedPose};
 use crate::filter::predict::shutter::Unrolled;
 use crate::guard::{check_once, check_pixels};
 use crate::math::pose::Pose;
@@ -33,21 +33,22 @@ impl Filter {
     /// `NonFinite` for a bad pixel, `InvalidInput` before the start.
     pub fn add_candidates(&mut self, pixels: &[Vector2<f64>]) -> Result<Vec<u64>, EkfError> {
         check_pixels(pixels.iter())?;
-        self.check_started()?;
+        self.memory.check_started()?;
         if pixels.is_empty() {
             return Ok(Vec::new());
         }
         self.changes();
-        let pose = self.state.camera_pose();
-        let first = match self.settings.birth.first_pose {
-            FirstPose::Clone => FirstView::Clone(self.clone_pose()),
+        let pose = self.memory.state.camera_pose();
+        let first = match self.setup.settings.birth.first_pose {
+            FirstPose::Clone => FirstView::Clone(self.memory.clone_pose()),
             FirstPose::Independent => {
-                FirstView::Remembered(pose, Box::new(self.state.p.block::<7, 7>(0, 0)))
+                let covariance = self.memory.state.p.block::<7, 7>(0, 0);
+                FirstView::Remembered(Box::new(RememberedPose { pose, covariance }))
             }
         };
-        let since = self.time.unwrap_or(0.0);
-        let ids = self.next_candidate..self.next_candidate + pixels.len() as u64;
-        self.next_candidate = ids.end;
+        let since = self.memory.time.unwrap_or(0.0);
+        let ids = self.memory.next_candidate..self.memory.next_candidate + pixels.len() as u64;
+        self.memory.next_candidate = ids.end;
         for (id, &uv) in ids.clone().zip(pixels) {
             let (first, roll) = (first.clone(), self.roll(&uv));
             let candidate = Candidate {
@@ -56,7 +57,7 @@ impl Filter {
                 since,
                 first,
             };
-            self.candidates.insert(id, candidate);
+            self.memory.candidates.insert(id, candidate);
         }
         Ok(ids.collect())
     }
@@ -77,7 +78,7 @@ impl Filter {
         )?;
         for (id, uv) in seen {
             check_pixels(std::iter::once(uv))?;
-            if !self.candidates.contains_key(id) {
+            if !self.memory.candidates.contains_key(id) {
                 return Err(EkfError::UnknownFeature { id: *id });
             }
         }
@@ -91,7 +92,7 @@ impl Filter {
                     other => other,
                 };
                 if !outcome.waits() {
-                    self.candidates.remove(id);
+                    self.memory.candidates.remove(id);
                 }
                 outcome
             })
@@ -107,7 +108,10 @@ impl Filter {
     /// `UnknownFeature` for an id that is not a candidate, `InvalidInput` for one given twice; nothing changes then.
     pub fn promote_candidates(&mut self, ids: &[u64]) -> Result<Vec<Option<u64>>, EkfError> {
         check_once("candidates", ids.iter().copied(), &mut Vec::new())?;
-        if let Some(&id) = ids.iter().find(|id| !self.candidates.contains_key(id)) {
+        if let Some(&id) = ids
+            .iter()
+            .find(|id| !self.memory.candidates.contains_key(id))
+        {
             return Err(EkfError::UnknownFeature { id });
         }
         if ids.is_empty() {
@@ -115,31 +119,31 @@ impl Filter {
         }
         let (rho, sd) = self.vague_depth();
         self.changes();
-        let sigma = self.settings.pixel.sigma_cs;
+        let sigma = self.setup.settings.pixel.sigma_cs;
         let mut born = Vec::with_capacity(ids.len());
         let mut view = None;
         for id in ids {
-            let candidate = self.candidates.remove(id);
+            let candidate = self.memory.candidates.remove(id);
             let clone = candidate.as_ref().and_then(|c| match c.first {
                 FirstView::Clone(block) => Some(block),
                 FirstView::Remembered(..) => None,
             });
             // Only features of one view share an anchor.
             if clone.is_none() || clone != view {
-                self.state.camera_moved();
+                self.memory.state.camera_moved();
             }
             view = clone;
             born.push(candidate.and_then(|candidate| {
                 let (first, covariance) = self.first_pose(&candidate)?;
                 let (uv, by_motion) = self.first_pixel(&candidate, rho);
                 let mut new =
-                    NewFeature::with_prior_depth(&self.camera, &first, &uv, sigma, rho, sd)?;
+                    NewFeature::with_prior_depth(&self.setup.camera, &first, &uv, sigma, rho, sd)?;
                 new.share_motion(by_motion);
                 new.seen_from_first_pose(covariance);
                 self.append_feature(&new).map(|block| block.id)
             }));
         }
-        self.state.camera_moved();
+        self.memory.state.camera_moved();
         Ok(born)
     }
 
@@ -147,12 +151,12 @@ impl Filter {
     /// landmarks of known depth, as seen from the camera, and as much. So anything from infinity to that median is within
     /// one sd, in a room as on a road, and in any unit. [`VAGUE_RHO`] where the map does not tell.
     pub(crate) fn vague_depth(&self) -> (f64, f64) {
-        let birth = &self.settings.birth;
-        let camera = self.state.camera_pose().r;
+        let birth = &self.setup.settings.birth;
+        let camera = self.memory.state.camera_pose().r;
         let known = self.landmarks().into_iter();
         let known = known.filter(|landmark| landmark.rho_ratio < birth.max_rho_ratio);
         let mut inverse: Vec<f64> = known.map(|l| 1.0 / (l.point - camera).norm()).collect();
-        if inverse.len() < self.settings.lost.min_matches {
+        if inverse.len() < self.setup.settings.lost.min_matches {
             return (VAGUE_RHO, VAGUE_RHO_SD);
         }
         inverse.sort_unstable_by(f64::total_cmp);
@@ -165,29 +169,36 @@ impl Filter {
     }
 
     fn try_delayed_birth(&mut self, id: u64, uv: &Vector2<f64>) -> CandidateOutcome {
-        let candidate = &self.candidates[&id];
-        let now = self.state.camera_pose();
+        let candidate = &self.memory.candidates[&id];
+        let now = self.memory.state.camera_pose();
         let Some((first, covariance)) = self.first_pose(candidate) else {
             return CandidateOutcome::Dropped;
         };
-        let birth = &self.settings.birth;
+        let birth = &self.setup.settings.birth;
         let r_cw = quat::rotation(&now.q).transpose();
         let first_in_c = Pose {
             rotation: r_cw * quat::rotation(&first.q),
             translation: r_cw * (first.r - now.r),
         };
-        let sigma = self.settings.pixel.sigma_cs;
+        let sigma = self.setup.settings.pixel.sigma_cs;
         // Four sigma of two pixels, and as much again, at least, for the poses.
-        let pixels = 4.0 * std::f64::consts::SQRT_2 * sigma / self.camera.fx;
+        let pixels = 4.0 * std::f64::consts::SQRT_2 * sigma / self.setup.camera.fx;
         let gate = 2.0 * pixels;
         let has_baseline = (first.r - now.r).norm() >= birth.min_baseline;
-        match held(&self.camera, uv, &candidate.uv, &first_in_c, sigma, gate) {
+        match held(
+            &self.setup.camera,
+            uv,
+            &candidate.uv,
+            &first_in_c,
+            sigma,
+            gate,
+        ) {
             Some(Held::ByTheCamera) if has_baseline => return CandidateOutcome::Fixed,
             Some(_) => return CandidateOutcome::Held,
             None if !has_baseline => return CandidateOutcome::Waiting,
             None => {}
         }
-        let camera = &self.camera;
+        let camera = &self.setup.camera;
         let intersect = |uv, first_uv| TwoView::new(camera, uv, camera, first_uv, &first_in_c);
         // How far it is says how much the shutter has moved it; rays that do not meet are those of a far point, if any.
         let rho = intersect(uv, &candidate.uv).map_or(0.0, |raw| raw.rho);
@@ -221,7 +232,7 @@ impl Filter {
         if view.rho_variance_from_pixels(sigma, sigma).sqrt() > birth.max_rho_ratio * view.rho {
             return CandidateOutcome::Waiting;
         }
-        let [warp, first_warp] = [&uv, &first_uv].map(|uv| self.camera.warp_jacobian(uv));
+        let [warp, first_warp] = [&uv, &first_uv].map(|uv| self.setup.camera.warp_jacobian(uv));
         let mut new = NewFeature::from_two_views(&now, &view, &warp, (sigma, sigma));
         new.share_calibration(&view, &first_warp);
         new.share_motion(by_motion);
@@ -235,15 +246,16 @@ impl Filter {
 
     /// Whether the image has a candidate where it was first seen, within four sigma of two pixels.
     fn stands(&self, id: u64, uv: &Vector2<f64>) -> bool {
-        let noise = 4.0 * std::f64::consts::SQRT_2 * self.settings.pixel.sigma_cs;
-        self.candidates
+        let noise = 4.0 * std::f64::consts::SQRT_2 * self.setup.settings.pixel.sigma_cs;
+        self.memory
+            .candidates
             .get(&id)
             .is_some_and(|candidate| (uv - candidate.uv).norm() <= noise)
     }
 
     /// Standard deviation, rad, of where a point at rest can be seen, by the poses of now and of its first view.
     fn sd_by_poses(&self, leaving: &Leaving, first: &FirstPoseCovariance<'_>) -> f64 {
-        let p = &self.state.p;
+        let p = &self.memory.state.p;
         match *first {
             FirstPoseCovariance::InState(at) => {
                 leaving.sd(&p.block(0, 0), &p.block(0, at), &p.block(at, at))
@@ -258,7 +270,7 @@ impl Filter {
     /// more is a claim that the velocities do not bear, and a candidate that strays does not come back.
     fn readout_sd(&self, by_motion: &ByMotion) -> Vector2<f64> {
         by_motion.map_or(Vector2::zeros(), |(_, by)| {
-            by.column(MOTION_DIM - 1) * self.settings.calibration.readout_sd
+            by.column(MOTION_DIM - 1) * self.setup.settings.calibration.readout_sd
         })
     }
 
@@ -280,12 +292,13 @@ impl Filter {
     ) -> Option<(CameraPose, FirstPoseCovariance<'a>)> {
         match &candidate.first {
             FirstView::Clone(block) => {
-                let offset = self.state.layout.find(*block)?.offset;
-                let pose = self.state.pose_at(offset);
+                let offset = self.memory.state.layout.find(*block)?.offset;
+                let pose = self.memory.state.pose_at(offset);
                 Some((pose, FirstPoseCovariance::InState(offset)))
             }
-            FirstView::Remembered(pose, cov) => {
-                Some((*pose, FirstPoseCovariance::Independent(cov)))
+            FirstView::Remembered(first) => {
+                let covariance = FirstPoseCovariance::Independent(&first.covariance);
+                Some((first.pose, covariance))
             }
         }
     }
@@ -301,19 +314,19 @@ impl Filter {
     pub fn add_undelayed(&mut self, pixels: &[Vector2<f64>]) -> Result<Vec<Option<u64>>, EkfError> {
         check_pixels(pixels.iter())?;
         self.changes();
-        if !self.started && !pixels.is_empty() {
+        if !self.memory.started && !pixels.is_empty() {
             self.start();
         }
-        let pose = self.state.camera_pose();
-        let birth = &self.settings.birth;
+        let pose = self.memory.state.camera_pose();
+        let birth = &self.setup.settings.birth;
         let (rho, sd) = (birth.undelayed_rho, birth.undelayed_rho_sd);
-        let sigma = self.settings.pixel.sigma_cs;
+        let sigma = self.setup.settings.pixel.sigma_cs;
         Ok(pixels
             .iter()
             .map(|uv| {
                 let Unrolled { uv, by_motion } = self.unrolled(uv, rho);
                 let mut new =
-                    NewFeature::with_prior_depth(&self.camera, &pose, &uv, sigma, rho, sd)?;
+                    NewFeature::with_prior_depth(&self.setup.camera, &pose, &uv, sigma, rho, sd)?;
                 new.share_motion(by_motion);
                 self.append_feature(&new).map(|block| block.id)
             })
@@ -322,13 +335,13 @@ impl Filter {
 
     /// Ids of the waiting candidates, increasing.
     pub fn candidate_ids(&self) -> impl Iterator<Item = u64> {
-        self.candidates.keys().copied()
+        self.memory.candidates.keys().copied()
     }
 
     /// Removes a candidate that was lost; unknown ids are ignored, since a birth removes its candidate too.
     pub fn drop_candidates(&mut self, ids: &[u64]) {
         for id in ids {
-            self.candidates.remove(id);
+            self.memory.candidates.remove(id);
         }
     }
 }

@@ -25,48 +25,48 @@ const STEP: f64 = 0.1;
 impl Filter {
     /// The slip for what has been born since the view was another one.
     pub(crate) fn hand_over(&mut self, pose: &CameraPose) {
-        let followed = self.gauge.followed();
-        let Some(range) = mean_range(&self.state, followed) else {
+        let followed = self.memory.followed.ids();
+        let Some(range) = mean_range(&self.memory.state, followed) else {
             return;
         };
         let now = Handed {
-            until: self.state.layout.next_id(),
+            until: self.memory.state.layout.next_id(),
             pose: *pose,
-            misfit: self.misfit,
+            misfit: self.memory.misfit,
         };
-        let Some(last) = self.handover.last else {
-            self.handover.last = Some(now);
+        let Some(last) = self.memory.handover.last else {
+            self.memory.handover.last = Some(now);
             return;
         };
-        let moved = view_change(&self.camera, &last.pose, pose, range);
+        let moved = view_change(&self.setup.camera, &last.pose, pose, range);
         if moved < STEP {
             return;
         }
-        self.handover.last = Some(now);
+        self.memory.handover.last = Some(now);
         let born = followed.len() - followed.partition_point(|&id| id < last.until);
         let share = moved.min(born as f64 / followed.len() as f64);
-        let angle = self.shared_error(&self.misfit.since(&last.misfit)) * share.sqrt();
+        let angle = self.shared_error(&self.memory.misfit.since(&last.misfit)) * share.sqrt();
         if angle > 0.0 {
             let slip = Slip {
                 turn: angle,
                 translation: angle * range,
                 scale: angle,
             };
-            let outside = self.outside.as_ref();
+            let outside = self.memory.outside.as_ref();
             let modes_outside = |state: &State, modes: &Block| match outside {
                 Some(outside) => outside.modes_of_some(state, modes),
                 None => DMatrix::zeros(modes.kind.dim(), modes.kind.dim()),
             };
-            self.gauge
-                .slip(&mut self.state, &slip, self.handover.known, modes_outside);
+            self.workspace.gauge
+                .slip(&mut self.memory.state, &slip, self.memory.handover.known, modes_outside);
         }
     }
 
     /// Standard deviation of the slip while all that is in view is exchanged once, radians, by the innovations of some updates.
     pub(super) fn shared_error(&self, of: &Misfit) -> f64 {
-        let variance = self.settings.pixel.sigma_cs.powi(2) * of.share() - PATCH_VARIANCE;
-        let focal = (self.camera.fx * self.camera.fy).sqrt();
-        self.settings.process.handover * variance.max(0.0).sqrt() / focal
+        let variance = self.setup.settings.pixel.sigma_cs.powi(2) * of.share() - PATCH_VARIANCE;
+        let focal = (self.setup.camera.fx * self.setup.camera.fy).sqrt();
+        self.setup.settings.process.handover * variance.max(0.0).sqrt() / focal
     }
 }
 

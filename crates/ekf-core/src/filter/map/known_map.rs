@@ -53,7 +53,7 @@ impl Filter {
                 (Some(i), Some(j)) => state.p.get(i, j),
                 _ => 0.0,
             }),
-            place: self.placed.0,
+            place: self.memory.placed.0,
         };
         (blocks.iter().map(|b| b.id).collect(), map)
     }
@@ -78,7 +78,8 @@ impl Filter {
         self.check_map(map)?;
         self.changes();
         let (slots, rows) = shared_rows(map);
-        let capacity = CAMERA_DIM + DIM * self.settings.map.max_features.max(slots.len()) + 64;
+        let capacity =
+            CAMERA_DIM + DIM * self.setup.settings.map.max_features.max(slots.len()) + 64;
         let n = CAMERA_DIM + rows.len();
         let origin = State::at_origin(0);
         let mut state = origin.camera_alone(Covariance::of_stored(n, capacity, None));
@@ -90,7 +91,7 @@ impl Filter {
             }
         }
         let record = FeatureRecord {
-            last_found: self.time.unwrap_or(0.0),
+            last_found: self.memory.time.unwrap_or(0.0),
             ..FeatureRecord::default()
         };
         let kind = BlockKind::Feature(Form::InverseDepth);
@@ -108,16 +109,16 @@ impl Filter {
             // At the identity a small rotation w is the quaternion (1, w / 2).
             state.p.set(4 + i, 4 + i, (ANY_ATTITUDE / 2.0).powi(2));
         }
-        if let Some(readout) = self.settings.calibration.readout() {
+        if let Some(readout) = self.setup.settings.calibration.readout() {
             state.append_readout(readout);
         }
         for clock in (0..).map_while(|who| self.worn_clock(who)) {
             state.append_worn_clock(clock);
         }
-        self.records = ids.iter().map(|&id| (id, record.clone())).collect();
-        self.state = state;
-        self.placed = Placed(map.place);
-        self.handover.known = self.state.layout.next_id();
+        self.memory.records = ids.iter().map(|&id| (id, record.clone())).collect();
+        self.memory.state = state;
+        self.memory.placed = Placed(map.place);
+        self.memory.handover.known = self.memory.state.layout.next_id();
         self.start();
         Ok(ids)
     }
@@ -127,7 +128,7 @@ impl Filter {
             let why = why.into();
             Err(EkfError::InvalidInput { what, why })
         };
-        if self.started || self.map_size() > 0 {
+        if self.memory.started || self.map_size() > 0 {
             return invalid("start", "the filter has started already; make a new one");
         }
         let n = DIM * map.landmarks.len();

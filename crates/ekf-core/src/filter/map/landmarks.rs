@@ -31,7 +31,7 @@ impl Filter {
             let j = feature.point_jacobian();
             let (cross, own) = state.feature_covariance(block);
             let covariance = j * own * j.transpose();
-            let placed = self.placed.of_point(&point);
+            let placed = self.memory.placed.of_point(&point);
             let rho_ratio = match feature {
                 FeatureState::InverseDepth(y) => own[(5, 5)].max(0.0).sqrt() / y[5],
                 FeatureState::Point(_) => {

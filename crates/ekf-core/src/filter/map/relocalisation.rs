@@ -59,9 +59,9 @@ impl Filter {
         least: Option<usize>,
         predicted: bool,
     ) -> Result<UpdateReport, EkfError> {
-        self.check_started()?;
+        self.memory.check_started()?;
         check_rigid("pose", pose)?;
-        let least = least.unwrap_or(self.settings.lost.min_matches);
+        let least = least.unwrap_or(self.setup.settings.lost.min_matches);
         if least < FEWEST {
             return Err(EkfError::InvalidInput {
                 what: "least",
@@ -99,20 +99,21 @@ impl Filter {
     ) -> Result<bool, EkfError> {
         self.make_whole();
         // They are where the lost camera was believed to be.
-        self.forget_poses();
-        let before = self.clone_pose();
+        self.memory.forget_poses();
+        let before = self.memory.clone_pose();
         let pose = CameraPose {
             r: pose.translation,
             q: quat::from_rotation(&pose.rotation),
         };
-        self.state.reset_camera(&pose);
+        self.memory.state.reset_camera(&pose);
         self.follow_view(&pose);
         let Some(prior) = self.prior_of_matches(&pose, z, report)? else {
             return Ok(false);
         };
         let lift = by_tangent(&pose);
         let prior = lift * prior * lift.transpose();
-        self.state
+        self.memory
+            .state
             .p
             .set_block(0, 0, &((prior + prior.transpose()) * 0.5));
         self.start();
@@ -132,7 +133,7 @@ impl Filter {
     /// Compares the camera's pose with that of a clone, which was predicted and is removed. Both hang on the same map, so what
     /// is not known of that does not count.
     fn compare_with(&mut self, before: u64, predicted: bool, report: &mut UpdateReport) {
-        let state = &self.state;
+        let state = &self.memory.state;
         let Some(at) = state.layout.find(before).map(|block| block.offset) else {
             return;
         };
@@ -144,7 +145,7 @@ impl Filter {
         let poses =
             [0, at].map(|at| Pose::from_quat(state.part::<3>(at), &state.part::<4>(at + 3)));
         let covariances = [p(0, 0), p(at, at), p(0, at)];
-        self.state.remove(|b| b.id == before);
+        self.memory.state.remove(|b| b.id == before);
         self.half_believe(&poses, &covariances, predicted, report);
     }
 
@@ -178,7 +179,7 @@ impl Filter {
         };
         report.jumped = excludes(apart);
         if excludes(apart - both - both.transpose()) && predicted {
-            self.placed = self.placed.or_there(found, &away);
+            self.memory.placed = self.memory.placed.or_there(found, &away);
         }
     }
 
@@ -193,22 +194,22 @@ impl Filter {
         let mut scratch = Scratch::default();
         refill(&mut scratch.demoted, false, 0);
         self.collect_blocks(z, WornForm::Unused, &[], report, &mut scratch);
-        if self.batch.blocks().len() < z.min_inliers {
+        if self.workspace.batch.blocks().len() < z.min_inliers {
             return Ok(None);
         }
-        self.batch.build(&self.state);
-        self.batch.factor()?;
+        self.workspace.batch.build(&self.memory.state);
+        self.workspace.batch.factor()?;
         let lift = by_tangent(pose);
-        let m = self.batch.rows();
+        let m = self.workspace.batch.rows();
         let mut by_pose = DMatrix::<f64>::zeros(m, 6);
-        let blocks = self.batch.blocks().iter();
-        for (block, &at) in blocks.zip(self.batch.offsets()) {
+        let blocks = self.workspace.batch.blocks().iter();
+        for (block, &at) in blocks.zip(self.workspace.batch.offsets()) {
             let rows = block.rows.by_pose * lift;
             for r in 0..block.rows.count {
                 by_pose.set_row(at + r, &rows.row(r));
             }
         }
-        let l = DMatrix::from_column_slice(m, m, self.batch.l());
+        let l = DMatrix::from_column_slice(m, m, self.workspace.batch.l());
         let Some(whitened) = l.solve_lower_triangular(&by_pose) else {
             return Ok(None);
         };

@@ -5,7 +5,6 @@ use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::input::measurements::{Bearing, Measurements, UpdateReport, WornObservation};
 use crate::filter::input::sources::Scratch;
-use crate::gauge::Gauge;
 use crate::guard::check_rigid;
 use crate::math::pose::Pose;
 use crate::placed::Placed;
@@ -30,7 +29,7 @@ impl Filter {
         worn: &WornObservation,
         gone: &Vector3<f64>,
     ) -> Result<UpdateReport, EkfError> {
-        self.check_started()?;
+        self.memory.check_started()?;
         if worn.pairs.iter().any(|pair| pair.id.is_some()) {
             return Err(EkfError::InvalidInput {
                 what: "worn pairs",
@@ -50,7 +49,7 @@ impl Filter {
         trial.leave_map(gone);
         let mut report = UpdateReport::default();
         let done = trial.update_into(&z, &mut report);
-        if done.is_ok() && trial.started {
+        if done.is_ok() && trial.memory.started {
             self.become_other(trial);
         } else {
             report.reject_all(&z);
@@ -61,10 +60,10 @@ impl Filter {
     /// A camera at the pose of before that knows it exactly, in a frame that is as uncertain as that pose was.
     fn leave_map(&mut self, gone: &Vector3<f64>) {
         self.make_whole();
-        let pose = self.state.camera_pose();
-        self.placed = Placed::by_pose(&pose, &self.pose_covariance()).or_gone(gone);
-        self.handover = Default::default();
-        self.state.remove(|b| {
+        let pose = self.memory.state.camera_pose();
+        self.memory.placed = Placed::by_pose(&pose, &self.pose_covariance()).or_gone(gone);
+        self.memory.handover = Default::default();
+        self.memory.state.remove(|b| {
             !matches!(
                 b.kind,
                 BlockKind::WornBias(_)
@@ -74,12 +73,12 @@ impl Filter {
                     | BlockKind::OdometryScale
             )
         });
-        self.state.reset_camera(&pose);
-        self.gauge = Gauge::default();
-        self.records.clear();
-        self.candidates.clear();
-        self.kept_poses = Default::default();
-        self.started = false;
+        self.memory.state.reset_camera(&pose);
+        self.memory.followed = Default::default();
+        self.memory.records.clear();
+        self.memory.candidates.clear();
+        self.memory.kept_poses = Default::default();
+        self.memory.started = false;
     }
 
     /// Puts a lost camera into another map, where its matches with that say, and forgets the map that it is in.
@@ -98,19 +97,19 @@ impl Filter {
         least: Option<usize>,
         predicted: bool,
     ) -> Result<(UpdateReport, Vec<u64>), EkfError> {
-        self.check_started()?;
+        self.memory.check_started()?;
         check_rigid("pose", pose)?;
         let mut trial = Self::new(
-            self.settings.clone(),
-            self.camera.clone(),
-            self.worn_cameras.iter().cloned(),
+            self.setup.settings.clone(),
+            self.setup.camera.clone(),
+            self.setup.worn_cameras.iter().cloned(),
         );
-        trial.time = self.time;
-        trial.misfit = self.misfit;
+        trial.memory.time = self.memory.time;
+        trial.memory.misfit = self.memory.misfit;
         trial.set_worn_clocks(self);
-        trial.odometry = self.odometry.clone();
-        trial.next_candidate = self.next_candidate;
-        let ids = trial.start_from_map_after(map, self.state.layout.next_id())?;
+        trial.memory.odometry = self.memory.odometry.clone();
+        trial.memory.next_candidate = self.memory.next_candidate;
+        let ids = trial.start_from_map_after(map, self.memory.state.layout.next_id())?;
         let bearing = |&(landmark, uv): &(usize, Vector2<f64>)| {
             let id = ids.get(landmark).ok_or(EkfError::InvalidInput {
                 what: "matches",

@@ -12,6 +12,6 @@ impl Filter {
     /// It says what P says. In a map of arbitrary unit P holds how far the unit has drifted since the start, which is no
     /// statement about metres.
     pub fn scale_sd(&self) -> Option<f64> {
-        told_variance(&self.state).map(f64::sqrt)
+        told_variance(&self.memory.state).map(f64::sqrt)
     }
 }

@@ -48,18 +48,18 @@ impl Filter {
     /// # Errors
     /// `InvalidInput` before the start, `UnknownFeature`; the filter stays as it was.
     pub fn end_submap(&mut self, seen: &[u64]) -> Result<Submap, EkfError> {
-        self.check_started()?;
+        self.memory.check_started()?;
         for &id in seen {
-            self.known(id)?;
+            self.memory.known(id)?;
         }
         self.changes();
         let then = self.begun();
         let now = self.begin_submap();
         let (rotation, translation) = self.pose();
         let handed_on: Vec<usize> = now.range().skip(POSE_DIM).collect();
-        let told = self.state.told();
+        let told = self.memory.state.told();
         let mut submap = Submap {
-            edge: then.map(|then| edge(&self.state, &then, &handed_on)),
+            edge: then.map(|then| edge(&self.memory.state, &then, &handed_on)),
             pose: Pose {
                 rotation,
                 translation,
@@ -70,11 +70,11 @@ impl Filter {
             points: Vec::new(),
             covariance: DMatrix::zeros(0, 0),
             with_handed_on: DMatrix::zeros(0, 0),
-            slip: self.shared_error(&self.misfit),
+            slip: self.shared_error(&self.memory.misfit),
         };
-        take_down(&self.state, seen, &handed_on, &mut submap);
+        take_down(&self.memory.state, seen, &handed_on, &mut submap);
         if let Some(then) = then {
-            self.state.remove(|b| b.id == then.id);
+            self.memory.state.remove(|b| b.id == then.id);
         }
         Ok(submap)
     }
@@ -82,18 +82,19 @@ impl Filter {
     /// The way since the last submap ended, with the covariance of the pose and of what that submap handed on; the present one
     /// hands on nothing yet. `None` where none has ended in this map.
     pub fn since_submap(&self) -> Option<Edge> {
-        self.begun().map(|then| edge(&self.state, &then, &[]))
+        self.begun()
+            .map(|then| edge(&self.memory.state, &then, &[]))
     }
 
     /// Where the present submap began.
     fn begun(&self) -> Option<Block> {
-        self.state.layout.submap().map(|(block, _)| block)
+        self.memory.state.layout.submap().map(|(block, _)| block)
     }
 
     /// Appends the present pose, and the present errors of the scale and of each T_CF, O(n).
     fn begin_submap(&mut self) -> Block {
-        let state = &self.state;
-        let kind = BlockKind::Submap(handed_on_dim(self.worn_cameras.len()));
+        let state = &self.memory.state;
+        let kind = BlockKind::Submap(handed_on_dim(self.setup.worn_cameras.len()));
         let dim = kind.dim();
         let mut by_pose = vec![0.0; dim * POSE_DIM];
         for k in 0..POSE_DIM {
@@ -110,7 +111,7 @@ impl Filter {
                 parts.push((stretch.start, stretch.len(), matrix));
             }
         }
-        for who in 0..self.worn_cameras.len() {
+        for who in 0..self.setup.worn_cameras.len() {
             let to = POSE_DIM + handed_on_dim(who);
             for (offset, by) in state.lasting_error(who) {
                 let mut matrix = vec![0.0; dim * 6];
@@ -137,8 +138,9 @@ impl Filter {
             .collect();
         let mut mean = DVector::zeros(dim);
         mean.fixed_rows_mut::<POSE_DIM>(0)
-            .copy_from(&self.state.part::<POSE_DIM>(0));
-        self.state
+            .copy_from(&self.memory.state.part::<POSE_DIM>(0));
+        self.memory
+            .state
             .append(kind, &mean, &parts, &DMatrix::zeros(dim, dim))
     }
 }

@@ -40,7 +40,7 @@ impl Filter {
                 matrix: by.as_slice(),
             });
         }
-        if let Some(offset) = self.state.calibration() {
+        if let Some(offset) = self.memory.state.calibration() {
             parts.push(LinearPart {
                 offset,
                 width: 6,
@@ -58,17 +58,20 @@ impl Filter {
                 });
             }
         }
-        let block = self.state.append_feature(&new.mean, &parts, &new.noise);
-        if !guard::newborn_is_located(&self.state, &block) {
-            self.state.remove(|b| b.id == block.id);
+        let block = self
+            .memory
+            .state
+            .append_feature(&new.mean, &parts, &new.noise);
+        if !guard::newborn_is_located(&self.memory.state, &block) {
+            self.memory.state.remove(|b| b.id == block.id);
             return None;
         }
         let record = FeatureRecord {
-            last_found: self.time.unwrap_or(0.0),
+            last_found: self.memory.time.unwrap_or(0.0),
             ..FeatureRecord::default()
         };
-        self.records.insert(block.id, record);
-        self.gauge.follow(block.id);
+        self.memory.records.insert(block.id, record);
+        self.memory.followed.add(block.id);
         Some(block)
     }
 
@@ -78,7 +81,7 @@ impl Filter {
     /// `UnknownFeature`; nothing is removed then.
     pub fn remove_features(&mut self, ids: &[u64]) -> Result<(), EkfError> {
         for &id in ids {
-            self.known(id)?;
+            self.memory.known(id)?;
         }
         self.remove_blocks(ids);
         Ok(())
@@ -86,12 +89,12 @@ impl Filter {
 
     pub(crate) fn remove_blocks(&mut self, ids: &[u64]) {
         self.changes();
-        if let Some(outside) = &mut self.outside {
-            outside.remove(&mut self.state, |id| ids.contains(&id));
+        if let Some(outside) = &mut self.memory.outside {
+            outside.remove(&mut self.memory.state, |id| ids.contains(&id));
         }
-        self.state.remove(|b| ids.contains(&b.id));
+        self.memory.state.remove(|b| ids.contains(&b.id));
         for id in ids {
-            self.records.remove(id);
+            self.memory.records.remove(id);
         }
     }
 
@@ -105,19 +108,19 @@ impl Filter {
     /// As [`Self::manage_map`]; the features of `keep` are not too many, however long they were not seen, and do not count for
     /// `map.max_features`. What keeps failing goes all the same.
     pub fn manage_map_keeping(&mut self, keep: &[u64]) -> Vec<u64> {
-        let map = &self.settings.map;
-        let now = self.time.unwrap_or(0.0);
+        let map = &self.setup.settings.map;
+        let now = self.memory.time.unwrap_or(0.0);
         let mut gone: Vec<u64> = Vec::new();
         let mut kept: Vec<(f64, u64)> = Vec::new();
-        let working = self.state.layout.features();
-        let working = working.map(|block| (*block, self.state.feature(block)));
+        let working = self.memory.state.layout.features();
+        let working = working.map(|block| (*block, self.memory.state.feature(block)));
         let mut features: Vec<_> = working.collect();
-        if let Some(outside) = &self.outside {
-            features.extend(outside.means(&self.state));
+        if let Some(outside) = &self.memory.outside {
+            features.extend(outside.means(&self.memory.state));
             features.sort_unstable_by_key(|(block, _)| block.id);
         }
         for (block, feature) in features {
-            let record = &self.records[&block.id];
+            let record = &self.memory.records[&block.id];
             let failing = record.searched >= MIN_SEARCHES
                 && (record.found as f64) < MIN_FOUND_SHARE * record.searched as f64;
             if failing || feature.point().is_none() {
@@ -132,8 +135,9 @@ impl Filter {
             gone.extend(kept[..excess].iter().map(|(_, id)| *id));
         }
         let age = map.candidate_age;
-        self.candidates.retain(|_, c| now - c.since <= age);
+        self.memory.candidates.retain(|_, c| now - c.since <= age);
         let mut needed: Vec<u64> = self
+            .memory
             .candidates
             .values()
             .filter_map(|c| match c.first {
@@ -142,12 +146,12 @@ impl Filter {
             })
             .collect();
         needed.dedup();
-        needed.extend(self.kept_poses.ids());
+        needed.extend(self.memory.kept_poses.ids());
         self.changes();
-        if let Some(outside) = &mut self.outside {
-            outside.remove(&mut self.state, |id| gone.contains(&id));
+        if let Some(outside) = &mut self.memory.outside {
+            outside.remove(&mut self.memory.state, |id| gone.contains(&id));
         }
-        self.state.remove(|b| match b.kind {
+        self.memory.state.remove(|b| match b.kind {
             BlockKind::Feature(_) => gone.contains(&b.id),
             BlockKind::Clone => !needed.contains(&b.id),
             BlockKind::WornBias(_)
@@ -162,7 +166,7 @@ impl Filter {
             | BlockKind::Auxiliary(_) => false,
         });
         for id in &gone {
-            self.records.remove(id);
+            self.memory.records.remove(id);
         }
         self.shrink_converged();
         gone
@@ -170,12 +174,12 @@ impl Filter {
 
     /// Makes points of the features in view whose depth has converged, with `map.linearity_index`.
     fn shrink_converged(&mut self) {
-        let largest = self.settings.map.linearity_index;
+        let largest = self.setup.settings.map.linearity_index;
         if largest == 0.0 {
             return;
         }
-        let (state, pose) = (&self.state, self.state.camera_pose());
-        let seen = visibility(&self.camera, &pose);
+        let (state, pose) = (&self.memory.state, self.memory.state.camera_pose());
+        let seen = visibility(&self.setup.camera, &pose);
         let has_converged = |block: &Block| {
             let (feature, (_, own)) = (state.feature(block), state.feature_covariance(block));
             let index = feature.linearity_index(&own, &pose.r);
@@ -184,15 +188,15 @@ impl Filter {
         };
         // What the gauge follows has its direction at the present mean.
         let blocks = state.layout.features();
-        let blocks = blocks.filter(|b| !self.carries() || self.gauge.follows(b.id));
+        let blocks = blocks.filter(|b| !self.setup.carries() || self.memory.followed.has(b.id));
         let mut ids: Vec<u64> = blocks.filter(|b| has_converged(b)).map(|b| b.id).collect();
         if ids.is_empty() {
             return;
         }
         ids.sort_unstable();
-        if let Some(outside) = &mut self.outside {
-            outside.enter_sharers(&mut self.state, |id| ids.binary_search(&id).is_ok());
+        if let Some(outside) = &mut self.memory.outside {
+            outside.enter_sharers(&mut self.memory.state, |id| ids.binary_search(&id).is_ok());
         }
-        self.state.shrink(&ids);
+        self.memory.state.shrink(&ids);
     }
 }

@@ -11,13 +11,13 @@ impl Filter {
     /// accumulated; brings a share of what is outside of it up to date. Call it once in a frame.
     pub(crate) fn choose_working_set(&mut self, searched: &[u64]) {
         let features = self.map_size();
-        let large = features >= self.settings.map.local_from;
-        if let Some(outside) = &mut self.outside {
-            outside.advance(&mut self.buffers);
+        let large = features >= self.setup.settings.map.local_from;
+        if let Some(outside) = &mut self.memory.outside {
+            outside.advance(&mut self.workspace.buffers);
         }
-        let choose = match &self.outside {
-            Some(outside) => outside.is_full(&self.state),
-            None => large && self.started && (4..features / 3).contains(&searched.len()),
+        let choose = match &self.memory.outside {
+            Some(outside) => outside.is_full(&self.memory.state),
+            None => large && self.memory.started && (4..features / 3).contains(&searched.len()),
         };
         if !choose {
             return;
@@ -27,20 +27,26 @@ impl Filter {
             return;
         }
         // What is about to come into view would be in again with the first one that does.
-        let pose = self.state.camera_pose();
-        let seen = visibility(&self.camera, &pose);
+        let pose = self.memory.state.camera_pose();
+        let seen = visibility(&self.setup.camera, &pose);
         let soon = |b: &&Block| {
-            let point = self.state.feature(b).point();
+            let point = self.memory.state.feature(b).point();
             point.is_some_and(|point| seen(&point, -SOON))
         };
-        let soon = self.state.layout.features().filter(soon).map(|b| b.id);
+        let soon = self
+            .memory
+            .state
+            .layout
+            .features()
+            .filter(soon)
+            .map(|b| b.id);
         let mut working: Vec<u64> = soon.collect();
         working.extend_from_slice(searched);
         working.extend_from_slice(self.followed());
         working.sort_unstable();
-        let (state, buffers) = (State::at_origin(0), &mut self.buffers);
-        let state = std::mem::replace(&mut self.state, state);
-        let (state, outside) = match self.outside.take() {
+        let (state, buffers) = (State::at_origin(0), &mut self.workspace.buffers);
+        let state = std::mem::replace(&mut self.memory.state, state);
+        let (state, outside) = match self.memory.outside.take() {
             Some(mut outside) => {
                 // What is outside now comes in by itself when it is measured.
                 let mut inside: Vec<u64> = state.layout.features().map(|b| b.id).collect();
@@ -65,22 +71,22 @@ impl Filter {
                 OutsideSet::split(state, is_working, buffers)
             }
         };
-        (self.state, self.outside) = (state, Some(outside));
+        (self.memory.state, self.memory.outside) = (state, Some(outside));
     }
 
     /// Gives up the working set: the filter holds the whole state again.
     pub(super) fn make_whole(&mut self) {
         self.changes();
-        if let Some(mut outside) = self.outside.take() {
-            outside.finish(&mut self.buffers);
-            self.state = outside.assemble(&self.state, &mut self.buffers);
+        if let Some(mut outside) = self.memory.outside.take() {
+            outside.finish(&mut self.workspace.buffers);
+            self.memory.state = outside.assemble(&self.memory.state, &mut self.workspace.buffers);
             self.undo.put_by(outside);
         }
     }
 
     /// Brings the features that are measured into the working set of the local update.
     pub(crate) fn fetch(&mut self, z: &Measurements, ids: &mut Vec<u64>) {
-        let Some(outside) = &mut self.outside else {
+        let Some(outside) = &mut self.memory.outside else {
             return;
         };
         ids.clear();
@@ -90,6 +96,6 @@ impl Filter {
         ids.extend(z.depths.iter().filter_map(|d| d.id));
         ids.sort_unstable();
         ids.dedup();
-        outside.enter(&mut self.state, |id| ids.binary_search(&id).is_ok());
+        outside.enter(&mut self.memory.state, |id| ids.binary_search(&id).is_ok());
     }
 }

@@ -2,40 +2,39 @@
 
 use crate::error::EkfError;
 use crate::guard::check_pixels;
-use crate::observe::POSE_DIM;
+use crate::math::numbers;
 use crate::observe::point::CameraPose;
 use crate::state::{BlockKind, Layout};
-use nalgebra::{SMatrix, SVector, Vector2};
+use nalgebra::{SMatrix, Vector2};
 use serde::{Deserialize, Serialize};
 
 /// A point that is tracked until its parallax allows a birth.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Candidate {
     /// Pixel in the first view.
-    pub uv: Vector2<f64>,
+    #[serde(with = "numbers")]
+    pub(crate) uv: Vector2<f64>,
     /// How that moves with the readout, as `Filter::roll` says.
+    #[serde(with = "numbers")]
     pub(crate) roll: SMatrix<f64, 2, 2>,
     /// Time of the first view, seconds.
-    pub since: f64,
+    pub(crate) since: f64,
     pub(crate) first: FirstView,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) enum FirstView {
     /// The pose is a block of the state.
     Clone(u64),
     /// The pose and its covariance are remembered here, not in the state.
-    Remembered(CameraPose, Box<SMatrix<f64, 7, 7>>),
+    Remembered(Box<RememberedPose>),
 }
 
-/// A candidate in a snapshot.
-#[derive(Serialize, Deserialize)]
-pub(crate) struct CandidateImage {
-    uv: [f64; 2],
-    roll: [[f64; 2]; 2],
-    since: f64,
-    /// The block of the first pose, or the pose and its covariance.
-    first: Result<u64, Vec<f64>>,
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct RememberedPose {
+    pub(crate) pose: CameraPose,
+    #[serde(with = "numbers")]
+    pub(crate) covariance: SMatrix<f64, 7, 7>,
 }
 
 impl Candidate {
@@ -46,79 +45,20 @@ impl Candidate {
         (self.uv + by_readout * readout, by_readout)
     }
 
-    pub(crate) fn image(&self) -> CandidateImage {
-        let Self {
-            uv,
-            roll,
-            since,
-            first,
-        } = self;
-        CandidateImage {
-            uv: [uv.x, uv.y],
-            roll: (*roll).into(),
-            since: *since,
-            first: match first {
-                FirstView::Clone(block) => Ok(*block),
-                FirstView::Remembered(CameraPose { r, q }, covariance) => {
-                    let numbers = r.iter().chain(q.iter()).chain(covariance.iter());
-                    Err(numbers.copied().collect())
-                }
-            },
+    /// Whether what a snapshot says can be.
+    pub(crate) fn check(&self, layout: &Layout) -> Result<(), EkfError> {
+        if let FirstView::Clone(id) = self.first {
+            let block = layout.find(id);
+            if block.is_some_and(|block| block.kind != BlockKind::Clone) {
+                let why = "a candidate's first pose is something else";
+                return Err(EkfError::bad_snapshot(why));
+            }
         }
-    }
-
-    pub(crate) fn from_image(image: CandidateImage, layout: &Layout) -> Result<Self, EkfError> {
-        let CandidateImage {
-            uv,
-            roll,
-            since,
-            first,
-        } = image;
-        let first = match first {
-            Ok(id) => {
-                let block = layout.find(id);
-                if block.is_some_and(|block| block.kind != BlockKind::Clone) {
-                    return Err(EkfError::bad_snapshot(
-                        "a candidate's first pose is something else",
-                    ));
-                }
-                FirstView::Clone(id)
-            }
-            Err(numbers) if numbers.len() == POSE_DIM + POSE_DIM * POSE_DIM => {
-                if !numbers.iter().all(|v| v.is_finite()) {
-                    return Err(EkfError::bad_snapshot(
-                        "a candidate's first pose is not finite",
-                    ));
-                }
-                let (pose, covariance) = numbers.split_at(POSE_DIM);
-                let pose = CameraPose {
-                    r: SVector::from_column_slice(&pose[..3]),
-                    q: SVector::from_column_slice(&pose[3..]),
-                };
-                FirstView::Remembered(pose, Box::new(SMatrix::from_column_slice(covariance)))
-            }
-            Err(_) => {
-                return Err(EkfError::bad_snapshot(
-                    "a candidate's first pose has not 56 numbers",
-                ));
-            }
-        };
-        let uv = Vector2::from(uv);
-        let roll = SMatrix::<f64, 2, 2>::from(roll);
-        if !since.is_finite()
-            || !roll.iter().all(|v| v.is_finite())
-            || check_pixels(std::iter::once(&uv)).is_err()
-        {
-            return Err(EkfError::bad_snapshot(
-                "a candidate's pixel or time is impossible",
-            ));
+        if !self.since.is_finite() || check_pixels(std::iter::once(&self.uv)).is_err() {
+            let why = "a candidate's pixel or time is impossible";
+            return Err(EkfError::bad_snapshot(why));
         }
-        Ok(Self {
-            uv,
-            roll,
-            since,
-            first,
-        })
+        Ok(())
     }
 }
 

@@ -1,10 +1,12 @@
 //! What a filter remembers of the views that its map was handed on in (METHOD 20).
 
+use crate::error::EkfError;
 use crate::misfit::Misfit;
 use crate::observe::point::CameraPose;
+use serde::{Deserialize, Serialize};
 
 /// Where the map was last handed on.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Handed {
     /// Landmarks born before this id were there.
     pub(crate) until: u64,
@@ -14,10 +16,23 @@ pub(crate) struct Handed {
 }
 
 /// What has been handed on so far.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Handover {
     /// `None` before the first frame after a start.
     pub(crate) last: Option<Handed>,
     /// Landmarks before this id are a known map's: they are where W is.
     pub(crate) known: u64,
+}
+
+impl Handover {
+    /// Whether what a snapshot says can be; `now` is the misfit of all updates.
+    pub(crate) fn check(&self, now: &Misfit) -> Result<(), EkfError> {
+        let Some(last) = &self.last else {
+            return Ok(());
+        };
+        if (last.pose.q.norm() - 1.0).abs() > 1e-6 {
+            return Err(EkfError::bad_snapshot("its last view is impossible"));
+        }
+        last.misfit.check(now)
+    }
 }

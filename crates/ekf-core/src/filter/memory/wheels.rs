@@ -1,15 +1,19 @@
 //! What is known of the wheels since the last frame (METHOD 23).
 
+use crate::math::numbers;
 use crate::predict::CameraMatrix;
+use serde::{Deserialize, Serialize};
 
 /// Whether the wheels may have slipped between the last two frames, and what the frame may tell of them.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Wheels {
     /// Whether odometry told at least half of the time since.
     pub(crate) followed: bool,
     /// Covariance that a slip would add to the camera's block; none where odometry told nothing of it.
+    #[serde(with = "numbers::optional")]
     pub(crate) slip: Option<CameraMatrix>,
     /// The camera's covariance before that was added, if it was.
+    #[serde(with = "numbers::optional")]
     pub(crate) trusted: Option<CameraMatrix>,
     /// Whether the way, and the turn, that they told are too little beside their noise to say anything of their scales.
     pub(crate) unclear: [bool; 2],

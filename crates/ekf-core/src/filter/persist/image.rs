@@ -1,38 +1,31 @@
-//! What a snapshot holds. Every struct is destructured field by field, so a new field does not compile until somebody decides
-//! here whether it is kept.
+//! What a snapshot holds: setup, state, what is outside of the working set, and all else that is remembered, as
+//! [`Memory`] lists it.
 
-use super::odometry_image::OdometryImage;
 use super::snapshot::{open, seal};
-use crate::batch::Workspace;
 use crate::camera::Camera;
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
-use crate::filter::input::sources::Scratch;
-use crate::filter::memory::candidate::{Candidate, CandidateImage};
-use crate::filter::memory::handed::{Handed, Handover};
-use crate::filter::memory::pose_ring::KeptPoses;
-use crate::filter::memory::record::FeatureRecord;
-use crate::filter::memory::undo::Undo;
-use crate::gauge::Gauge;
+use crate::filter::memory::Memory;
+use crate::filter::setup::Setup;
+use crate::guard;
 use crate::guard::LAST_TIME;
-use crate::local::{Buffers, OutsideSet, OutsideSetImage};
-use crate::math::quat;
-use crate::misfit::Misfit;
-use crate::observe::point::CameraPose;
-use crate::placed::Placed;
+use crate::local::{OutsideSet, OutsideSetImage};
 use crate::settings::{Settings, Value};
-use crate::state::{Layout, State, StateImage, handed_on_dim};
-use crate::{guard, validate};
-use nalgebra::{Matrix6, Vector3};
+use crate::state::{State, StateImage, handed_on_dim};
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, BTreeSet};
-use std::sync::OnceLock;
+use std::collections::BTreeSet;
+
+/// Of a filter; the last one is borrowed when it is written.
+type Image<M> = (SetupImage, StateImage, Option<OutsideSetImage>, M);
 
 impl Filter {
     /// The filter as bytes, for [`Self::restore`].
     pub fn snapshot(&self) -> Vec<u8> {
-        let body = postcard::to_stdvec(&self.image()).expect("lists of numbers and names");
-        seal(&body)
+        let Memory { state, outside, .. } = &self.memory;
+        let outside = outside.as_ref().map(|outside| outside.image(state));
+        let setup = SetupImage::of(&self.setup);
+        let image: Image<&Memory> = (setup, state.image(), outside, &self.memory);
+        seal(&postcard::to_stdvec(&image).expect("lists of numbers and names"))
     }
 
     /// The filter of a snapshot.
@@ -40,7 +33,8 @@ impl Filter {
     /// # Errors
     /// `BadSnapshot` if the bytes are cut short, altered or of another version, or describe no filter.
     pub fn restore(bytes: &[u8]) -> Result<Self, EkfError> {
-        let (image, rest) = postcard::take_from_bytes(open(bytes)?).map_err(|error| {
+        let read = postcard::take_from_bytes::<Image<Memory>>(open(bytes)?);
+        let ((setup, state, outside, mut memory), rest) = read.map_err(|error| {
             EkfError::bad_snapshot(format!("its body is not readable ({error})"))
         })?;
         if !rest.is_empty() {
@@ -48,34 +42,43 @@ impl Filter {
                 "its body has bytes that mean nothing",
             ));
         }
-        Self::from_image(image)
+        let setup = setup.restored()?;
+        memory.state = State::from_image(&state)?;
+        memory.outside = outside
+            .map(|outside| OutsideSet::from_image(outside, &memory.state))
+            .transpose()?;
+        check(&memory, &setup)?;
+        Ok(Self::of(setup, memory))
     }
 }
 
 #[derive(Serialize, Deserialize)]
-struct FilterImage {
+struct SetupImage {
     settings: Vec<(String, Value)>,
     camera: CameraImage,
     worn_cameras: Vec<CameraImage>,
-    state: StateImage,
-    time: Option<f64>,
-    started: bool,
-    records: Vec<(u64, FeatureRecord)>,
-    candidates: Vec<(u64, CandidateImage)>,
-    next_candidate: u64,
-    kept_poses: KeptPoses,
-    /// Covariance of the map's place in W.
-    placed: Vec<f64>,
-    /// Where the map was last handed on; up to which id landmarks are a known map's.
-    handed: Option<HandedImage>,
-    known: u64,
-    /// NIS of all updates, and their degrees of freedom.
-    misfit: (f64, f64),
-    odometry: OdometryImage,
-    moved_by: f64,
-    /// Features that the gauge follows.
-    followed: Vec<u64>,
-    outside: Option<OutsideSetImage>,
+}
+
+impl SetupImage {
+    fn of(setup: &Setup) -> Self {
+        Self {
+            settings: setup.settings.values(),
+            camera: CameraImage::of(&setup.camera),
+            worn_cameras: setup.worn_cameras.iter().map(CameraImage::of).collect(),
+        }
+    }
+
+    fn restored(&self) -> Result<Setup, EkfError> {
+        let settings = Settings::from_values(&self.settings).map_err(|error| {
+            EkfError::bad_snapshot(format!("its settings are not this program's ({error})"))
+        })?;
+        let worn_cameras = self.worn_cameras.iter().map(CameraImage::camera);
+        Ok(Setup {
+            settings,
+            camera: self.camera.camera()?,
+            worn_cameras: worn_cameras.collect::<Result<_, _>>()?,
+        })
+    }
 }
 
 #[derive(Serialize, Deserialize)]
@@ -111,241 +114,58 @@ impl CameraImage {
     }
 }
 
-impl Filter {
-    fn image(&self) -> FilterImage {
-        let Self {
-            settings,
-            camera,
-            worn_cameras,
-            state,
-            time,
-            started,
-            records,
-            candidates,
-            next_candidate,
-            kept_poses,
-            batch,
-            placed,
-            handover,
-            misfit,
-            odometry,
-            wheels,
-            gauge,
-            outside,
-            // Buffers, and what is worked out again when it is asked for.
-            test: _,
-            in_view: _,
-            scratch: _,
-            buffers: _,
-            undo: _,
-            shown: _,
-        } = self;
-        FilterImage {
-            settings: settings.values(),
-            camera: CameraImage::of(camera),
-            worn_cameras: worn_cameras.iter().map(CameraImage::of).collect(),
-            state: state.image(),
-            time: *time,
-            started: *started,
-            records: records.iter().map(|(&id, r)| (id, r.clone())).collect(),
-            candidates: candidates.iter().map(|(&id, c)| (id, c.image())).collect(),
-            next_candidate: *next_candidate,
-            kept_poses: kept_poses.clone(),
-            placed: placed.0.as_slice().to_vec(),
-            handed: handover.last.as_ref().map(handed_image),
-            known: handover.known,
-            misfit: (misfit.nis, misfit.dof),
-            odometry: OdometryImage::of(odometry, wheels),
-            moved_by: batch.moved_by(),
-            followed: gauge.followed().to_vec(),
-            outside: outside.as_ref().map(|outside| outside.image(state)),
+/// Whether what was read agrees with itself and with the cameras.
+fn check(memory: &Memory, setup: &Setup) -> Result<(), EkfError> {
+    let bad = |why| Err(EkfError::bad_snapshot(why));
+    let (state, outside) = (&memory.state, memory.outside.as_ref());
+    let persons = setup.worn_cameras.len();
+    let layout = &state.layout;
+    let handed_on = handed_on_dim(persons);
+    if layout.submap().is_some_and(|(_, n)| n != handed_on) {
+        return bad("what its submap was handed is of other worn cameras");
+    }
+    if ![0, persons].contains(&state.clocks.len()) {
+        return bad("its clocks are of other worn cameras");
+    }
+    if outside.is_some() != state.auxiliary_blocks().next().is_some() {
+        return bad("its working set and its state disagree");
+    }
+    if !memory.followed.is_sane(layout.next_id()) {
+        return bad("the features that it follows are impossible");
+    }
+    let is_stamp = |t: f64| t.is_finite() && t.abs() <= LAST_TIME;
+    if !memory.time.is_none_or(is_stamp) || !memory.moved_by.is_finite() {
+        return bad("its time is impossible");
+    }
+    check_records(memory)?;
+    for (&id, candidate) in &memory.candidates {
+        candidate.check(layout)?;
+        if id >= memory.next_candidate {
+            return bad("a candidate's id is impossible");
         }
     }
-
-    fn from_image(image: FilterImage) -> Result<Self, EkfError> {
-        let FilterImage {
-            settings,
-            camera,
-            worn_cameras,
-            state,
-            time,
-            started,
-            records,
-            candidates,
-            next_candidate,
-            kept_poses,
-            placed,
-            handed,
-            known,
-            misfit: (nis, dof),
-            odometry,
-            moved_by,
-            followed,
-            outside,
-        } = image;
-        let settings = Settings::from_values(&settings).map_err(|error| {
-            EkfError::bad_snapshot(format!("its settings are not this program's ({error})"))
-        })?;
-        let worn_cameras = worn_cameras.iter().map(CameraImage::camera);
-        let worn_cameras = worn_cameras.collect::<Result<Vec<_>, _>>()?;
-        let state = State::from_image(&state)?;
-        let handed_on = handed_on_dim(worn_cameras.len());
-        if state.layout.submap().is_some_and(|(_, n)| n != handed_on) {
-            return Err(EkfError::bad_snapshot(
-                "what its submap was handed is of other worn cameras",
-            ));
-        }
-        if ![0, worn_cameras.len()].contains(&state.clocks.len()) {
-            return Err(EkfError::bad_snapshot(
-                "its clocks are of other worn cameras",
-            ));
-        }
-        let outside = outside
-            .map(|outside| OutsideSet::from_image(outside, &state))
-            .transpose()?;
-        if outside.is_some() != state.auxiliary_blocks().next().is_some() {
-            return Err(EkfError::bad_snapshot(
-                "its working set and its state disagree",
-            ));
-        }
-        let increasing = followed.windows(2).all(|w| w[0] < w[1]);
-        if !increasing
-            || followed
-                .last()
-                .is_some_and(|&id| id >= state.layout.next_id())
-        {
-            return Err(EkfError::bad_snapshot(
-                "the features that it follows are impossible",
-            ));
-        }
-        if time.is_some_and(|t| !t.is_finite() || t.abs() > LAST_TIME) || !moved_by.is_finite() {
-            return Err(EkfError::bad_snapshot("its time is impossible"));
-        }
-        let records = records_of(records, &state.layout, outside.as_ref())?;
-        let candidates = candidates_of(candidates, next_candidate, &state.layout)?;
-        kept_poses.check(&state.layout, time, LAST_TIME)?;
-        let placed = of_frame(placed, "its map's place is no 6x6 matrix")?;
-        if ![nis, dof].iter().all(|v| v.is_finite() && *v >= 0.0) {
-            return Err(EkfError::bad_snapshot(
-                "its normalised innovations are impossible",
-            ));
-        }
-        let misfit = Misfit { nis, dof };
-        let last = handed.map(|last| handed_of(last, &misfit)).transpose()?;
-        let (odometry, wheels) = odometry.restored()?;
-        let mut batch = Workspace::default();
-        batch.remember_move(moved_by);
-        let filter = Self {
-            camera: camera.camera()?,
-            worn_cameras,
-            settings,
-            state,
-            time,
-            started,
-            records,
-            candidates,
-            next_candidate,
-            kept_poses,
-            batch,
-            test: validate::Workspace::default(),
-            placed: Placed(placed),
-            handover: Handover { last, known },
-            misfit,
-            odometry,
-            wheels,
-            gauge: Gauge::following(followed),
-            in_view: Vec::new(),
-            scratch: Scratch::default(),
-            outside,
-            buffers: Buffers::default(),
-            undo: Undo::default(),
-            shown: OnceLock::new(),
-        };
-        guard::state_is_sane(&filter.state).map_err(EkfError::bad_snapshot)?;
-        guard::attitude_is_sane(&filter.state).map_err(EkfError::bad_snapshot)?;
-        Ok(filter)
-    }
-}
-
-/// The next id, the pose `[r q]`, and NIS and degrees of freedom of the updates until then.
-type HandedImage = (u64, [f64; 7], (f64, f64));
-
-fn handed_image(handed: &Handed) -> HandedImage {
-    let CameraPose { r, q } = handed.pose;
-    let Misfit { nis, dof } = handed.misfit;
-    (
-        handed.until,
-        [r.x, r.y, r.z, q[0], q[1], q[2], q[3]],
-        (nis, dof),
-    )
-}
-
-/// `now` is the misfit of all updates: those until then are among them.
-fn handed_of((until, pose, (nis, dof)): HandedImage, now: &Misfit) -> Result<Handed, EkfError> {
-    let q = quat::Quat::from_column_slice(&pose[3..]);
-    if !pose.iter().all(|v| v.is_finite()) || (q.norm() - 1.0).abs() > 1e-6 {
-        return Err(EkfError::bad_snapshot("its last view is impossible"));
-    }
-    let r = Vector3::from_column_slice(&pose[..3]);
-    let pose = CameraPose { r, q };
-    if !(0.0..=now.nis).contains(&nis) || !(0.0..=now.dof).contains(&dof) {
-        return Err(EkfError::bad_snapshot(
-            "its normalised innovations were more before",
-        ));
-    }
-    let misfit = Misfit { nis, dof };
-    Ok(Handed {
-        until,
-        pose,
-        misfit,
-    })
-}
-
-fn of_frame(entries: Vec<f64>, why: &str) -> Result<Matrix6<f64>, EkfError> {
-    match <[f64; 36]>::try_from(entries) {
-        Ok(entries) if entries.iter().all(|v| v.is_finite()) => {
-            Ok(Matrix6::from_column_slice(&entries))
-        }
-        _ => Err(EkfError::bad_snapshot(why)),
-    }
+    memory.kept_poses.check(layout, memory.time, LAST_TIME)?;
+    memory.misfit.check(&memory.misfit)?;
+    memory.handover.check(&memory.misfit)?;
+    memory.odometry.check()?;
+    guard::state_is_sane(state).map_err(EkfError::bad_snapshot)?;
+    guard::attitude_is_sane(state).map_err(EkfError::bad_snapshot)
 }
 
 /// Each feature has its record, and nothing else has one.
-fn records_of(
-    records: Vec<(u64, FeatureRecord)>,
-    layout: &Layout,
-    outside: Option<&OutsideSet>,
-) -> Result<BTreeMap<u64, FeatureRecord>, EkfError> {
-    let outside: BTreeSet<u64> = outside.iter().flat_map(|outside| outside.ids()).collect();
-    let inside: BTreeSet<u64> = layout.features().map(|b| b.id).collect();
-    let count = records.len();
-    let mut records_alone = records.iter().map(|(_, r)| r);
-    let sane = records_alone.all(|r| r.last_found.is_finite());
-    let records: BTreeMap<u64, FeatureRecord> = records.into_iter().collect();
+fn check_records(memory: &Memory) -> Result<(), EkfError> {
+    let outside = memory.outside.iter();
+    let outside: BTreeSet<u64> = outside.flat_map(|outside| outside.ids()).collect();
+    let inside: BTreeSet<u64> = memory.state.layout.features().map(|b| b.id).collect();
+    let records = &memory.records;
     let known = |id: &u64| inside.contains(id) != outside.contains(id);
-    if !sane
-        || records.len() != count
-        || count != inside.len() + outside.len()
+    if !records.values().all(|record| record.last_found.is_finite())
+        || records.len() != inside.len() + outside.len()
         || !records.keys().all(known)
     {
         return Err(EkfError::bad_snapshot(
             "its features and their records disagree",
         ));
     }
-    Ok(records)
-}
-
-fn candidates_of(
-    candidates: Vec<(u64, CandidateImage)>,
-    next: u64,
-    layout: &Layout,
-) -> Result<BTreeMap<u64, Candidate>, EkfError> {
-    let mut out = BTreeMap::new();
-    for (id, image) in candidates {
-        let candidate = Candidate::from_image(image, layout)?;
-        if id >= next || out.insert(id, candidate).is_some() {
-            return Err(EkfError::bad_snapshot("a candidate's id is impossible"));
-        }
-    }
-    Ok(out)
+    Ok(())
 }

@@ -2,5 +2,4 @@
 
 pub(super) mod checkpoint;
 pub(super) mod image;
-pub(super) mod odometry_image;
 pub mod snapshot;

@@ -67,17 +67,20 @@ impl Filter {
             self.expect_row(bearing);
         }
         let (found, wanted) = z.bearings.split_at(found.len());
-        let prior = self.state.x.clone();
+        let prior = self.memory.state.x.clone();
         let told = self.told_by(found, wanted, &prior);
-        self.state.x = prior;
+        self.memory.state.x = prior;
         Ok(told)
     }
 
     /// Puts a bearing that is still to be found where it is predicted: its row counts.
     fn expect_row(&self, bearing: &mut Bearing) {
-        if let (Some(_), Ok(block)) = (self.shutter(), self.feature_block(bearing.id)) {
-            let (pose, feature) = (self.state.camera_pose(), self.state.feature(&block));
-            if let Some(seen) = appearance(&self.camera, &pose, &feature, f64::NEG_INFINITY) {
+        if let (Some(_), Ok(block)) = (self.shutter(), self.memory.feature_block(bearing.id)) {
+            let (pose, feature) = (
+                self.memory.state.camera_pose(),
+                self.memory.state.feature(&block),
+            );
+            if let Some(seen) = appearance(&self.setup.camera, &pose, &feature, f64::NEG_INFINITY) {
                 bearing.uv = seen.uv;
             }
         }
@@ -115,20 +118,20 @@ impl Filter {
         prior: &[f64],
         agree: &mut [bool],
     ) -> Option<(usize, Vec<bool>)> {
-        self.batch.clear();
+        self.workspace.batch.clear();
         let mut push = |bearing: &Bearing| {
             let block = self.bearing(bearing);
-            let block = block.map(|block| block.expected_from(&self.state.x, prior));
-            block.map(|block| self.batch.push(block)).is_ok()
+            let block = block.map(|block| block.expected_from(&self.memory.state.x, prior));
+            block.map(|block| self.workspace.batch.push(block)).is_ok()
         };
         for (agrees, bearing) in agree.iter_mut().zip(found) {
             *agrees = push(bearing);
         }
         let visible = wanted.iter().map(push).collect();
         let others = agree.iter().filter(|&&pushed| pushed).count();
-        self.batch.build(&self.state);
-        self.batch.factor().ok()?;
-        let batch = &self.batch;
+        self.workspace.batch.build(&self.memory.state);
+        self.workspace.batch.factor().ok()?;
+        let batch = &self.workspace.batch;
         let offsets = &batch.offsets()[..=others];
         validate::hohct(
             batch.s(),
@@ -137,32 +140,32 @@ impl Filter {
             &batch.g()[..offsets[others]],
             validate::Blocks::new(offsets),
             &validate::HohctSettings::default(),
-            &mut self.test,
+            &mut self.workspace.test,
         );
-        let rejected = self.test.rejected();
+        let rejected = self.workspace.test.rejected();
         let pushed = agree.iter_mut().filter(|pushed| **pushed);
         for (unit, agrees) in pushed.enumerate() {
             *agrees = rejected.binary_search(&unit).is_err();
         }
-        self.batch.leave_out(rejected);
-        self.batch.factor().ok()?;
+        self.workspace.batch.leave_out(rejected);
+        self.workspace.batch.factor().ok()?;
         Some((2 * (others - rejected.len()), visible))
     }
 
     /// Moves the mean to where the first `rows` rows of the factored batch put it.
     fn move_by_first(&mut self, rows: usize, prior: &[f64]) {
-        let moved = self.batch.moved_by_first(rows);
-        let slots = self.state.p.stored().slots;
-        for ((x, prior), &slot) in self.state.x.iter_mut().zip(prior).zip(slots) {
+        let moved = self.workspace.batch.moved_by_first(rows);
+        let slots = self.memory.state.p.stored().slots;
+        for ((x, prior), &slot) in self.memory.state.x.iter_mut().zip(prior).zip(slots) {
             *x = prior + moved[slot];
         }
-        for block in self.state.layout.blocks() {
+        for block in self.memory.state.layout.blocks() {
             if block.kind.is_considered() {
-                self.state.x[block.range()].copy_from_slice(&prior[block.range()]);
+                self.memory.state.x[block.range()].copy_from_slice(&prior[block.range()]);
             }
         }
-        let q = self.state.part::<4>(3);
-        self.state.set_part(3, &(q / q.norm()));
+        let q = self.memory.state.part::<4>(3);
+        self.memory.state.set_part(3, &(q / q.norm()));
     }
 
     /// Of the feature whose rows of the factored batch begin at `row`, given the first `told` rows and at the mean that they
@@ -174,7 +177,7 @@ impl Filter {
         told: usize,
     ) -> Option<ConditionalPrediction> {
         let seen = self.bearing(bearing).ok()?.rows.innovation;
-        let batch = &self.batch;
+        let batch = &self.workspace.batch;
         let ld = batch.rows();
         let own = |i: usize, j: usize| batch.s()[row + i.max(j) + (row + i.min(j)) * ld];
         let mut s = Matrix2::from_fn(own);

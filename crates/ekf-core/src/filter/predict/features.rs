@@ -45,36 +45,38 @@ impl Filter {
     /// As [`Self::predict_pixels`], into a list that is reused: a warm filter allocates nothing then.
     pub fn predict_pixels_into(&self, seen: &mut Vec<PredictedFeature>) {
         seen.clear();
-        let pose = self.state.camera_pose();
+        let pose = self.memory.state.camera_pose();
         let shutter = self.shutter();
         let shutter = shutter.as_ref();
-        let p_pose = self.state.p.block::<7, 7>(0, 0);
-        for block in self.state.layout.features() {
-            let feature = self.state.feature(block);
-            if let Some(view) = rolled_appearance(&self.camera, &pose, &feature, shutter) {
-                let (p_cross, p_own) = self.state.feature_covariance(block);
-                let with = |at| self.state.covariance_with(at, block);
+        let p_pose = self.memory.state.p.block::<7, 7>(0, 0);
+        for block in self.memory.state.layout.features() {
+            let feature = self.memory.state.feature(block);
+            if let Some(view) = rolled_appearance(&self.setup.camera, &pose, &feature, shutter) {
+                let (p_cross, p_own) = self.memory.state.feature_covariance(block);
+                let with = |at| self.memory.state.covariance_with(at, block);
                 let known = (&p_pose, &p_cross, &p_own);
                 seen.push(self.expect(block.id, &feature, &view, known, &with));
             }
         }
         if let Some(outside) = self
+            .memory
             .outside
             .as_ref()
             .filter(|outside| !outside.is_clear(&pose))
         {
-            let seen_at = visibility(&self.camera, &pose);
-            let may_be = outside.maybe_in_view(&self.state, |point| seen_at(point, -MAYBE));
+            let seen_at = visibility(&self.setup.camera, &pose);
+            let may_be = outside.maybe_in_view(&self.memory.state, |point| seen_at(point, -MAYBE));
             for (block, feature) in may_be {
-                if let Some(view) = rolled_appearance(&self.camera, &pose, &feature, shutter) {
-                    let (p_cross, p_own) = outside.covariance(&self.state, &block);
-                    let with = |at| outside.covariance_with(&self.state, at, &block);
+                if let Some(view) = rolled_appearance(&self.setup.camera, &pose, &feature, shutter)
+                {
+                    let (p_cross, p_own) = outside.covariance(&self.memory.state, &block);
+                    let with = |at| outside.covariance_with(&self.memory.state, at, &block);
                     let known = (&p_pose, &p_cross, &p_own);
                     seen.push(self.expect(block.id, &feature, &view, known, &with));
                 }
             }
         }
-        if self.outside.is_some() {
+        if self.memory.outside.is_some() {
             // A working set is in the order in which its features came into it.
             seen.sort_unstable_by_key(|f| f.id);
         }
@@ -85,8 +87,8 @@ impl Filter {
         &self,
         with: &dyn Fn(usize) -> SMatrix<f64, 6, 6>,
     ) -> Option<WarpCovariances> {
-        let at = self.state.calibration()?;
-        let p = &self.state.p;
+        let at = self.memory.state.calibration()?;
+        let p = &self.memory.state.p;
         Some((p.block(at, 0), with(at), p.block(at, at)))
     }
 
@@ -94,7 +96,7 @@ impl Filter {
     fn with_motion(&self, at: usize, motion: &ByMotion) -> SMatrix<f64, 6, MOTION_DIM> {
         let entries = motion
             .columns()
-            .flat_map(|column| (at..at + 6).map(move |row| self.state.p.get(row, column)));
+            .flat_map(|column| (at..at + 6).map(move |row| self.memory.state.p.get(row, column)));
         SMatrix::from_iterator(entries)
     }
 
@@ -106,7 +108,7 @@ impl Filter {
         motion: &ByMotion,
         with: &dyn Fn(usize) -> SMatrix<f64, 6, 6>,
     ) -> Matrix3<f64> {
-        let (p, at) = (&self.state.p, motion.readout);
+        let (p, at) = (&self.memory.state.p, motion.readout);
         let mut own = SMatrix::<f64, MOTION_DIM, MOTION_DIM>::zeros();
         own.fixed_view_mut::<6, 6>(0, 0)
             .copy_from(&p.block::<6, 6>(POSE_DIM, POSE_DIM));
@@ -157,13 +159,13 @@ impl Filter {
         let range = point.value.norm();
         let along = point.value / range;
         let range_var = (along.transpose() * point_cov * along)[(0, 0)].max(0.0);
-        let sigma2 = self.settings.pixel.sigma_cs.powi(2);
+        let sigma2 = self.setup.settings.pixel.sigma_cs.powi(2);
         let mut s = by_point * point_cov * by_point.transpose() + Matrix2::identity() * sigma2;
         if let Some((with_pose, with_feature, own)) = self.warp_covariances(with) {
-            let by_warp = self.camera.warp_jacobian(uv);
+            let by_warp = self.setup.camera.warp_jacobian(uv);
             let mut by_state =
                 with_pose * point.by_pose.transpose() + with_feature * point.by_feature.transpose();
-            if let (Some(motion), Some(at)) = (by_motion, self.state.calibration()) {
+            if let (Some(motion), Some(at)) = (by_motion, self.memory.state.calibration()) {
                 by_state += self.with_motion(at, motion) * motion.by.transpose();
             }
             let both = by_warp * by_state * by_point.transpose();

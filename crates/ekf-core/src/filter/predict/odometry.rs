@@ -40,11 +40,11 @@ impl Filter {
     pub fn set_odometry_frame(&mut self, t_bc: &Pose) -> Result<(), EkfError> {
         let what = "odometry frame";
         check_rigid(what, t_bc)?;
-        if self.odometry.last.is_some() {
+        if self.memory.odometry.last.is_some() {
             let why = "odometry has been given in another one; say it before the first".into();
             return Err(EkfError::InvalidInput { what, why });
         }
-        self.odometry.t_bc = t_bc.clone();
+        self.memory.odometry.t_bc = t_bc.clone();
         Ok(())
     }
 
@@ -62,7 +62,7 @@ impl Filter {
         twist: &Vector6<f64>,
         covariance: &Matrix6<f64>,
     ) -> Result<(), EkfError> {
-        self.odometry.add(t, twist, covariance)
+        self.memory.odometry.add(t, twist, covariance)
     }
 
     /// Whether [`Self::add_odometry`] could take a sample, but for its time.
@@ -75,32 +75,40 @@ impl Filter {
 
     /// Stamp of the last sample of odometry, seconds.
     pub fn odometry_time(&self) -> Option<f64> {
-        self.odometry.last
+        self.memory.odometry.last
     }
 
     /// Estimates of the errors of the odometry's scales, of translation and of turns, and their covariance; `None` before the
     /// first motion that it told, and where the scales are exact.
     pub fn odometry_scale(&self) -> Option<(Vector2<f64>, Matrix2<f64>)> {
         let at = self.odometry_scale_at()?;
-        Some((self.state.part::<2>(at), self.state.p.block::<2, 2>(at, at)))
+        Some((
+            self.memory.state.part::<2>(at),
+            self.memory.state.p.block::<2, 2>(at, at),
+        ))
     }
 
     /// Whether the last prediction followed odometry, for half of its time or more; until a frame is measured.
     pub fn followed_odometry(&self) -> bool {
-        self.wheels.followed
+        self.memory.wheels.followed
     }
 
     fn odometry_scale_at(&self) -> Option<usize> {
-        let block = self.state.layout.of_kind(BlockKind::OdometryScale).next();
+        let block = self
+            .memory
+            .state
+            .layout
+            .of_kind(BlockKind::OdometryScale)
+            .next();
         block.map(|b| b.offset)
     }
 
     /// The motion between two times as far as odometry tells it, the rest at constant velocity; `None` where it tells nothing.
     pub(super) fn told_motion(&self, last: f64, t: f64, longest: f64) -> Option<Told> {
-        let process = &self.settings.process;
-        let before: CameraMatrix = self.state.p.block(0, 0);
+        let process = &self.setup.settings.process;
+        let before: CameraMatrix = self.memory.state.p.block(0, 0);
         let scale = self.odometry_scale().map_or(Vector2::zeros(), |(s, _)| s);
-        let mut motion = Motion::new(camera_of(&self.state));
+        let mut motion = Motion::new(camera_of(&self.memory.state));
         let (mut now, mut left, mut told) = (last, longest, 0.0);
         let (mut way, mut noise) = (Vector6::zeros(), Matrix6::zeros());
         let mut drift = |motion: &mut Motion, dt: f64| {
@@ -110,13 +118,13 @@ impl Filter {
                 motion.drift(dt, process.velocity, process);
             }
         };
-        for sample in &self.odometry.samples {
+        for sample in &self.memory.odometry.samples {
             let (from, until) = (sample.from.max(now), sample.t.min(t));
             if until <= from {
                 continue;
             }
             drift(&mut motion, from - now);
-            let reading = self.odometry.reading(sample, until - from);
+            let reading = self.memory.odometry.reading(sample, until - from);
             motion.follow(until - from, &reading, &scale, &before, process);
             way += sample.twist * (until - from);
             noise += sample.covariance * ((sample.t - sample.from) * (until - from));
@@ -133,28 +141,35 @@ impl Filter {
     /// Moves camera and P along a motion of `dt` seconds.
     pub(super) fn follow_odometry(&mut self, told: &Told, dt: f64) {
         let motion = &told.motion;
-        self.wheels = Wheels {
+        self.memory.wheels = Wheels {
             followed: told.seconds >= 0.5 * dt,
             slip: (dt <= LONGEST_SLIP).then(|| self.slip_of(motion, dt)),
             trusted: None,
             unclear: told.unclear,
         };
-        let prior = self.settings.odometry.covariance();
+        let prior = self.setup.settings.odometry.covariance();
         if let Some(prior) = prior.filter(|_| self.odometry_scale_at().is_none()) {
             let kind = BlockKind::OdometryScale;
-            self.state.append(kind, &Vector2::zeros(), &[], &prior);
+            self.memory
+                .state
+                .append(kind, &Vector2::zeros(), &[], &prior);
         }
         let at = self.odometry_scale_at();
-        let settings = &self.settings;
-        predict::predict_along(&mut self.state, motion, at);
-        predict::forget(&mut self.state, dt, &settings.worn, &settings.odometry);
+        let settings = &self.setup.settings;
+        predict::predict_along(&mut self.memory.state, motion, at);
+        predict::forget(
+            &mut self.memory.state,
+            dt,
+            &settings.worn,
+            &settings.odometry,
+        );
     }
 
     /// What a slip would add: the camera may as well have moved on with its own velocity. The covariance reaches from one
     /// motion to the other.
     fn slip_of(&self, told: &Motion, dt: f64) -> CameraMatrix {
-        let process = &self.settings.process;
-        let mut own = Motion::new(camera_of(&self.state));
+        let process = &self.setup.settings.process;
+        let mut own = Motion::new(camera_of(&self.memory.state));
         own.drift(dt, process.velocity, process);
         let mut off = SVector::<f64, CAMERA_DIM>::from(own.x) - SVector::from(told.x);
         let q = Quat::from_column_slice(&told.x[3..7]);
@@ -162,7 +177,7 @@ impl Filter {
         off.fixed_rows_mut::<4>(3)
             .copy_from(&(quat::lift(&q) * turn));
         let by_velocity = own.by_camera.fixed_view::<CAMERA_DIM, 6>(0, 7).into_owned();
-        let velocity: SMatrix<f64, 6, 6> = self.state.p.block(7, 7);
+        let velocity: SMatrix<f64, 6, 6> = self.memory.state.p.block(7, 7);
         let spread = by_velocity * velocity * by_velocity.transpose() + own.noise;
         let project = quat::normalise_jacobian(&q);
         let mut along = CameraMatrix::identity();
@@ -188,53 +203,66 @@ impl Filter {
         };
         let mut scratch = Scratch::default();
         self.check_measurements(&z, &mut scratch)?;
-        let Some(slip) = self.wheels.slip.filter(|_| self.wheels.trusted.is_none()) else {
+        let Some(slip) = self
+            .memory
+            .wheels
+            .slip
+            .filter(|_| self.memory.wheels.trusted.is_none())
+        else {
             return Ok(false);
         };
         if found.len() < least {
             return Ok(true);
         }
-        let level = self.settings.validate.conditional_level;
+        let level = self.setup.settings.validate.conditional_level;
         if found.is_empty() || level >= 1.0 {
             return Ok(false);
         }
         self.changes();
         self.fetch(&z, &mut scratch.ids);
-        let (prior, own) = (self.state.x.clone(), self.state.p.block(0, 0));
-        self.state.p.add_block::<CAMERA_DIM>(0, &slip);
+        let (prior, own) = (self.memory.state.x.clone(), self.memory.state.p.block(0, 0));
+        self.memory.state.p.add_block::<CAMERA_DIM>(0, &slip);
         let mut agree = vec![false; found.len()];
         let any = self.agreement(found, &[], &prior, &mut agree).is_some();
-        let loose = self.batch.nis();
-        self.state.p.set_block::<CAMERA_DIM, CAMERA_DIM>(0, 0, &own);
-        self.batch.build(&self.state);
-        if !any || self.batch.factor().is_err() {
+        let loose = self.workspace.batch.nis();
+        self.memory
+            .state
+            .p
+            .set_block::<CAMERA_DIM, CAMERA_DIM>(0, 0, &own);
+        self.workspace.batch.build(&self.memory.state);
+        if !any || self.workspace.batch.factor().is_err() {
             return Ok(false);
         }
-        Ok(self.batch.nis() - loose > chi2::quantile(level, MOTION))
+        Ok(self.workspace.batch.nis() - loose > chi2::quantile(level, MOTION))
     }
 
     /// Takes the last motion as if the wheels may have slipped: what is in sight is then looked for in a wider place.
     pub fn distrust_odometry(&mut self) {
-        let Some(slip) = self.wheels.slip.filter(|_| self.wheels.trusted.is_none()) else {
+        let Some(slip) = self
+            .memory
+            .wheels
+            .slip
+            .filter(|_| self.memory.wheels.trusted.is_none())
+        else {
             return;
         };
         self.changes();
-        self.wheels.trusted = Some(self.state.p.block(0, 0));
-        self.state.p.add_block(0, &slip);
+        self.memory.wheels.trusted = Some(self.memory.state.p.block(0, 0));
+        self.memory.state.p.add_block(0, &slip);
     }
 
     /// Takes [`Self::distrust_odometry`] back; nothing may have been measured since.
     pub fn trust_odometry(&mut self) {
-        if let Some(own) = self.wheels.trusted.take() {
+        if let Some(own) = self.memory.wheels.trusted.take() {
             self.changes();
-            self.state.p.set_block(0, 0, &own);
+            self.memory.state.p.set_block(0, 0, &own);
         }
     }
 
     /// Forgets what was known of a slip: the motion has been measured.
     pub(crate) fn settle_odometry(&mut self) {
-        self.wheels = Wheels {
-            unclear: self.wheels.unclear,
+        self.memory.wheels = Wheels {
+            unclear: self.memory.wheels.unclear,
             ..Wheels::default()
         };
     }
@@ -243,23 +271,27 @@ impl Filter {
     pub(crate) fn considered_scales(&self) -> [Option<(usize, f64, f64)>; 2] {
         let at = self.odometry_scale_at();
         std::array::from_fn(|k| {
-            let row = at.filter(|_| self.wheels.unclear[k])? + k;
-            Some((row, self.state.x[row], self.state.p.get(row, row)))
+            let row = at.filter(|_| self.memory.wheels.unclear[k])? + k;
+            Some((
+                row,
+                self.memory.state.x[row],
+                self.memory.state.p.get(row, row),
+            ))
         })
     }
 
     /// Restores these scales after an update: all else was corrected with them in mind, and stays correlated with them.
     pub(crate) fn keep_scales(&mut self, scales: [Option<(usize, f64, f64)>; 2]) {
         for (row, mean, variance) in scales.into_iter().flatten() {
-            self.state.x[row] = mean;
+            self.memory.state.x[row] = mean;
             let variance = SMatrix::<f64, 1, 1>::new(variance);
-            self.state.p.set_block(row, row, &variance);
+            self.memory.state.p.set_block(row, row, &variance);
         }
     }
 
     /// Whether mean and covariance stay within all bounds along a motion.
     pub(super) fn check_motion(&self, motion: &Motion) -> Result<(), EkfError> {
-        let covariance = motion.covariance(&self.state.p.block(0, 0));
+        let covariance = motion.covariance(&self.memory.state.p.block(0, 0));
         guard::moved_is_sane(&motion.x, &covariance)
     }
 }

@@ -41,11 +41,11 @@ impl Filter {
             let why = format!("{t} s is no time stamp in seconds; are these nanoseconds?");
             return Err(EkfError::InvalidInput { what: "time", why });
         }
-        if let Some(last) = self.time {
+        if let Some(last) = self.memory.time {
             if t - last < SHORTEST_STEP {
                 return Err(EkfError::BadTime { t, last });
             }
-            if self.started {
+            if self.memory.started {
                 if t - last > LONGEST_GAP {
                     return Err(EkfError::LongGap { t, last });
                 }
@@ -55,7 +55,7 @@ impl Filter {
                     self.follow_odometry(&told, t - last);
                 } else {
                     let dt = (t - last).min(LONGEST_MOTION);
-                    guard::prediction(&self.state, dt, &self.settings.process)?;
+                    guard::prediction(&self.memory.state, dt, &self.setup.settings.process)?;
                     self.changes();
                     self.predict_by(dt);
                 }
@@ -69,13 +69,13 @@ impl Filter {
     /// The prediction to `t` is done.
     pub(super) fn arrive(&mut self, t: f64) {
         // Before the start a late view may still take the filter back.
-        let late = if self.started {
+        let late = if self.memory.started {
             0.0
         } else {
-            self.settings.worn.late
+            self.setup.settings.worn.late
         };
-        self.odometry.forget_until(t - 2.0 * late);
-        self.time = Some(t);
+        self.memory.odometry.forget_until(t - 2.0 * late);
+        self.memory.time = Some(t);
     }
 
     /// Forgets the time before the start, when nothing depends on it yet: a filter may start from a frame of before.
@@ -83,33 +83,38 @@ impl Filter {
     /// # Errors
     /// `InvalidInput` after the start.
     pub fn forget_time(&mut self) -> Result<(), EkfError> {
-        if self.started {
+        if self.memory.started {
             return Err(EkfError::InvalidInput {
                 what: "time",
                 why: "the filter has started and cannot go back; restore a snapshot instead".into(),
             });
         }
-        self.time = None;
+        self.memory.time = None;
         Ok(())
     }
 
     fn predict_by(&mut self, dt: f64) {
-        self.wheels = Wheels::default();
-        let settings = &self.settings;
-        predict::predict(&mut self.state, dt, &settings.process);
-        predict::forget(&mut self.state, dt, &settings.worn, &settings.odometry);
+        self.memory.wheels = Wheels::default();
+        let settings = &self.setup.settings;
+        predict::predict(&mut self.memory.state, dt, &settings.process);
+        predict::forget(
+            &mut self.memory.state,
+            dt,
+            &settings.worn,
+            &settings.odometry,
+        );
     }
 
     /// What the camera's motion brings into view, and what the map hands on.
     pub(super) fn look_about(&mut self) {
-        let pose = self.state.camera_pose();
-        if let Some(outside) = &mut self.outside {
+        let pose = self.memory.state.camera_pose();
+        if let Some(outside) = &mut self.memory.outside {
             // A feature that comes into view joins the working set, and those about to come into view join with it:
             // joining costs a pass over R, however many join.
-            outside.refresh_points(&self.state, self.batch.moved_by() > JUMP);
-            let look = |y: &FeatureState, margin| appearance(&self.camera, &pose, y, margin);
-            let seen = visibility(&self.camera, &pose);
-            let close = outside.maybe_in_view(&self.state, |point| seen(point, -MAYBE));
+            outside.refresh_points(&self.memory.state, self.memory.moved_by > JUMP);
+            let look = |y: &FeatureState, margin| appearance(&self.setup.camera, &pose, y, margin);
+            let seen = visibility(&self.setup.camera, &pose);
+            let close = outside.maybe_in_view(&self.memory.state, |point| seen(point, -MAYBE));
             let mut any = false;
             let close = close.filter(|(_, y)| {
                 any |= look(y, 0.0).is_some();
@@ -117,7 +122,9 @@ impl Filter {
             });
             let close: Vec<u64> = close.map(|(block, _)| block.id).collect();
             if any {
-                outside.enter(&mut self.state, |id| close.binary_search(&id).is_ok());
+                outside.enter(&mut self.memory.state, |id| {
+                    close.binary_search(&id).is_ok()
+                });
             }
             outside.mark_clear(&pose);
         }
@@ -127,15 +134,15 @@ impl Filter {
 
     /// Chooses which features are followed; with the gauge transport those that come back are carried to the present mean.
     pub(crate) fn follow_view(&mut self, pose: &CameraPose) {
-        let State { reference, x, .. } = &mut self.state;
+        let State { reference, x, .. } = &mut self.memory.state;
         reference[..CAMERA_DIM].copy_from_slice(&x[..CAMERA_DIM]);
-        let seen = visibility(&self.camera, pose);
-        let (mut stay, mut back) = (std::mem::take(&mut self.in_view), false);
+        let seen = visibility(&self.setup.camera, pose);
+        let (mut stay, mut back) = (std::mem::take(&mut self.workspace.in_view), false);
         stay.clear();
-        for block in self.state.layout.features() {
-            let followed = self.gauge.follows(block.id);
+        for block in self.memory.state.layout.features() {
+            let followed = self.memory.followed.has(block.id);
             let margin = if followed { -SOON } else { 0.0 };
-            let point = self.state.feature(block).point();
+            let point = self.memory.state.feature(block).point();
             if point.is_some_and(|point| seen(&point, margin)) {
                 stay.push(block.id);
                 back |= !followed;
@@ -149,13 +156,13 @@ impl Filter {
     /// What Cf alone sees is measured out of Cs's view: it is followed, too, as what came back into view, until it has been
     /// measured. Returns what was not followed before.
     pub(crate) fn follow_too(&mut self, ids: impl Iterator<Item = u64>) -> Vec<u64> {
-        let mut more: Vec<u64> = ids.filter(|&id| !self.gauge.follows(id)).collect();
+        let mut more: Vec<u64> = ids.filter(|&id| !self.memory.followed.has(id)).collect();
         if !more.is_empty() {
             more.sort_unstable();
             more.dedup(); // several Cf may see one of them
-            let mut all = std::mem::take(&mut self.in_view);
+            let mut all = std::mem::take(&mut self.workspace.in_view);
             all.clear();
-            all.extend_from_slice(self.gauge.followed());
+            all.extend_from_slice(self.memory.followed.ids());
             all.extend_from_slice(&more);
             all.sort_unstable();
             self.follow(all, true);
@@ -165,16 +172,22 @@ impl Filter {
 
     /// Follows these features, increasing, and no others; with some that were not followed, P is carried to the present mean.
     fn follow(&mut self, mut ids: Vec<u64>, back: bool) {
-        let back = back && self.carries();
+        let back = back && self.setup.carries();
         if back {
-            self.gauge.prepare(&self.state);
+            let followed = self.memory.followed.ids();
+            self.workspace.gauge.prepare(&self.memory.state, followed);
         }
-        self.gauge.swap_followed(&mut ids);
-        self.in_view = ids;
+        self.memory.followed.swap(&mut ids);
+        self.workspace.in_view = ids;
         if back {
-            let change = self.gauge.change(&self.state, None);
-            self.state.p.downdate(&Panels::default(), Some(change));
-            self.gauge.mark_carried(&mut self.state);
+            let followed = self.memory.followed.ids();
+            let gauge = &mut self.workspace.gauge;
+            let change = gauge.change(&self.memory.state, followed, None);
+            self.memory
+                .state
+                .p
+                .downdate(&Panels::default(), Some(change));
+            self.workspace.gauge.mark_carried(&mut self.memory.state);
         }
     }
 }

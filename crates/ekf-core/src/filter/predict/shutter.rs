@@ -19,31 +19,34 @@ impl Filter {
     /// Time from the first row of an image of Cs to the last one as far as the filter knows, and the standard deviation of that,
     /// seconds; `None` for a shutter that is known not to roll (METHOD 4).
     pub fn readout(&self) -> Option<(f64, f64)> {
-        let at = self.state.readout_block()?.offset;
-        Some((self.state.x[at], self.state.p.get(at, at).max(0.0).sqrt()))
+        let at = self.memory.state.readout_block()?.offset;
+        Some((
+            self.memory.state.x[at],
+            self.memory.state.p.get(at, at).max(0.0).sqrt(),
+        ))
     }
 
     /// The present motion under the shutter; `None` where it is known not to roll. So it is where nothing is told of it and the
     /// motion is that of wheels: when they slip, what such a motion may bend in an image would explain a part of it.
     pub(crate) fn shutter(&self) -> Option<Shutter> {
-        if self.wheels.followed && !self.settings.calibration.is_readout_told() {
+        if self.memory.wheels.followed && !self.setup.settings.calibration.is_readout_told() {
             return None;
         }
-        let offset = self.state.readout_block()?.offset;
+        let offset = self.memory.state.readout_block()?.offset;
         Some(Shutter {
             offset,
-            readout: self.state.x[offset],
-            height: f64::from(self.camera.height),
-            velocity: self.state.velocity(),
-            turning: self.state.angular_velocity(),
+            readout: self.memory.state.x[offset],
+            height: f64::from(self.setup.camera.height),
+            velocity: self.memory.state.velocity(),
+            turning: self.memory.state.angular_velocity(),
         })
     }
 
     /// A pixel of the present view without the shutter's rolling; `rho` is the inverse range of its point, 1/m.
     pub(crate) fn unrolled(&self, uv: &Vector2<f64>, rho: f64) -> Unrolled {
-        let r_wc = quat::rotation(&self.state.camera_pose().q);
+        let r_wc = quat::rotation(&self.memory.state.camera_pose().q);
         let moved = self.shutter().and_then(|shutter| {
-            let (uv, by) = shutter.unrolled(&self.camera, &r_wc, uv, rho)?;
+            let (uv, by) = shutter.unrolled(&self.setup.camera, &r_wc, uv, rho)?;
             Some(Unrolled {
                 uv,
                 by_motion: Some((shutter.offset, by)),

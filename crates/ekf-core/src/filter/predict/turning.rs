@@ -58,9 +58,9 @@ impl Filter {
         let Some(motion) = self.turned_motion(since, before, now) else {
             return Ok(false);
         };
-        let time = self.time;
+        let time = self.memory.time;
         self.rollback()?;
-        if let (Some(t), Some(last)) = (time, self.time) {
+        if let (Some(t), Some(last)) = (time, self.memory.time) {
             self.predict_along(&motion, t - last);
             self.arrive(t);
         }
@@ -73,13 +73,13 @@ impl Filter {
         before: &[Vector2<f64>],
         now: &[Vector2<f64>],
     ) -> Option<Motion> {
-        let kept = self.undo.kept.as_deref()?;
-        let dt = self.time? - since;
+        let kept = &self.undo.kept.as_deref()?.memory;
+        let dt = self.memory.time? - since;
         let is_next = kept.started && kept.time == Some(since) && 0.0 < dt && dt <= LONGEST;
-        if !is_next || self.wheels.followed {
+        if !is_next || self.memory.wheels.followed {
             return None;
         }
-        let ray = |uv| self.camera.unproject(uv)?.try_normalize(0.0);
+        let ray = |uv| self.setup.camera.unproject(uv)?.try_normalize(0.0);
         let (mut pairs, mut pixels) = (Vec::new(), Vec::new());
         for (first, second) in before.iter().zip(now) {
             if let (Some(a), Some(b)) = (ray(first), ray(second)) {
@@ -94,7 +94,7 @@ impl Filter {
         let block: CameraMatrix = kept.state.p.block(0, 0);
         let mut motion = Motion::new(camera_of(&kept.state));
         let reading = self.reading(&seen, &kept.state, dt);
-        if !motion.may_be(dt, &reading, &block, &self.settings.process, LEVEL) {
+        if !motion.may_be(dt, &reading, &block, &self.setup.settings.process, LEVEL) {
             return None;
         }
         motion.follow(
@@ -102,7 +102,7 @@ impl Filter {
             &reading,
             &SVector::zeros(),
             &block,
-            &self.settings.process,
+            &self.setup.settings.process,
         );
         guard::moved_is_sane(&motion.x, &motion.covariance(&block)).ok()?;
         Some(motion)
@@ -116,7 +116,10 @@ impl Filter {
             .map(|uv| (uv - mean).component_mul(&(uv - mean)))
             .sum::<Vector2<f64>>();
         let sd = (square / count).map(f64::sqrt);
-        let size = Vector2::new(f64::from(self.camera.width), f64::from(self.camera.height));
+        let size = Vector2::new(
+            f64::from(self.setup.camera.width),
+            f64::from(self.setup.camera.height),
+        );
         sd.x >= SPREAD * size.x && sd.y >= SPREAD * size.y
     }
 
@@ -144,7 +147,7 @@ impl Filter {
     /// What is known of the way and of the depths before the frame.
     fn surroundings(&self, state: &State, dt: f64) -> Surroundings {
         let r_cw = quat::rotation(&state.part::<4>(3)).transpose();
-        let white = self.settings.process.acceleration_density.powi(2) * dt.powi(3) / 3.0;
+        let white = self.setup.settings.process.acceleration_density.powi(2) * dt.powi(3) / 3.0;
         let velocity: Matrix3<f64> = state.p.block(POSE_DIM, POSE_DIM);
         let (rho, rho_sd) = self.vague_depth();
         Surroundings {
@@ -153,7 +156,7 @@ impl Filter {
                 + Matrix3::identity() * white,
             rho,
             rho_sd,
-            sigma: SIGMA / (self.camera.fx * self.camera.fy).sqrt(),
+            sigma: SIGMA / (self.setup.camera.fx * self.setup.camera.fy).sqrt(),
         }
     }
 
@@ -169,10 +172,15 @@ impl Filter {
     /// Moves camera and P along a motion of `dt` seconds.
     fn predict_along(&mut self, motion: &Motion, dt: f64) {
         self.changes();
-        self.wheels = Wheels::default();
-        let settings = &self.settings;
-        crate::predict::predict_along(&mut self.state, motion, None);
-        crate::predict::forget(&mut self.state, dt, &settings.worn, &settings.odometry);
+        self.memory.wheels = Wheels::default();
+        let settings = &self.setup.settings;
+        crate::predict::predict_along(&mut self.memory.state, motion, None);
+        crate::predict::forget(
+            &mut self.memory.state,
+            dt,
+            &settings.worn,
+            &settings.odometry,
+        );
         self.look_about();
     }
 }

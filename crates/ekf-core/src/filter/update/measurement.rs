@@ -40,7 +40,7 @@ impl Filter {
         let known_depths = (0..z.depths.len()).filter(|&i| z.depths[i].id.is_some());
         wanted.extend(known_depths.map(Source::Depth));
         wanted.extend((0..z.bearings.len()).map(Source::Bearing));
-        self.batch.clear();
+        self.workspace.batch.clear();
         with_depth.clear();
         sources.clear();
         for &source in wanted.iter() {
@@ -74,7 +74,7 @@ impl Filter {
                 if outcome == Outcome::Depth {
                     with_depth.push(block.id);
                 }
-                self.batch.push(block);
+                self.workspace.batch.push(block);
                 sources.push(source);
             }
         }
@@ -96,17 +96,18 @@ impl Filter {
 
     pub(crate) fn bearing(&self, bearing: &Bearing) -> Result<MeasurementBlock, Outcome> {
         let landmark = self
+            .memory
             .feature_block(bearing.id)
             .map_err(|_| Outcome::NotVisible)?;
         let rows = Rows::bearing(
-            &self.camera,
-            &self.state.camera_pose(),
-            &self.state.feature(&landmark),
+            &self.setup.camera,
+            &self.memory.state.camera_pose(),
+            &self.memory.state.feature(&landmark),
             &bearing.uv,
-            self.settings.pixel.sigma_cs,
+            self.setup.settings.pixel.sigma_cs,
             self.shutter().as_ref(),
         );
-        MeasurementBlock::new(rows, &landmark, self.state.calibration())
+        MeasurementBlock::new(rows, &landmark, self.memory.state.calibration())
     }
 
     fn worn_point(
@@ -115,14 +116,23 @@ impl Filter {
         pair: &WornPair,
     ) -> Result<MeasurementBlock, Outcome> {
         let id = pair.id.ok_or(Outcome::Unused)?;
-        let landmark = self.feature_block(id).map_err(|_| Outcome::NotVisible)?;
+        let landmark = self
+            .memory
+            .feature_block(id)
+            .map_err(|_| Outcome::NotVisible)?;
         let (view, unrolled) = self
             .intersect_unrolled(worn, pair)
             .ok_or(Outcome::NotVisible)?;
-        let (pose, feature) = (self.state.camera_pose(), self.state.feature(&landmark));
+        let (pose, feature) = (
+            self.memory.state.camera_pose(),
+            self.memory.state.feature(&landmark),
+        );
         let predicted = PointInCamera::metric(&pose, &feature).ok_or(Outcome::NotVisible)?;
         let view = view.at_point(&predicted.value);
-        let (sigma, sigma_f) = (self.settings.pixel.sigma_cs, self.settings.pixel.sigma_cf);
+        let (sigma, sigma_f) = (
+            self.setup.settings.pixel.sigma_cs,
+            self.setup.settings.pixel.sigma_cf,
+        );
         if self.rho_variance(worn, &view, &pair.uv_f).sqrt() > MAX_RANGE_RATIO * view.rho {
             return Err(Outcome::TooUncertain);
         }
@@ -133,7 +143,7 @@ impl Filter {
         if error.is_none() {
             noise += j * self.worn_covariance(worn) * j.transpose();
         }
-        let mean = self.state.worn_error(worn.who);
+        let mean = self.memory.state.worn_error(worn.who);
         // The point was triangulated at the estimated error, so only its deviation from there counts.
         let measured = view.point() - j * mean;
         let error_of = error.map(|_| (&mean, &j));
@@ -155,20 +165,23 @@ impl Filter {
         pair: &WornPair,
         id: u64,
     ) -> Result<MeasurementBlock, Outcome> {
-        let landmark = self.feature_block(id).map_err(|_| Outcome::NotVisible)?;
-        let camera = self.worn_cameras.get(worn.who);
+        let landmark = self
+            .memory
+            .feature_block(id)
+            .map_err(|_| Outcome::NotVisible)?;
+        let camera = self.setup.worn_cameras.get(worn.who);
         let camera = camera.ok_or(Outcome::NotVisible)?;
         let view = WornView {
             camera,
             measured: worn.t_cf.clone(),
-            error: self.state.worn_error(worn.who),
+            error: self.memory.state.worn_error(worn.who),
         };
         let rows = Rows::worn_pixel(
             &view,
-            &self.state.camera_pose(),
-            &self.state.feature(&landmark),
+            &self.memory.state.camera_pose(),
+            &self.memory.state.feature(&landmark),
             &pair.uv_f,
-            self.settings.pixel.sigma_cf,
+            self.setup.settings.pixel.sigma_cf,
         );
         let rows = rows.map(|rows| Rows {
             roll: self.worn_roll(worn.who, &pair.uv_f),
@@ -179,9 +192,15 @@ impl Filter {
 
     fn other_depth(&self, depth: &DepthObservation) -> Result<MeasurementBlock, Outcome> {
         let id = depth.id.ok_or(Outcome::Unused)?;
-        let landmark = self.feature_block(id).map_err(|_| Outcome::NotVisible)?;
+        let landmark = self
+            .memory
+            .feature_block(id)
+            .map_err(|_| Outcome::NotVisible)?;
         let (point, noise) = self.point_at_depth(depth).ok_or(Outcome::NotVisible)?;
-        let (pose, feature) = (self.state.camera_pose(), self.state.feature(&landmark));
+        let (pose, feature) = (
+            self.memory.state.camera_pose(),
+            self.memory.state.feature(&landmark),
+        );
         MeasurementBlock::new(
             Rows::depth(&pose, &feature, &point, &noise, None),
             &landmark,

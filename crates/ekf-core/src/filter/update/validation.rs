@@ -24,13 +24,14 @@ impl Filter {
     /// Matches whose predicted pixel has a standard deviation as wide as the image: no linearisation holds there.
     fn poorly_predicted(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
         gone.clear();
-        let (s, m) = (self.batch.s(), self.batch.rows());
-        let widest = f64::from(self.camera.width.max(self.camera.height)).powi(2);
+        let (s, m) = (self.workspace.batch.s(), self.workspace.batch.rows());
+        let widest = f64::from(self.setup.camera.width.max(self.setup.camera.height)).powi(2);
         for (u, (block, &at)) in self
+            .workspace
             .batch
             .blocks()
             .iter()
-            .zip(self.batch.offsets())
+            .zip(self.workspace.batch.offsets())
             .enumerate()
         {
             let mut rows = at..at + block.rows.count;
@@ -44,44 +45,44 @@ impl Filter {
     /// Matches that fail their individual gate.
     fn gated(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
         gone.clear();
-        if self.settings.validate.test == BatchTestKind::None {
+        if self.setup.settings.validate.test == BatchTestKind::None {
             return Outcome::RejectedGate;
         }
         validate::reject_each(
-            self.batch.s(),
-            self.batch.rows(),
-            self.batch.g(),
-            validate::Blocks::new(self.batch.offsets()),
+            self.workspace.batch.s(),
+            self.workspace.batch.rows(),
+            self.workspace.batch.g(),
+            validate::Blocks::new(self.workspace.batch.offsets()),
             GATE_LEVEL,
-            &mut self.test,
+            &mut self.workspace.test,
         );
-        gone.extend_from_slice(self.test.rejected());
+        gone.extend_from_slice(self.workspace.test.rejected());
         Outcome::RejectedGate
     }
 
     /// Matches that the batch test leaves out.
     fn batch_test(&mut self, report: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
         gone.clear();
-        let test = BatchTest::chosen(&self.settings.validate);
-        let batch = self.batch.as_batch();
+        let test = BatchTest::chosen(&self.setup.settings.validate);
+        let batch = self.workspace.batch.as_batch();
         if batch.blocks.is_empty() {
             return Outcome::RejectedBatch;
         }
-        let verdict = test.run(&batch, &mut self.test);
+        let verdict = test.run(&batch, &mut self.workspace.test);
         report.order = verdict.order;
         report.exact &= verdict.exact;
-        gone.extend_from_slice(self.test.rejected());
+        gone.extend_from_slice(self.workspace.test.rejected());
         Outcome::RejectedBatch
     }
 
     /// Matches that disagree with the other accepted ones.
     fn conditional_gate(&mut self, _: &mut UpdateReport, gone: &mut Vec<usize>) -> Outcome {
         gone.clear();
-        let options = &self.settings.validate;
+        let options = &self.setup.settings.validate;
         if options.test == BatchTestKind::None || options.conditional_level >= 1.0 {
             return Outcome::RejectedConditional;
         }
-        let batch = self.batch.as_batch();
+        let batch = self.workspace.batch.as_batch();
         conditional_gate(
             batch.l,
             batch.ld,
@@ -89,9 +90,9 @@ impl Filter {
             batch.blocks,
             options.conditional_level,
             validate::MAX_SHARE,
-            &mut self.test,
+            &mut self.workspace.test,
         );
-        gone.extend_from_slice(self.test.rejected());
+        gone.extend_from_slice(self.workspace.test.rejected());
         Outcome::RejectedConditional
     }
 }

@@ -42,18 +42,25 @@ impl Filter {
     /// By how much the images of the worn camera `who` were taken after their stamps, by the clock of Cs, and the standard
     /// deviation of that, seconds; `None` where the clock is exact (`worn.clock_sd`), or there is no such camera.
     pub fn worn_clock(&self, who: usize) -> Option<(f64, f64)> {
-        let (mean, variance) = self.state.worn_clock(who)?;
+        let (mean, variance) = self.memory.state.worn_clock(who)?;
         Some((mean, variance.sqrt()))
     }
 
     /// Puts another filter's estimates of the clocks in the place of those that there are; for a filter without map.
     pub(crate) fn set_worn_clocks(&mut self, other: &Self) {
-        for who in 0..self.state.clocks.len() {
-            let block = self.state.worn_clock_block(who).copied();
-            if let (Some(block), Some((mean, variance))) = (block, other.state.worn_clock(who)) {
-                self.state.set_part(block.offset, &SMatrix::from([[mean]]));
-                self.state.reference[block.offset] = mean;
-                self.state.p.set(block.offset, block.offset, variance);
+        for who in 0..self.memory.state.clocks.len() {
+            let block = self.memory.state.worn_clock_block(who).copied();
+            if let (Some(block), Some((mean, variance))) =
+                (block, other.memory.state.worn_clock(who))
+            {
+                self.memory
+                    .state
+                    .set_part(block.offset, &SMatrix::from([[mean]]));
+                self.memory.state.reference[block.offset] = mean;
+                self.memory
+                    .state
+                    .p
+                    .set(block.offset, block.offset, variance);
             }
         }
     }
@@ -66,8 +73,8 @@ impl Filter {
         before: Option<&BeforeView>,
         learned: &mut Learned,
     ) {
-        let possible = self.settings.worn.clock_sd.powi(2);
-        let told = self.state.clocks.get(worn.who);
+        let possible = self.setup.settings.worn.clock_sd.powi(2);
+        let told = self.memory.state.clocks.get(worn.who);
         let is_told = told.is_some_and(|told| told.information * possible > TOLD_INFORMATION);
         let (Some(before), Some(carried), true) = (before, carried, is_told) else {
             return;
@@ -87,8 +94,8 @@ impl Filter {
         let error = self.error_of(worn, carried);
         let lasting: Vec<LinearPart<'_>> = error.lasting_parts().chain([clock]).collect();
         Some(BeforeView {
-            whole: of_error(&self.state, self.worn_error_offset(worn.who)?),
-            lasting: self.state.covariance_of(&lasting, &Matrix6::zeros()),
+            whole: of_error(&self.memory.state, self.worn_error_offset(worn.who)?),
+            lasting: self.memory.state.covariance_of(&lasting, &Matrix6::zeros()),
         })
     }
 
@@ -104,11 +111,11 @@ impl Filter {
         before: &BeforeView,
     ) -> Option<()> {
         let capture = Capture {
-            frame: self.time?,
+            frame: self.memory.time?,
             ..self.capture_of(worn)?
         };
         let BeforeView { whole, lasting } = before;
-        let taken = whole - of_error(&self.state, self.worn_error_offset(worn.who)?);
+        let taken = whole - of_error(&self.memory.state, self.worn_error_offset(worn.who)?);
         let inverse = whole.cholesky()?.inverse();
         let q = inverse * taken * inverse;
         let told = q * (Matrix6::identity() - lasting * q).try_inverse()?;
@@ -119,7 +126,7 @@ impl Filter {
         let by_twist = j.transpose() * carried.taken.inverse().adjoint();
         let by_second = by_twist * there.twist;
         let spread = by_twist * there.twist_noise * by_twist.transpose();
-        let clock = self.state.clocks.get_mut(worn.who)?;
+        let clock = self.memory.state.clocks.get_mut(worn.who)?;
         let change = by_second - clock.mean;
         // Of the mean, which has more weight, there is less.
         let noise = spread * (1.0 + clock.share_of_one(&told));

@@ -79,27 +79,27 @@ impl Filter {
     /// here from another time. The bias `b` is along C's axes: its causes lie along the way that both cameras travel, so it
     /// must not turn with F's axes when the wearer's head does. `c` is what all worn cameras have in common of theirs.
     pub(crate) fn open_worn_error(&mut self, worn: &WornObservation, carried: Option<&Carried>) {
-        let share = self.settings.worn.common_share;
+        let share = self.setup.settings.worn.common_share;
         let bias_covariance = self.bias_covariance(worn);
         let j = into_f(worn, carried);
-        let is_known = self.state.lasting_error(worn.who).next().is_some();
+        let is_known = self.memory.state.lasting_error(worn.who).next().is_some();
         if bias_covariance.diagonal().max() > 0.0 && !is_known {
             let stationary = j.transpose() * bias_covariance * j;
             let stationary = (stationary + stationary.transpose()) * 0.5;
             if share > 0.0 {
-                self.state.begin_lasting(Lasting::common());
+                self.memory.state.begin_lasting(Lasting::common());
             }
             let own = Lasting::of(worn.who, &stationary, share);
-            self.state.begin_lasting(own);
+            self.memory.state.begin_lasting(own);
         }
         let error = self.error_of(worn, carried);
         let mut parts: Vec<LinearPart<'_>> = error.linear_parts().collect();
         if share > 0.0 {
             let kind = BlockKind::WornError(Whose::Common);
-            let there = self.state.worn_error_block(Whose::Common).copied();
+            let there = self.memory.state.worn_error_block(Whose::Common).copied();
             let block = there.unwrap_or_else(|| {
                 let one = Matrix6::identity();
-                self.state.append(kind, &Vector6::zeros(), &[], &one)
+                self.memory.state.append(kind, &Vector6::zeros(), &[], &one)
             });
             parts.push(LinearPart {
                 offset: block.offset,
@@ -108,19 +108,21 @@ impl Filter {
             });
         }
         let kind = BlockKind::WornError(Whose::Of(worn.who));
-        let mean = error.mean(&self.state);
-        self.state.append(kind, &mean, &parts, &error.white);
-        if self.settings.worn.readout > 0.0 {
+        let mean = error.mean(&self.memory.state);
+        self.memory.state.append(kind, &mean, &parts, &error.white);
+        if self.setup.settings.worn.readout > 0.0 {
             let kind = BlockKind::WornRoll(worn.who);
-            let roll = roll_covariance(self.settings.worn.readout);
-            self.state.append(kind, &Vector6::zeros(), &[], &roll);
+            let roll = roll_covariance(self.setup.settings.worn.readout);
+            self.memory
+                .state
+                .append(kind, &Vector6::zeros(), &[], &roll);
         }
     }
 
     /// How far down the image of a worn camera a pixel's row is, where the state has how that camera moved meanwhile.
     pub(crate) fn worn_roll(&self, who: usize, uv_f: &Vector2<f64>) -> Option<f64> {
-        let camera = self.worn_cameras.get(who)?;
-        let rolls = self.state.has_worn_roll(who);
+        let camera = self.setup.worn_cameras.get(who)?;
+        let rolls = self.memory.state.has_worn_roll(who);
         rolls.then(|| down_the_image(uv_f, f64::from(camera.height)))
     }
 
@@ -142,7 +144,7 @@ impl Filter {
         let mut across = Matrix6::identity();
         let mut shift = across.fixed_view_mut::<3, 3>(0, 0);
         shift -= along * along.transpose();
-        for (offset, by) in self.state.lasting_error(worn.who) {
+        for (offset, by) in self.memory.state.lasting_error(worn.who) {
             if let Some(back) = by.try_inverse() {
                 learned.of.push((offset, back * across * by));
             }
@@ -151,7 +153,7 @@ impl Filter {
 
     fn bias_covariance(&self, worn: &WornObservation) -> Matrix6<f64> {
         worn.bias
-            .unwrap_or(worn.covariance * self.settings.worn.bias_share)
+            .unwrap_or(worn.covariance * self.setup.settings.worn.bias_share)
     }
 
     /// What the error of a view's T_CF comes from.
@@ -160,9 +162,9 @@ impl Filter {
         worn: &WornObservation,
         carried: Option<&Carried>,
     ) -> WornErrorParts {
-        let share = self.settings.worn.common_share;
+        let share = self.setup.settings.worn.common_share;
         let j = into_f(worn, carried);
-        let lasting = self.state.lasting_error(worn.who);
+        let lasting = self.memory.state.lasting_error(worn.who);
         let lasting: Vec<_> = lasting.map(|(offset, by)| (offset, j * by)).collect();
         let mut white = if lasting.is_empty() {
             worn.covariance
@@ -188,13 +190,16 @@ impl Filter {
     }
 
     pub(crate) fn worn_error_offset(&self, who: usize) -> Option<usize> {
-        let block = self.state.worn_error_block(Whose::Of(who));
+        let block = self.memory.state.worn_error_block(Whose::Of(who));
         block.map(|b| b.offset)
     }
 
     pub(crate) fn worn_covariance(&self, worn: &WornObservation) -> Matrix6<f64> {
-        match (self.worn_error_offset(worn.who), self.settings.worn.errors) {
-            (Some(offset), _) => self.state.p.block::<6, 6>(offset, offset),
+        match (
+            self.worn_error_offset(worn.who),
+            self.setup.settings.worn.errors,
+        ) {
+            (Some(offset), _) => self.memory.state.p.block::<6, 6>(offset, offset),
             (None, WornErrors::Pixels) => Matrix6::zeros(),
             (None, _) => worn.covariance,
         }
@@ -206,9 +211,9 @@ impl Filter {
         uv: &Vector2<f64>,
         uv_f: &Vector2<f64>,
     ) -> Option<TwoView> {
-        let worn_camera = self.worn_cameras.get(worn.who)?;
-        let t_cf = worn.t_cf.retract(&self.state.worn_error(worn.who));
-        TwoView::new(&self.camera, uv, worn_camera, uv_f, &t_cf)
+        let worn_camera = self.setup.worn_cameras.get(worn.who)?;
+        let t_cf = worn.t_cf.retract(&self.memory.state.worn_error(worn.who));
+        TwoView::new(&self.setup.camera, uv, worn_camera, uv_f, &t_cf)
     }
 
     /// As [`Self::intersect`], of the pixel in Cs without the shutter's rolling.
@@ -236,12 +241,14 @@ impl Filter {
     ) -> f64 {
         let j = view.rho_by_tangent();
         let rolled = self.worn_roll(worn.who, uv_f).map_or(0.0, |share| {
-            (j * roll_covariance(self.settings.worn.readout) * j.transpose())[(0, 0)]
+            (j * roll_covariance(self.setup.settings.worn.readout) * j.transpose())[(0, 0)]
                 * share
                 * share
         });
-        let pixels = view
-            .rho_variance_from_pixels(self.settings.pixel.sigma_cs, self.settings.pixel.sigma_cf);
+        let pixels = view.rho_variance_from_pixels(
+            self.setup.settings.pixel.sigma_cs,
+            self.setup.settings.pixel.sigma_cf,
+        );
         pixels + rolled + (j * self.worn_covariance(worn) * j.transpose())[(0, 0)].max(0.0)
     }
 
@@ -255,12 +262,12 @@ impl Filter {
         covariance: &Matrix6<f64>,
         who: usize,
     ) -> Result<Option<Overlap>, EkfError> {
-        let worn = self.worn_model(who)?;
+        let worn = self.setup.worn_model(who)?;
         check_pose(t_cf, covariance)?;
-        let sigma_px = self.settings.pixel.sigma_cf;
-        let settings = &self.settings.overlap;
+        let sigma_px = self.setup.settings.pixel.sigma_cf;
+        let settings = &self.setup.settings.overlap;
         Ok(predict_overlap(
-            &self.camera,
+            &self.setup.camera,
             worn,
             t_cf,
             covariance,

@@ -67,7 +67,7 @@ impl Filter {
         let (mut worn, frame) = (worn.clone(), self.frame_of(worn));
         for pair in worn.pairs.iter_mut().filter(|pair| pair.id.is_none()) {
             let same = born.iter().find(|(at, uv, id)| {
-                (*at, Some(*uv)) == (frame, pair.uv) && self.known(*id).is_ok()
+                (*at, Some(*uv)) == (frame, pair.uv) && self.memory.known(*id).is_ok()
             });
             pair.id = same.map(|(_, _, id)| *id);
         }
@@ -85,6 +85,6 @@ impl Filter {
 
     /// Time of the frame of Cs that a view's pairs are of.
     fn frame_of(&self, worn: &WornObservation) -> Option<f64> {
-        worn.capture.map(|c| c.frame).or(self.time)
+        worn.capture.map(|c| c.frame).or(self.memory.time)
     }
 }

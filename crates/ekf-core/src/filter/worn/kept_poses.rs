@@ -5,9 +5,6 @@ use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::memory::pose_ring::MOST_KEPT_POSES;
 use crate::math::pose::Pose;
-use crate::observe::POSE_DIM;
-use crate::state::{BlockKind, LinearPart};
-use nalgebra::{SMatrix, SVector};
 
 /// Poses that are kept at most within `worn.late`, but for the one before it and those that jitter adds.
 const AIM: f64 = 10.0;
@@ -40,18 +37,18 @@ impl Filter {
     /// Poses older than `lateness` go, but for one: how much later than it was taken a view comes to its frame, so far as is
     /// known, seconds; `worn.late` is the most. Each pose that is kept costs like a feature.
     pub fn keep_pose(&mut self, lateness: f64) -> bool {
-        let Some(now) = self.time.filter(|_| self.started) else {
+        let Some(now) = self.memory.time.filter(|_| self.memory.started) else {
             return false;
         };
-        let late = self.settings.worn.late;
-        let last = self.kept_poses.poses.last();
+        let late = self.setup.settings.worn.late;
+        let last = self.memory.kept_poses.poses.last();
         if last.is_some_and(|(t, _)| now - t < SPACING * late / AIM) {
             return false;
         }
         self.changes();
         let oldest = now - lateness.max(0.0).min(REACH * late);
         // The one before the first that is needed is needed, too: views are taken between two.
-        let poses = &mut self.kept_poses.poses;
+        let poses = &mut self.memory.kept_poses.poses;
         let over = poses.iter().skip(1).take_while(|(t, _)| *t <= oldest);
         let over = over
             .count()
@@ -59,44 +56,23 @@ impl Filter {
         let mut gone: Vec<u64> = poses.drain(..over).map(|(_, id)| id).collect();
         let again = gone.pop();
         if !gone.is_empty() {
-            self.state.remove(|b| gone.contains(&b.id));
+            self.memory.state.remove(|b| gone.contains(&b.id));
         }
-        let block = again.and_then(|id| self.state.layout.find(id).copied());
+        let block = again.and_then(|id| self.memory.state.layout.find(id).copied());
         let id = match block {
             Some(block) => {
-                self.state.clone_again(&block);
+                self.memory.state.clone_again(&block);
                 block.id
             }
-            None => self.clone_pose(),
+            None => self.memory.clone_pose(),
         };
-        self.kept_poses.poses.push((now, id));
+        self.memory.kept_poses.poses.push((now, id));
         true
-    }
-
-    /// Appends the camera's present pose to the state; returns its block.
-    pub(crate) fn clone_pose(&mut self) -> u64 {
-        let identity = SMatrix::<f64, 7, 7>::identity();
-        let mean: SVector<f64, 7> = self.state.part::<7>(0);
-        let part = LinearPart {
-            offset: 0,
-            width: POSE_DIM,
-            matrix: identity.as_slice(),
-        };
-        let noise = SMatrix::zeros();
-        let block = self.state.append(BlockKind::Clone, &mean, &[part], &noise);
-        block.id
-    }
-
-    /// Forgets the poses that were kept.
-    pub(crate) fn forget_poses(&mut self) {
-        let ids: Vec<u64> = self.kept_poses.ids().collect();
-        self.state.remove(|b| ids.contains(&b.id));
-        self.kept_poses.poses.clear();
     }
 
     /// Times of the poses that are kept, seconds, increasing.
     pub fn kept_times(&self) -> impl Iterator<Item = f64> {
-        self.kept_poses.poses.iter().map(|(t, _)| *t)
+        self.memory.kept_poses.poses.iter().map(|(t, _)| *t)
     }
 
     /// `T_WC` as it is kept of the frame at `t`, or the present pose if that is the frame's time.
@@ -104,38 +80,25 @@ impl Filter {
     /// # Errors
     /// `InvalidInput` if no pose of that time is kept.
     pub fn kept_pose(&self, t: f64) -> Result<Pose, EkfError> {
-        let offset = self.offset_of_frame(t)?;
-        let pose = self.state.pose_at(offset);
+        let offset = self.memory.offset_of_frame(t)?;
+        let pose = self.memory.state.pose_at(offset);
         Ok(Pose::from_quat(pose.r, &pose.q))
-    }
-
-    /// Where the pose of the frame at `t` is in the state.
-    pub(crate) fn offset_of_frame(&self, t: f64) -> Result<usize, EkfError> {
-        if self.time == Some(t) {
-            return Ok(0);
-        }
-        let kept = self.kept_poses.poses.iter().find(|(at, _)| *at == t);
-        let block = kept.and_then(|(_, id)| self.state.layout.find(*id));
-        let why = || format!("no pose is kept of a frame at {t} s; take one of kept_times");
-        let what = "frame";
-        let offset = block.map(|block| block.offset);
-        offset.ok_or_else(|| EkfError::InvalidInput { what, why: why() })
     }
 
     /// What can be done with a view of the worn camera `who` that was taken at `t`, seconds, now that the filter is at its frame's time.
     pub fn view_timing(&self, t: f64, who: usize) -> ViewTiming {
-        let now = self.time.unwrap_or(t);
-        let tolerance = self.settings.worn.tolerance;
-        let measured = self.kept_poses.measured.iter();
+        let now = self.memory.time.unwrap_or(t);
+        let tolerance = self.setup.settings.worn.tolerance;
+        let measured = self.memory.kept_poses.measured.iter();
         let mut measured = measured.filter(|(of, _)| *of == who).map(|(_, t)| *t);
         if measured.clone().any(|last| last == t) {
             return ViewTiming::Repeated;
         }
         // A start may be from the frame before the view.
-        let ahead = if self.started {
+        let ahead = if self.memory.started {
             0.0
         } else {
-            self.settings.worn.late / AIM
+            self.setup.settings.worn.late / AIM
         };
         if t > now + tolerance.max(ahead) {
             return ViewTiming::Future;
@@ -143,8 +106,8 @@ impl Filter {
         if now - t <= tolerance {
             return ViewTiming::Present;
         }
-        let late = self.settings.worn.late;
-        let oldest = match (self.started, self.kept_times().next()) {
+        let late = self.setup.settings.worn.late;
+        let oldest = match (self.memory.started, self.kept_times().next()) {
             (true, Some(oldest)) => oldest.max(now - REACH * late),
             (true, None) => now,
             // Nothing is known of its motion, which is added to the noise of T_CF.
@@ -161,14 +124,14 @@ impl Filter {
 
     /// Refuses a view that cannot be measured any more, or not yet.
     pub(super) fn check_timing(&self, t: f64, who: usize) -> Result<(), EkfError> {
-        let now = self.time.unwrap_or(t);
+        let now = self.memory.time.unwrap_or(t);
         match self.view_timing(t, who) {
             ViewTiming::Present | ViewTiming::Late | ViewTiming::Reordered => Ok(()),
             ViewTiming::Repeated => Err(EkfError::RepeatedView { t }),
             ViewTiming::Future => Err(EkfError::FutureView { t, now }),
             ViewTiming::Stale => {
                 let oldest = self.kept_times().next().unwrap_or(now);
-                let oldest = oldest.max(now - REACH * self.settings.worn.late);
+                let oldest = oldest.max(now - REACH * self.setup.settings.worn.late);
                 Err(EkfError::StaleView { t, oldest })
             }
         }

@@ -92,7 +92,7 @@ impl Filter {
         let carried = self.carried(t_cf, capture, who)?;
         let parts: Vec<LinearPart<'_>> = carried.by.parts().collect();
         let noise = covariance + carried.noise;
-        let sum = self.state.covariance_of(&parts, &noise);
+        let sum = self.memory.state.covariance_of(&parts, &noise);
         Ok((carried.t_cf, (sum + sum.transpose()) * 0.5))
     }
 
@@ -110,11 +110,11 @@ impl Filter {
             }
         }
         self.check_timing(t, who)?;
-        let to = self.offset_of_frame(frame)?;
+        let to = self.memory.offset_of_frame(frame)?;
         let gap = self.gap(capture);
         let into_f = t_cf.inverse().adjoint();
-        let clock = self.state.worn_clock(who);
-        if !self.started || (gap.is_some() && clock.is_none()) {
+        let clock = self.memory.state.worn_clock(who);
+        if !self.memory.started || (gap.is_some() && clock.is_none()) {
             let gap = gap.unwrap_or_else(|| (t - frame).abs());
             let off = clock.map_or(0.0, |(mean, variance)| mean * mean + variance);
             let noise = self.of_unknown_motion(gap * gap + off);
@@ -127,7 +127,7 @@ impl Filter {
             });
         }
         let there = self.pose_then(capture, who)?;
-        let frame_pose = self.state.pose_at(to);
+        let frame_pose = self.memory.state.pose_at(to);
         let here = Pose::from_quat(frame_pose.r, &frame_pose.q);
         let motion = here.inverse().compose(&there.pose);
         let mut noise = there.noise;
@@ -143,7 +143,7 @@ impl Filter {
         }
         by.add(to, &(into_f * -motion.inverse().adjoint()), &frame_pose);
         by.velocity = there.by_velocity.map(|by| into_f * by);
-        let block = self.state.worn_clock_block(who);
+        let block = self.memory.state.worn_clock_block(who);
         by.clock = block.map(|block| (block.offset, into_f * there.twist));
         Ok(Carried {
             t_cf: motion.compose(t_cf),
@@ -157,7 +157,7 @@ impl Filter {
     /// Seconds between a view and its frame, where it counts as of that one's instant.
     fn gap(&self, Capture { t, frame }: Capture) -> Option<f64> {
         let gap = (t - frame).abs();
-        (gap <= self.settings.worn.tolerance).then_some(gap)
+        (gap <= self.setup.settings.worn.tolerance).then_some(gap)
     }
 
     /// Where Cs was when a view of the worn camera `who` was taken, as its clock is estimated.
@@ -165,12 +165,12 @@ impl Filter {
     /// # Errors
     /// `StaleView` where no pose of about then is kept.
     pub(super) fn pose_then(&self, capture: Capture, who: usize) -> Result<Then, EkfError> {
-        let Some((clock, _)) = self.state.worn_clock(who) else {
+        let Some((clock, _)) = self.memory.state.worn_clock(who) else {
             return self.pose_between(capture.t);
         };
         let stamp = self.gap(capture).map_or(capture.t, |_| capture.frame);
         let t = stamp + clock;
-        let now = self.time.unwrap_or(t);
+        let now = self.memory.time.unwrap_or(t);
         if t >= now || self.kept_times().next().is_none() {
             return Ok(self.pose_prolonged(t - now));
         }
@@ -179,7 +179,7 @@ impl Filter {
 
     /// Covariance of Cs's motion in a time that is short, or before its velocity is known; `time` is its square.
     fn of_unknown_motion(&self, time: f64) -> Matrix6<f64> {
-        if !self.started {
+        if !self.memory.started {
             let (v, w) = (UNKNOWN_SPEED.powi(2) * time, UNKNOWN_TURN.powi(2) * time);
             return Matrix6::from_diagonal(&Vector6::new(v, v, v, w, w, w));
         }
@@ -188,7 +188,7 @@ impl Filter {
         let mut turn = Matrix6::identity();
         turn.fixed_view_mut::<3, 3>(0, 0)
             .copy_from(&pose.transpose());
-        let uncertain = turn * self.state.p.block::<6, 6>(7, 7) * turn.transpose();
+        let uncertain = turn * self.memory.state.p.block::<6, 6>(7, 7) * turn.transpose();
         (twist * twist.transpose() + uncertain) * time
     }
 
@@ -198,10 +198,10 @@ impl Filter {
         &self,
         worn: &WornObservation,
     ) -> Result<Option<(WornObservation, Carried)>, EkfError> {
-        let (Some(capture), Some(now)) = (self.capture_of(worn), self.time) else {
+        let (Some(capture), Some(now)) = (self.capture_of(worn), self.memory.time) else {
             return Ok(None);
         };
-        self.offset_of_frame(capture.frame)?;
+        self.memory.offset_of_frame(capture.frame)?;
         let carried = self.carried(
             &worn.t_cf,
             Capture {
@@ -219,8 +219,8 @@ impl Filter {
 
     /// When a view was taken, where that makes a difference.
     pub(super) fn capture_of(&self, worn: &WornObservation) -> Option<Capture> {
-        let clock = self.state.worn_clock_block(worn.who);
-        let now = clock.and(self.time).map(|t| Capture { t, frame: t });
+        let clock = self.memory.state.worn_clock_block(worn.who);
+        let now = clock.and(self.memory.time).map(|t| Capture { t, frame: t });
         worn.capture.or(now)
     }
 }
@@ -250,7 +250,7 @@ mod tests {
             .map(|k| Vector2::new(60.0 + 45.0 * k as f64, 240.0))
             .collect();
         filter.add_undelayed(&pixels).expect("features");
-        filter.state.x[7..13].copy_from_slice(&[0.6, -0.2, 1.1, 0.3, -0.8, 0.2]);
+        filter.memory.state.x[7..13].copy_from_slice(&[0.6, -0.2, 1.1, 0.3, -0.8, 0.2]);
         for k in 1..=5 {
             assert!(filter.keep_pose(1.0));
             filter
@@ -277,7 +277,7 @@ mod tests {
             offsets.sort_unstable();
             offsets.dedup();
             for offset in offsets {
-                let q = filter.state.pose_at(offset).q;
+                let q = filter.memory.state.pose_at(offset).q;
                 // Steps along the tangent of the pose, as `[r q]`.
                 let by = at.by.poses.iter().filter(|(at, _)| *at == offset);
                 let by: SMatrix<f64, 6, 7> = by.map(|(_, by)| *by).sum();
@@ -291,7 +291,7 @@ mod tests {
                         let mut moved = filter.clone();
                         let step = lift.column(k) * e;
                         for i in 0..POSE_DIM {
-                            moved.state.x[offset + i] += step[i];
+                            moved.memory.state.x[offset + i] += step[i];
                         }
                         let there = moved.carried(&t_cf(), capture, 0).expect("as before");
                         at.t_cf.inverse().compose(&there.t_cf).log()
@@ -326,7 +326,7 @@ mod tests {
         assert_eq!(timing(&filter, 0.43), ViewTiming::Late);
         assert_eq!(timing(&filter, -0.01), ViewTiming::Stale);
         assert_eq!(timing(&filter, 0.46), ViewTiming::Future);
-        filter.kept_poses.remember(0, 0.35);
+        filter.memory.kept_poses.remember(0, 0.35);
         assert_eq!(timing(&filter, 0.35), ViewTiming::Repeated);
         assert_eq!(timing(&filter, 0.3), ViewTiming::Reordered);
         let refused = |t: f64| {
@@ -379,15 +379,20 @@ mod tests {
         let mut settings = Settings::default();
         settings.worn.clock_sd = 0.05;
         let mut filter = moving_with(settings);
-        let at = filter.state.worn_clock_block(0).expect("a clock").offset;
-        filter.state.x[at] = clock;
+        let at = filter
+            .memory
+            .state
+            .worn_clock_block(0)
+            .expect("a clock")
+            .offset;
+        filter.memory.state.x[at] = clock;
         filter
     }
 
     /// Derivative of T_CF of a view, by all numbers of the state that it says it depends on.
     fn derivative(filter: &Filter, capture: Capture) -> Matrix6xX<f64> {
         let at = filter.carried(&t_cf(), capture, 0).expect("it is kept");
-        let mut by = Matrix6xX::zeros(filter.state.x.len());
+        let mut by = Matrix6xX::zeros(filter.memory.state.x.len());
         for part in at.by.parts() {
             let mut columns = by.columns_mut(part.offset, part.width);
             columns += Matrix6xX::from_column_slice(part.matrix);
@@ -412,15 +417,20 @@ mod tests {
             let by = derivative(&filter, capture);
             let there = |filter: &Filter| filter.carried(&t_cf(), capture, 0).expect("kept");
             let at = there(&filter).t_cf;
-            let kept = filter.kept_poses.ids();
-            let kept = kept.filter_map(|id| Some(filter.state.layout.find(id)?.offset));
+            let kept = filter.memory.kept_poses.ids();
+            let kept = kept.filter_map(|id| Some(filter.memory.state.layout.find(id)?.offset));
             let mut steps: Vec<Vec<(usize, f64)>> =
                 (7..CAMERA_DIM).map(|i| vec![(i, 1.0)]).collect();
-            let clock_at = filter.state.worn_clock_block(0).expect("a clock").offset;
+            let clock_at = filter
+                .memory
+                .state
+                .worn_clock_block(0)
+                .expect("a clock")
+                .offset;
             steps.push(vec![(clock_at, 1.0)]);
             for pose in kept.chain([0]) {
                 steps.extend((0..3).map(|i| vec![(pose + i, 1.0)]));
-                let lift = quat::lift(&filter.state.pose_at(pose).q);
+                let lift = quat::lift(&filter.memory.state.pose_at(pose).q);
                 let turns = (0..3).map(|k| (0..4).map(|i| (pose + 3 + i, lift[(i, k)])).collect());
                 steps.extend(turns);
             }
@@ -428,7 +438,8 @@ mod tests {
                 let analytic: Vector6<f64> = step.iter().map(|(i, v)| by.column(*i) * *v).sum();
                 let [to, from] = [e, -e].map(|e| {
                     let mut moved = filter.clone();
-                    step.iter().for_each(|(i, v)| moved.state.x[*i] += v * e);
+                    step.iter()
+                        .for_each(|(i, v)| moved.memory.state.x[*i] += v * e);
                     at.inverse().compose(&there(&moved).t_cf).log()
                 });
                 let off = (analytic - (to - from) / (2.0 * e)).abs().max();

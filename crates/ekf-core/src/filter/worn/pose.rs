@@ -19,7 +19,7 @@ impl Filter {
     /// # Errors
     /// As [`Self::check_worn`] and [`Self::carry_worn`], and `InvalidInput` before the start.
     pub fn worn_pose(&self, worn: &WornObservation) -> Result<WornPose, EkfError> {
-        self.check_started()?;
+        self.memory.check_started()?;
         self.check_worn(&worn.t_cf, &worn.covariance, worn.bias.as_ref(), worn.who)?;
         let brought = self.brought_here(worn)?;
         let (t_cf, carried) = match &brought {
@@ -33,14 +33,14 @@ impl Filter {
             parts.push((part.offset, by));
         }
         let noise = error.white + error.common * error.common.transpose();
-        let t_cf = t_cf.retract(&error.mean(&self.state));
+        let t_cf = t_cf.retract(&error.mean(&self.memory.state));
         Ok(self.worn_pose_by(worn.who, &t_cf, parts, &noise))
     }
 
     /// Where a worn camera whose view was measured is, with its error of T_CF still in the state; `t_cf` is for the present
     /// pose.
     pub(crate) fn measured_worn_pose(&self, who: usize, t_cf: &Pose) -> WornPose {
-        let error = self.state.worn_error(who);
+        let error = self.memory.state.worn_error(who);
         let turn = error.fixed_rows::<3>(3).into_owned();
         // A small step beside the estimated error, as one beside the pose that it gives.
         let mut by = DMatrix::zeros(6, 6);
@@ -62,11 +62,11 @@ impl Filter {
         mut parts: Parts,
         noise: &Matrix6<f64>,
     ) -> WornPose {
-        let camera = self.state.camera_pose();
+        let camera = self.memory.state.camera_pose();
         let by_camera = t_cf.inverse().adjoint() * tangent_map(&camera.q);
         let by_camera = DMatrix::from_column_slice(6, POSE_DIM, by_camera.as_slice());
         parts.push((0, by_camera));
-        let told = self.state.told();
+        let told = self.memory.state.told();
         let mut covariance = *noise;
         for (a, by_a) in &parts {
             for (b, by_b) in &parts {
@@ -80,7 +80,7 @@ impl Filter {
             r: Vector3::from(pose.translation),
             q: quat::from_rotation(&pose.rotation),
         };
-        covariance += self.placed.of_pose(&frame);
+        covariance += self.memory.placed.of_pose(&frame);
         WornPose {
             who,
             pose,

@@ -36,7 +36,7 @@ impl Filter {
     /// `StaleView` where none is kept.
     pub(super) fn pose_between(&self, t: f64) -> Result<Then, EkfError> {
         let (first, second, share, dt) = self.neighbours(t)?;
-        let poses = [first, second].map(|at| self.state.pose_at(at));
+        let poses = [first, second].map(|at| self.memory.state.pose_at(at));
         let [a, b] = poses.map(|pose| Pose::from_quat(pose.r, &pose.q));
         let there = Between::new(&a, &b, share);
         let back = there.pose.rotation.transpose();
@@ -46,7 +46,7 @@ impl Filter {
         ]
         .map(|(at, by, pose)| (at, by * tangent_map(&pose.q)));
         let parts = by_ends.each_ref().map(|(at, by)| of_pose(*at, by));
-        let twist_noise = self.state.covariance_of(&parts, &Matrix6::zeros());
+        let twist_noise = self.memory.state.covariance_of(&parts, &Matrix6::zeros());
         let of_mean = (share.powi(3) + (1.0 - share).powi(3)) * dt / 3.0;
         Ok(Then {
             by_poses: [
@@ -64,8 +64,11 @@ impl Filter {
 
     /// Where Cs is some seconds after the frame, or before it, if its velocities stay.
     pub(super) fn pose_prolonged(&self, seconds: f64) -> Then {
-        let now = self.state.camera_pose();
-        let (v, w) = (self.state.velocity(), self.state.angular_velocity());
+        let now = self.memory.state.camera_pose();
+        let (v, w) = (
+            self.memory.state.velocity(),
+            self.memory.state.angular_velocity(),
+        );
         let here = Pose::from_quat(now.r, &now.q);
         let turn = w * seconds;
         let back = quat::rotation_exp(&-turn);
@@ -83,7 +86,7 @@ impl Filter {
             .copy_from(&(quat::right_jacobian(&turn) * seconds));
         let mut turned = Matrix6::identity();
         turned.fixed_view_mut::<3, 3>(0, 0).copy_from(&into);
-        let known = self.state.p.block::<6, 6>(POSE_DIM, POSE_DIM);
+        let known = self.memory.state.p.block::<6, 6>(POSE_DIM, POSE_DIM);
         let known = turned * known * turned.transpose();
         Then {
             by_poses: [Some((0, on_both(&back), now)), None],
@@ -99,9 +102,10 @@ impl Filter {
     /// Poses of the state on both sides of `t`, the share of the way from the first to the second, and the seconds between
     /// them. The timing has been checked.
     fn neighbours(&self, t: f64) -> Result<(usize, usize, f64, f64), EkfError> {
-        let now = (self.time.unwrap_or(t), 0);
-        let kept = self.kept_poses.poses.iter();
-        let kept = kept.filter_map(|(at, id)| Some((*at, self.state.layout.find(*id)?.offset)));
+        let now = (self.memory.time.unwrap_or(t), 0);
+        let kept = self.memory.kept_poses.poses.iter();
+        let kept =
+            kept.filter_map(|(at, id)| Some((*at, self.memory.state.layout.find(*id)?.offset)));
         let poses: Vec<(f64, usize)> = kept.filter(|(at, _)| *at < now.0).chain([now]).collect();
         let pair = poses.windows(2).find(|pair| t <= pair[1].0);
         let Some(&[(from, first), (to, second)]) = pair.or(poses.windows(2).last()) else {
@@ -115,7 +119,7 @@ impl Filter {
     /// density, of where Cs is beside the straight way between two poses that are known, under any velocity,
     /// `s^2 dt^3 u^2 (1 - u)^2 / 3` at the share `u` of `dt`.
     fn of_acceleration(&self, share: f64) -> Matrix6<f64> {
-        let process = &self.settings.process;
+        let process = &self.setup.settings.process;
         let (linear, angular) = (
             process.acceleration_density.powi(2) * share,
             process.angular_acceleration_density.powi(2) * share,

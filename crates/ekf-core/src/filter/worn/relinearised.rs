@@ -24,19 +24,22 @@ impl Filter {
         scratch: &Scratch,
     ) -> Result<(), EkfError> {
         let Some(worn) = &z.worn else { return Ok(()) };
-        let lasts = self.state.lasting_error(worn.who).next().is_some()
-            || self.state.worn_clock_block(worn.who).is_some();
+        let lasts = self.memory.state.lasting_error(worn.who).next().is_some()
+            || self.memory.state.worn_clock_block(worn.who).is_some();
         let Some(at) = self.worn_error_offset(worn.who).filter(|_| lasts) else {
             return Ok(());
         };
-        if self.batch.rows() == 0 {
+        if self.workspace.batch.rows() == 0 {
             return Ok(());
         }
-        let moved = self.batch.moved_by_first(self.batch.rows());
-        let slots = self.state.p.stored().slots;
+        let moved = self
+            .workspace
+            .batch
+            .moved_by_first(self.workspace.batch.rows());
+        let slots = self.memory.state.p.stored().slots;
         let step = Vector6::from_fn(|i, _| moved[slots[at + i]]);
-        let before = self.state.part::<6>(at);
-        self.state.set_part(at, &(before + step));
+        let before = self.memory.state.part::<6>(at);
+        self.memory.state.set_part(at, &(before + step));
         let blocks: Result<Vec<MeasurementBlock>, _> = scratch
             .sources
             .iter()
@@ -48,13 +51,13 @@ impl Filter {
                 Ok::<_, Outcome>(block)
             })
             .collect();
-        self.state.set_part(at, &before);
+        self.memory.state.set_part(at, &before);
         let Ok(blocks) = blocks else { return Ok(()) };
-        self.batch.clear();
+        self.workspace.batch.clear();
         for block in blocks {
-            self.batch.push(block);
+            self.workspace.batch.push(block);
         }
-        self.batch.build(&self.state);
-        self.batch.factor()
+        self.workspace.batch.build(&self.memory.state);
+        self.workspace.batch.factor()
     }
 }

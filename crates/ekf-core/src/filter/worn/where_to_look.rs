@@ -16,7 +16,7 @@ impl Filter {
     /// 7x7 covariance of the pose, (translation, rotation), right tangent, and the logarithm of the scale (see
     /// [`Self::scale_sd`]): what a view of Cf is to improve. `None` where no feature has a depth.
     pub fn pose_and_scale_covariance(&self) -> Option<SMatrix<f64, 7, 7>> {
-        look::wanted(&self.state)
+        look::wanted(&self.memory.state)
     }
 
     /// Views of Cf that a person at `t_cf` could offer next, and how much each would tell of pose and scale.
@@ -39,21 +39,23 @@ impl Filter {
         who: usize,
     ) -> Result<Look, EkfError> {
         self.check_worn(t_cf, covariance, bias, who)?;
-        let worn = self.worn_model(who)?;
-        let lasting = bias.map_or(covariance * self.settings.worn.bias_share, |bias| *bias);
+        let worn = self.setup.worn_model(who)?;
+        let lasting = bias.map_or(covariance * self.setup.settings.worn.bias_share, |bias| {
+            *bias
+        });
         let in_view = |point: &Vector3<f64>| {
-            let uv = self.camera.project(point);
-            uv.is_some_and(|uv| self.camera.in_image(&uv, 0.0))
+            let uv = self.setup.camera.project(point);
+            uv.is_some_and(|uv| self.setup.camera.in_image(&uv, 0.0))
         };
         let known = self
-            .started
-            .then(|| self.state.clone().into_told())
+            .memory.started
+            .then(|| self.memory.state.clone().into_told())
             .map(|told| Known::new(&told, in_view, (t_cf, covariance, &lasting), who));
         let Some(known) = known.flatten() else {
             return Ok(Look::default());
         };
-        let (sigma, least) = (self.settings.pixel.sigma_cf, least as f64);
-        let roll = roll_sds(self.settings.worn.readout);
+        let (sigma, least) = (self.setup.settings.pixel.sigma_cf, least as f64);
+        let roll = roll_sds(self.setup.settings.worn.readout);
         let view = |place: &Place, at: &Vector3<f64>, attitude: &Matrix3<f64>| {
             let expected = place.expected(worn, attitude, (sigma, &roll), least);
             CandidateView {
