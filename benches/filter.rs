@@ -113,7 +113,7 @@ fn births(c: &mut Criterion, n: usize, sway: &Sway) {
     let mut sway = Sway::new(mix(n, 20, 0, false), &changes);
     sway.predict();
     let z = Measurements {
-        worn: Some(sway.worn(4)),
+        views: vec![sway.worn(4)],
         ..Measurements::default()
     };
     c.bench_function(&format!("birth, instant, 4 at once/N={n}"), |b| {

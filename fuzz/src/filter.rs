@@ -169,7 +169,7 @@ impl Life {
             });
         }
         if worn {
-            z.worn = Some(self.worn_observation(bytes, &seen, &z.bearings));
+            z.views = vec![self.worn_observation(bytes, &seen, &z.bearings)];
         }
         if depths {
             for b in z.bearings.iter().take(2) {
@@ -198,8 +198,8 @@ impl Life {
             (report.bearings.len(), z.bearings.len()),
             (report.depths.len(), z.depths.len()),
             (
-                report.pairs.len(),
-                z.worn.as_ref().map_or(0, |w| w.pairs.len()),
+                report.views.iter().map(Vec::len).sum(),
+                z.views.iter().map(|w| w.pairs.len()).sum(),
             ),
         ];
         assert!(counts.iter().all(|(a, b)| a == b), "outcomes {counts:?}");
@@ -208,7 +208,7 @@ impl Life {
             "nis {}",
             report.nis
         );
-        for outcome in report.pairs.iter().chain(&report.depths) {
+        for outcome in report.views.iter().flatten().chain(&report.depths) {
             if let Outcome::Born(id) = outcome {
                 let layout = self.filter.state().layout();
                 assert!(layout.find(*id).is_some(), "{id} was born but is not there");

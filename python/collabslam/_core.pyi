@@ -1385,8 +1385,7 @@ class Filter:
         ids: ArrayLike,
         uv: ArrayLike,
         *,
-        worn: WornMeasurement | None = None,
-        further: Sequence[WornMeasurement] = ...,
+        views: Sequence[WornMeasurement] = ...,
         depths: DepthMeasurement | None = None,
         min_inliers: int = 0,
     ) -> UpdateReport:
@@ -1401,11 +1400,10 @@ class Filter:
             Features that were looked for.
         ids, uv : (N,) int64, (N, 2) float64
             Features found in Cs and their pixels.
-        worn : WornMeasurement, optional
-            The worn camera's measured pose and matched pixels.
-        further : sequence of WornMeasurement
-            The same of other worn cameras, each measured after all before it. A new point of several of
-            them, at the same pixel of the same frame of Cs, is one.
+        views : sequence of WornMeasurement
+            Measured pose and matched pixels of each worn camera: the first is measured together with
+            what Cs found, each other after all before it. A new point of several of them, at the same
+            pixel of the same frame of Cs, is one.
         depths : DepthMeasurement, optional
             Depths from any other sensor.
         min_inliers : int
@@ -1888,9 +1886,10 @@ class UpdateReport:
 
     Attributes
     ----------
-    bearings, pairs, depths : Outcomes
-        What became of the pixels in Cs, of the worn camera's pairs, and of the depths, in the order
-        they were given.
+    bearings, depths : Outcomes
+        What became of the pixels in Cs and of the depths, in the order they were given.
+    views : list of Outcomes
+        What became of the pairs of each view.
     accepted : bool
         Whether the frame was used: False if fewer bearings than asked for passed the tests.
     refused : str or None
@@ -1907,10 +1906,8 @@ class UpdateReport:
     worn_error : (6,) float64
         Estimated error of T_CF of the first view after the update, (translation m, rotation rad), right
         tangent.
-    further : list of Outcomes
-        Of the pairs of each further view.
     worn_poses : list of WornCameraPose
-        Where the worn cameras were whose views were measured, the first and the further ones.
+        Where the worn cameras were whose views were measured.
     jumped : bool
         Of a relocalisation: whether prediction excludes where it found the camera, whatever is not known of
         the map.
@@ -1918,9 +1915,9 @@ class UpdateReport:
     @property
     def bearings(self) -> Outcomes: ...
     @property
-    def pairs(self) -> Outcomes: ...
-    @property
     def depths(self) -> Outcomes: ...
+    @property
+    def views(self) -> list[Outcomes]: ...
     @property
     def accepted(self) -> bool: ...
     @property
@@ -1935,8 +1932,6 @@ class UpdateReport:
     def exact(self) -> bool: ...
     @property
     def worn_error(self) -> NDArray[np.float64]: ...
-    @property
-    def further(self) -> list[Outcomes]: ...
     @property
     def worn_poses(self) -> list[WornCameraPose]: ...
     @property

@@ -40,7 +40,7 @@ def _started() -> Filter:
     core.predict(0.0)
     new = np.full(COUNT, -1)
     uv, uv_f = CS.project(POINTS).uv, CF.project(POINTS - T_CF[:3, 3]).uv
-    core.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(ids=new, uv=uv, uv_f=uv_f))
+    core.update(NO_IDS, NO_IDS, NO_UV, views=[_worn(ids=new, uv=uv, uv_f=uv_f)])
     core.add_candidates(np.array([[50.0, 60.0], [500.0, 300.0]]))
     core.predict(0.1)
     return core
@@ -83,53 +83,56 @@ CALLS: dict[str, tuple[Callable[[Filter], object], str]] = {
     "uv ragged": (lambda f: f.add_undelayed([[1.0], [2.0, 3.0]]), "uv: an array of numbers"),
     "uv complex": (lambda f: f.add_undelayed(ONE_UV * 1j), "uv: an array of numbers"),
     "worn id negative": (
-        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(ids=np.array([-3]), uv=ONE_UV, uv_f=ONE_UV)),
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, views=[_worn(ids=np.array([-3]), uv=ONE_UV, uv_f=ONE_UV)]),
         "give -1 for a new point",
     ),
     "worn pose last row": (
-        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(TILTED)),
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, views=[_worn(TILTED)]),
         "last row",
     ),
     "overlap pose last row": (lambda f: f.predict_overlap(TILTED, SIGMA), "last row"),
     "id twice": (lambda f: f.update(NO_IDS, np.repeat(_one(f), 2), np.zeros((2, 2))), "twice"),
-    "worn pose shape": (lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(np.eye(3))), "t_cf has shape"),
-    "worn pose nan": (lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(NAN_POSE)), "t_cf"),
+    "worn pose shape": (
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, views=[_worn(np.eye(3))]),
+        "t_cf has shape",
+    ),
+    "worn pose nan": (lambda f: f.update(NO_IDS, NO_IDS, NO_UV, views=[_worn(NAN_POSE)]), "t_cf"),
     "worn pose stretched": (
-        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(STRETCHED)),
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, views=[_worn(STRETCHED)]),
         "rotation matrix",
     ),
     "worn covariance shape": (
-        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(covariance=np.eye(5))),
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, views=[_worn(covariance=np.eye(5))]),
         "covariance has shape",
     ),
     "worn covariance nan": (
-        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(covariance=SIGMA * np.nan)),
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, views=[_worn(covariance=SIGMA * np.nan)]),
         "T_CF or its covariance",
     ),
     "worn covariance negative": (
-        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(covariance=-SIGMA)),
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, views=[_worn(covariance=-SIGMA)]),
         "covariance of T_CF",
     ),
     "worn uv half nan": (
         lambda f: f.update(
-            NO_IDS, NO_IDS, NO_UV, worn=_worn(ids=_one(f), uv=np.array([[np.nan, 100.0]]), uv_f=ONE_UV)
+            NO_IDS, NO_IDS, NO_UV, views=[_worn(ids=_one(f), uv=np.array([[np.nan, 100.0]]), uv_f=ONE_UV)]
         ),
         "pixel",
     ),
     "worn uv nan of a new point": (
-        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(ids=np.array([-1]), uv=NAN_UV, uv_f=ONE_UV)),
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, views=[_worn(ids=np.array([-1]), uv=NAN_UV, uv_f=ONE_UV)]),
         "pixel",
     ),
     "worn uv_f nan": (
-        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(ids=_one(f), uv=ONE_UV, uv_f=NAN_UV)),
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, views=[_worn(ids=_one(f), uv=ONE_UV, uv_f=NAN_UV)]),
         "pixel",
     ),
     "worn uv_f rows": (
-        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(ids=_one(f), uv=ONE_UV)),
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, views=[_worn(ids=_one(f), uv=ONE_UV)]),
         "worn uv_f has shape",
     ),
     "worn id unknown": (
-        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, worn=_worn(ids=UNKNOWN, uv=ONE_UV, uv_f=ONE_UV)),
+        lambda f: f.update(NO_IDS, NO_IDS, NO_UV, views=[_worn(ids=UNKNOWN, uv=ONE_UV, uv_f=ONE_UV)]),
         "id 1000000",
     ),
     "depth nan": (lambda f: _depth(f, np.array([np.nan]), np.ones(1)), "depth"),
@@ -264,7 +267,7 @@ def test_a_worn_camera_that_is_missing() -> None:
     core = Filter(CS)
     before = _state(core)
     with pytest.raises(InputError, match="worn camera"):
-        core.update(NO_IDS, NO_IDS, NO_UV, worn=_worn())
+        core.update(NO_IDS, NO_IDS, NO_UV, views=[_worn()])
     with pytest.raises(InputError, match="worn camera"):
         core.predict_overlap(T_CF, SIGMA)
     assert _state(core) == before
@@ -316,8 +319,8 @@ def test_arrays_of_other_types_are_converted() -> None:
 def test_measurements_without_a_name_are_refused() -> None:
     core = _started()
     before = _state(core)
-    with pytest.raises(TypeError, match="worn"):
-        core.update(NO_IDS, NO_IDS, NO_UV, worn=(T_CF, SIGMA, NO_IDS, NO_UV, NO_UV))  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="views"):
+        core.update(NO_IDS, NO_IDS, NO_UV, views=[(T_CF, SIGMA, NO_IDS, NO_UV, NO_UV)])  # type: ignore[arg-type]
     assert _state(core) == before
 
 

@@ -114,7 +114,7 @@ fn instant(errors: &str) -> (Warm, WornObservation, Vec<u64>) {
     warm.scene.worn_covariance = small_worn_covariance();
     let (mut z, _) = warm.scene.measure(warm.t, &warm.known, false);
     let (all, _) = warm.scene.measure(warm.t, &BTreeMap::new(), true);
-    let mut worn = all.worn.expect("a worn frame");
+    let mut worn = all.views[0].clone();
     let camera = &warm.scene.camera;
     worn.pairs.retain(|pair| {
         let uv = pair.uv.expect("a new point");
@@ -122,10 +122,9 @@ fn instant(errors: &str) -> (Warm, WornObservation, Vec<u64>) {
             .is_some_and(|view| view.parallax > 5.0_f64.to_radians())
     });
     worn.pairs.truncate(4);
-    z.worn = Some(worn.clone());
+    z.views = vec![worn.clone()];
     let report = warm.filter.update(&z).expect("good measurements");
-    let born: Vec<u64> = report
-        .pairs
+    let born: Vec<u64> = report.views[0]
         .iter()
         .filter_map(|o| match o {
             Outcome::Born(id) => Some(*id),
@@ -633,7 +632,7 @@ fn a_tight_birth_of_vague_depth_is_taken_back() {
         filter.predict(0.0).expect("first frame");
         let (z, _) = scene.measure(0.0, &BTreeMap::new(), true);
         let report = filter.update(&z).expect("good measurements");
-        (filter, report.pairs)
+        (filter, report.views.concat())
     };
     let (all, outcomes) = start(10.0);
     let ratio = |outcome: &Outcome| match outcome {

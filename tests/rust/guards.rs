@@ -119,7 +119,7 @@ fn what_may_be_anywhere_is_not_used_and_nothing_is_born_of_it() {
     let z = Measurements {
         bearings: bearings.collect(),
         depths: vec![depth],
-        worn: z.worn,
+        views: z.views,
         ..Measurements::default()
     };
     let size = filter.map_size();
@@ -158,7 +158,7 @@ fn measurements_that_would_break_p_are_refused() {
     let (mut filter, good) = warm(&open);
     let before = filter.snapshot();
     let mut wild = good.clone();
-    wild.worn.as_mut().expect("a worn frame").covariance *= 1e60;
+    wild.views[0].covariance *= 1e60;
     let error = filter.update(&wild).expect_err("S would not be one");
     assert!(matches!(error, EkfError::InvalidInput { .. }), "{error:?}");
     assert!(filter.snapshot() == before, "ids and time included");
@@ -167,7 +167,7 @@ fn measurements_that_would_break_p_are_refused() {
     assert!(report.bearings.iter().all(|o| *o == Outcome::Refused));
 
     let mut far = good.clone();
-    far.worn = None;
+    far.views.clear();
     for (i, bearing) in far.bearings.iter_mut().enumerate() {
         bearing.uv = Vector2::new(if i.is_multiple_of(2) { 1e6 } else { -1e6 }, 1e6);
     }
@@ -186,7 +186,7 @@ fn extreme_numbers_do_not_get_in() {
     let huge = [1e300, -1e300, 1e12, f64::MAX, f64::MIN_POSITIVE];
     for x in huge {
         let (mut filter, good) = warm(&[("validate.test", Value::Name("none".into()))]);
-        let worn = good.worn.clone().expect("a worn frame");
+        let worn = good.views[0].clone();
         let pixel = Vector2::new(x, 100.0);
         let depth = |depth: f64, sigma: f64| DepthObservation {
             id: None,
@@ -221,7 +221,7 @@ fn extreme_numbers_do_not_get_in() {
                 1 => w.covariance *= x.abs(),
                 _ => w.pairs.iter_mut().for_each(|p| p.uv_f.x = x),
             }
-            z.worn = Some(w);
+            z.views = vec![w];
             tries.push(z);
         }
         for z in &tries {

@@ -29,7 +29,7 @@ fn view(
 ) -> (WornObservation, Vec<usize>) {
     // What Cf sees is of its time; what Cs sees beside it, of the frame's.
     let (mut of_cf, points) = scene.measure(t, &Known::new(), true);
-    let mut worn = of_cf.worn.take().expect("with a worn camera");
+    let mut worn = of_cf.views.remove(0);
     let frame_pose = scene.pose(frame);
     let of_point: std::collections::BTreeMap<usize, u64> =
         warm_known.iter().map(|(id, point)| (*point, *id)).collect();
@@ -101,7 +101,7 @@ fn run(seed: u64, clock: Clock, frames: usize, changes: &[(&str, Value)]) -> (f6
             let nearest = nearest.min_by(|a, b| (a - taken).abs().total_cmp(&(b - taken).abs()));
             let frame = nearest.expect("the present frame is one");
             let (worn, seen) = view(&mut warm.scene, &warm.known, taken, frame);
-            (z.worn, points) = (Some(worn), seen);
+            (z.views, points) = (vec![worn], seen);
         }
         let report = warm.filter.update(&z).expect("good measurements");
         adopt(&mut warm.known, &report, &points);
@@ -159,7 +159,7 @@ fn a_feature_may_be_born_of_an_earlier_frame() {
         frame,
     });
     let z = Measurements {
-        worn: Some(worn),
+        views: vec![worn],
         ..Measurements::default()
     };
     let report = warm.filter.update(&z).expect("good measurements");
@@ -194,7 +194,7 @@ fn a_filter_that_keeps_poses_goes_on_from_a_snapshot_and_from_a_checkpoint() {
     let frame = warm.filter.kept_times().nth(7).expect("poses are kept");
     let (worn, _) = view(&mut warm.scene, &warm.known, taken, frame);
     let z = Measurements {
-        worn: Some(worn),
+        views: vec![worn],
         ..Measurements::default()
     };
     let go_on = |filter: &mut Filter| {
@@ -235,7 +235,7 @@ fn they_need_a_pose_that_is_kept_and_leave_the_filter_as_it_was_otherwise() {
     let before = bits(&warm.filter);
     let (worn, _) = view(&mut warm.scene, &warm.known, warm.t - 0.05, warm.t);
     let z = Measurements {
-        worn: Some(worn),
+        views: vec![worn],
         ..Measurements::default()
     };
     let error = warm.filter.update(&z).expect_err("no pose is kept");

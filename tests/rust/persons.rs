@@ -23,14 +23,14 @@ fn tight(share: f64) -> Vec<(&'static str, Value)> {
 fn frame(warm: &mut Warm, count: usize, common: bool) -> Measurements {
     let mut z = measure(warm, true);
     for who in 1..count {
-        let mut other = measure(warm, true).worn.expect("a worn view");
+        let mut other = measure(warm, true).views.remove(0);
         other.who = who;
-        if let (true, Some(first)) = (common, &z.worn) {
-            other.t_cf = first.t_cf.clone();
+        if common {
+            other.t_cf = z.views[0].t_cf.clone();
         }
         let found = |id: &u64| z.bearings.iter().any(|b| b.id == *id);
         other.pairs.retain(|p| p.id.as_ref().is_some_and(found));
-        z.further.push(other);
+        z.views.push(other);
     }
     z
 }
@@ -42,8 +42,8 @@ fn each_person_tells_more_and_less_where_their_errors_are_one() {
         let z = frame(&mut warm, count, share > 0.0);
         let report = warm.filter.update(&z).expect("good measurements");
         assert_eq!(report.worn_poses.len(), count);
-        assert_eq!(report.further.len(), count - 1);
-        for outcomes in &report.further {
+        assert_eq!(report.views.len(), count);
+        for outcomes in &report.views[1..] {
             let accepted = outcomes.iter().filter(|o| o.is_accepted()).count();
             assert!(accepted * 10 > outcomes.len() * 8, "{outcomes:?}");
         }
@@ -83,7 +83,7 @@ fn each_has_its_own_lasting_error_and_the_frames_errors_go_with_it() {
 fn a_new_point_of_two_views_is_one() {
     let mut warm = warm(4, &tight(0.0));
     let (mut z, _) = warm.scene.measure(warm.t, &warm.known, true);
-    let mut first = z.worn.take().expect("a worn view");
+    let mut first = z.views.remove(0);
     let lost: Vec<u64> = first.pairs.iter().filter_map(|p| p.id).take(5).collect();
     warm.filter.remove_features(&lost).expect("known");
     z.searched.retain(|id| !lost.contains(id));
@@ -98,14 +98,14 @@ fn a_new_point_of_two_views_is_one() {
         ..first.clone()
     };
     let before = warm.filter.map_size();
-    (z.worn, z.further) = (Some(first), vec![second]);
+    z.views = vec![first, second];
     let report = warm.filter.update(&z).expect("good measurements");
-    let born: Vec<usize> = (0..report.pairs.len())
-        .filter(|&i| matches!(report.pairs[i], Outcome::Born(_)))
+    let born: Vec<usize> = (0..report.views[0].len())
+        .filter(|&i| matches!(report.views[0][i], Outcome::Born(_)))
         .collect();
-    assert!(born.len() >= 5, "{:?}", report.pairs);
-    assert!(born.iter().all(|&i| report.further[0][i] == Outcome::Pixel));
-    let again = report.further[0].iter();
+    assert!(born.len() >= 5, "{:?}", report.views[0]);
+    assert!(born.iter().all(|&i| report.views[1][i] == Outcome::Pixel));
+    let again = report.views[1].iter();
     let again = again.filter(|o| matches!(o, Outcome::Born(_))).count();
     assert_eq!(warm.filter.map_size(), before + born.len() + again);
 }
@@ -114,23 +114,23 @@ fn a_new_point_of_two_views_is_one() {
 fn a_view_that_would_break_the_filter_is_refused_by_itself() {
     let mut warm = warm(4, &tight(0.0));
     let mut z = frame(&mut warm, 3, false);
-    for pair in &mut z.further[0].pairs {
+    for pair in &mut z.views[1].pairs {
         pair.uv_f.x += 1e5;
     }
-    z.further[0].covariance *= 1e60;
+    z.views[1].covariance *= 1e60;
     let refused = warm.filter.clone().update(&z);
-    z.further[0].covariance /= 1e60;
+    z.views[1].covariance /= 1e60;
     let report = warm.filter.update(&z).expect("the others are good");
     assert!(report.accepted);
-    assert!(report.further[0].iter().all(|o| !o.is_accepted()));
-    assert!(report.further[1].iter().any(Outcome::is_accepted));
+    assert!(report.views[1].iter().all(|o| !o.is_accepted()));
+    assert!(report.views[2].iter().any(Outcome::is_accepted));
     warm.filter.check().expect("sound");
     // Numbers that no covariance has are a mistake of the caller's, and change nothing.
     assert!(refused.is_err());
     let mut twice = frame(&mut warm, 3, false);
-    twice.further[1].who = 1;
+    twice.views[2].who = 1;
     assert!(warm.filter.update(&twice).is_err(), "one view of each");
-    twice.further[1].who = 3;
+    twice.views[2].who = 3;
     assert!(warm.filter.update(&twice).is_err(), "there are three");
 }
 
@@ -138,8 +138,8 @@ fn a_view_that_would_break_the_filter_is_refused_by_itself() {
 fn where_a_worn_camera_is_is_known_better_once_it_is_measured() {
     let mut warm = warm(4, &tight(0.3));
     let z = frame(&mut warm, 3, false);
-    let views: Vec<WornObservation> = z.worn.iter().chain(&z.further).cloned().collect();
-    let stated: Vec<_> = views
+    let stated: Vec<_> = z
+        .views
         .iter()
         .map(|view| warm.filter.worn_pose(view).expect("started"))
         .collect();
@@ -159,5 +159,5 @@ fn where_a_worn_camera_is_is_known_better_once_it_is_measured() {
         assert!(chi2 < 30.0, "camera {k} moved by {moved:?}");
     }
     let fresh = Filter::new(settings(&tight(0.3)), warm.scene.camera.clone(), None);
-    assert!(fresh.worn_pose(&views[0]).is_err(), "before the start");
+    assert!(fresh.worn_pose(&z.views[0]).is_err(), "before the start");
 }

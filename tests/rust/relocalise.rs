@@ -401,7 +401,7 @@ fn a_frame_with_too_few_matches_changes_nothing() {
     let mut warm = warm(8, &[]);
     let before = state(&warm.filter);
     let (mut z, _) = warm.scene.measure(warm.t, &warm.known, true);
-    let worn = z.worn.as_mut().unwrap();
+    let worn = &mut z.views[0];
     // New to the filter: as if it had been born in this very frame.
     worn.pairs[0].id = None;
     z.bearings.truncate(5);

@@ -19,8 +19,8 @@ const CHANGES: [(&str, Value); 3] = [
 
 /// What Cf shows of points that have no feature.
 fn overlap(warm: &mut Warm) -> (WornObservation, Vec<usize>) {
-    let (z, points) = warm.scene.measure(warm.t, &BTreeMap::new(), true);
-    (z.worn.unwrap(), points)
+    let (mut z, points) = warm.scene.measure(warm.t, &BTreeMap::new(), true);
+    (z.views.remove(0), points)
 }
 
 /// A filter that was lost for a while.
@@ -151,7 +151,7 @@ fn too_few_births_leave_the_filter_as_it_was() {
     let before = warm.filter.snapshot();
     let report = warm.filter.restart(&worn, &Vector3::zeros()).unwrap();
     assert!(!report.accepted);
-    assert!(report.pairs.iter().all(|o| *o == Outcome::Unused));
+    assert!(report.views[0].iter().all(|o| *o == Outcome::Unused));
     assert!(warm.filter.snapshot() == before);
 }
 

@@ -257,7 +257,7 @@ impl Scene {
                     pair_points.push(point);
                 }
             }
-            z.worn = Some(WornObservation {
+            z.views.push(WornObservation {
                 who: 0,
                 capture: None,
                 bias: None,
@@ -282,7 +282,7 @@ pub(crate) fn adopt(
     report: &ekf_core::UpdateReport,
     pair_points: &[usize],
 ) {
-    for (outcome, &point) in report.pairs.iter().zip(pair_points) {
+    for (outcome, &point) in report.views.iter().flatten().zip(pair_points) {
         if let ekf_core::Outcome::Born(id) = outcome {
             known.insert(*id, point);
         }

@@ -88,12 +88,13 @@ impl Walk {
         let (mut z, points) = self.scene.measure(t, &self.known, true);
         let (other, _) = self.scene.measure(t, &self.known, true);
         let found: Vec<u64> = z.bearings.iter().map(|b| b.id).collect();
-        z.worn = z.worn.map(|view| self.seen_by(0, view));
-        let mut other = self.seen_by(1, other.worn.unwrap());
+        let first = z.views.remove(0);
+        z.views.push(self.seen_by(0, first));
+        let mut other = self.seen_by(1, other.views[0].clone());
         other
             .pairs
             .retain(|p| p.id.is_some_and(|id| found.contains(&id)));
-        z.further.push(other);
+        z.views.push(other);
         let report = self.filter.update(&z).unwrap();
         adopt(&mut self.known, &report, &points);
         self.frame += 1;

@@ -67,7 +67,7 @@ fn a_restart_and_a_relocalisation_are_undone() {
     let (z, _) = warm.scene.measure(warm.t, &BTreeMap::new(), true);
     assert!(
         warm.filter
-            .restart(&z.worn.unwrap(), &Vector3::zeros())
+            .restart(&z.views[0], &Vector3::zeros())
             .unwrap()
             .accepted
     );

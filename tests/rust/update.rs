@@ -23,7 +23,7 @@ pub(crate) fn with_clone(seed: u64, changes: &[(&str, Value)]) -> Warm {
 /// Measurements of the present frame; worn pairs of known features only, so that nothing is born.
 pub(crate) fn measure(warm: &mut Warm, with_worn: bool) -> Measurements {
     let (mut z, _) = warm.scene.measure(warm.t, &warm.known, with_worn);
-    if let Some(worn) = &mut z.worn {
+    for worn in &mut z.views {
         worn.pairs.retain(|p| p.id.is_some());
     }
     z
@@ -248,9 +248,11 @@ pub(crate) fn units(
         let rows = Rows::depth(&pose, &y, &point, &noise, None);
         units.push((rows.expect("rho > 0"), offset, None));
     }
-    let Some(worn) = &z.worn else { return units };
+    let Some(worn) = z.views.first() else {
+        return units;
+    };
     let error = dense.error();
-    for (pair, outcome) in worn.pairs.iter().zip(&report.pairs) {
+    for (pair, outcome) in worn.pairs.iter().zip(&report.views[0]) {
         let (y, offset) = feature(pair.id.expect("known"));
         let rows = match outcome {
             Outcome::Pixel => {
@@ -336,7 +338,7 @@ fn against_dense(seed: u64, changes: &[(&str, Value)], worn: bool, depths: bool)
     }
     let before = warm.filter.clone();
     let shared = changes.iter().all(|(key, _)| *key != "worn.errors");
-    let mut dense = Dense::of(&before, z.worn.as_ref().filter(|_| shared));
+    let mut dense = Dense::of(&before, z.views.first().filter(|_| shared));
     let report = warm.filter.update(&z).expect("good measurements");
     let units = units(&warm, &before, &dense, &z, &report);
     assert_eq!(
@@ -350,7 +352,7 @@ fn against_dense(seed: u64, changes: &[(&str, Value)], worn: bool, depths: bool)
         .next()
     {
         // Only the tight form measures pixels of Cf.
-        Some(_) if count(&report.pairs, Outcome::Depth) == 0 => {
+        Some(_) if count(&report.views.concat(), Outcome::Depth) == 0 => {
             told(&warm, &before, &dense, &z, &report, &units)
         }
         _ => units,
@@ -393,7 +395,7 @@ fn worn_points_agree_with_a_dense_filter() {
         let mut changes = vec![("estimator.mode", name("collab"))];
         changes.extend_from_slice(more);
         let report = against_dense(3, &changes, true, false);
-        assert!(count(&report.pairs, Outcome::Depth) >= 3, "{report:?}");
+        assert!(count(&report.views[0], Outcome::Depth) >= 3, "{report:?}");
         assert!(count(&report.bearings, Outcome::Pixel) >= 1, "{report:?}");
     }
 }
@@ -406,7 +408,7 @@ fn worn_pixels_agree_with_a_dense_filter() {
             ("worn.readout", Value::Float(readout)),
         ];
         let report = against_dense(4, &changes, true, false);
-        assert!(count(&report.pairs, Outcome::Pixel) >= 5, "{report:?}");
+        assert!(count(&report.views[0], Outcome::Pixel) >= 5, "{report:?}");
         assert_eq!(
             count(&report.bearings, Outcome::Pixel),
             report.bearings.len()
@@ -484,7 +486,7 @@ fn a_view_says_which_part_of_its_covariance_lasts() {
     let bias = |scale: f64| {
         let mut warm = with_clone(5, &[("estimator.mode", name("collab-tight"))]);
         let mut z = measure(&mut warm, true);
-        let worn = z.worn.as_mut().expect("a worn view");
+        let worn = &mut z.views[0];
         worn.bias = Some(worn.covariance * scale);
         let expected = worn.t_cf.rotation * worn.covariance.fixed_view::<3, 3>(0, 0) * scale;
         let expected = expected * worn.t_cf.rotation.transpose();
@@ -536,9 +538,7 @@ fn a_failed_update_changes_nothing() {
         change(&mut z);
         z
     };
-    let worn = |change: &dyn Fn(&mut WornObservation)| {
-        spoil(&|z| change(z.worn.as_mut().expect("a worn frame")))
-    };
+    let worn = |change: &dyn Fn(&mut WornObservation)| spoil(&|z| change(&mut z.views[0]));
     let non_finite = |e: &EkfError| matches!(e, EkfError::NonFinite { .. });
     let invalid = |e: &EkfError| matches!(e, EkfError::InvalidInput { .. });
     let unknown = |e: &EkfError| *e == EkfError::UnknownFeature { id: 999_999 };
@@ -682,23 +682,22 @@ fn a_wrong_worn_pair_falls_back_to_its_bearing() {
         } else {
             Outcome::Pixel
         };
-        let i = report
-            .pairs
+        let i = report.views[0]
             .iter()
             .position(|o| *o == used)
             .expect("one is used");
         let mut spoilt = z.clone();
-        let pair = &mut spoilt.worn.as_mut().expect("a worn frame").pairs[i];
+        let pair = &mut spoilt.views[0].pairs[i];
         pair.uv_f.x -= 60.0;
         let id = pair.id;
         let report = warm.filter.update(&spoilt).expect("good measurements");
         assert!(
             matches!(
-                report.pairs[i],
+                report.views[0][i],
                 Outcome::RejectedGate | Outcome::RejectedBatch
             ),
             "{mode}: {:?}",
-            report.pairs[i]
+            report.views[0][i]
         );
         let bearing = z
             .bearings
@@ -706,7 +705,7 @@ fn a_wrong_worn_pair_falls_back_to_its_bearing() {
             .position(|b| Some(b.id) == id)
             .expect("seen");
         assert_eq!(report.bearings[bearing], Outcome::Pixel, "{mode}");
-        assert!(count(&report.pairs, used) >= 2, "{mode}: {report:?}");
+        assert!(count(&report.views[0], used) >= 2, "{mode}: {report:?}");
     }
 }
 
@@ -718,19 +717,19 @@ fn a_feature_that_cf_alone_sees_is_measured_in_the_tight_form_alone() {
     ] {
         let mut warm = with_clone(3, &[("estimator.mode", name(mode))]);
         let mut z = measure(&mut warm, true);
-        let pairs = &mut z.worn.as_mut().expect("a worn frame").pairs;
+        let pairs = &mut z.views[0].pairs;
         pairs.truncate(8);
         let ids: Vec<Option<u64>> = pairs.iter().map(|pair| pair.id).collect();
         z.bearings.retain(|b| !ids.contains(&Some(b.id)));
         let mut none = z.clone();
-        none.worn.as_mut().expect("a worn frame").pairs.clear();
-        for pair in &mut z.worn.as_mut().expect("a worn frame").pairs {
+        none.views[0].pairs.clear();
+        for pair in &mut z.views[0].pairs {
             pair.uv = None;
         }
         let mut without = warm.filter.clone();
         without.update(&none).expect("good measurements");
         let report = warm.filter.update(&z).expect("good measurements");
-        assert_eq!(count(&report.pairs, outcome), 8, "{mode}: {report:?}");
+        assert_eq!(count(&report.views[0], outcome), 8, "{mode}: {report:?}");
         let [alone, more] = [&without, &warm.filter].map(|f| f.pose_covariance().trace());
         assert_eq!(more < alone, outcome == Outcome::Pixel, "{mode}");
         warm.filter.check().expect("sound");

@@ -94,7 +94,7 @@ fn realised(filter: &mut Filter, view: &CandidateView, bias: Option<Matrix6<f64>
         pairs: pairs.collect(),
     };
     let z = Measurements {
-        worn: Some(worn),
+        views: vec![worn],
         ..Measurements::default()
     };
     let report = filter.update(&z).expect("good measurements");

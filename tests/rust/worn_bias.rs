@@ -98,7 +98,7 @@ fn way(seed: u64, share: f64, goes_about: bool) -> End {
         t = DT * f64::from(k);
         filter.predict(t).expect("increasing time");
         let (mut z, points) = scene.measure(t, &known, true);
-        let worn = z.worn.as_mut().expect("a worn view");
+        let worn = &mut z.views[0];
         let into_f = worn.t_cf.rotation.transpose();
         let mut error = Vector6::zeros();
         for at in [0, 3] {
@@ -160,7 +160,7 @@ fn the_length_of_the_baseline_is_not_learned() {
     let z = measure(&mut warm, true);
     warm.filter.update(&z).expect("good measurements");
     let after = of_bias(&warm.filter).0;
-    let t_cf = &z.worn.as_ref().expect("a view").t_cf;
+    let t_cf = &z.views[0].t_cf;
     let mut along = Vector6::zeros();
     along
         .fixed_rows_mut::<3>(0)

@@ -80,7 +80,7 @@ impl Draw {
     /// What the frame sees of what is `known`.
     fn measure(&mut self, known: &BTreeMap<u64, usize>) -> (Measurements, Vec<usize>) {
         let (mut z, points) = self.scene.measure(self.now(), known, true);
-        let worn = z.worn.as_mut().expect("a worn view");
+        let worn = &mut z.views[0];
         let into_f = worn.t_cf.rotation.transpose();
         let mut error = Vector6::zeros();
         for at in [0, 3] {
@@ -227,7 +227,7 @@ fn a_new_map_begins_with_what_is_known_of_it() {
     assert_eq!(elsewhere.worn_clock(0), Some(known));
 
     let (z, _) = draw.measure(&BTreeMap::new());
-    let worn: WornObservation = z.worn.expect("a view");
+    let worn: WornObservation = z.views[0].clone();
     let report = draw
         .filter
         .restart(&worn, &Vector3::zeros())

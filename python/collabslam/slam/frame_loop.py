@@ -142,8 +142,7 @@ class FrameLoop:
             found.searched,
             found.ids,
             found.uv,
-            worn=overlap.observation,
-            further=overlap.further,
+            views=overlap.views,
             depths=depths.observation,
             min_inliers=self._parts.monitor.min_inliers(len(found.searched)),
         )

@@ -117,11 +117,10 @@ class CoreRun:
             ids,
             ids,
             self._pixels(frame, [self.features[i] for i in seen]),
-            worn=worn[0][0] if worn else None,
-            further=[view for view, _ in worn[1:]],
+            views=[view for view, _ in worn],
             depths=depths,
         )
-        for outcomes, (_, points) in zip((report.pairs, *report.further), worn, strict=False):
+        for outcomes, (_, points) in zip(report.views, worn, strict=True):
             self._adopt(outcomes.born, points)
         self._adopt(report.depths.born, measured)
         if self.filter.started:

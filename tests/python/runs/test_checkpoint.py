@@ -285,7 +285,7 @@ def test_a_measurement_that_would_break_the_filter_is_refused(clip: Clip) -> Non
     none = np.empty(0, np.int64)
     worn = WornMeasurement(frame.views[0].t_cf, frame.views[0].covariance * 1e60, seen.ids, seen.uv, seen.uv)
     with pytest.raises(InputError, match="covariance of T_CF"):
-        core.update(none, seen.ids, seen.uv, worn=worn)
+        core.update(none, seen.ids, seen.uv, views=[worn])
     assert core.snapshot() == before
     assert core.update(seen.ids, seen.ids, seen.uv).refused is None
     core.check()
@@ -310,10 +310,10 @@ def test_a_frame_that_is_refused_is_reported_and_the_run_goes_on(clip: Clip) -> 
     class Refusal:
         """What the filter answers to an update that would have broken it."""
 
-        def __init__(self, bearings: int, pairs: int) -> None:
+        def __init__(self, bearings: int, pairs: list[int]) -> None:
             self._of_nothing = core.update([], [], np.empty((0, 2)))
             self.refused = "S is not positive definite"
-            self.bearings, self.pairs = Refused(bearings), Refused(pairs)
+            self.bearings, self.views = Refused(bearings), [Refused(count) for count in pairs]
 
         def __getattr__(self, name: str) -> Any:
             return getattr(self._of_nothing, name)
@@ -324,8 +324,8 @@ def test_a_frame_that_is_refused_is_reported_and_the_run_goes_on(clip: Clip) -> 
         def __getattr__(self, name: str) -> Any:
             return getattr(core, name)
 
-        def update(self, searched: Any, ids: Any, uv: Any, worn: Any = None, **_: Any) -> Any:
-            return Refusal(len(ids), 0 if worn is None else len(worn))
+        def update(self, searched: Any, ids: Any, uv: Any, views: Any = (), **_: Any) -> Any:
+            return Refusal(len(ids), [len(view) for view in views])
 
     slam._loop._filter = Breaking()  # type: ignore[assignment]
     frame = clip.frames[3]

@@ -36,8 +36,7 @@ def report(*, refused: int = 0, worn: int = 0, nis: float = 30.0, accepted: bool
     return SimpleNamespace(
         accepted=accepted,
         bearings=outcomes(refused),
-        pairs=outcomes(worn),
-        further=[],
+        views=[outcomes(worn)],
         nis=nis,
         dof=2 * FOUND,
     )

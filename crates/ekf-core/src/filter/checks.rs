@@ -41,17 +41,11 @@ impl Filter {
         z: &Measurements,
         scratch: &mut Scratch,
     ) -> Result<(), EkfError> {
-        let pairs = z.pairs();
-        let further = || z.further.iter().flat_map(|worn| &worn.pairs);
+        let pairs = || z.views.iter().flat_map(|worn| &worn.pairs);
         let pixels = z.bearings.iter().map(|b| &b.uv);
-        let all_pairs = pairs.iter().chain(further());
-        let pixels = pixels.chain(all_pairs.flat_map(|p| p.uv.iter().chain([&p.uv_f])));
+        let pixels = pixels.chain(pairs().flat_map(|p| p.uv.iter().chain([&p.uv_f])));
         check_pixels(pixels.chain(z.depths.iter().map(|d| &d.uv)))?;
-        if pairs
-            .iter()
-            .chain(further())
-            .any(|p| p.id.or(p.uv.map(|_| 0)).is_none())
-        {
+        if pairs().any(|p| p.id.is_none() && p.uv.is_none()) {
             return Err(EkfError::InvalidInput {
                 what: "worn pair",
                 why: "a new point has no pixel in Cs; give both pixels, or the feature that it is"
@@ -59,38 +53,32 @@ impl Filter {
             });
         }
         let bearings = || z.bearings.iter().map(|b| b.id);
-        let depths = z.depths.iter().filter_map(|d| d.id);
-        let others = || pairs.iter().filter_map(|p| p.id).chain(depths.clone());
-        let of_further = further().filter_map(|p| p.id);
+        let depths = || z.depths.iter().filter_map(|d| d.id);
         let searched = z.searched.iter().copied();
-        for id in bearings().chain(others()).chain(of_further).chain(searched) {
+        let of_pairs = pairs().filter_map(|p| p.id);
+        for id in bearings().chain(of_pairs).chain(depths()).chain(searched) {
             self.memory.known(id)?;
         }
         check_once("bearings", bearings(), &mut scratch.ids)?;
-        check_once("worn pairs and depths", others(), &mut scratch.ids)?;
+        let of_first = z.pairs().iter().filter_map(|p| p.id);
+        check_once(
+            "worn pairs and depths",
+            of_first.chain(depths()),
+            &mut scratch.ids,
+        )?;
         for depth in &z.depths {
             guard::depth(depth.depth, depth.sigma)?;
         }
-        if z.worn.is_none() && !z.further.is_empty() {
-            return Err(EkfError::InvalidInput {
-                what: "further worn views",
-                why: "there is no first one; give it first".into(),
-            });
-        }
-        for worn in &z.further {
+        for worn in z.views.iter().skip(1) {
             let ids = worn.pairs.iter().filter_map(|p| p.id);
             check_once("worn pairs", ids, &mut scratch.ids)?;
             if let (Some(capture), Some(frame)) = (worn.capture, self.memory.time) {
                 self.carried(&worn.t_cf, Capture { frame, ..capture }, worn.who)?;
             }
         }
-        let views = || z.worn.iter().chain(&z.further);
-        check_once(
-            "worn views",
-            views().map(|w| w.who as u64),
-            &mut scratch.ids,
-        )?;
-        for worn in views() {
+        let views = z.views.iter().map(|worn| worn.who as u64);
+        check_once("worn views", views, &mut scratch.ids)?;
+        for worn in &z.views {
             self.check_worn(&worn.t_cf, &worn.covariance, worn.bias.as_ref(), worn.who)?;
         }
         Ok(())

@@ -50,18 +50,18 @@ impl Filter {
         scratch: &mut Scratch,
     ) -> Result<(), EkfError> {
         self.check_measurements(z, scratch)?;
-        let brought = z.worn.as_ref().map(|worn| self.brought_here(worn));
-        let Some((worn, carried)) = brought.transpose()?.flatten() else {
-            return self.update_at_present(z, None, report, scratch);
-        };
-        if self.is_measured_apart(z) {
-            return self.update_apart(z, report, scratch);
+        let first = z.first_view().map(|worn| self.brought_here(worn));
+        let first = first.transpose()?.flatten();
+        if first.is_none() && z.views.len() < 2 {
+            return self.update_at_present(z, None, z, report, scratch);
         }
-        let z = Measurements {
-            worn: Some(worn),
-            ..z.clone()
+        let (views, carried) = match first {
+            Some(_) if self.is_measured_apart(z) => (Vec::new(), None),
+            Some((here, carried)) => (vec![here], Some(carried)),
+            None => (vec![z.views[0].clone()], None),
         };
-        self.update_at_present(&z, Some(&carried), report, scratch)
+        let together = Measurements { views, ..z.clone() };
+        self.update_at_present(&together, carried.as_ref(), z, report, scratch)
     }
 
     /// Whether a frame's view is measured after what Cs found, instead of together with it: it hangs on the velocity where the
@@ -69,45 +69,25 @@ impl Filter {
     fn is_measured_apart(&self, z: &Measurements) -> bool {
         let clock = |who| self.memory.state.worn_clock_block(who).is_some();
         let tight = self.worn_form(z, false) == WornForm::Tight;
-        let by_clock = z.worn.as_ref().is_some_and(|worn| clock(worn.who));
+        let by_clock = z.first_view().is_some_and(|worn| clock(worn.who));
         self.memory.started && by_clock && tight && !z.bearings.is_empty()
     }
 
-    /// The update with what Cs found, and then with one view after the other.
-    fn update_apart(
-        &mut self,
-        z: &Measurements,
-        report: &mut UpdateReport,
-        scratch: &mut Scratch,
-    ) -> Result<(), EkfError> {
-        let views = z.worn.iter().chain(&z.further).cloned().collect();
-        let apart = Measurements {
-            worn: None,
-            further: views,
-            ..z.clone()
-        };
-        let done = self.update_at_present(&apart, None, report, scratch);
-        if !report.further.is_empty() {
-            report.pairs = report.further.remove(0);
-        }
-        done
-    }
-
-    /// The update with measurements that have been checked; `carried` is how T_CF of the first view came here from another
-    /// time.
+    /// The update with what is measured `together`, and then with the other views of `z`, one after another; `carried` is how
+    /// T_CF of the first view came here from another time.
     fn update_at_present(
         &mut self,
-        z: &Measurements,
+        together: &Measurements,
         carried: Option<&Carried>,
+        z: &Measurements,
         report: &mut UpdateReport,
         scratch: &mut Scratch,
     ) -> Result<(), EkfError> {
         self.changes();
         self.fetch(z, &mut scratch.ids);
-        let further = z.further.iter().flat_map(|worn| &worn.pairs);
-        let pairs = z.pairs().iter().chain(further);
+        let pairs = z.views.iter().flat_map(|worn| &worn.pairs);
         let out_of_view = self.follow_too(pairs.filter_map(|pair| pair.id));
-        let done = self.measure_all(z, carried, report, scratch);
+        let done = self.measure_all(together, carried, z, report, scratch);
         self.memory.followed.remove(&out_of_view);
         if done? {
             self.choose_working_set(&z.searched);
@@ -118,20 +98,20 @@ impl Filter {
     /// False if too little of the frame passes the tests.
     fn measure_all(
         &mut self,
-        z: &Measurements,
+        together: &Measurements,
         carried: Option<&Carried>,
+        z: &Measurements,
         report: &mut UpdateReport,
         scratch: &mut Scratch,
     ) -> Result<bool, EkfError> {
         let mut used = Vec::new();
-        if !self.measure_view(z, carried, &mut used, report, scratch)? {
+        if !self.measure_view(together, carried, &mut used, report, scratch)? {
             report.reject_all(z);
             return Ok(false);
         }
         self.settle_odometry();
-        self.measure_further(z, &mut used, report, scratch);
-        let mut views = z.worn.iter().chain(&z.further);
-        report.worn_error = views.next().map_or(Vector6::zeros(), |worn| {
+        self.measure_later(together, z, &mut used, report, scratch);
+        report.worn_error = z.first_view().map_or(Vector6::zeros(), |worn| {
             self.memory.state.worn_error(worn.who)
         });
         if self.memory.started {
@@ -144,7 +124,7 @@ impl Filter {
         Ok(true)
     }
 
-    /// One batch: what Cs found and the view of `z.worn`, whose worn camera then joins those `used`. False, with the state
+    /// One batch: what Cs found and the first view, whose worn camera then joins those `used`. False, with the state
     /// unchanged, if too little of it passes the tests. The error of T_CF stays in the state until the frame ends.
     pub(super) fn measure_view(
         &mut self,
@@ -156,7 +136,7 @@ impl Filter {
     ) -> Result<bool, EkfError> {
         let mark = self.memory.state.mark();
         let form = self.worn_form(z, !used.is_empty());
-        let worn = z.worn.as_ref().filter(|_| form != WornForm::Unused);
+        let worn = z.first_view().filter(|_| form != WornForm::Unused);
         if let Some(worn) = worn
             && (self.setup.settings.worn.errors == WornErrors::Shared
                 || carried.is_some()
@@ -194,7 +174,7 @@ impl Filter {
         if let Some(worn) = worn {
             used.push((worn.who, worn.t_cf.clone()));
         }
-        if let Some((worn, capture)) = z.worn.as_ref().and_then(|w| Some((w, w.capture?))) {
+        if let Some((worn, capture)) = z.first_view().and_then(|w| Some((w, w.capture?))) {
             self.memory.kept_poses.remember(worn.who, capture.t);
         }
         self.finish(z, report);
@@ -203,7 +183,7 @@ impl Filter {
 
     /// How the view's pairs are measured; `again` if a view of another worn camera was measured in this frame before.
     fn worn_form(&self, z: &Measurements, again: bool) -> WornForm {
-        let Some(worn) = &z.worn else {
+        let Some(worn) = z.first_view() else {
             return WornForm::Unused;
         };
         let shared = self.setup.settings.worn.errors == WornErrors::Shared;
@@ -234,7 +214,7 @@ impl Filter {
         scratch: &mut Scratch,
     ) -> Result<bool, EkfError> {
         // A match whose 3D block is rejected falls back to its bearing (METHOD 6), in another round.
-        let blocks = report.pairs.len() + report.depths.len();
+        let blocks = report.pairs().len() + report.depths.len();
         refill(&mut scratch.demoted, false, blocks);
         for last in [false, false, true] {
             self.collect_blocks(z, form, newborn, report, scratch);
@@ -299,7 +279,7 @@ impl Filter {
             }
         }
         // What Cf alone sees is in use, too.
-        let pairs = z.pairs().iter().zip(&report.pairs);
+        let pairs = z.pairs().iter().zip(report.pairs());
         for (pair, _) in pairs.filter(|(pair, is)| pair.uv.is_none() && is.is_accepted()) {
             if let Some(record) = pair.id.and_then(|id| self.memory.records.get_mut(&id)) {
                 record.last_found = now;
@@ -308,7 +288,8 @@ impl Filter {
         if self.memory.started {
             return;
         }
-        let outcomes = report.pairs.iter_mut().chain(&mut report.depths);
+        let pairs = report.views.iter_mut().flatten();
+        let outcomes = pairs.chain(&mut report.depths);
         let born: Vec<&mut Outcome> = outcomes.filter(|o| matches!(o, Outcome::Born(_))).collect();
         if born.len() >= self.setup.settings.worn.start_births {
             self.start();

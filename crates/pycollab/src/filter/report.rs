@@ -107,9 +107,10 @@ fn name(outcome: &Outcome) -> &'static str {
 ///
 /// Attributes
 /// ----------
-/// bearings, pairs, depths : Outcomes
-///     What became of the pixels in Cs, of the worn camera's pairs, and of the depths, in the order
-///     they were given.
+/// bearings, depths : Outcomes
+///     What became of the pixels in Cs and of the depths, in the order they were given.
+/// views : list of Outcomes
+///     What became of the pairs of each view.
 /// accepted : bool
 ///     Whether the frame was used: False if fewer bearings than asked for passed the tests.
 /// refused : str or None
@@ -126,18 +127,16 @@ fn name(outcome: &Outcome) -> &'static str {
 /// worn_error : (6,) float64
 ///     Estimated error of T_CF of the first view after the update, (translation m, rotation rad), right
 ///     tangent.
-/// further : list of Outcomes
-///     Of the pairs of each further view.
 /// worn_poses : list of WornCameraPose
-///     Where the worn cameras were whose views were measured, the first and the further ones.
+///     Where the worn cameras were whose views were measured.
 /// jumped : bool
 ///     Of a relocalisation: whether prediction excludes where it found the camera, whatever is not known of
 ///     the map.
 #[pyclass(name = "UpdateReport", module = "collabslam._core", frozen, get_all)]
 pub(crate) struct PyUpdateReport {
     bearings: Py<PyOutcomes>,
-    pairs: Py<PyOutcomes>,
     depths: Py<PyOutcomes>,
+    views: Vec<Py<PyOutcomes>>,
     accepted: bool,
     refused: Option<String>,
     nis: f64,
@@ -145,21 +144,20 @@ pub(crate) struct PyUpdateReport {
     order: usize,
     exact: bool,
     worn_error: Column<f64>,
-    further: Vec<Py<PyOutcomes>>,
     worn_poses: Vec<Py<PyWornPose>>,
     jumped: bool,
 }
 
 impl PyUpdateReport {
     pub(super) fn new(py: Python<'_>, report: UpdateReport) -> PyResult<Self> {
-        let further = report.further.into_iter();
-        let further = further.map(|outcomes| Py::new(py, PyOutcomes(outcomes)));
+        let views = report.views.into_iter();
+        let views = views.map(|outcomes| Py::new(py, PyOutcomes(outcomes)));
         let worn_poses = report.worn_poses.iter();
         let worn_poses = worn_poses.map(|pose| Py::new(py, PyWornPose::new(py, pose)));
         Ok(Self {
             bearings: Py::new(py, PyOutcomes(report.bearings))?,
-            pairs: Py::new(py, PyOutcomes(report.pairs))?,
             depths: Py::new(py, PyOutcomes(report.depths))?,
+            views: views.collect::<PyResult<_>>()?,
             accepted: report.accepted,
             jumped: report.jumped,
             refused: report.refused.as_ref().map(ToString::to_string),
@@ -168,7 +166,6 @@ impl PyUpdateReport {
             order: report.order,
             exact: report.exact,
             worn_error: column(py, report.worn_error.iter().copied()),
-            further: further.collect::<PyResult<_>>()?,
             worn_poses: worn_poses.collect::<PyResult<_>>()?,
         })
     }

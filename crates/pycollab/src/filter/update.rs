@@ -23,11 +23,10 @@ impl PyFilter {
     ///     Features that were looked for.
     /// ids, uv : (N,) int64, (N, 2) float64
     ///     Features found in Cs and their pixels.
-    /// worn : WornMeasurement, optional
-    ///     The worn camera's measured pose and matched pixels.
-    /// further : sequence of WornMeasurement
-    ///     The same of other worn cameras, each measured after all before it. A new point of several of
-    ///     them, at the same pixel of the same frame of Cs, is one.
+    /// views : sequence of WornMeasurement
+    ///     Measured pose and matched pixels of each worn camera: the first is measured together with
+    ///     what Cs found, each other after all before it. A new point of several of them, at the same
+    ///     pixel of the same frame of Cs, is one.
     /// depths : DepthMeasurement, optional
     ///     Depths from any other sensor.
     /// min_inliers : int
@@ -42,24 +41,22 @@ impl PyFilter {
     /// InputError
     ///     For wrong shapes, NaN, unknown ids, an impossible pose or covariance; the filter stays as it
     ///     was.
-    #[expect(clippy::too_many_arguments, reason = "eight names in Python")]
-    #[pyo3(signature = (searched, ids, uv, *, worn = None, further = Vec::new(), depths = None, min_inliers = 0))]
+    #[expect(clippy::too_many_arguments, reason = "seven names in Python")]
+    #[pyo3(signature = (searched, ids, uv, *, views = Vec::new(), depths = None, min_inliers = 0))]
     fn update(
         &self,
         py: Python<'_>,
         searched: Argument<'_>,
         ids: Argument<'_>,
         uv: Argument<'_>,
-        worn: Option<&PyWornMeasurement>,
-        further: Vec<PyRef<'_, PyWornMeasurement>>,
+        views: Vec<PyRef<'_, PyWornMeasurement>>,
         depths: Option<&PyDepthMeasurement>,
         min_inliers: usize,
     ) -> PyResult<PyUpdateReport> {
         let measurements = Measurements {
             searched: self::ids("searched", &searched)?,
             bearings: bearings(&ids, &uv)?,
-            worn: worn.map(|worn| worn.0.clone()),
-            further: further.iter().map(|worn| worn.0.clone()).collect(),
+            views: views.iter().map(|worn| worn.0.clone()).collect(),
             depths: depths.map_or_else(Vec::new, |depths| depths.0.clone()),
             min_inliers,
         };

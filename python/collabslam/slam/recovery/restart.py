@@ -60,12 +60,13 @@ class Restart:
         if not (self._metric and self._monitor.found):
             return None
         for given in view.worn:
-            overlap = Overlaps((self._worn.match(view, given, Found.nothing(), self._map.in_view),))
-            if overlap.observation is None:
+            matched = self._worn.match(view, given, Found.nothing(), self._map.in_view)
+            if not matched.measured:
                 continue
+            overlap = Overlaps((matched,))
             old = None if wrong else self._relocaliser.map_in_use(self._printed)
             gone = self._size.gone(self._filter.pose) if wrong else np.zeros(3)
-            report = self._filter.restart(overlap.observation, gone)
+            report = self._filter.restart(matched.observation, gone)
             if report.accepted:
                 self._relocaliser.put_aside(old)
                 begun = self._map.begin(view, overlap, report)

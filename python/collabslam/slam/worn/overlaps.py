@@ -39,15 +39,9 @@ class Overlaps:
         return used[0].ids if used else np.empty(0, np.int64)
 
     @property
-    def observation(self) -> WornMeasurement | None:
-        """The argument ``worn`` of :meth:`Filter.update`."""
-        used = self.used
-        return used[0].observation if used else None
-
-    @property
-    def further(self) -> list[WornMeasurement]:
-        """Its argument ``further``."""
-        return [overlap.observation for overlap in self.used[1:]]
+    def views(self) -> list[WornMeasurement]:
+        """The argument ``views`` of :meth:`Filter.update`."""
+        return [overlap.observation for overlap in self.used]
 
     @property
     def pixels(self) -> Array:
@@ -61,7 +55,7 @@ class Overlaps:
 
     def with_outcomes(self, report: UpdateReport) -> list[tuple[Overlap, Outcomes | None]]:
         """Each with what the filter did with its matches; None where it was not measured."""
-        outcomes = iter((report.pairs, *report.further))
+        outcomes = iter(report.views)
         return [(overlap, next(outcomes) if overlap.measured else None) for overlap in self.each]
 
     def births(self, report: UpdateReport, t: float) -> tuple[ImagePoints, Ids]:

@@ -23,7 +23,7 @@ impl Filter {
         z: &Measurements,
         report: &mut UpdateReport,
     ) -> Vec<(usize, u64)> {
-        let Some(worn) = &z.worn else {
+        let Some(worn) = z.first_view() else {
             return Vec::new();
         };
         // The frame that the pairs are of, whose pose is a clone if it is an earlier one.
@@ -63,10 +63,10 @@ impl Filter {
                 }
                 Some(new)
             });
-            report.pairs[i] = Outcome::NotVisible;
+            report.views[0][i] = Outcome::NotVisible;
             if let Some(Block { id, .. }) = new.and_then(|new| self.append_feature(&new)) {
                 newborn.push((i, id));
-                report.pairs[i] = Outcome::Born(id);
+                report.views[0][i] = Outcome::Born(id);
             }
         }
         if frame > 0 {
@@ -93,14 +93,14 @@ impl Filter {
         let largest = self.setup.settings.birth.max_rho_ratio;
         let mut gone = Vec::new();
         for &(i, id) in newborn {
-            if report.pairs[i] != Outcome::Born(id) {
+            if report.views[0][i] != Outcome::Born(id) {
                 gone.push(id);
             } else if let Ok(block) = self.memory.feature_block(id) {
                 let rho = self.memory.state.feature(&block).scale();
                 let variance = self.memory.state.p.get(block.offset + 5, block.offset + 5);
                 if rho <= 0.0 || variance.max(0.0).sqrt() > largest * rho {
                     gone.push(id);
-                    report.pairs[i] = Outcome::TooUncertain;
+                    report.views[0][i] = Outcome::TooUncertain;
                 }
             }
         }
@@ -108,7 +108,7 @@ impl Filter {
     }
 
     pub(crate) fn instant_births(&mut self, z: &Measurements, report: &mut UpdateReport) {
-        let Some(worn) = &z.worn else { return };
+        let Some(worn) = z.first_view() else { return };
         let pose = self.memory.state.camera_pose();
         let (sigma, sigma_f) = (
             self.setup.settings.pixel.sigma_cs,
@@ -119,12 +119,12 @@ impl Filter {
                 continue;
             }
             let Some((view, unrolled)) = self.intersect_unrolled(worn, pair) else {
-                report.pairs[i] = Outcome::NotVisible;
+                report.views[0][i] = Outcome::NotVisible;
                 continue;
             };
             let variance = self.rho_variance(worn, &view, &pair.uv_f);
             if variance.sqrt() > self.setup.settings.birth.max_rho_ratio * view.rho {
-                report.pairs[i] = Outcome::TooUncertain;
+                report.views[0][i] = Outcome::TooUncertain;
                 continue;
             }
             let warp = self.setup.camera.warp_jacobian(&unrolled.uv);
@@ -142,7 +142,7 @@ impl Filter {
                 }
             }
             let born = self.append_feature(&new);
-            report.pairs[i] = born.map_or(Outcome::NotVisible, |block| Outcome::Born(block.id));
+            report.views[0][i] = born.map_or(Outcome::NotVisible, |block| Outcome::Born(block.id));
         }
     }
 

@@ -72,11 +72,9 @@ pub struct Measurements {
     pub searched: Vec<u64>,
     /// Features found in Cs.
     pub bearings: Vec<Bearing>,
-    /// The worn camera's part, measured together with what Cs found.
-    pub worn: Option<WornObservation>,
-    /// Those of other worn cameras, each measured after all before it. A new point that several have, at the same pixel of
-    /// the same frame of Cs, is one.
-    pub further: Vec<WornObservation>,
+    /// Views of worn cameras: the first is measured together with what Cs found, each other after all before it. A new point
+    /// that several have, at the same pixel of the same frame of Cs, is one.
+    pub views: Vec<WornObservation>,
     /// Other depths.
     pub depths: Vec<DepthObservation>,
     /// Fewest accepted bearings with which the frame is used: with fewer nothing of it is.
@@ -84,9 +82,14 @@ pub struct Measurements {
 }
 
 impl Measurements {
-    /// The worn camera's pairs, if it contributes.
+    /// The view that is measured together with what Cs found.
+    pub(crate) fn first_view(&self) -> Option<&WornObservation> {
+        self.views.first()
+    }
+
+    /// Its pairs.
     pub(crate) fn pairs(&self) -> &[WornPair] {
-        self.worn.as_ref().map_or(&[], |worn| &worn.pairs)
+        self.first_view().map_or(&[], |worn| &worn.pairs)
     }
 }
 
@@ -141,10 +144,8 @@ pub struct WornPose {
 pub struct UpdateReport {
     /// One per bearing.
     pub bearings: Vec<Outcome>,
-    /// One per worn pair.
-    pub pairs: Vec<Outcome>,
-    /// One list per view in [`Measurements::further`], one outcome per pair.
-    pub further: Vec<Vec<Outcome>>,
+    /// One list per view, one outcome per pair.
+    pub views: Vec<Vec<Outcome>>,
     /// One per depth.
     pub depths: Vec<Outcome>,
     /// Normalised innovation squared of what was accepted.
@@ -157,8 +158,7 @@ pub struct UpdateReport {
     pub exact: bool,
     /// Estimated error of T_CF of the first view after the update, tangent (m, rad).
     pub worn_error: Vector6<f64>,
-    /// One per view, the first and the further ones: where the worn camera was. None before the start, and of a frame
-    /// of which nothing was used.
+    /// One per view: where the worn camera was. None before the start, and of a frame of which nothing was used.
     pub worn_poses: Vec<WornPose>,
     /// Why the frame was refused, if it was: the filter is as it was before.
     pub refused: Option<EkfError>,
@@ -173,10 +173,8 @@ impl UpdateReport {
     pub fn refused(z: &Measurements, error: EkfError) -> Self {
         let mut report = Self::default();
         report.start(z);
-        for list in [&mut report.bearings, &mut report.pairs, &mut report.depths]
-            .into_iter()
-            .chain(&mut report.further)
-        {
+        let lists = [&mut report.bearings, &mut report.depths].into_iter();
+        for list in lists.chain(&mut report.views) {
             list.fill(Outcome::Refused);
         }
         report.refused = Some(error);
@@ -186,25 +184,30 @@ impl UpdateReport {
 
     /// Resets the report for these measurements; the lists keep their capacity.
     pub(crate) fn start(&mut self, z: &Measurements) {
-        let lists = [&mut self.bearings, &mut self.pairs, &mut self.depths].map(std::mem::take);
-        let [mut bearings, mut pairs, mut depths] = lists;
+        let [mut bearings, mut depths] = [&mut self.bearings, &mut self.depths].map(std::mem::take);
         refill(&mut bearings, Outcome::NotVisible, z.bearings.len());
-        refill(&mut pairs, Outcome::Unused, z.pairs().len());
         refill(&mut depths, Outcome::NotVisible, z.depths.len());
-        let further = z.further.iter();
-        let further = further.map(|worn| vec![Outcome::Unused; worn.pairs.len()]);
+        let mut views = std::mem::take(&mut self.views);
+        views.resize_with(z.views.len(), Vec::new);
+        for (list, view) in views.iter_mut().zip(&z.views) {
+            refill(list, Outcome::Unused, view.pairs.len());
+        }
         let mut worn_poses = std::mem::take(&mut self.worn_poses);
         worn_poses.clear();
         *self = Self {
             bearings,
-            pairs,
             depths,
-            further: further.collect(),
+            views,
             worn_poses,
             exact: true,
             accepted: true,
             ..Self::default()
         };
+    }
+
+    /// Outcomes of the first view's pairs.
+    pub(crate) fn pairs(&self) -> &[Outcome] {
+        self.views.first().map_or(&[], Vec::as_slice)
     }
 
     /// The mask of accepted bearings, in their order: which features were measured in Cs.
@@ -221,7 +224,6 @@ impl UpdateReport {
     pub(crate) fn reject_all(&mut self, z: &Measurements) {
         self.start(z);
         self.bearings.fill(Outcome::RejectedBatch);
-        self.pairs.fill(Outcome::Unused);
         self.depths.fill(Outcome::Unused);
         self.accepted = false;
     }

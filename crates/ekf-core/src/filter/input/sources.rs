@@ -29,7 +29,7 @@ impl Source {
     pub(crate) fn outcome(self, report: &mut UpdateReport) -> &mut Outcome {
         match self {
             Self::Bearing(i) => &mut report.bearings[i],
-            Self::Point(i) | Self::WornPixel(i, _) => &mut report.pairs[i],
+            Self::Point(i) | Self::WornPixel(i, _) => &mut report.views[0][i],
             Self::Depth(i) => &mut report.depths[i],
         }
     }
@@ -74,7 +74,7 @@ impl Scratch {
         let mut any = false;
         for &u in &self.gone {
             *self.sources[u].outcome(report) = outcome;
-            if let Some(slot) = self.sources[u].slot(report.pairs.len()) {
+            if let Some(slot) = self.sources[u].slot(report.pairs().len()) {
                 self.demoted[slot] = true;
                 any = true;
             }

@@ -37,7 +37,7 @@ impl Filter {
             });
         }
         let z = Measurements {
-            worn: Some(worn.clone()),
+            views: vec![worn.clone()],
             ..Measurements::default()
         };
         self.check_measurements(&z, &mut Scratch::default())?;

@@ -91,8 +91,8 @@ impl Filter {
         };
         ids.clear();
         ids.extend(z.bearings.iter().map(|b| b.id));
-        let further = z.further.iter().flat_map(|worn| &worn.pairs);
-        ids.extend(z.pairs().iter().chain(further).filter_map(|p| p.id));
+        let pairs = z.views.iter().flat_map(|worn| &worn.pairs);
+        ids.extend(pairs.filter_map(|p| p.id));
         ids.extend(z.depths.iter().filter_map(|d| d.id));
         ids.sort_unstable();
         ids.dedup();

@@ -29,7 +29,7 @@ impl Filter {
             ..
         } = scratch;
         wanted.clear();
-        for (i, pair) in z.worn.iter().flat_map(|w| &w.pairs).enumerate() {
+        for (i, pair) in z.pairs().iter().enumerate() {
             let born = newborn.iter().find(|(j, _)| *j == i).map(|(_, id)| *id);
             match (form, pair.id.or(born)) {
                 (WornForm::Points, Some(_)) if pair.id.is_some() => wanted.push(Source::Point(i)),
@@ -44,7 +44,7 @@ impl Filter {
         with_depth.clear();
         sources.clear();
         for &source in wanted.iter() {
-            let slot = source.slot(report.pairs.len());
+            let slot = source.slot(report.pairs().len());
             if slot.is_some_and(|k| demoted[k]) {
                 continue; // keeps the outcome of its rejection
             }
@@ -61,7 +61,7 @@ impl Filter {
                 (Ok(_), Source::Bearing(_)) => Outcome::Pixel,
                 (Ok(_), Source::Point(_) | Source::Depth(_)) => Outcome::Depth,
                 (Ok(_), Source::WornPixel(i, id)) => {
-                    let known = z.worn.as_ref().is_some_and(|w| w.pairs[i].id.is_some());
+                    let known = z.pairs()[i].id.is_some();
                     if known {
                         Outcome::Pixel
                     } else {
@@ -85,7 +85,7 @@ impl Filter {
         z: &Measurements,
         source: Source,
     ) -> Result<MeasurementBlock, Outcome> {
-        match (source, &z.worn) {
+        match (source, z.first_view()) {
             (Source::Bearing(i), _) => self.bearing(&z.bearings[i]),
             (Source::Point(i), Some(worn)) => self.worn_point(worn, &worn.pairs[i]),
             (Source::WornPixel(i, id), Some(worn)) => self.worn_pixel(worn, &worn.pairs[i], id),

@@ -1,9 +1,9 @@
-//! The worn cameras: the error of each T_CF, views of another time, clocks, further views of a frame (METHOD 6, 21, 26).
+//! The worn cameras: the error of each T_CF, views of another time, clocks, several views in a frame (METHOD 6, 21, 26).
 
 pub(super) mod clock;
 pub(super) mod error;
-pub(super) mod further_views;
 pub(super) mod kept_poses;
+pub(super) mod later_views;
 pub(super) mod other_time;
 pub(super) mod pose;
 pub(super) mod pose_then;

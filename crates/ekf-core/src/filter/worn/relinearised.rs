@@ -23,7 +23,9 @@ impl Filter {
         z: &Measurements,
         scratch: &Scratch,
     ) -> Result<(), EkfError> {
-        let Some(worn) = &z.worn else { return Ok(()) };
+        let Some(worn) = z.first_view() else {
+            return Ok(());
+        };
         let lasts = self.memory.state.lasting_error(worn.who).next().is_some()
             || self.memory.state.worn_clock_block(worn.who).is_some();
         let Some(at) = self.worn_error_offset(worn.who).filter(|_| lasts) else {

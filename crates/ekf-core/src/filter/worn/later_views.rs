@@ -10,24 +10,26 @@ use nalgebra::Vector2;
 type Born = (Option<f64>, Vector2<f64>, u64);
 
 impl Filter {
-    /// Measures the views of `z.further`, each with what all before it have told; a view that would break the filter is
-    /// refused by itself. `used` are the worn cameras measured so far, with T_CF for the present pose.
-    pub(crate) fn measure_further(
+    /// Measures the views of `z` that were not measured `together` with what Cs found, each with what all before it have told;
+    /// a view that would break the filter is refused by itself. `used` are the worn cameras measured so far, with T_CF for the
+    /// present pose.
+    pub(crate) fn measure_later(
         &mut self,
+        together: &Measurements,
         z: &Measurements,
         used: &mut Vec<(usize, Pose)>,
         report: &mut UpdateReport,
         scratch: &mut Scratch,
     ) {
         let mut born = Vec::new();
-        if let Some(first) = &z.worn {
-            self.list_born(first, &report.pairs, &mut born);
+        for worn in &together.views {
+            self.list_born(worn, report.pairs(), &mut born);
         }
-        for (k, worn) in z.further.iter().enumerate() {
+        for worn in &z.views[together.views.len()..] {
             let worn = self.with_known_points(worn, &born);
-            let outcome = self.measure_one_more(&worn, used, scratch);
-            self.list_born(&worn, &outcome.pairs, &mut born);
-            report.further[k] = outcome.pairs;
+            let mut outcome = self.measure_one_more(&worn, used, scratch);
+            self.list_born(&worn, outcome.pairs(), &mut born);
+            report.views.append(&mut outcome.views);
             report.nis += outcome.nis;
             report.dof += outcome.dof;
         }
@@ -41,7 +43,7 @@ impl Filter {
     ) -> UpdateReport {
         let mut report = UpdateReport::default();
         let alone = |worn| Measurements {
-            worn: Some(worn),
+            views: vec![worn],
             ..Measurements::default()
         };
         let measured = self.brought_here(worn).and_then(|brought| {
