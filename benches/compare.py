@@ -167,16 +167,6 @@ def overhead(program: Path, processes: int, samples: Samples) -> dict[str, float
     return {"python_overhead_pct": 100 * float(np.median(least["replay python"] / least["replay rust"]) - 1)}
 
 
-def shrunk(rounds: Rounds, number: int) -> dict[str, float]:
-    """The update of a map of points over that of the same map in inverse depth, by features an anchor."""
-    result = {}
-    for at_once in (1, 4, 25):
-        runs = rounds.run(f"points 100 40 {at_once}", number)
-        plain, points, *_ = (statistics.median(column) for column in zip(*runs, strict=True))
-        result[f"points_update_ratio_{at_once}_an_anchor"] = points / plain
-    return result
-
-
 def walk(program: Path, frames: int, processes: int) -> dict[str, float]:
     """Plain and local filter over a replay of N = 400: sums, medians, features in view.
 
@@ -257,7 +247,6 @@ def main() -> None:
         "warm_step_allocations": allocations(args.allocations),
         **through_python,
     }
-    result |= shrunk(rounds, 4 * args.rounds)
     if args.walk:
         result |= walk(args.program, args.walk, args.walks)
     if args.crowd:

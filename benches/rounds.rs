@@ -138,45 +138,6 @@ fn walk(features: usize) -> Case {
     Box::new(move || one(dt).0)
 }
 
-/// A map whose features have converged, left in inverse depth and made points of, by turns: the times of an update in
-/// both, and the numbers of both states.
-fn points(features: usize, seen: usize, at_once: usize) -> Case {
-    let mix = Mix {
-        at_once,
-        ..mix(features, seen, 0)
-    };
-    let mut sways = [0.0, 0.1].map(|index| {
-        let changes = [
-            ("validate.test", Value::Name("none".into())),
-            ("map.linearity_index", Value::Float(index)),
-        ];
-        let mut sway = Sway::new(mix, &changes);
-        for _ in 0..CONVERGED {
-            sway.predict();
-            let z = sway.measure_all();
-            sway.filter.update(&z).expect("valid measurements");
-            sway.filter.manage_map();
-        }
-        sway
-    });
-    Box::new(move || {
-        let times = sways.each_mut().map(|sway| {
-            sway.predict();
-            let z = sway.measure();
-            timed(|| {
-                sway.filter.update(&z).expect("valid measurements");
-            })
-        });
-        let numbers = sways
-            .each_ref()
-            .map(|sway| sway.filter.state().mean().len() as u64);
-        vec![times[0], times[1], numbers[0], numbers[1]]
-    })
-}
-
-/// Frames in which a sway's features converge.
-const CONVERGED: usize = 60;
-
 const PLAIN: (&str, Value) = ("map.local_from", Value::Int(1_000_000_000));
 const LOCAL: (&str, Value) = ("map.local_from", Value::Int(0));
 
@@ -251,7 +212,6 @@ fn make(words: &[&str]) -> Case {
         "dense" => dense(number(1), number(2)),
         "local" => local(number(1)),
         "walk" => walk(number(1)),
-        "points" => points(number(1), number(2), number(3)),
         "replay" => replay(number(1), number(2)),
         other => panic!("there is no case {other}"),
     }

@@ -473,10 +473,6 @@ fn settings(bytes: &mut Bytes<'_>) -> Settings {
             "process.start_velocity_sd",
             Value::Float([1.0, 10.0][bytes.below(2)]),
         ),
-        (
-            "map.linearity_index",
-            Value::Float([0.0, 0.1, 10.0][bytes.below(3)]),
-        ),
     ];
     let names = names.map(|(key, name)| (key, Value::Name(name.into())));
     for (key, value) in names.into_iter().chain(numbers) {

@@ -2591,12 +2591,6 @@ class MapSettings:
         view or somebody asks for the whole state: the same result, faster for large maps.
         """
     @property
-    def linearity_index(self) -> float:
-        """Linearity index below which a feature in view shrinks from inverse depth (six numbers) to a
-        point (three); 0 for never. The index tells how nonlinear the depth is in the pixels;
-        Civera, Davison and Montiel (2008) take 0.1.
-        """
-    @property
     def candidate_age(self) -> float:
         """A candidate that has not been born after so many seconds is dropped."""
 

@@ -106,7 +106,7 @@ fn an_update_leaves_what_the_gain_leaves() {
 #[test]
 fn a_local_update_carries_it_along() {
     const ROOM_UNTIL: usize = 41;
-    let mut pair = Pair::new(31, 120, "gauge", 0.0, 10.0);
+    let mut pair = Pair::new(31, 120, "gauge", 10.0);
     for frame in 0..ROOM_UNTIL {
         pair.step(frame);
     }

@@ -157,7 +157,7 @@ fn the_update_agrees_with_a_dense_transport() {
 /// A feature that comes back brings rows of P that are still along the directions of the mean at which it left.
 #[test]
 fn what_comes_back_into_view_is_carried_to_the_present_mean() {
-    let mut pair = Pair::new(57, 60, "gauge", 0.0, 0.0);
+    let mut pair = Pair::new(57, 60, "gauge", 0.0);
     // The mean of each feature when it was last in view and carried.
     let mut carried: BTreeMap<u64, Vec<f64>> = BTreeMap::new();
     let mut tested = 0;

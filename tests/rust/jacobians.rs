@@ -6,7 +6,7 @@ use ekf_core::birth::new_feature::{FirstPoseCovariance, NewFeature};
 use ekf_core::birth::two_view::TwoView;
 use ekf_core::math::{inverse_depth, pose::Pose, quat};
 use ekf_core::observe::point::CameraPose;
-use ekf_core::observe::{FeatureState, Form, PointInCamera, Rows, Shutter, WornView};
+use ekf_core::observe::{FeatureState, PointInCamera, Rows, Shutter, WornView};
 use ekf_core::predict;
 use ekf_core::settings::{MotionModel, ProcessSettings};
 use nalgebra::{
@@ -47,7 +47,7 @@ fn random_quat(rng: &mut Pcg64) -> Vector4<f64> {
 }
 
 /// A camera and a feature some metres in front of it.
-fn random_view(rng: &mut Pcg64, form: Form) -> (CameraPose, FeatureState) {
+fn random_view(rng: &mut Pcg64) -> (CameraPose, FeatureState) {
     let pose = CameraPose {
         r: normals::<3>(rng),
         q: random_quat(rng),
@@ -61,43 +61,18 @@ fn random_view(rng: &mut Pcg64, form: Form) -> (CameraPose, FeatureState) {
     let anchor = pose.r + normals::<3>(rng) * 0.3;
     let (angles, _) = inverse_depth::angles(&(point - anchor));
     let rho = 1.0 / (point - anchor).norm();
-    let numbers = [anchor.x, anchor.y, anchor.z, angles[0], angles[1], rho];
-    let feature = match form {
-        Form::InverseDepth => FeatureState::from_slice(form, &numbers),
-        Form::Point => FeatureState::Point(point),
-    };
-    (pose, feature)
+    let numbers = Vector6::new(anchor.x, anchor.y, anchor.z, angles[0], angles[1], rho);
+    (pose, FeatureState(numbers))
 }
 
-const FORMS: [Form; 2] = [Form::InverseDepth, Form::Point];
-
-/// As [`check`], of what depends on the numbers of a feature; columns beyond them must be zero.
+/// As [`check`], of what depends on the numbers of a feature.
 fn check_by_feature<const R: usize>(
     what: &str,
     feature: &FeatureState,
     analytic: &SMatrix<f64, R, 6>,
     f: impl Fn(&FeatureState) -> SMatrix<f64, R, 1>,
 ) {
-    let (form, numbers) = (feature.form(), feature.numbers());
-    match form {
-        Form::InverseDepth => {
-            let y = Vector6::from_column_slice(numbers);
-            check(what, &y, analytic, |y| {
-                f(&FeatureState::from_slice(form, y.as_slice()))
-            });
-        }
-        Form::Point => {
-            let y = Vector3::from_column_slice(numbers);
-            let own = analytic.fixed_columns::<3>(0).into_owned();
-            check(what, &y, &own, |y| {
-                f(&FeatureState::from_slice(form, y.as_slice()))
-            });
-            assert!(
-                analytic.columns(3, 3).iter().all(|&v| v == 0.0),
-                "{what}: a point has three numbers"
-            );
-        }
-    }
+    check(what, &feature.0, analytic, |y| f(&FeatureState(*y)));
 }
 
 fn pose_of(x: &SMatrix<f64, 7, 1>) -> CameraPose {
@@ -216,8 +191,8 @@ fn ray_conventions() {
 fn observations() {
     let mut rng = rng(4);
     let camera = camera();
-    for trial in 0..100 {
-        let (pose, feature) = random_view(&mut rng, FORMS[trial % 2]);
+    for _ in 0..100 {
+        let (pose, feature) = random_view(&mut rng);
         let x = vector_of(&pose);
         let scaled = PointInCamera::scaled(&pose, &feature);
         check("Eq. 7 by pose", &x, &scaled.by_pose, |x| {
@@ -237,9 +212,6 @@ fn observations() {
         });
         check_by_feature("point", &feature, &feature.point_jacobian(), |y| {
             y.point().expect("rho > 0")
-        });
-        check_by_feature("scale", &feature, &feature.scale_jacobian(), |y| {
-            SMatrix::from([[y.scale()]])
         });
         let zero = Vector2::zeros();
         // The innovation is measured minus predicted, so with a measurement of zero it is minus the prediction.
@@ -305,7 +277,7 @@ fn random_worn(rng: &mut Pcg64) -> Pose {
 
 #[test]
 fn a_pixel_is_as_noisy_as_is_said() {
-    let (pose, feature) = random_view(&mut rng(6), FORMS[0]);
+    let (pose, feature) = random_view(&mut rng(6));
     for sigma in [0.3, 2.0] {
         let rows = Rows::bearing(&camera(), &pose, &feature, &Vector2::zeros(), sigma, None);
         let noise = rows.expect("visible").noise;
@@ -319,8 +291,8 @@ fn a_pixel_is_as_noisy_as_is_said() {
 fn worn_pixel_rows() {
     let mut rng = rng(5);
     let camera = camera();
-    for trial in 0..100 {
-        let (pose, feature) = random_view(&mut rng, FORMS[trial % 2]);
+    for _ in 0..100 {
+        let (pose, feature) = random_view(&mut rng);
         let t_cf = random_worn(&mut rng);
         let error = normals::<6>(&mut rng) * 0.02;
         let rows = |pose: &CameraPose, feature: &FeatureState, error: &Vector6<f64>| {
@@ -536,7 +508,7 @@ fn pixels_and_births_by_the_calibration() {
     let mut rng = rng(14);
     let (zero, camera) = (Vector6::zeros(), warped(&Vector6::zeros()));
     for _ in 0..30 {
-        let (pose, feature) = random_view(&mut rng, Form::InverseDepth);
+        let (pose, feature) = random_view(&mut rng);
         let offset = random_worn(&mut rng);
         let (uv, uv_first) = random_pair(&mut rng, &camera, &offset);
         let seen = PointInCamera::metric(&pose, &feature)

@@ -30,7 +30,6 @@ mod relocalise;
 mod restart;
 mod scale;
 mod scene;
-mod shrink;
 mod shutter;
 mod sight;
 mod snapshot;

@@ -60,11 +60,8 @@ fn ray(theta: f64, phi: f64) -> Vector3<f64> {
 }
 
 /// The point of a feature of six numbers or three.
-fn point(x: &DVector<f64>, at: usize, len: usize) -> Vector3<f64> {
-    match len {
-        3 => vector(x, at),
-        _ => vector(x, at) + ray(x[at + 3], x[at + 4]) / x[at + 5],
-    }
+fn point(x: &DVector<f64>, at: usize) -> Vector3<f64> {
+    vector(x, at) + ray(x[at + 3], x[at + 4]) / x[at + 5]
 }
 
 /// `y = [r, theta, phi, rho]` of a ray `h` in C.
@@ -95,11 +92,6 @@ impl Reference {
     pub(crate) fn offset(&self, id: u64) -> usize {
         let before = self.blocks.iter().take_while(|b| b.id != id);
         13 + before.map(|b| b.len).sum::<usize>()
-    }
-
-    fn len(&self, id: u64) -> usize {
-        let block = self.blocks.iter().find(|b| b.id == id);
-        block.expect("known").len
     }
 
     /// Quaternions of the camera and of the clones.
@@ -270,9 +262,8 @@ impl Reference {
             };
         for &(id, uv, depth, sd) in depths {
             let at = self.offset(id);
-            let len = self.len(id);
             let f = |x: &DVector<f64>| {
-                let w = point(x, at, len) - vector(x, 0);
+                let w = point(x, at) - vector(x, 0);
                 let h = turn(x, 3).inverse() * w;
                 DVector::from_column_slice(h.as_slice())
             };
@@ -288,9 +279,8 @@ impl Reference {
                 continue;
             }
             let at = self.offset(id);
-            let len = self.len(id);
             let f = |x: &DVector<f64>| {
-                let w = point(x, at, len) - vector(x, 0);
+                let w = point(x, at) - vector(x, 0);
                 let uv = camera.project(&(turn(x, 3).inverse() * w)).unwrap();
                 DVector::from_column_slice(uv.as_slice())
             };
@@ -314,26 +304,6 @@ impl Reference {
         self.x += &gain * DVector::from_vec(g);
         self.p -= &gain * s * gain.transpose();
         self.normalise();
-    }
-
-    /// Puts the points of features in place of their six numbers.
-    pub(crate) fn shrink(&mut self, ids: &[u64]) {
-        for &id in ids {
-            let (at, n) = (self.offset(id), self.x.len());
-            let f = |x: &DVector<f64>| {
-                let numbers = x.iter().take(at).copied();
-                let own = point(x, at, 6);
-                let all = numbers
-                    .chain(own.iter().copied())
-                    .chain(x.iter().skip(at + 6).copied());
-                DVector::from_iterator(n - 3, all)
-            };
-            let j = jacobian(f, &self.x);
-            self.p = &j * &self.p * j.transpose();
-            self.x = f(&self.x);
-            let block = self.blocks.iter_mut().find(|b| b.id == id);
-            block.expect("known").len = 3;
-        }
     }
 
     /// Keeps only the blocks with these ids.

@@ -118,9 +118,7 @@ fn drawn_map(seed: u64) -> (Filter, Vec<(u64, Vector3<f64>)>, Pose) {
     let mut filter = Filter::new(settings(&WHITE), crate::scene::camera(), None);
     filter.predict(0.0).unwrap();
     let ids = filter.start_from_map(&map).unwrap();
-    let points = true_map
-        .iter()
-        .map(|y| FeatureState::InverseDepth(*y).point().unwrap());
+    let points = true_map.iter().map(|y| FeatureState(*y).point().unwrap());
     let away = normals::<6>(&mut rng).component_mul(&Vector6::new(0.3, 0.2, 0.3, 0.1, 0.1, 0.5));
     let pose = Pose::identity().retract(&away);
     (filter, ids.into_iter().zip(points).collect(), pose)

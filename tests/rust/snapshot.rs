@@ -94,7 +94,6 @@ fn kinds() -> Vec<Vec<(&'static str, Value)>> {
             ("estimator.mode", name("collab")),
             ("estimator.consistency", name("none")),
         ],
-        vec![("map.linearity_index", Value::Float(0.3))],
         vec![
             ("calibration.focal_sd", Value::Float(0.005)),
             ("worn.bias_share", Value::Float(0.4)),

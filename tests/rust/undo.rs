@@ -110,8 +110,8 @@ fn without_a_checkpoint_there_is_no_way_back() {
 #[test]
 fn the_working_set_of_before_is_there_again() {
     let (mut undone, mut straight) = (
-        Pair::new(74, 150, "gauge", 0.1, 10.0),
-        Pair::new(74, 150, "gauge", 0.1, 10.0),
+        Pair::new(74, 150, "gauge", 10.0),
+        Pair::new(74, 150, "gauge", 10.0),
     );
     for k in 0..90 {
         let before = undone.local.snapshot();

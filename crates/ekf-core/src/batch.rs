@@ -178,9 +178,7 @@ impl Workspace {
                     pht.add::<1>(&mut sums, slots[motion.readout], k, by_readout);
                 }
                 pht.add::<3>(&mut sums, first, k, by_first);
-                if let Some(own) = own {
-                    pht.add::<3>(&mut sums, own, k, by_own);
-                }
+                pht.add::<3>(&mut sums, own, k, by_own);
                 if let (Some(by_shared), Some(w)) = (&rows.by_shared, block.shared) {
                     pht.add::<6>(&mut sums, slots[w], k, by_shared.as_slice());
                     if let Some(share) = rows.roll {

@@ -44,16 +44,6 @@
 //! of the arithmetic. The state that is shown keeps six numbers a feature. The benches' maps have four features an
 //! anchor; `update_single_anchor_ratio` is that of a map where every feature has its own.
 //!
-//! # Points
-//! With `map.linearity_index` a feature whose depth has converged becomes a point: three rows in place of its own three
-//! and a share of its anchor's, which are freed when no feature has that anchor any more. What differs between both forms
-//! has one owner, [`FeatureState`](crate::observe::FeatureState): rows keep six columns, of which a point uses three. The
-//! conversion maps a feature's own three rows where they are stored, O(n), and all of a frame's share one compaction.
-//! `make bench` times the update of a map that has converged altogether, N = 100, m = 80, both ways in turns
-//! (`points_update_ratio_*`): as points it takes 0.2 to 0.4 of the time where each feature has an anchor of its own, 0.6
-//! to 0.7 with four an anchor, 0.8 to 0.95 with 25. It is off by default: a map with few anchors gains little before
-//! nearly all of it has converged, and accuracy is as it was (docs/points.md).
-//!
 //! # The batch test
 //! See [`validate`](crate::validate). HOHCT works on `S^-1`, formed only if the batch fails as a whole; leaving out `k`
 //! matches is a `k x k` problem. `validate.max_nodes` bounds it (about 0.15 ms a node for 100 matches): of 4000 frames

@@ -260,10 +260,6 @@ macro_rules! filter_settings {
         /// Size of the map from which features out of view are updated only when they come back into view or somebody asks
         /// for the whole state: the same result, faster for large maps.
         local_from: usize = 150, "", Some(0.0), Some(1e9), Lab;
-        /// Linearity index below which a feature in view shrinks from inverse depth (six numbers) to a point (three); 0 for
-        /// never. The index tells how nonlinear the depth is in the pixels; Civera, Davison and Montiel (2008) take 0.1.
-        linearity_index: f64 = 0.0, "", Some(0.0), Some(10.0),
-            User("Set it to 0.1 for large maps, to save time and memory.");
         /// A candidate that has not been born after so many seconds is dropped.
         candidate_age: f64 = 4.0, "s", Some(0.01), Some(1e4), Lab;
     }

@@ -1,7 +1,7 @@
 //! The directions `N(x)` that no camera can see, and coordinates `B(x)` along them, see the page of [`gauge`](super).
 
 use crate::math::{inverse_depth, quat};
-use crate::observe::{FeatureState, Form, POSE_DIM};
+use crate::observe::POSE_DIM;
 use crate::state::{Block, BlockKind, Covariance, Layout};
 use nalgebra::Vector3;
 
@@ -24,8 +24,7 @@ pub fn directions(x: &[f64], layout: &Layout, out: &mut Vec<f64>) {
     position(x, POSE_DIM, out);
     for block in layout.blocks() {
         match block.kind {
-            BlockKind::Feature(Form::InverseDepth) => inverse_depth_feature(x, block, out),
-            BlockKind::Feature(Form::Point) => position(x, block.offset, out),
+            BlockKind::Feature => inverse_depth_feature(x, block, out),
             // What a submap hands on is no place: it stays.
             BlockKind::Clone | BlockKind::Submap(_) => {
                 position(x, block.offset, out);
@@ -103,12 +102,9 @@ pub fn coordinates(x: &[f64], layout: &Layout, p: &Covariance, among: &[u64], ou
             continue;
         }
         let feature = block.feature(x);
-        // A point has converged long since.
-        if let FeatureState::InverseDepth(y) = &feature {
-            let variance = p.get(block.offset + 5, block.offset + 5);
-            if variance.max(0.0).sqrt() >= MAX_RHO_RATIO * y[5] {
-                continue;
-            }
+        let variance = p.get(block.offset + 5, block.offset + 5);
+        if variance.max(0.0).sqrt() >= MAX_RHO_RATIO * feature.scale() {
+            continue;
         }
         let Some(point) = feature.point() else {
             continue;
@@ -119,8 +115,7 @@ pub fn coordinates(x: &[f64], layout: &Layout, p: &Covariance, among: &[u64], ou
             scale[i] -= by_point[i];
         }
         let by_feature = feature.point_jacobian().tr_mul(&by_point);
-        let dim = feature.form().dim();
-        scale[block.range()].copy_from_slice(&by_feature.as_slice()[..dim]);
+        scale[block.range()].copy_from_slice(by_feature.as_slice());
         count += 1.0;
     }
     if count > 0.0 {

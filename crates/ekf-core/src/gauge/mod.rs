@@ -23,8 +23,8 @@ pub use directions::{GAUGES, coordinates, directions};
 pub(crate) use slip::Slip;
 
 use crate::kernel::Product;
-use crate::observe::POSE_DIM;
 use crate::observe::block::MeasurementBlock;
+use crate::observe::{FEATURE_DIM, POSE_DIM};
 use crate::state::{Block, BlockKind, CAMERA_DIM, Layout, Rest, State};
 use directions::SCALE;
 use nalgebra::SMatrix;
@@ -117,7 +117,7 @@ impl Gauge {
                 sum += motion.by[(r, c)] * along[slots[at]];
             }
         }
-        for c in 0..rows.form.dim() {
+        for c in 0..FEATURE_DIM {
             sum += rows.by_feature[(r, c)] * along[slots[block.feature + c]];
         }
         if let (Some(by_shared), Some(at)) = (&rows.by_shared, block.shared) {
@@ -203,7 +203,7 @@ impl Gauge {
 /// What moves with the camera: its clones, and the features that are followed.
 fn carried_blocks<'a>(layout: &'a Layout, followed: &'a [u64]) -> impl Iterator<Item = &'a Block> {
     layout.blocks().iter().filter(|b| match b.kind {
-        BlockKind::Feature(_) => followed.binary_search(&b.id).is_ok(),
+        BlockKind::Feature => followed.binary_search(&b.id).is_ok(),
         BlockKind::Clone | BlockKind::Submap(_) => true,
         BlockKind::WornBias(_)
         | BlockKind::Calibration

@@ -35,7 +35,7 @@ impl Gauge {
         directions(&state.x, &state.layout, &mut self.from);
         self.from.resize(MOTIONS * rows, 0.0);
         let moved = |block: &Block| match block.kind {
-            BlockKind::Feature(_) => block.id >= free,
+            BlockKind::Feature => block.id >= free,
             BlockKind::Submap(_) => false,
             _ => true,
         };
@@ -43,7 +43,7 @@ impl Gauge {
         let carried: Vec<&Block> = blocks.collect();
         for block in &carried {
             for k in 0..3 {
-                // Anchor, point or the position of a clone.
+                // Anchor, or the position of a clone.
                 self.from[(TRANSLATION + k) * rows + block.offset + k] = 1.0;
             }
         }

@@ -1,4 +1,4 @@
-//! `P H^T` from the stored triangle of `P`: each row of `H` touches 10 to 19 columns.
+//! `P H^T` from the stored triangle of `P`: each row of `H` touches 13 to 19 columns.
 
 use super::{HEIGHT, Kernel, Panels, Stored, dispatch};
 use crate::observe::POSE_DIM;
@@ -50,9 +50,7 @@ impl Kernel for Fill<'_> {
                 let (first, own) = feature.split_at_mut(3 * HEIGHT);
                 let (first_at, own_at) = block.slots(p.slots);
                 gather::<3>(p, row, first_at, first);
-                if let Some(own_at) = own_at {
-                    gather::<3>(p, row, own_at, own);
-                }
+                gather::<3>(p, row, own_at, own);
                 if let Some(at) = block.shared {
                     if error_at != Some(at) {
                         gather::<6>(p, row, p.slots[at], &mut error);
@@ -116,7 +114,13 @@ fn combine<S: Simd, const C: usize, const R: usize>(
     if let Some(motion) = &rows.by_motion {
         add::<S, C, R>(simd, &mut sums, columns.motion, motion.by.as_slice(), first);
     }
-    add::<S, C, R>(simd, &mut sums, columns.feature, rows.by_numbers(), first);
+    add::<S, C, R>(
+        simd,
+        &mut sums,
+        columns.feature,
+        rows.by_feature.as_slice(),
+        first,
+    );
     if let (Some(by_shared), Some(_)) = (&rows.by_shared, block.shared) {
         add::<S, C, R>(simd, &mut sums, columns.shared, by_shared.as_slice(), first);
     }

@@ -4,7 +4,7 @@ use super::panels::{Panels, Stored};
 use super::symmetric::{Downdate, Product, Times};
 use super::{Dispatch, HEIGHT, Kernel, dot, gather, solve, transform};
 use crate::observe::block::MeasurementBlock;
-use crate::observe::{ByMotion, Form, Rows};
+use crate::observe::{ByMotion, FEATURE_DIM, Rows};
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector3};
 use pulp::{Arch, Scalar, WithSimd};
 
@@ -224,32 +224,30 @@ fn fill_is_p_times_h() {
         let n = 67;
         let p = symmetric(n);
         let (data, slots): (Vec<f64>, Vec<usize>) = (lower(&p, n), (0..n).collect());
-        let block =
-            |count: usize, feature: usize, form: Form, worn: Option<usize>| MeasurementBlock {
-                rows: Rows {
-                    innovation: Vector3::zeros(),
-                    by_pose: SMatrix::from_fn(|i, j| wave(i + feature, j)),
-                    by_motion: (feature == 13).then(|| ByMotion {
-                        readout: 54,
-                        by: SMatrix::from_fn(|i, j| wave(i + feature, j + 40)),
-                    }),
-                    by_feature: SMatrix::from_fn(|i, j| wave(i + feature, j + 20)),
-                    form,
-                    by_shared: worn.map(|_| SMatrix::from_fn(|i, j| wave(i + feature, j + 60))),
-                    roll: (feature == 55).then_some(-0.3),
-                    noise: Matrix3::identity(),
-                    count,
-                },
-                id: 0,
-                feature,
-                shared: worn,
-            };
+        let block = |count: usize, feature: usize, worn: Option<usize>| MeasurementBlock {
+            rows: Rows {
+                innovation: Vector3::zeros(),
+                by_pose: SMatrix::from_fn(|i, j| wave(i + feature, j)),
+                by_motion: (feature == 13).then(|| ByMotion {
+                    readout: 54,
+                    by: SMatrix::from_fn(|i, j| wave(i + feature, j + 40)),
+                }),
+                by_feature: SMatrix::from_fn(|i, j| wave(i + feature, j + 20)),
+                by_shared: worn.map(|_| SMatrix::from_fn(|i, j| wave(i + feature, j + 60))),
+                roll: (feature == 55).then_some(-0.3),
+                noise: Matrix3::identity(),
+                count,
+            },
+            id: 0,
+            feature,
+            shared: worn,
+        };
         let blocks = [
-            block(2, 13, Form::InverseDepth, None),
-            block(3, 31, Form::InverseDepth, Some(37)),
-            block(2, 55, Form::InverseDepth, Some(37)),
-            block(3, 19, Form::Point, None),
-            block(2, 64, Form::Point, None),
+            block(2, 13, None),
+            block(3, 31, Some(37)),
+            block(2, 55, Some(37)),
+            block(3, 19, None),
+            block(2, 61, None),
         ];
         let mut out = Panels::default();
         out.reshape(n, 12);
@@ -277,7 +275,7 @@ fn fill_is_p_times_h() {
                         h[at] = motion.by[(r, c)];
                     }
                 }
-                for c in 0..block.rows.form.dim() {
+                for c in 0..FEATURE_DIM {
                     h[block.feature + c] = block.rows.by_feature[(r, c)];
                 }
                 for c in 0..6 {

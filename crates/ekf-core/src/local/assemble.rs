@@ -238,7 +238,7 @@ impl OutsideSet {
             let slots = block.range().map(place).collect();
             let mate = self.mate(&mates, &block);
             let reference = self.reference(working, mate, &block);
-            let mean = mean.numbers().to_vec();
+            let mean = mean.0.as_slice().to_vec();
             blocks.push((block.id, block.kind, slots, mean, reference));
         }
         blocks.sort_by_key(|(id, ..)| *id);

@@ -1,7 +1,7 @@
 //! Features that leave the outside set: into the working state, or for good.
 
 use super::buffers::product;
-use super::outside_set::{Auxiliary, OutsideSet, anchored};
+use super::outside_set::{Auxiliary, OutsideSet};
 use super::renewal::RowsOfThen;
 use crate::state::{Block, BlockKind, State};
 use faer::{MatMut, MatRef};
@@ -93,21 +93,16 @@ impl OutsideSet {
         );
     }
 
-    /// Deletes features outside, and brings in those that share an anchor with one inside that is about to be deleted.
+    /// Deletes features outside, and brings in those that share an anchor with one inside that is about to be deleted: the row
+    /// of that anchor is kept inside.
     pub(crate) fn remove(&mut self, working: &mut State, gone: impl Fn(u64) -> bool) {
         self.features.retain(|o| !gone(o.block.id));
-        self.enter_sharers(working, gone);
-    }
-
-    /// Brings in features that share an anchor with one inside that is about to lose it: the row of that anchor is kept
-    /// inside.
-    pub(crate) fn enter_sharers(&mut self, working: &mut State, loses: impl Fn(u64) -> bool) {
         let slot = |block: &Block| self.then.p.slot(block.offset);
-        let before = anchored(working).filter(|b| loses(b.id));
+        let before = working.layout.features().filter(|b| gone(b.id));
         let before = before.filter_map(|b| self.then.layout.find(b.id));
         let anchors: Vec<usize> = before.map(slot).collect();
         let sharers = self.features.iter().map(|o| &o.block);
-        let sharers = sharers.filter(|b| anchors.contains(&self.then.p.slot(b.offset)));
+        let sharers = sharers.filter(|b| anchors.contains(&slot(b)));
         let sharers: Vec<u64> = sharers.map(|b| b.id).collect();
         self.enter(working, |id| sharers.binary_search(&id).is_ok());
     }

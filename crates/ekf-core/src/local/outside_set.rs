@@ -3,8 +3,8 @@
 use super::renewal::{Renewal, RowsOfThen};
 use crate::kernel::dot;
 use crate::observe::point::CameraPose;
-use crate::observe::{FeatureState, Form};
-use crate::state::{Block, BlockKind, Covariance, State};
+use crate::observe::{FEATURE_DIM, FeatureState};
+use crate::state::{Block, Covariance, State};
 use nalgebra::{DMatrix, DVector, SMatrix, Vector3};
 use std::sync::Arc;
 
@@ -56,12 +56,6 @@ const OLDEST: usize = 32;
 
 /// Most features outside that are asked where error modes are put together.
 const SOME: usize = 64;
-
-/// Features with an anchor. What has one now had it when the working set was chosen.
-pub(super) fn anchored(working: &State) -> impl Iterator<Item = &Block> {
-    let inverse_depth = BlockKind::Feature(Form::InverseDepth);
-    working.layout.of_kind(inverse_depth)
-}
 
 /// Point of a feature; one with `rho <= 0` is in view of nobody.
 pub(super) fn place(feature: &FeatureState) -> Vector3<f64> {
@@ -212,7 +206,7 @@ impl OutsideSet {
     ) -> FeatureState {
         let mut mean = block.feature(&self.then.x);
         let mate = self.mate(mates, block);
-        for (k, value) in mean.numbers_mut().iter_mut().enumerate() {
+        for (k, value) in mean.0.iter_mut().enumerate() {
             match mate {
                 Some(mate) if k < 3 => *value = working.x[mate + k],
                 _ => *value += moved(self.then.p.slot(block.offset + k)),
@@ -221,16 +215,15 @@ impl OutsideSet {
         mean
     }
 
-    /// Present covariance of a feature outside with the camera's pose, and of itself; zeros where a point has no numbers.
+    /// Present covariance of a feature outside with the camera's pose, and of itself.
     pub(crate) fn covariance(
         &self,
         working: &State,
         block: &Block,
     ) -> (SMatrix<f64, 7, 6>, SMatrix<f64, 6, 6>) {
         let auxiliary = Auxiliary::of(working).rows;
-        let dim = block.kind.dim();
-        let row = |k: usize| self.then.p.slot(block.offset + k.min(dim - 1));
-        let rows: [usize; 6] = std::array::from_fn(row);
+        let rows: [usize; FEATURE_DIM] =
+            std::array::from_fn(|k| self.then.p.slot(block.offset + k));
         let columns = self.columns_of(&rows, auxiliary.len());
         let columns: Vec<&[f64]> = columns.chunks_exact(auxiliary.len()).collect();
         let then = RowsOfThen::new(&self.then.p, self.renewal.as_ref(), &rows, false);
@@ -245,9 +238,9 @@ impl OutsideSet {
             along.map(|(&d, r)| working.p.stored_entry(i, d) * r).sum()
         };
         let mut own = SMatrix::<f64, 6, 6>::zeros();
-        for c in 0..dim {
+        for c in 0..FEATURE_DIM {
             let column: Vec<f64> = auxiliary.iter().map(|&d| with(d, c)).collect();
-            for i in 0..dim {
+            for i in 0..FEATURE_DIM {
                 own[(i, c)] = match (inside(i), inside(c)) {
                     (Some(slot), _) => with(slot, c),
                     (None, Some(slot)) => with(slot, i),
@@ -255,12 +248,11 @@ impl OutsideSet {
                 };
             }
         }
-        let cross = SMatrix::from_fn(|i, c| if c < dim { with(i, c) } else { 0.0 });
+        let cross = SMatrix::from_fn(with);
         (cross, (own + own.transpose()) * 0.5)
     }
 
-    /// Present covariance of six numbers of the working state, from `at` on, with a feature outside; zeros where a point has
-    /// no numbers.
+    /// Present covariance of six numbers of the working state, from `at` on, with a feature outside.
     pub(crate) fn covariance_with(
         &self,
         working: &State,
@@ -273,9 +265,6 @@ impl OutsideSet {
         let columns = self.columns_of(&slots.collect::<Vec<_>>(), depth);
         let mate = self.mate(&self.mates(working), block);
         SMatrix::from_fn(|i, c| {
-            if c >= block.kind.dim() {
-                return 0.0;
-            }
             let row = working.p.slot(at + i);
             if let Some(mate) = mate.filter(|_| c < 3) {
                 return working.p.stored_entry(row, working.p.slot(mate + c));
@@ -332,7 +321,7 @@ impl OutsideSet {
 
     /// Anchors of the working state that features outside may have as well: row stored in `then`, and offset of a feature.
     pub(super) fn mates(&self, working: &State) -> Vec<(usize, usize)> {
-        let mates = anchored(working).filter_map(|b| {
+        let mates = working.layout.features().filter_map(|b| {
             let before = self.then.layout.find(b.id)?;
             Some((self.then.p.slot(before.offset), b.offset))
         });

@@ -3,7 +3,7 @@
 use crate::math::pose::{Pose, tangent_map};
 use crate::observe::PointInCamera;
 use crate::scale::ScaleEstimate;
-use crate::state::{Block, CAMERA_DIM, State};
+use crate::state::{Block, State};
 use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, Vector3};
 
 /// What is wanted: the camera's pose (tangent, 6) and the logarithm of the scale.
@@ -159,26 +159,13 @@ fn covariance_of(state: &State, seen: &[Seen], with_pose: &[SMatrix<f64, 7, 3>])
     for (j, b) in seen.iter().enumerate() {
         for (i, a) in seen.iter().enumerate().skip(j) {
             let cross = state.feature_covariance(&a.block).0.transpose();
-            let own = between(state, &a.block, &b.block);
+            let own: SMatrix<f64, 6, 6> = state.covariance().block(a.block.offset, b.block.offset);
             let with_b = cross * b.point.by_pose.transpose() + own * b.point.by_feature.transpose();
             let block: Matrix3<f64> = a.point.by_pose * with_pose[j] + a.point.by_feature * with_b;
             out.fixed_view_mut::<3, 3>(3 * i, 3 * j).copy_from(&block);
         }
     }
     out
-}
-
-/// Covariance of two features; zeros where a point has no numbers.
-fn between(state: &State, a: &Block, b: &Block) -> SMatrix<f64, 6, 6> {
-    let (rows, columns) = (a.kind.dim(), b.kind.dim());
-    debug_assert!(a.offset >= CAMERA_DIM && b.offset >= CAMERA_DIM);
-    SMatrix::from_fn(|r, c| {
-        if r < rows && c < columns {
-            state.covariance().get(a.offset + r, b.offset + c)
-        } else {
-            0.0
-        }
-    })
 }
 
 fn stack<const C: usize>(pose: &SMatrix<f64, 6, C>, scale: &SMatrix<f64, 1, C>) -> WantedWith<C> {

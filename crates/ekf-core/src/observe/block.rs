@@ -1,6 +1,5 @@
 //! A measurement block: the rows of one match, and where in the state they apply.
 
-use super::feature::Form;
 use super::rows::Rows;
 use nalgebra::Vector3;
 
@@ -21,7 +20,7 @@ impl MeasurementBlock {
     /// The same rows, linearised at the mean `x`, with the innovation that is expected from the mean `prior`.
     pub(crate) fn expected_from(mut self, x: &[f64], prior: &[f64]) -> Self {
         let by_pose = self.rows.by_pose.as_slice().as_chunks::<3>().0;
-        let by_feature = self.rows.by_numbers().as_chunks::<3>().0;
+        let by_feature = self.rows.by_feature.as_slice().as_chunks::<3>().0;
         let pose = by_pose.iter().zip(0..);
         let feature = by_feature.iter().zip(self.feature..);
         let mut shift = Vector3::zeros();
@@ -36,12 +35,8 @@ impl MeasurementBlock {
         self
     }
 
-    /// Where the feature's numbers are stored, in threes: the anchor's and its own, or only the point's.
-    pub(crate) fn slots(&self, slots: &[usize]) -> (usize, Option<usize>) {
-        let own = match self.rows.form {
-            Form::InverseDepth => Some(slots[self.feature + 3]),
-            Form::Point => None,
-        };
-        (slots[self.feature], own)
+    /// Where the feature's numbers are stored, in threes: the anchor's and its own.
+    pub(crate) fn slots(&self, slots: &[usize]) -> (usize, usize) {
+        (slots[self.feature], slots[self.feature + 3])
     }
 }

@@ -6,7 +6,7 @@ pub mod point;
 pub mod rows;
 pub mod shutter;
 
-pub use feature::{FeatureState, Form};
+pub use feature::{FEATURE_DIM, FeatureState};
 pub use point::{POSE_DIM, PointInCamera};
 pub use rows::{Rows, WornView};
 pub use shutter::{ByMotion, Shutter};

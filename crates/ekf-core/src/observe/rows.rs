@@ -1,10 +1,10 @@
 //! Rows of grad H for one measurement: 2 for a pixel, 3 for a point with depth (METHOD 4, 6, 7).
 //!
-//! A row touches the camera's pose (7 columns), one feature (6, or 3 if it is a point) and six numbers that matches share: the
+//! A row touches the camera's pose (7 columns), one feature (6) and six numbers that matches share: the
 //! error of T_CF for what came through the worn camera, the error of the calibration for a pixel in Cs. All other columns are
 //! zero, which makes the update cheap.
 
-use super::feature::{FeatureState, Form};
+use super::feature::FeatureState;
 use super::point::{CameraPose, PointInCamera};
 use super::shutter::{ByMotion, MOTION_DIM, Shutter};
 use crate::camera::Camera;
@@ -22,12 +22,10 @@ pub struct Rows {
     pub noise: Matrix3<f64>,
     /// Derivative of the prediction with respect to `[r q]`.
     pub by_pose: SMatrix<f64, 3, 7>,
-    /// Derivative of the prediction with respect to the feature; a point uses the first three columns.
+    /// Derivative of the prediction with respect to the feature.
     pub by_feature: SMatrix<f64, 3, 6>,
     /// Derivative by the camera's velocities and the readout, where the shutter of Cs may roll.
     pub by_motion: Option<ByMotion>,
-    /// Whether the feature is in inverse depth or a point.
-    pub form: Form,
     /// Derivative of the prediction with respect to six numbers that matches share: the error of Cs's calibration for a pixel
     /// in Cs, the frame's error of T_CF for what came through the worn camera.
     pub by_shared: Option<SMatrix<f64, 3, 6>>,
@@ -56,13 +54,7 @@ impl Rows {
         self.count == PIXEL
     }
 
-    /// The columns of [`Self::by_feature`] in use, three numbers each.
-    pub(crate) fn by_numbers(&self) -> &[f64] {
-        &self.by_feature.as_slice()[..3 * self.form.dim()]
-    }
-
     fn pixel(
-        form: Form,
         predicted: Vector2<f64>,
         measured: &Vector2<f64>,
         sigma: f64,
@@ -76,7 +68,6 @@ impl Rows {
             by_pose: SMatrix::zeros(),
             by_motion: None,
             by_feature: SMatrix::zeros(),
-            form,
             by_shared: None,
             roll: None,
         };
@@ -113,8 +104,7 @@ impl Rows {
             by.fixed_rows_mut::<2>(0).copy_from(&(j * by_motion));
             ByMotion { readout, by }
         });
-        let form = feature.form();
-        let mut rows = Self::pixel(form, predicted, measured, sigma_px, &j, &h);
+        let mut rows = Self::pixel(predicted, measured, sigma_px, &j, &h);
         rows.by_motion = by_motion;
         let mut by_calibration = SMatrix::<f64, 3, 6>::zeros();
         by_calibration
@@ -143,7 +133,6 @@ impl Rows {
             by_pose: h.by_pose,
             by_motion: None,
             by_feature: h.by_feature,
-            form: feature.form(),
             by_shared: worn.map(|(_, j)| -j),
             roll: None,
         })
@@ -162,10 +151,11 @@ impl Rows {
         let r_fc = t_cf.rotation.transpose();
         let value = r_fc * (h.value - t_cf.translation * feature.scale());
         let (predicted, j) = worn.camera.project_jac(&value)?;
+        let by_scale = SMatrix::<f64, 1, 6>::from_row_slice(&[0.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
         let in_f = PointInCamera {
             value,
             by_pose: r_fc * h.by_pose,
-            by_feature: r_fc * h.by_feature - r_fc * t_cf.translation * feature.scale_jacobian(),
+            by_feature: r_fc * h.by_feature - r_fc * t_cf.translation * by_scale,
         };
         let mut by_error = SMatrix::<f64, 3, 6>::zeros();
         by_error
@@ -175,7 +165,7 @@ impl Rows {
         by_error
             .fixed_view_mut::<3, 3>(0, 3)
             .copy_from(&(quat::skew(&value) * quat::right_jacobian(&turn)));
-        let mut rows = Self::pixel(feature.form(), predicted, measured, sigma_px, &j, &in_f);
+        let mut rows = Self::pixel(predicted, measured, sigma_px, &j, &in_f);
         let mut by_shared = SMatrix::<f64, 3, 6>::zeros();
         by_shared.fixed_rows_mut::<2>(0).copy_from(&(j * by_error));
         rows.by_shared = Some(by_shared);

@@ -371,26 +371,6 @@ impl Covariance {
         }
     }
 
-    /// Puts `j [anchor own]` in place of a feature's own three rows; its six rows of P are those from `at` on. Variances are
-    /// raised by the rounding error of their sums. O(n).
-    pub(crate) fn map_own(&mut self, at: usize, j: &SMatrix<f64, 3, 6>) {
-        let slots: [usize; 2 * ANCHOR] = std::array::from_fn(|k| self.slots[at + k]);
-        let own = slots[ANCHOR]..slots[ANCHOR] + ANCHOR;
-        let before: SMatrix<f64, 6, 6> = self.block(at, at);
-        let mut block = j * before * j.transpose();
-        let sd = before.diagonal().map(|v| v.max(0.0).sqrt());
-        let largest = (j.abs() * sd).map(|sum| sum * sum);
-        block += SMatrix::<f64, 3, 3>::from_diagonal(&(largest * OF_SUMS));
-        for i in (0..self.n).filter(|i| !own.contains(i)) {
-            let row = j * SVector::from(slots.map(|slot| self.stored_entry(i, slot)));
-            for (slot, &value) in own.clone().zip(row.iter()) {
-                self.set_stored(i.max(slot), i.min(slot), value);
-            }
-        }
-        let block = (block + block.transpose()) * 0.5;
-        self.set_block(at + ANCHOR, at + ANCHOR, &block);
-    }
-
     /// Keeps the rows and columns listed in `keep` (increasing), in one compaction.
     pub(crate) fn keep(&mut self, keep: &[usize]) {
         let mut used = vec![false; self.n];

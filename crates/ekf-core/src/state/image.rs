@@ -2,7 +2,6 @@
 
 use super::{Block, BlockKind, CAMERA_DIM, Covariance, Lasting, Layout, State, ToldOfClock};
 use crate::error::EkfError;
-use crate::observe::Form;
 use serde::{Deserialize, Serialize};
 
 #[derive(Serialize, Deserialize)]
@@ -174,7 +173,7 @@ impl State {
     fn check_newborn(&self) -> Result<(), EkfError> {
         let block = self.newborn.and_then(|id| self.layout.find(id));
         let at_camera = |b: &Block| self.x[b.offset..b.offset + 3] == self.x[..3];
-        if block.is_none_or(|b| b.kind == BlockKind::Feature(Form::InverseDepth) && at_camera(b)) {
+        if block.is_none_or(|b| b.kind.is_feature() && at_camera(b)) {
             return Ok(());
         }
         Err(EkfError::bad_snapshot(
@@ -205,12 +204,9 @@ fn stored_rows(slots: &[usize], entries: usize) -> Result<usize, EkfError> {
 fn in_order(kind: BlockKind, slots: &[usize]) -> bool {
     let side_by_side = |s: &[usize]| s.windows(2).all(|w| w[1] == w[0] + 1);
     match kind {
-        BlockKind::Feature(Form::InverseDepth) => {
-            side_by_side(&slots[..3]) && side_by_side(&slots[3..])
-        }
+        BlockKind::Feature => side_by_side(&slots[..3]) && side_by_side(&slots[3..]),
         BlockKind::Auxiliary(_) => true,
         BlockKind::ErrorModes(_)
-        | BlockKind::Feature(Form::Point)
         | BlockKind::Clone
         | BlockKind::WornBias(_)
         | BlockKind::Calibration

@@ -1,6 +1,7 @@
 //! The only owner of offsets: which block of the state lives where.
 
-use crate::observe::{FeatureState, Form, POSE_DIM};
+use crate::observe::{FEATURE_DIM, FeatureState, POSE_DIM};
+use nalgebra::Vector6;
 use serde::{Deserialize, Serialize};
 
 /// Dimension of the camera's block `[r(3) q(4) v(3) w(3)]` (METHOD 2).
@@ -24,8 +25,8 @@ pub enum Whose {
 /// What a block of the state is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum BlockKind {
-    /// A landmark: in inverse depth, 6 numbers, or as a point, 3.
-    Feature(Form),
+    /// A landmark in inverse depth, 6 numbers.
+    Feature,
     /// A camera pose kept for the exact delayed birth, `[r(3) q(4)]`.
     Clone,
     /// The slowly varying error of a worn camera's pose, along the axes of C, 6 numbers.
@@ -60,7 +61,7 @@ impl BlockKind {
             Self::Clone => POSE_DIM,
             Self::Submap(handed_on) => POSE_DIM.saturating_add(handed_on),
             Self::Auxiliary(rows) | Self::ErrorModes(rows) => rows,
-            Self::Feature(form) => form.dim(),
+            Self::Feature => FEATURE_DIM,
             Self::Readout | Self::WornClock(_) => 1,
             Self::OdometryScale => 2,
             Self::WornBias(_) | Self::Calibration | Self::WornError(_) | Self::WornRoll(_) => 6,
@@ -69,7 +70,7 @@ impl BlockKind {
 
     /// Whether it is a landmark.
     pub const fn is_feature(self) -> bool {
-        matches!(self, Self::Feature(_))
+        matches!(self, Self::Feature)
     }
 
     /// Whether it is considered, not estimated, but for what an update may learn of it.
@@ -80,10 +81,10 @@ impl BlockKind {
         )
     }
 
-    /// Its name, whatever its form.
+    /// Its name.
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Feature(_) => "Feature",
+            Self::Feature => "Feature",
             Self::Clone => "Clone",
             Self::WornBias(_) => "WornBias",
             Self::Calibration => "Calibration",
@@ -121,15 +122,8 @@ impl Block {
     /// # Panics
     /// If it is none.
     pub fn feature(&self, mean: &[f64]) -> FeatureState {
-        FeatureState::from_slice(self.form(), &mean[self.range()])
-    }
-
-    /// Form of the landmark that it is.
-    pub(crate) fn form(&self) -> Form {
-        let BlockKind::Feature(form) = self.kind else {
-            panic!("block {} is no landmark", self.id)
-        };
-        form
+        assert!(self.kind.is_feature(), "block {} is no landmark", self.id);
+        FeatureState(Vector6::from_column_slice(&mean[self.range()]))
     }
 }
 
@@ -223,20 +217,6 @@ impl Layout {
     /// Removes the blocks for which `gone` holds and closes the gaps.
     pub(crate) fn remove(&mut self, gone: impl Fn(&Block) -> bool) {
         self.blocks.retain(|b| !gone(b));
-        self.close_gaps();
-    }
-
-    /// Makes points of the features in inverse depth with these ids, increasing, and closes the gaps.
-    pub(crate) fn shrink(&mut self, ids: &[u64]) {
-        for block in &mut self.blocks {
-            if block.kind.is_feature() && ids.binary_search(&block.id).is_ok() {
-                block.kind = BlockKind::Feature(Form::Point);
-            }
-        }
-        self.close_gaps();
-    }
-
-    fn close_gaps(&mut self) {
         let mut offset = CAMERA_DIM;
         for b in &mut self.blocks {
             b.offset = offset;

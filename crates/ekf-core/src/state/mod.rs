@@ -1,7 +1,7 @@
 //! The state vector, its layout and its covariance.
 //!
 //! ```text
-//! x = [ r(3) q(4) v(3) w(3) | bias(6) ... | readout(1)? | clock(1) ... | odometry scale(2)? | feature(6 or 3) ... | clone(7) ... | submap(8 + 6 n)? | worn error(6) ... ]
+//! x = [ r(3) q(4) v(3) w(3) | bias(6) ... | readout(1)? | clock(1) ... | odometry scale(2)? | feature(6) ... | clone(7) ... | submap(8 + 6 n)? | worn error(6) ... ]
 //!       camera, always 13     blocks in order of birth, each with an id
 //! ```
 
@@ -24,7 +24,7 @@ pub(crate) use worn_clock::ToldOfClock;
 
 use crate::math::quat;
 use crate::observe::point::CameraPose;
-use crate::observe::{FeatureState, Form, POSE_DIM};
+use crate::observe::{FeatureState, POSE_DIM};
 use nalgebra::allocator::Allocator;
 use nalgebra::{
     DefaultAllocator, Dim, OMatrix, OVector, SMatrix, SVector, Vector3, Vector4, Vector6,
@@ -174,37 +174,18 @@ impl State {
         block.feature(&self.x)
     }
 
-    /// Covariance of the camera's pose with a feature, and of the feature; zeros where a point has no numbers.
+    /// Covariance of the camera's pose with a feature, and of the feature.
     pub(crate) fn feature_covariance(
         &self,
         block: &Block,
     ) -> (SMatrix<f64, 7, 6>, SMatrix<f64, 6, 6>) {
         let at = block.offset;
-        match block.form() {
-            Form::InverseDepth => (self.p.block(0, at), self.p.block(at, at)),
-            Form::Point => {
-                let mut cross = SMatrix::<f64, 7, 6>::zeros();
-                let mut own = SMatrix::<f64, 6, 6>::zeros();
-                cross
-                    .fixed_view_mut::<7, 3>(0, 0)
-                    .copy_from(&self.p.block::<7, 3>(0, at));
-                own.fixed_view_mut::<3, 3>(0, 0)
-                    .copy_from(&self.p.block::<3, 3>(at, at));
-                (cross, own)
-            }
-        }
+        (self.p.block(0, at), self.p.block(at, at))
     }
 
-    /// Covariance of six numbers from `at` on with a feature; zeros where a point has no numbers.
+    /// Covariance of six numbers from `at` on with a feature.
     pub(crate) fn covariance_with(&self, at: usize, block: &Block) -> SMatrix<f64, 6, 6> {
-        let dim = block.kind.dim();
-        SMatrix::from_fn(|i, c| {
-            if c < dim {
-                self.p.get(at + i, block.offset + c)
-            } else {
-                0.0
-            }
-        })
+        self.p.block(at, block.offset)
     }
 
     /// 6x6 covariance of the camera's pose, (translation, rotation), right tangent (METHOD 1).
@@ -270,7 +251,7 @@ impl State {
         self.p.augment(parts, noise, anchor);
         self.x.extend_from_slice(mean.as_slice());
         self.reference.extend_from_slice(mean.as_slice());
-        let block = self.layout.push(BlockKind::Feature(Form::InverseDepth));
+        let block = self.layout.push(BlockKind::Feature);
         self.newborn = Some(block.id);
         block
     }
@@ -366,42 +347,14 @@ impl State {
                 keep.extend(block.range());
             }
         }
-        self.keep(&keep);
-        self.layout.remove(gone);
-    }
-
-    /// Turns the inverse-depth features with these ids (increasing) into points, in one compaction, with mean and covariance
-    /// to first order. P must hold the gauge's direction at their present mean.
-    pub(crate) fn shrink(&mut self, ids: &[u64]) {
-        let mut keep: Vec<usize> = (0..CAMERA_DIM).collect();
-        for block in self.layout.blocks() {
-            let chosen = block.kind == BlockKind::Feature(Form::InverseDepth)
-                && ids.binary_search(&block.id).is_ok();
-            let feature = chosen.then(|| block.feature(&self.x));
-            let Some((feature, point)) = feature.and_then(|y| Some((y, y.point()?))) else {
-                debug_assert!(!chosen, "only features with a point shrink");
-                keep.extend(block.range());
-                continue;
-            };
-            self.p.map_own(block.offset, &feature.point_jacobian());
-            let own = block.offset + Form::Point.dim()..block.range().end;
-            self.x[own.clone()].copy_from_slice(point.as_slice());
-            self.reference[own.clone()].copy_from_slice(point.as_slice());
-            keep.extend(own);
-        }
-        self.keep(&keep);
-        self.layout.shrink(ids);
-        self.newborn = self.newborn.filter(|id| ids.binary_search(id).is_err());
-    }
-
-    fn keep(&mut self, keep: &[usize]) {
-        self.p.keep(keep);
+        self.p.keep(&keep);
         for (new, &old) in keep.iter().enumerate() {
             self.x[new] = self.x[old];
             self.reference[new] = self.reference[old];
         }
         self.x.truncate(keep.len());
         self.reference.truncate(keep.len());
+        self.layout.remove(gone);
     }
 
     /// Normalises every quaternion of the state and maps P through the Jacobian (METHOD 3).

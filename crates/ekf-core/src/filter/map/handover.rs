@@ -57,8 +57,15 @@ impl Filter {
                 Some(outside) => outside.modes_of_some(state, modes),
                 None => DMatrix::zeros(modes.kind.dim(), modes.kind.dim()),
             };
-            self.workspace.gauge
-                .slip(&mut self.memory.state, &slip, self.memory.handover.known, modes_outside);
+            let known = self.memory.handover.known;
+            let gauge = &mut self.workspace.gauge;
+            gauge.slip(
+                &mut self.memory.state,
+                &slip,
+                followed,
+                known,
+                modes_outside,
+            );
         }
     }
 

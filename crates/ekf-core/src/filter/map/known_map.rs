@@ -1,20 +1,16 @@
 //! A map taken out of a filter, and a filter that starts in a map: landmarks with their joint covariance.
 //!
 //! Landmarks are handed over as they are in the state, inverse depth with its anchor, so that nothing of the first
-//! run's uncertainty is lost or added: their marginal of P, and the covariance of the map's place in W. A landmark that
-//! has become a point is handed over in inverse depth as well, from an anchor that moves with it.
+//! run's uncertainty is lost or added: their marginal of P, and the covariance of the map's place in W.
 
 use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::memory::record::FeatureRecord;
-use crate::observe::{FeatureState, Form};
+use crate::observe::{FEATURE_DIM as DIM, FeatureState};
 use crate::placed::Placed;
-use crate::state::{Block, BlockKind, CAMERA_DIM, Covariance, State};
+use crate::state::{BlockKind, CAMERA_DIM, Covariance, State};
 use nalgebra::{DMatrix, Matrix6, Vector6};
 use std::collections::HashMap;
-
-/// Numbers of a landmark.
-const DIM: usize = 6;
 
 /// Numbers of its anchor, which come first.
 const ANCHOR: usize = 3;
@@ -42,16 +38,11 @@ impl Filter {
         let state = self.state();
         let blocks = state.layout.features();
         let blocks: Vec<_> = blocks.filter(|b| state.feature(b).scale() > 0.0).collect();
-        // The anchor of a point moves with it; direction and depth from there are certain.
-        let row = |b: &Block, k: usize| b.range().nth(k);
-        let rows = blocks.iter().flat_map(|b| (0..DIM).map(|k| row(b, k)));
-        let rows: Vec<Option<usize>> = rows.collect();
-        let features = blocks.iter().map(|b| state.feature(b));
+        let rows: Vec<usize> = blocks.iter().flat_map(|b| b.range()).collect();
         let map = KnownMap {
-            landmarks: features.map(|y| y.in_inverse_depth()).collect(),
-            covariance: DMatrix::from_fn(rows.len(), rows.len(), |i, j| match (rows[i], rows[j]) {
-                (Some(i), Some(j)) => state.p.get(i, j),
-                _ => 0.0,
+            landmarks: blocks.iter().map(|b| state.feature(b).0).collect(),
+            covariance: DMatrix::from_fn(rows.len(), rows.len(), |i, j| {
+                state.p.get(rows[i], rows[j])
             }),
             place: self.memory.placed.0,
         };
@@ -94,15 +85,12 @@ impl Filter {
             last_found: self.memory.time.unwrap_or(0.0),
             ..FeatureRecord::default()
         };
-        let kind = BlockKind::Feature(Form::InverseDepth);
+        let kind = BlockKind::Feature;
         let landmarks = map.landmarks.iter().zip(&slots);
         let ids: Vec<u64> = landmarks
             .map(|(mean, slots)| state.push_stored(kind, slots, mean.as_slice()))
             .collect();
-        let points = map
-            .landmarks
-            .iter()
-            .map(|y| FeatureState::InverseDepth(*y).point());
+        let points = map.landmarks.iter().map(|y| FeatureState(*y).point());
         let far = points.flatten().map(|p| p.norm()).fold(1.0, f64::max);
         for i in 0..3 {
             state.p.set(i, i, far * far);

@@ -10,7 +10,7 @@ use crate::filter::ekf::Filter;
 use crate::graph::Edge;
 use crate::math::pose::{Pose, tangent_map};
 use crate::math::quat;
-use crate::observe::POSE_DIM;
+use crate::observe::{FEATURE_DIM, POSE_DIM};
 use crate::scale::by_state;
 use crate::state::{Block, BlockKind, LinearPart, State, handed_on_dim};
 use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, SVector, Vector3};
@@ -205,10 +205,9 @@ fn edge(state: &State, then: &Block, handed_on: &[usize]) -> Edge {
 struct Seen {
     id: u64,
     offset: usize,
-    width: usize,
     point: Vector3<f64>,
     by_pose: SMatrix<f64, 3, POSE_DIM>,
-    by_feature: SMatrix<f64, 3, 6>,
+    by_feature: SMatrix<f64, 3, FEATURE_DIM>,
 }
 
 impl Seen {
@@ -225,7 +224,6 @@ impl Seen {
         let seen = Self {
             id: block.id,
             offset: block.offset,
-            width: block.kind.dim(),
             point: r_cw * ray,
             by_pose,
             by_feature: r_cw * feature.point_jacobian(),
@@ -238,22 +236,8 @@ impl Seen {
     /// Covariance with another one.
     fn with(&self, state: &State, other: &Self) -> SMatrix<f64, 3, 3> {
         let p = state.told();
-        let to_feature = |seen: &Self| {
-            SMatrix::<f64, POSE_DIM, 6>::from_fn(|i, j| {
-                if j < seen.width {
-                    p.get(i, seen.offset + j)
-                } else {
-                    0.0
-                }
-            })
-        };
-        let own = SMatrix::<f64, 6, 6>::from_fn(|i, j| {
-            if i < self.width && j < other.width {
-                p.get(self.offset + i, other.offset + j)
-            } else {
-                0.0
-            }
-        });
+        let to_feature = |seen: &Self| p.block::<POSE_DIM, FEATURE_DIM>(0, seen.offset);
+        let own = p.block::<FEATURE_DIM, FEATURE_DIM>(self.offset, other.offset);
         let camera = p.block::<POSE_DIM, POSE_DIM>(0, 0);
         (self.by_pose * camera + self.by_feature * to_feature(self).transpose())
             * other.by_pose.transpose()
@@ -288,13 +272,7 @@ fn take_down(state: &State, seen: &[u64], handed_on: &[usize], submap: &mut Subm
                 .copy_from(&block.transpose());
         }
         for (c, &at) in handed_on.iter().enumerate() {
-            let feature = SVector::<f64, 6>::from_fn(|r, _| {
-                if r < one.width {
-                    p.get(one.offset + r, at)
-                } else {
-                    0.0
-                }
-            });
+            let feature = SVector::<f64, FEATURE_DIM>::from_fn(|r, _| p.get(one.offset + r, at));
             let pose = SVector::<f64, POSE_DIM>::from_fn(|r, _| p.get(r, at));
             submap
                 .with_handed_on

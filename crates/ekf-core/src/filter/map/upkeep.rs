@@ -5,7 +5,6 @@ use crate::error::EkfError;
 use crate::filter::ekf::Filter;
 use crate::filter::memory::candidate::FirstView;
 use crate::filter::memory::record::FeatureRecord;
-use crate::filter::predict::visibility::visibility;
 use crate::guard;
 use crate::observe::POSE_DIM;
 use crate::state::{Block, BlockKind, LinearPart};
@@ -99,8 +98,7 @@ impl Filter {
     }
 
     /// Deletes features that keep failing or whose depth went wrong, the longest unseen beyond
-    /// `map.max_features`, candidates that are too old and clones that nobody needs. Makes points of features that have
-    /// converged, with `map.linearity_index`. Returns the ids of deleted features.
+    /// `map.max_features`, candidates that are too old and clones that nobody needs. Returns the ids of deleted features.
     pub fn manage_map(&mut self) -> Vec<u64> {
         self.manage_map_keeping(&[])
     }
@@ -152,7 +150,7 @@ impl Filter {
             outside.remove(&mut self.memory.state, |id| gone.contains(&id));
         }
         self.memory.state.remove(|b| match b.kind {
-            BlockKind::Feature(_) => gone.contains(&b.id),
+            BlockKind::Feature => gone.contains(&b.id),
             BlockKind::Clone => !needed.contains(&b.id),
             BlockKind::WornBias(_)
             | BlockKind::Calibration
@@ -168,35 +166,6 @@ impl Filter {
         for id in &gone {
             self.memory.records.remove(id);
         }
-        self.shrink_converged();
         gone
-    }
-
-    /// Makes points of the features in view whose depth has converged, with `map.linearity_index`.
-    fn shrink_converged(&mut self) {
-        let largest = self.setup.settings.map.linearity_index;
-        if largest == 0.0 {
-            return;
-        }
-        let (state, pose) = (&self.memory.state, self.memory.state.camera_pose());
-        let seen = visibility(&self.setup.camera, &pose);
-        let has_converged = |block: &Block| {
-            let (feature, (_, own)) = (state.feature(block), state.feature_covariance(block));
-            let index = feature.linearity_index(&own, &pose.r);
-            index.is_some_and(|index| index < largest)
-                && feature.point().is_some_and(|point| seen(&point, 0.0))
-        };
-        // What the gauge follows has its direction at the present mean.
-        let blocks = state.layout.features();
-        let blocks = blocks.filter(|b| !self.setup.carries() || self.memory.followed.has(b.id));
-        let mut ids: Vec<u64> = blocks.filter(|b| has_converged(b)).map(|b| b.id).collect();
-        if ids.is_empty() {
-            return;
-        }
-        ids.sort_unstable();
-        if let Some(outside) = &mut self.memory.outside {
-            outside.enter_sharers(&mut self.memory.state, |id| ids.binary_search(&id).is_ok());
-        }
-        self.memory.state.shrink(&ids);
     }
 }

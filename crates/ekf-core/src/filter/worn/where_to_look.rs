@@ -48,7 +48,8 @@ impl Filter {
             uv.is_some_and(|uv| self.setup.camera.in_image(&uv, 0.0))
         };
         let known = self
-            .memory.started
+            .memory
+            .started
             .then(|| self.memory.state.clone().into_told())
             .map(|told| Known::new(&told, in_view, (t_cf, covariance, &lasting), who));
         let Some(known) = known.flatten() else {
