@@ -29,6 +29,7 @@ from collabslam.cli import COMMANDS
 from collabslam.cli import main as cli
 from collabslam.datasets import write_recording
 from collabslam.datasets.calibration import sensor_mapping
+from collabslam.types import Frame
 from collabslam_lab import wearers
 from collabslam_lab.benchmark import evaluate
 from collabslam_lab.cli import main as lab
@@ -59,7 +60,7 @@ def commands(page: Path) -> list[list[str]]:
 
 def make_bag(path: Path, short: Short) -> None:
     maker = Maker(path, "ros1")
-    rows = [(START + round(1e9 * f.t), f) for f in short.frames]
+    rows = [(START + round(1e9 * f.t), f) for f in _frames(short)]
     with maker.writer:
         for stamp, frame in rows:
             maker.image("/cs/image_raw", stamp, frame.image)
@@ -75,12 +76,16 @@ def make_bag(path: Path, short: Short) -> None:
             maker.write("/odom", "geometry_msgs/msg/TwistStamped", stamp, maker.header(stamp), twist)
 
 
+def _frames(short: Short) -> list[Frame]:
+    return [short.frame(k) for k in range(len(short))]
+
+
 def make_camchain(path: Path, short: Short) -> None:
     """Both cameras as Kalibr writes them, bound as in the first frame."""
     lenses = [{"camera_model": "pinhole", "distortion_model": "radtan", "intrinsics": list(c.intrinsics),
                "distortion_coeffs": list(c.distortion), "resolution": [c.width, c.height]}
               for c in (short.camera, short.worn_camera)]  # fmt: skip
-    frames = (short.frame(k) for k in range(len(short)))
+    frames = _frames(short)
     bound = np.linalg.inv(next(frame.views[0].t_cf for frame in frames if frame.views))
     path.write_text(yaml.safe_dump({"cam0": lenses[0], "cam1": {**lenses[1], "T_cn_cnm1": bound.tolist()}}))
 
@@ -89,7 +94,7 @@ def make_persons(folder: Path, short: Short) -> None:
     """The walk with two persons, who see the same."""
     lenses = dict.fromkeys(("anna", "ben"), short.worn_camera)
     with collabslam.RecordingWriter(folder, short.camera, lenses) as writer:
-        for frame in (short.frame(k) for k in range(len(short))):
+        for frame in _frames(short):
             views = [replace(view, who=name) for view in frame.views for name in lenses]
             writer.add(frame.t, frame.image, views, short.truth[frame.index])
 
@@ -125,15 +130,15 @@ def place(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "images").mkdir()
     size = (short.camera.width, short.camera.height)
     video = cv2.VideoWriter(str(folder / "walk.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 10.0, size)
-    for k, frame in enumerate(short.frames):
+    for k, frame in enumerate(_frames(short)):
         cv2.imwrite(str(folder / "images" / f"{k}.png"), frame.image)
         video.write(cv2.cvtColor(frame.image, cv2.COLOR_GRAY2BGR))
     video.release()
-    (folder / "times.txt").write_text("".join(f"{f.t}\n" for f in short.frames))
+    (folder / "times.txt").write_text("".join(f"{f.t}\n" for f in _frames(short)))
     make_targets(folder, clip)
     (folder / "DATA").mkdir()
     sds = np.diag(np.square([0.02, 0.02, 0.05, 0.08, 0.08, 0.02]))[np.tril_indices(6)]
-    rows = [",".join(map(str, [f.t, 1.5, 0, 0, 0, 0, 0, *sds])) for f in short.frames]
+    rows = [",".join(map(str, [f.t, 1.5, 0, 0, 0, 0, 0, *sds])) for f in _frames(short)]
     (folder / "wheels.csv").write_text("\n".join(rows))
     make_bag(folder / "walk.bag", short)
     write_sensor_bag(folder / "lasers.bag")
