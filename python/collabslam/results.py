@@ -98,7 +98,7 @@ class StepResult:
     covariance : (6, 6) float64
         Of the pose over (translation, rotation), tangent on the right, m^2 and rad^2.
     status : Status
-        OK, DOUBTFUL, COASTING or LOST.
+        OK, DEGRADED, COASTING or LOST.
     valid : bool
         Whether the pose may be used: the filter has started and is not LOST.
     started : bool

@@ -26,7 +26,7 @@ class Status(str, enum.Enum):
     """What the filter can say of its own pose."""
 
     OK = "OK"
-    DOUBTFUL = "DOUBTFUL"
+    DEGRADED = "DEGRADED"
     COASTING = "COASTING"
     LOST = "LOST"
 

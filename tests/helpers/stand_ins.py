@@ -51,10 +51,10 @@ class FakeSlam:
         scale: float = 1.05,
         lost_from: int = 10**6,
         stop_at: int = -1,
-        doubted: range = range(0),
+        degraded: range = range(0),
     ) -> None:
         self._recording, self._scale, self._lost_from, self._stop_at = recording, scale, lost_from, stop_at
-        self._doubted = doubted
+        self._degraded = degraded
         self._frame = 0
 
     def step(self, t: float, image: np.ndarray, views: Sequence[WornView] = ()) -> StepResult:
@@ -64,11 +64,11 @@ class FakeSlam:
             raise KeyboardInterrupt
         pose = self._recording.truth[k].copy()
         pose[:3, 3] = self._scale * (pose[:3, 3])
-        doubted = k in self._doubted
-        status = Status.LOST if k >= self._lost_from else Status.DOUBTFUL if doubted else Status.OK
+        degraded = k in self._degraded
+        status = Status.LOST if k >= self._lost_from else Status.DEGRADED if degraded else Status.OK
         diagnostics = {"accepted": 20, "overlap": bool(views), "depth_rows": 3 if views else 0,
                        "ms_update": 1.0, "ms_total": 2.0, "nis": 30.0, "nis_dof": 40,
-                       "doubt": "matches" if doubted else ""}  # fmt: skip
+                       "degraded_by": "matches" if degraded else ""}  # fmt: skip
         return step_result(t, pose, np.eye(6) * (1e-3 * (k + 1)), diagnostics, status)
 
     def landmarks(self) -> Landmarks:

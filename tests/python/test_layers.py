@@ -76,7 +76,7 @@ ALLOWED: dict[str, set[str]] = {
 
 ENGINE = ("tracking", "targets", "worn", "submaps", "map", "recovery")
 """Folders of ``slam``, from the bottom to the top: a file imports from its own and from those before."""
-OF_LOOP = {"engine", "frame_loop", "parts", "saving", "starts", "search", "verdict", "outcome", "doubts"}
+OF_LOOP = {"engine", "frame_loop", "parts", "saving", "starts", "search", "verdict", "outcome", "degraded_by"}
 """Of the files beside them those that make the frame loop; the others are shared by all."""
 
 PRODUCT = {f"collabslam.{part}" for part in ALLOWED}

@@ -77,13 +77,13 @@ fn a_readout_of_which_little_is_told_is_found() {
 }
 
 #[test]
-fn a_readout_that_is_told_or_in_doubt_is_in_the_covariance() {
-    let (believed, in_doubt, known) = (nees(0.0, 0.0), nees(0.05, 0.03), nees(READOUT, 0.001));
+fn a_readout_that_is_told_or_uncertain_is_in_the_covariance() {
+    let (believed, uncertain, known) = (nees(0.0, 0.0), nees(0.05, 0.03), nees(READOUT, 0.001));
     assert!(
         believed > 20.0,
         "the test's shutter does not roll: {believed}"
     );
-    assert!(in_doubt < 9.0, "{in_doubt} of {believed}");
+    assert!(uncertain < 9.0, "{uncertain} of {believed}");
     assert!(known < 9.0, "{known} of {believed}");
 }
 
@@ -135,13 +135,13 @@ fn left(readout: f64, sd: f64) -> (usize, usize) {
 
 #[test]
 fn what_the_shutter_bends_does_not_leave_the_places_of_a_point_at_rest() {
-    let ((believed, count), (in_doubt, _)) = (left(0.0, 0.0), left(0.05, 0.03));
+    let ((believed, count), (uncertain, _)) = (left(0.0, 0.0), left(0.05, 0.03));
     assert!(count >= 10, "{count}");
     assert!(
-        believed > in_doubt,
+        believed > uncertain,
         "{believed} of {count}: the test's shutter bends too little"
     );
-    assert_eq!(in_doubt, 0, "of {count}");
+    assert_eq!(uncertain, 0, "of {count}");
 }
 
 #[test]

@@ -143,7 +143,7 @@ macro_rules! filter_settings {
             User("Raise it for skid steering, lower it where a gyroscope measures the turns.");
         /// For how long such an error lasts.
         scale_time: f64 = 30.0, "s", Some(0.1), Some(1e6),
-            User("Lower it to some seconds where the ground changes often, raise it where only the wheels' radius is in doubt.");
+            User("Lower it to some seconds where the ground changes often, raise it where only the wheels' radius is uncertain.");
     }
     /// How well Cs is calibrated. A calibration's error is the same in every frame, so that no number of features averages it
     /// out: the filter considers it and does not estimate it, but for the readout (METHOD 4). All zero: the calibration is exact.

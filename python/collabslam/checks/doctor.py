@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from collabslam.frontend.worn_verdict import contradicted
-from collabslam.runs.report import DOUBTS, FIXED
+from collabslam.runs.report import DEGRADED_BY, FIXED
 from collabslam.runs.run_folder import RunFolder
 from collabslam.types import Array, Mask
 
@@ -33,7 +33,7 @@ def diagnose(run: RunFolder) -> list[str]:
     summary = run.summary()
     if not frames.started.any():
         return [*_never_started(frames, summary), *_worn(frames)]
-    found = [*_lost(frames), *_doubted(frames), *_tracking(frames), *_consistency(frames)]
+    found = [*_lost(frames), *_degraded(frames), *_tracking(frames), *_consistency(frames)]
     found += [*_clock(frames), *_worn(frames), *_persons(summary), *_scale(frames, summary)]
     return found or ["Nothing is wrong with this run as far as its diagnostics show."]
 
@@ -45,7 +45,7 @@ class Frames:
         self._rows = rows
         self.started: Mask = self["started"] == 1.0
         self.status = np.array([row.get("status", "") for row in rows])
-        self.doubts = Counter(row.get("doubt", "") for row in rows)
+        self.degraded_by = Counter(row.get("degraded_by", "") for row in rows)
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -116,10 +116,10 @@ _REMEDIES = {
 }
 
 
-def _doubted(frames: Frames) -> Iterator[str]:
-    for cause, count in frames.doubts.most_common():
+def _degraded(frames: Frames) -> Iterator[str]:
+    for cause, count in frames.degraded_by.most_common():
         if cause in _REMEDIES:
-            yield f"{count} frames are not to be trusted: {DOUBTS[cause]}; {_REMEDIES[cause]}."
+            yield f"{count} frames are not to be trusted: {DEGRADED_BY[cause]}; {_REMEDIES[cause]}."
 
 
 def _tracking(frames: Frames) -> Iterator[str]:

@@ -112,7 +112,7 @@ class RunRecord:
 
     @property
     def statuses(self) -> list[str]:
-        """OK, DOUBTFUL, COASTING or LOST per frame."""
+        """OK, DEGRADED, COASTING or LOST per frame."""
         return [s.status.value for s in self.steps]
 
     def valid_at(self, index: int) -> bool:

@@ -39,7 +39,7 @@ METRIC_SCORES = (
     "final_position_error_m",
     "final_error_pct",
     "rpe_translation_m",
-    "ok_but_wrong_share",
+    "false_ok_share",
     "nees_mean",
     "nees_position",
     "nees_attitude",
@@ -148,7 +148,7 @@ def score(record: RunRecord, truth: Array | None, *, metric: bool = True) -> Sco
     out["path_length_m"], out["path_length_of"] = path, "truth"
     scores = _position_scores(record, aligned, path) | _orientation_scores(record, aligned)
     scores |= _consistency_scores(record, aligned) | _overhead(record, aligned, path)
-    scores["ok_but_wrong_share"] = out["frames_ok_too_far"] / out["frames"]
+    scores["false_ok_share"] = out["frames_false_ok"] / out["frames"]
     out.update({k: v for k, v in scores.items() if metric or k not in METRIC_SCORES})
     return _plain(out)
 
@@ -180,8 +180,8 @@ def _activity(record: RunRecord, aligned: AlignedTruth | None, metric: bool) -> 
         "frames": frames,
         "frames_ok": good,
         "frames_ok_reported": int(ok.sum()),
-        "frames_ok_too_far": int((ok & far).sum()),
-        "frames_doubtful": int((statuses == "DOUBTFUL").sum()),
+        "frames_false_ok": int((ok & far).sum()),
+        "frames_degraded": int((statuses == "DEGRADED").sum()),
         "frames_coasting": int((statuses == "COASTING").sum()),
         "frames_lost": int((statuses == "LOST").sum()),
         "frames_valid": int(record.valid.sum()),

@@ -75,7 +75,7 @@ class ClockEstimator:
 
     def __init__(self) -> None:
         self._kept: deque[Exchange] = deque(maxlen=WINDOW)
-        self._doubted: list[Exchange] = []
+        self._outliers: list[Exchange] = []
         self._line: _Line | None = None
         self._lasting = 0.0
 
@@ -84,13 +84,13 @@ class ClockEstimator:
         if not exchange.possible:
             return False
         if self._contradicts(exchange):
-            self._doubted.append(exchange)
-            if len(self._doubted) < SET_ANEW:
+            self._outliers.append(exchange)
+            if len(self._outliers) < SET_ANEW:
                 return False
-            self._kept = deque(self._doubted, maxlen=WINDOW)
+            self._kept = deque(self._outliers, maxlen=WINDOW)
         else:
             self._kept.append(exchange)
-        self._doubted = []
+        self._outliers = []
         self._fit()
         return True
 

@@ -31,7 +31,7 @@ TWIST = "geometry_msgs/msg/TwistWithCovarianceStamped"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 SCAN, IMU = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/Imu"
 
-LEVELS = {"OK": b"\0", "DOUBTFUL": b"\1", "COASTING": b"\1", "LOST": b"\2"}
+LEVELS = {"OK": b"\0", "DEGRADED": b"\1", "COASTING": b"\1", "LOST": b"\2"}
 
 
 @cache

@@ -16,7 +16,7 @@ from collabslam.formats import schema
 from collabslam.formats.container import read_container, write_container
 from collabslam.runs.plan import PLAN_STATE, Plan
 from collabslam.runs.results import CHECKPOINT, SUMMARY
-from collabslam.slam.doubts import CAUSES, NOTHING
+from collabslam.slam.consistency_monitor import CAUSES, NOTHING
 from collabslam.slam.engine import Slam
 from collabslam.slam.saving import CLASSES
 from collabslam.types import Array, Recording, Status, worn_cameras

@@ -25,7 +25,7 @@ STAGES = ("predict", "search", "cf", "update", "map", "rest")
 LINES: tuple[tuple[str, Callable[[Summary], str]], ...] = (
     ("frames with a pose", lambda s: number(s["coverage"], 1, "%", 100.0)),
     ("frames OK", lambda s: f"{s['frames_ok']} of {s['frames']} ({number(s['ok_share'], 1, '%', 100.0)})"),
-    ("frames OK but over 5 sigma off", lambda s: number(s["ok_but_wrong_share"], 1, "%", 100.0)),
+    ("false OK (over 5 sigma off)", lambda s: number(s["false_ok_share"], 1, "%", 100.0)),
     ("status at the end", lambda s: str(s["status_final"])),
     ("path length", lambda s: number(s["path_length_m"], 2, "m")),
     ("ATE, all frames", lambda s: _all_frames(s)),
@@ -77,7 +77,7 @@ def summary_text(summary: Summary) -> str:
     return head + "\n" + text_table([*rows, *_persons(summary)])
 
 
-DOUBTS = {
+DEGRADED_BY = {
     "t_cf": "the images contradict T_CF by more than its covariance allows",
     "cf_matches": "points of the map are elsewhere in Cf than T_CF and its covariance say",
     "size": "Cf sees points of the map nearer or farther than the map has them, all by one factor",
@@ -86,7 +86,7 @@ DOUBTS = {
     "moving": "new points do not move as those of a scene that stands still",
     "noise": "features are found farther from where they are expected than the noise that is claimed",
 }
-"""What a run is doubted for, by the cause in ``frames.csv``."""
+"""Why frames are DEGRADED, by the cause in ``frames.csv``."""
 
 
 FIXED = (
@@ -115,8 +115,10 @@ def untrusted_text(summary: Summary) -> str:
         return "the filter never started"
     ok, frames = summary["frames_ok_reported"], summary["frames"]
     text = f"the run is not to be trusted: {ok} of {frames} frames say OK"
-    if summary["frames_doubtful"]:
-        text += f", {summary['frames_doubtful']} are in doubt: {DOUBTS[next(iter(summary['doubts']))]}"
+    if summary["frames_degraded"]:
+        text += (
+            f", {summary['frames_degraded']} are DEGRADED: {DEGRADED_BY[next(iter(summary['degraded_by']))]}"
+        )
     return f"{text}; the last one is {summary['status_final']}"
 
 

@@ -69,7 +69,7 @@ DIAGNOSTICS = (
     "found",
     "accepted",
     "refused",
-    "doubt",
+    "degraded_by",
     "relocalised",
     "loops",
     "restarted",

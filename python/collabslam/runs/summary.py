@@ -19,8 +19,8 @@ Summary = dict[str, Any]
 
 LEAST_OK_SHARE = 0.5
 """A run that says OK in a smaller share of its frames counts as having lost the camera."""
-MOST_DOUBTFUL_SHARE = 0.1
-"""A run with a larger share of frames in doubt is in doubt as a whole."""
+MOST_DEGRADED_SHARE = 0.1
+"""A run with a larger share of DEGRADED frames is not to be trusted as a whole."""
 INTERRUPTED, TERMINATED = "Ctrl-C", "SIGTERM"
 """How a run can have been ended, besides by an error's message."""
 
@@ -66,7 +66,7 @@ def summarise(
         "frames_unseen": int(np.nansum(record.diagnostic("unseen"))),
         "frames_slipped": int(np.nansum(record.diagnostic("slipped"))),
         "frames_turned": int(np.nansum(record.diagnostic("turned"))),
-        "doubts": _doubts(record),
+        "degraded_by": _degraded_by(record),
         "points_fixed_to_camera": int(np.nansum(record.diagnostic("candidates_fixed"))),
         "map_size_final": len(landmarks.ids),
         "settings_hash": plan.settings.hash(),
@@ -77,20 +77,20 @@ def summarise(
 def is_trusted(summary: Summary) -> bool:
     """Whether a run is to be trusted, by what it says of itself: a truth, where there is one, is not asked.
 
-    The camera was there at the end, beyond doubt; OK in at least half of the frames; in doubt in at most a
-    tenth of them.  A doubt looks back on 30 frames, so one that passes does not spoil a run of some length;
-    but nothing puts right what went wrong while one lasted.
+    The camera was there at the end, not DEGRADED; OK in at least half of the frames; DEGRADED in at most a
+    tenth of them.  The monitor looks back on 30 frames, so one that passes does not spoil a run of some
+    length; but nothing puts right what went wrong while one lasted.
     """
     frames = summary["frames"]
-    ended_well = summary["status_final"] not in ("LOST", "DOUBTFUL")
+    ended_well = summary["status_final"] not in ("LOST", "DEGRADED")
     enough = summary["frames_ok_reported"] >= LEAST_OK_SHARE * frames
-    doubted = summary["frames_doubtful"] > MOST_DOUBTFUL_SHARE * frames
-    return bool(frames and ended_well and enough and not doubted)
+    degraded = summary["frames_degraded"] > MOST_DEGRADED_SHARE * frames
+    return bool(frames and ended_well and enough and not degraded)
 
 
-def _doubts(record: RunRecord) -> dict[str, int]:
-    """Frames in which a run was doubted, by the cause, most first."""
-    causes = Counter(s.diagnostics.get("doubt") for s in record.steps)
+def _degraded_by(record: RunRecord) -> dict[str, int]:
+    """DEGRADED frames by the cause, most first."""
+    causes = Counter(s.diagnostics.get("degraded_by") for s in record.steps)
     return {str(cause): count for cause, count in causes.most_common() if cause}
 
 

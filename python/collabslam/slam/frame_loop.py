@@ -16,7 +16,7 @@ from collabslam.frontend.flow import FlowImage
 from collabslam.frontend.followed import followed_points
 from collabslam.frontend.patch import SIZE
 from collabslam.results import FrameFeatures, PlacedCamera, StepResult
-from collabslam.slam.doubts import NOTHING
+from collabslam.slam.consistency_monitor import NOTHING
 from collabslam.slam.map_change import MapChange
 from collabslam.slam.outcome import Outcome
 from collabslam.slam.parts import Parts
@@ -150,8 +150,8 @@ class FrameLoop:
     def _turn(self, view: View, last: tuple[float, FlowImage] | None) -> bool:
         """The turn that the last two images show, where the map tells nothing of the frame (METHOD 27).
 
-        Not after a frame that failed, as after a cut, nor where the map is doubted: what moves would pass for
-        the scene.
+        Not after a frame that failed, as after a cut, nor where the map is inconsistent: what moves would
+        pass for the scene.
         """
         parts, now = self._parts, self._parts.tracks.last_image
         trusted = parts.monitor.unbroken and parts.doubts.standing() == NOTHING

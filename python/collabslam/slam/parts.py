@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from collabslam._core import Camera, Filter
 from collabslam.settings.table import Settings
-from collabslam.slam.doubts import Doubts
+from collabslam.slam.consistency_monitor import ConsistencyMonitor
 from collabslam.slam.map.management import MapManager, scarce_below
 from collabslam.slam.map.size import MapSize
 from collabslam.slam.recovery.known_submaps import KnownSubmaps
@@ -109,7 +109,7 @@ class Parts:
             restart=restart,
             size=self.size,
         )
-        self.doubts = Doubts(settings.filter, self.size)
+        self.doubts = ConsistencyMonitor(settings.filter, self.size)
         self.verdict = Verdict(
             core,
             monitor=self.monitor,

@@ -1,11 +1,11 @@
-"""What is said of a frame: its status, and what the run is doubted for (METHOD 22)."""
+"""What is said of a frame: its status, and what the run is degraded for (METHOD 22)."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from collabslam._core import Filter
-from collabslam.slam.doubts import NOTHING, Doubts
+from collabslam.slam.consistency_monitor import NOTHING, ConsistencyMonitor
 from collabslam.slam.outcome import Outcome
 from collabslam.slam.recovery.relocalise import Relocaliser
 from collabslam.slam.status import StatusMonitor
@@ -20,7 +20,7 @@ class Verdict:
     ----------
     core : Filter
     monitor : StatusMonitor
-    doubts : Doubts
+    doubts : ConsistencyMonitor
     relocaliser : Relocaliser
     submaps : Submaps
     """
@@ -30,15 +30,15 @@ class Verdict:
         core: Filter,
         *,
         monitor: StatusMonitor,
-        doubts: Doubts,
+        doubts: ConsistencyMonitor,
         relocaliser: Relocaliser,
         submaps: Submaps,
     ) -> None:
-        self._filter, self._monitor, self._doubts = core, monitor, doubts
+        self._filter, self._monitor, self._consistency = core, monitor, doubts
         self._relocaliser, self._submaps = relocaliser, submaps
 
     def of(self, outcome: Outcome) -> tuple[Status, dict[str, Any]]:
-        """The status of a frame, and its diagnostics ``doubt`` and ``loops``."""
+        """The status of a frame, and its diagnostics ``degraded_by`` and ``loops``."""
         view, change = outcome.view, outcome.change
         status = self._judge(
             view.t,
@@ -47,19 +47,19 @@ class Verdict:
             followed=outcome.followed,
             identified=outcome.recovered is not None and outcome.recovered.identified,
         )
-        if view.lost:  # a map that was in doubt is no better where a lost camera finds itself in it again
-            doubt = self._doubts.standing()
+        if view.lost:  # a map that was inconsistent is no better where a lost camera finds itself in it again
+            cause = self._consistency.standing()
         else:
             measured = outcome.report, len(outcome.found.ids), outcome.overlap, change
-            doubt = self._doubts.judge(*measured, jumped=outcome.jumped)
+            cause = self._consistency.judge(*measured, jumped=outcome.jumped)
         trusted = status is Status.OK and not outcome.found_again
         if trusted:
             self._relocaliser.remember(view, self._filter.pose, outcome.seen)
-        follows = trusted and doubt == NOTHING
+        follows = trusted and cause == NOTHING
         loops = self._submaps.follow(view, outcome.seen.without(change.deleted)) if follows else 0
-        if status is Status.OK and doubt != NOTHING:
-            status = Status.DOUBTFUL
-        return status, {"doubt": doubt, "loops": loops}
+        if status is Status.OK and cause != NOTHING:
+            status = Status.DEGRADED
+        return status, {"degraded_by": cause, "loops": loops}
 
     def unseen(self, t: float, *, frozen: bool, followed: bool) -> Status:
         """The status of a frame that shows nothing.

@@ -57,7 +57,7 @@ class Crowd:
     person : LegTrack or None
         Who wears the camera, as far as is known.
     sure : bool
-        Whether that is beyond doubt: nothing else was near where they were said to start, or they walk.
+        Whether that is for certain: nothing else was near where they were said to start, or they walk.
     others : list of LegTrack
     lost : tuple of float and (2,) array, or None
         When and where the person was last: seconds, metres.
@@ -116,8 +116,8 @@ class Crowd:
             self._told = None if hint is None else (t, hint)
         if float(np.hypot(*(robot - self._origin))) > LEFT:  # nobody who comes along is still there
             self._hint = None
-        doubt = self._follow(t, c, robot, heading, view) or self._parts(t, robot, motion)
-        self._retire(t, robot, doubt)
+        contradicted = self._follow(t, c, robot, heading, view) or self._parts(t, robot, motion)
+        self._retire(t, robot, contradicted)
         self._begin(t, c, robot, hint, view)
         self._recruit(t, c, robot)
         self._choose(t, robot, motion)
@@ -158,16 +158,17 @@ class Crowd:
     def _all(self) -> list[LegTrack]:
         return self.others if self.person is None else [self.person, *self.others]
 
-    def _retire(self, t: float, robot: Array, doubt: bool) -> None:
-        """Give up the person if there is ``doubt`` or nothing known any more, and others who are gone."""
+    def _retire(self, t: float, robot: Array, contradicted: bool) -> None:
+        """Give up the person if there is what is seen contradicts it or nothing known any more, and others
+        who are gone."""
         person = self.person
         if person is not None:
             known = known_before(person, robot)
             vague = person.position_sd > max(self._config.max_position_sd, _LOST_SD)
-            if doubt or vague or known is not None or t - person.seen > self._config.max_gap:
+            if contradicted or vague or known is not None or t - person.seen > self._config.max_gap:
                 if person.walked:
                     # Who came back and was not the person was met since: the place before counts.
-                    self.lost = known or (self._back[2] if doubt and self._back else person.met)
+                    self.lost = known or (self._back[2] if contradicted and self._back else person.met)
                     # Was beside the person, so is somebody else; what was followed since may be anything.
                     until = min(self.lost[0], person.sure[0])
                     for other in self.others:
@@ -179,7 +180,7 @@ class Crowd:
             if t - o.seen <= (_KEEP_TIME if walks(o) else _DROP_TIME)
             and (walks(o) or t - o.born < TRIAL)
             and o.position_sd < _STRANGER_SD
-            and not o.doubtful
+            and not o.ambiguous
             and not self._same(o)
         ]
 

@@ -163,7 +163,7 @@ class WornPoseEstimator:
             surroundings.align(t, points[near & mine])
         robot = surroundings.position.copy()
         world = points + robot
-        candidates, doubted = self._candidates(scan, beams, world, robot + lever[:2])
+        candidates, ambiguous = self._candidates(scan, beams, world, robot + lever[:2])
         self._legs = candidates.centre
         view = partial(_in_view, scan, robot + lever[:2], r_ns[:2, :2])
         crowd.update(
@@ -171,7 +171,7 @@ class WornPoseEstimator:
         )
         if learn:
             still = ~crowd.claimed(world, self._hint)
-            surroundings.learn(t, robot + lever[:2], world, still, doubted, self._unmet(scan, t, r_ns))
+            surroundings.learn(t, robot + lever[:2], world, still, ambiguous, self._unmet(scan, t, r_ns))
             self._learnt[scan.scanner] = t
         self._last = self._scanned[scan.scanner] = t
         self._scans += 1
@@ -206,11 +206,11 @@ class WornPoseEstimator:
         edges = np.zeros(len(beams) + 1, np.int64)
         np.add.at(edges, legs.first[keep], 1)
         np.add.at(edges, legs.stop[keep], -1)
-        doubted = np.cumsum(edges[:-1]) > 0
+        ambiguous = np.cumsum(edges[:-1]) > 0
         found = Candidates(
             legs.centre[keep], legs.covariance[keep], legs.wide[keep], clutter[keep], moving[keep]
         )
-        return found, doubted
+        return found, ambiguous
 
     def _remember(self, t: float, plane: float, candidates: int) -> None:
         crowd = self._crowd

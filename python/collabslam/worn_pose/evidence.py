@@ -75,11 +75,11 @@ def known_before(track: LegTrack, robot: Array) -> tuple[float, Array] | None:
     """When and where somebody was there, if what is followed now is furniture; None if it is not."""
     if not (track.walked or walks(track)) and float(np.hypot(*(robot - track.robot))) > LEFT:
         return track.born, track.start
-    return track.sure if track.doubtful else None
+    return track.sure if track.ambiguous else None
 
 
 def confirmed(track: LegTrack, t: float, least: float) -> bool:
-    """Whether a track is a person beyond doubt: seen for a while, and walking."""
+    """Whether a track is a person for certain: seen for a while, and walking."""
     age = t - track.born
     way = float(np.hypot(*(track.x[:2] - track.start)))
     return (

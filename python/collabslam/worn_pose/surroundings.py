@@ -26,7 +26,7 @@ REACH = 0.45 * _SIZE * CELL
 """Distance from the robot up to which points count, metres."""
 _CARVED, _SHARE = 9.0, 0.87
 """Rays carve up to this distance, metres, and this share of their length: the last part may graze a wall."""
-_MOST, _LEAST, _HIT, _DOUBTED, _PASSED = 4.0, -3.0, 0.5, 0.15, -0.5
+_MOST, _LEAST, _HIT, _AMBIGUOUS, _PASSED = 4.0, -3.0, 0.5, 0.15, -0.5
 _SOLID, _OPEN = 2.0, -1.0
 _LINGERED, _STOOD = 0.8, 1.6
 """Seconds since something was first met in a cell: no foot rests so long, and nothing that walks at all.
@@ -37,7 +37,7 @@ _MISFIT = 0.5
 """Standard deviation of a point's misfit to the grid."""
 _LONGEST_GAP, _LONGEST_SEARCH = 0.7, 2.5
 """Seconds without scans after which the place is searched for, and after which that is given up."""
-_SEARCHED, _UNIQUE, _DOUBT = 15, 3, 10.0
+_SEARCHED, _UNIQUE, _RIVAL = 15, 3, 10.0
 """Cells to each side of the predicted position, cells within which everything as good as the best must lie,
 and what counts as good: difference of log-likelihood."""
 _MISSED = 16
@@ -111,7 +111,7 @@ class Surroundings:
         self._p = 0.5 * (self._p + self._p.T)
 
     def _search(self, points: Array, prior: Array) -> Array | None:
-        """How far Cs is from where it was predicted, (2,) metres, to a cell; None if in any doubt."""
+        """How far Cs is from where it was predicted, (2,) metres, to a cell; None if that is ambiguous."""
         cells = np.floor((points + self.state[:2]) / CELL).astype(np.int64)
         span = np.arange(-_SEARCHED, _SEARCHED + 1)
         shift = np.stack(np.meshgrid(span, span, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -120,7 +120,7 @@ class Surroundings:
         away = CELL * shift
         score = -0.5 * (misfit + ((away @ prior) * away).sum(axis=1))
         best = int(np.argmax(score))
-        good = shift[score > score[best] - _DOUBT]
+        good = shift[score > score[best] - _RIVAL]
         if np.abs(good - shift[best]).max() > _UNIQUE or np.abs(shift[best]).max() == _SEARCHED:
             return None
         return np.asarray(away[best])
@@ -134,7 +134,9 @@ class Surroundings:
         self._solid[:] = self._open[:] = False
         self._any, self._since = False, None
 
-    def learn(self, t: float, origin: Array, points: Array, still: Mask, doubted: Mask, free: Array) -> None:
+    def learn(
+        self, t: float, origin: Array, points: Array, still: Mask, ambiguous: Mask, free: Array
+    ) -> None:
         """Take a scan into the grid.
 
         Parameters
@@ -147,7 +149,7 @@ class Surroundings:
             Where its beams ended, in the grid's frame.
         still : (N,) bool
             Which of them may be surroundings: not the person.
-        doubted : (N,) bool
+        ambiguous : (N,) bool
             Which of them may be somebody's legs: they are learnt slowly, so that a foot that stands for
             half a second leaves no trace.
         free : (K, 2) array
@@ -158,10 +160,10 @@ class Surroundings:
         length = np.hypot(rays[:, 0], rays[:, 1])
         passed = _passed(origin, rays, length)
         near = length < REACH
-        ended, still, doubted = _flat(points[near]), still[near], doubted[near]
+        ended, still, ambiguous = _flat(points[near]), still[near], ambiguous[near]
         # Written once however often a cell is named; where a beam ends, nothing is lost.
         evidence = self._evidence.ravel()
-        gained = evidence[ended] + np.where(still, np.where(doubted, _DOUBTED, _HIT), 0.0)
+        gained = evidence[ended] + np.where(still, np.where(ambiguous, _AMBIGUOUS, _HIT), 0.0)
         evidence[passed] = np.maximum(evidence[passed] + _PASSED, _LEAST)
         # What reflects too little, or at too flat an angle, is not met either: nothing that was met is lost.
         empty, beyond = self._empty.ravel(), _passed(origin, free, np.hypot(free[:, 0], free[:, 1]))
@@ -171,7 +173,7 @@ class Surroundings:
             self._since = t
         self._missed[passed] += 1
         self._missed[ended] = 0
-        met, legs = self._met.ravel(), ended[still & doubted]
+        met, legs = self._met.ravel(), ended[still & ambiguous]
         met[passed[self._missed[passed] > _MISSED]] = np.inf
         met[legs] = np.minimum(met[legs], t - self._since)
         self._refresh(t - self._since)

@@ -4,7 +4,7 @@ State: position p and velocity v of the trunk over the floor, and the swing g of
 about the trunk with its rate, which a gait makes anything but white: a damped oscillator at the frequency of
 steps, driven by white noise. A scan shows p + g, by a pair of leg-like things, by one wide one, by one leg
 alone, or not at all; every such reading that passes the gate is a hypothesis, weighed by its likelihood
-against clutter and against other people, and the posterior is the moment-matched mixture: doubt between
+against clutter and against other people, and the posterior is the moment-matched mixture: ambiguity between
 readings shows in the covariance.
 """
 
@@ -33,7 +33,7 @@ _NONE_AFTER = 0.5
 _HIDDEN = 0.3
 """Seconds without legs from which the person counts as hidden."""
 _SEEN = 0.5
-_MOVING_TIME, _WALKED, _DOUBTFUL = 0.5, 0.75, 0.05
+_MOVING_TIME, _WALKED, _STANDING = 0.5, 0.75, 0.05
 """Memory, in seconds, of whether the legs are where beams went through before, and its levels."""
 _SURE = 0.5
 """Probability, from one scan, of legs where beams went through before: somebody was there then."""
@@ -203,9 +203,9 @@ class LegTrack:
             self.quality += _MEMORY * (seen - self.quality)
 
     @property
-    def doubtful(self) -> bool:
+    def ambiguous(self) -> bool:
         """Whether what is tracked has stood for long where beams never went through: furniture."""
-        return self.walked and self.moving < _DOUBTFUL
+        return self.walked and self.moving < _STANDING
 
     def readings(self, c: Candidates) -> Readings | None:
         """What the candidates may show of this person if nobody else is there; None without any."""

@@ -139,7 +139,7 @@ def _lose(place: _Place, kind: str, blind: int, after: int, seed: int) -> Row:
         result = slam.step(frame.t - shift, frame.image, frame.views)
         if result.status is Status.LOST and said is None:
             said = frames
-        if result.status in (Status.OK, Status.DOUBTFUL):  # after a jump the run itself is in doubt
+        if result.status in (Status.OK, Status.DEGRADED):  # after a jump the run itself is degraded
             found, ok, wrong = since, frames, _is_wrong(place, result, i)
             break
     return {
@@ -231,7 +231,7 @@ def page(rows: Sequence[Row], faults: Sequence[str], how: str) -> str:
         "images, a hand before the lens (dark, noisy), or a jump (the frames cut out, the stamps closed up). "
         f"*LOST within {SAYS} frames*: or OK by then, as after a jump that ends where the map is known. "
         f"*Map in sight again*: in the {AFTER_S:g} s that follow, a relocalisation that were told where the "
-        f"camera truly is would be confirmed by the map's patches; *found*: OK, or DOUBTFUL for the "
+        f"camera truly is would be confirmed by the map's patches; *found*: OK, or DEGRADED for the "
         f"jump, at most {FINDS_S:g} s after that. A camera that has turned away from all it knows has "
         "nothing to be found by. *Wrong*: OK with "
         f"a pose beyond {OK_SIGMAS:g} sigma, measured from the pose before.\n\n"

@@ -15,7 +15,7 @@ NAMES = (
     "ate_pct_all_frames",
     "coverage",
     "ok_share",
-    "ok_but_wrong_share",
+    "false_ok_share",
     "nees_position",
     "nees_attitude",
     "sharpness_position",

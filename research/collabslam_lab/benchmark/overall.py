@@ -14,13 +14,13 @@ from collabslam_lab.report import markdown_table
 
 Medians = Mapping[str, Mapping[str, Mapping[str, Any]]]
 """By recording and mode, as `figures.medians` gives them."""
-ERROR, WRONG = "ate_pct_all_frames", "ok_but_wrong_share"
+ERROR, WRONG = "ate_pct_all_frames", "false_ok_share"
 _SHARES = ("ok_share", WRONG)
 _RATIOS = ("nees_position", "nees_attitude", "sharpness_position", "sharpness_attitude")
 
 
 def table(found: Medians) -> str:
-    """For each mode the geometric mean of the error over all recordings, and the worst share OK but wrong."""
+    """For each mode the geometric mean of the error over all recordings, and the worst share false OK."""
     lines = []
     for mode in _modes(found):
         runs = {name: modes[mode] for name, modes in found.items() if mode in modes}
@@ -39,7 +39,7 @@ def table(found: Medians) -> str:
         "mode",
         "recordings with an error",
         "ATE, all frames, geometric mean, %",
-        "worst OK but wrong, %",
+        "worst false OK, %",
     )
     return markdown_table(header, lines)
 
@@ -70,7 +70,7 @@ def compared(found: Medians, before: Medians) -> str:
     for mode, of_mode in ratios.items():
         blank = [""] * (len(_SHARES) + len(_RATIOS))
         lines.append(["all", mode, "", "", number(_geometric_mean(of_mode), 3), *blank])
-    header = ("recording", "mode", "ATE, all frames, %: before", "now", "ratio", "OK, %", "OK but wrong, %",
+    header = ("recording", "mode", "ATE, all frames, %: before", "now", "ratio", "OK, %", "false OK, %",
               "NEES position", "NEES attitude", "error over sd: position", "attitude")  # fmt: skip
     return markdown_table(header, lines)
 

@@ -71,12 +71,12 @@ def _worn_of(world: SimulatedRecording) -> WornAt:
 
 
 def scores_of(result: RunResult) -> Row:
-    """Sums over the frames that count, for `pooled`, and which share of all frames is OK and in doubt."""
+    """Sums over the frames that count, for `pooled`, and which share of all frames is OK and DEGRADED."""
     record, truth = result.record, result.truth
     sums = dict.fromkeys(("sum_square_m2", "sum_variance_m2", "sum_nees"), 0.0)
     shares = {
         "ok_share": result.summary["ok_share"],
-        "doubtful_share": result.summary["frames_doubtful"] / max(1, result.summary["frames"]),
+        "degraded_share": result.summary["frames_degraded"] / max(1, result.summary["frames"]),
     }
     scores: Row = {"frames": 0, **sums, **shares}
     if truth is None:

@@ -121,7 +121,7 @@ class Driven(WrappedRecording):
 
 
 class Trusting(Slam):
-    """An engine that never doubts its wheels."""
+    """An engine that never tests its wheels."""
 
     def _may_have_slipped(self, *_: Any) -> bool:
         return False
@@ -139,9 +139,9 @@ CASES: dict[str, tuple[Wheels | None, dict[str, Any], bool]] = {
     "5 % slip, scales taken as exact": (SLIP, EXACT, True),
     "5 % slip, scale of turns taken as exact": (SLIP, NO_TURNS, True),
     "spinning wheels": (Wheels(spin=(2.0, 3.0)), {}, True),
-    "spinning wheels, never doubted": (Wheels(spin=(2.0, 3.0)), {}, False),
+    "spinning wheels, never tested": (Wheels(spin=(2.0, 3.0)), {}, False),
 }
-"""Name of each case: the wheels, settings, and whether the filter may doubt the wheels."""
+"""Name of each case: the wheels, settings, and whether the filter may distrust the wheels."""
 SPINNING = [name for name in CASES if name.startswith("spinning")]
 
 
@@ -156,23 +156,23 @@ def odometry_rows(
             span = float(world.times[-1] - world.times[0])
             dark = (0.5 * (span - DARK), 0.5 * (span + DARK))
             for case in cases:
-                wheels, changes, doubting = CASES[case]
+                wheels, changes, testing = CASES[case]
                 noise = np.random.default_rng([23, seed])
                 odometry = None
                 if wheels is not None:
                     odometry = simulated(world.robot, world.times, wheels, noise)
                 for gap in (None,) if case in SPINNING else (None, dark):
                     driven = Driven(held, odometry, gap)
-                    result = _run(driven, changes, doubting=doubting)
+                    result = _run(driven, changes, testing=testing)
                     yield {"world": name, "seed": seed, "case": case, "dark": gap is not None} | _row(
                         result, driven
                     )
 
 
-def _run(recording: Driven, changes: dict[str, Any], *, doubting: bool) -> RunResult:
+def _run(recording: Driven, changes: dict[str, Any], *, testing: bool) -> RunResult:
     settings = Settings.default().replace(changes)
     engine = None
-    if not doubting:
+    if not testing:
         t_bc = None if recording.odometry is None else recording.odometry.t_bc
         engine = Trusting(recording.camera, recording.worn_camera, settings=settings, t_bc=t_bc)
     return run(recording, start="worn", settings=settings, slam=engine)

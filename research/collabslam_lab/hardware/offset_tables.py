@@ -12,12 +12,12 @@ from collabslam_lab.figures.style import COLLAB, INK, MONO, legend
 from collabslam_lab.hardware.clocks import Row, of, pooled, values
 from collabslam_lab.hardware.wrong_stamps import CORRIDOR, LIVELY
 
-COLUMNS = ("error", "NEES", "OK", "in doubt")
+COLUMNS = ("error", "NEES", "OK", "DEGRADED")
 _LINES = {LIVELY: "-", CORRIDOR: ":"}
 
 
 def offset_table(rows: Sequence[Row]) -> Table:
-    """Error, NEES, OK share and doubt by way, certainty of T_CF and offset, of `offset_rows`."""
+    """Error, NEES, OK and DEGRADED share by trajectory, certainty of T_CF and offset, of `offset_rows`."""
     lines = []
     for way, known in dict.fromkeys((row["way"], row["t_cf"]) for row in rows):
         same = of(rows, way=way, t_cf=known)
@@ -27,7 +27,7 @@ def offset_table(rows: Sequence[Row]) -> Table:
             lines.append([way, known, f"{ms:g} ms", *cells[0], *cells[1]])
     return Table(
         "Cf's clock is behind, without and with `worn.clock_sd` of that size. Error, and in brackets over "
-        "that without an offset; NEES of the pose (6 expected); frames OK, and in doubt:",
+        "that without an offset; NEES of the pose (6 expected); frames OK, and DEGRADED:",
         ["way", "T_CF is known to", "behind by", *COLUMNS, *(f"told: {name}" for name in COLUMNS)],
         lines,
     )
@@ -37,7 +37,7 @@ def _cells(rows: Sequence[Row], base: float) -> list[str]:
     if not rows:
         return len(COLUMNS) * ["-"]
     score = pooled(rows)
-    shares = [float(np.mean([row[key] for row in rows])) for key in ("ok_share", "doubtful_share")]
+    shares = [float(np.mean([row[key] for row in rows])) for key in ("ok_share", "degraded_share")]
     error = f"{100 * score.error:.1f} cm ({score.error / base:.2f})"
     return [error, f"{score.nees:.1f}", *(f"{share:.0%}" for share in shares)]
 

@@ -54,9 +54,9 @@ def row(name: str, mode: str, seed: int = 0, **numbers: Any) -> Row:
     base = {"recording": name, "mode": mode, "seed": seed, "bias_per_block": False, "status": "done",
             "independent": False, "ate_pct": 0.9,
             "ate_pct_all_frames": 1.0, "ate_alignment": "SE(3)", "coverage": 0.97, "ate_sim3_pct": 0.6,
-            "ok_but_wrong_share": 0.004, "sharpness_position": 1.1, "sharpness_attitude": 0.8, "ms_p99": 30.0,
+            "false_ok_share": 0.004, "sharpness_position": 1.1, "sharpness_attitude": 0.8, "ms_p99": 30.0,
             "ms_max": 44.0, "avg_error_pct": 2.0, "ok_share": 0.98, "scale_error": 0.01,
-            "nees_position": 4.0, "nees_attitude": 12.0, "frames_ok_too_far": 1, "frames": 150,
+            "nees_position": 4.0, "nees_attitude": 12.0, "frames_false_ok": 1, "frames": 150,
             "ms_per_frame": {"search": 3.0, "total": 20.0}, "features_per_frame": 50.0,
             "target_residual_max_px": None}  # fmt: skip
     return {**base, **numbers}
@@ -248,7 +248,7 @@ def test_pages_hold_medians_bands_and_ratios() -> None:
 def test_two_evaluations_are_compared_row_by_row(tmp_path: Path) -> None:
     def told(error: float | None, wrong: float) -> dict[str, Any]:
         names = dict.fromkeys(NAMES, 1.0)
-        return {**names, "ate_pct_all_frames": error, "ok_but_wrong_share": wrong, "runs": 3}
+        return {**names, "ate_pct_all_frames": error, "false_ok_share": wrong, "runs": 3}
 
     before = {"hall": {"collab": told(2.0, 0.0)}, "lost": {"collab": told(None, 0.0)}}
     now = {
@@ -288,7 +288,7 @@ def test_a_truth_that_is_no_judge_serves_the_worn_camera_only(place: Path, tmp_p
     assert recording.truth is None
     assert recording.frame(0).views
     told = figures.medians(plan, [replay.run_item(item)])["walk"]["collab"]
-    assert told["ate_pct_all_frames"] is told["nees_position"] is told["ok_but_wrong_share"] is None
+    assert told["ate_pct_all_frames"] is told["nees_position"] is told["false_ok_share"] is None
     assert told["coverage"] == told["ok_share"] == 1.0
 
 

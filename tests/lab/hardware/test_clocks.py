@@ -67,13 +67,13 @@ def test_scores_are_pooled_over_frames() -> None:
 
 def test_the_page_says_what_an_offset_costs_and_whether_it_is_noticed() -> None:
     row = {"way": "lively", "seed": 0, "t_cf": "1 cm", "frames": 4, "sum_variance_m2": 1.0, "sum_nees": 24.0}
-    right = {"offset_ms": 0.0, "told": False, "sum_square_m2": 4e-4, "ok_share": 1.0, "doubtful_share": 0.0}
+    right = {"offset_ms": 0.0, "told": False, "sum_square_m2": 4e-4, "ok_share": 1.0, "degraded_share": 0.0}
     wrong = {
         "offset_ms": 50.0,
         "told": False,
         "sum_square_m2": 36e-4,
         "ok_share": 0.25,
-        "doubtful_share": 0.5,
+        "degraded_share": 0.5,
     }
     rows = [row | right, row | wrong, row | wrong | {"told": True, "sum_square_m2": 16e-4}]
     table = offset_table(rows).markdown()

@@ -105,10 +105,10 @@ def test_what_must_not_happen_is_seen(
 def test_ok_beside_a_wrong_pose_is_seen(ground: Ground) -> None:
     attack = Attack("test", "it", "what", lambda scene: scene.run(), HELD)
     ending = Ending(0, 1.0, 100.0, "", "", hung=False)
-    assert judge(attack, ending, [], {"ok_but_wrong_share": 0.019}) is Outcome.HELD
-    assert judge(attack, ending, [], {"ok_but_wrong_share": 0.021}) is Outcome.WRONG
-    assert judge(attack, replace(ending, status=1), [], {"ok_but_wrong_share": 0.021}) is Outcome.WRONG
-    assert judge(attack, ending, [], {"ok_but_wrong_share": None}) is Outcome.HELD
+    assert judge(attack, ending, [], {"false_ok_share": 0.019}) is Outcome.HELD
+    assert judge(attack, ending, [], {"false_ok_share": 0.021}) is Outcome.WRONG
+    assert judge(attack, replace(ending, status=1), [], {"false_ok_share": 0.021}) is Outcome.WRONG
+    assert judge(attack, ending, [], {"false_ok_share": None}) is Outcome.HELD
     result = perform(attack, ground)
     assert result.good
     assert result.ok_share == 1.0

@@ -70,12 +70,12 @@ def _with_patch(walk: Recording, name: str) -> Recording:
 
 
 @pytest.mark.parametrize("name", ["patch-moving", "patch-slow"])
-def test_a_run_beside_a_moving_patch_is_doubted(walk: Recording, name: str) -> None:
+def test_a_run_beside_a_moving_patch_is_degraded(walk: Recording, name: str) -> None:
     """Over 30 % of the image, 5 or 2 px a frame: its points are taken for a scene that stands still."""
     summary = run(_with_patch(walk, name)).summary
-    assert summary["frames_doubtful"] > 0.3 * len(walk)
-    assert set(summary["doubts"]) == {"moving"}
-    assert summary["ok_but_wrong_share"] <= 0.02
+    assert summary["frames_degraded"] > 0.3 * len(walk)
+    assert set(summary["degraded_by"]) == {"moving"}
+    assert summary["false_ok_share"] <= 0.02
     assert not is_trusted(summary)
 
 
@@ -103,7 +103,7 @@ def test_what_is_fixed_to_the_camera_is_said(walk: Recording) -> None:
     assert result["points_fixed_to_camera"] > 10
     assert "something is fixed to it" in unused_text(result)
     assert is_trusted(result)
-    assert result["ok_but_wrong_share"] == 0.0
+    assert result["false_ok_share"] == 0.0
 
 
 def test_stamps_that_do_not_follow_are_left_out_and_counted(walk: Recording) -> None:

@@ -29,7 +29,7 @@ def test_a_turn_is_followed_and_its_error_is_known(
     summary = turn[mode]
     assert summary["coverage"] == 1.0
     assert summary["ok_share"] >= 0.98
-    assert summary["ok_but_wrong_share"] <= 0.02
+    assert summary["false_ok_share"] <= 0.02
     assert summary["ate_pct_all_frames"] < largest
     assert LEAST_NEES < summary["nees_position"] < LARGEST_NEES
     assert summary["nees_attitude"] < LARGEST_NEES

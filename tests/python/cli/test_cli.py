@@ -58,7 +58,7 @@ def test_run_writes_results_and_scores_them(tmp_path: Path) -> None:
     assert stored["settings_hash"] == summary["settings_hash"] == Settings.default().hash()
     for key in ("mode", "source", "version", "path_length_m", "ate_rmse_m", "avg_position_error_m",
                 "final_position_error_m", "final_error_pct", "nees_mean", "ate_pct_all_frames", "coverage",
-                "ok_share", "ok_but_wrong_share", "nees_position", "nees_attitude", "sharpness_position",
+                "ok_share", "false_ok_share", "nees_position", "nees_attitude", "sharpness_position",
                 "sharpness_attitude", "ms_p99", "ms_max"):  # fmt: skip
         assert stored[key] is not None
     assert Settings.load(tmp_path / "config.yaml") == Settings.default()
@@ -135,9 +135,9 @@ def test_a_lost_camera_is_told(tmp_path: Path) -> None:
     [
         ({}, True),
         ({"lost_from": 29}, False),  # it ends lost
-        ({"doubted": range(29, 30)}, False),  # it ends in doubt
-        ({"doubted": range(10, 13)}, True),
-        ({"doubted": range(10, 14)}, False),  # more than a tenth
+        ({"degraded": range(29, 30)}, False),  # it ends DEGRADED
+        ({"degraded": range(10, 13)}, True),
+        ({"degraded": range(10, 14)}, False),  # more than a tenth
     ],
 )
 def test_trust_is_what_the_run_says_with_a_truth_or_without(
@@ -150,7 +150,7 @@ def test_trust_is_what_the_run_says_with_a_truth_or_without(
 
 
 def test_half_of_the_frames_must_say_ok() -> None:
-    summary = {"frames": 10, "frames_ok_reported": 5, "frames_doubtful": 0, "status_final": "OK"}
+    summary = {"frames": 10, "frames_ok_reported": 5, "frames_degraded": 0, "status_final": "OK"}
     assert is_trusted(summary)
     assert not is_trusted(summary | {"frames_ok_reported": 4})
     assert not is_trusted(summary | {"frames": 0, "frames_ok_reported": 0})
@@ -158,11 +158,11 @@ def test_half_of_the_frames_must_say_ok() -> None:
 
 def test_why_a_run_is_not_trusted_is_told() -> None:
     walk = Walk()
-    summary = go(walk, slam=FakeSlam(walk, scale=40.0, doubted=range(5, 30)))
+    summary = go(walk, slam=FakeSlam(walk, scale=40.0, degraded=range(5, 30)))
     told = untrusted_text(summary)
-    assert "5 of 30 frames say OK, 25 are in doubt: more matches are refused" in told
-    assert "the last one is DOUBTFUL" in told
-    assert "frames OK but over 5 sigma off" in summary_text(summary)
+    assert "5 of 30 frames say OK, 25 are DEGRADED: more matches are refused" in told
+    assert "the last one is DEGRADED" in told
+    assert "false OK (over 5 sigma off)" in summary_text(summary)
 
 
 @pytest.mark.usefixtures("_no_picture")

@@ -321,5 +321,5 @@ def test_a_map_that_wheels_vouch_for_is_not_left_for_cfs(clip: Clip) -> None:
             if (clip.frames[k - 1].t if k else 0.0) < t - 0.02 <= frame.t:
                 slam.add_odometry(t, twist, COVARIANCE)
         said.append(slam.step(frame.t, frame.image, stretched_later(frame.views, k)))
-    assert said[-1].diagnostics["doubt"] == "size"
+    assert said[-1].diagnostics["degraded_by"] == "size"
     assert not any(s.diagnostics["restarted"] for s in said)

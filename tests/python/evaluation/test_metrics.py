@@ -182,8 +182,8 @@ def test_an_ok_frame_more_than_five_sigma_off_is_not_ok() -> None:
     estimate[-3:, 0, 3] += 0.64  # 6.4 standard deviations of 0.1 m: beyond the square root of 39.5
     estimate[-5:-3, 0, 3] += 0.6
     scores = scoring.score(record_of(estimate), truth)
-    assert (scores["frames_ok"], scores["frames_ok_reported"], scores["frames_ok_too_far"]) == (57, 60, 3)
-    assert scores["ok_but_wrong_share"] == pytest.approx(3 / 60)
+    assert (scores["frames_ok"], scores["frames_ok_reported"], scores["frames_false_ok"]) == (57, 60, 3)
+    assert scores["false_ok_share"] == pytest.approx(3 / 60)
     assert scores["ok_share"] == pytest.approx(57 / 60)
 
 

@@ -36,7 +36,7 @@ def test_few_points_say_nothing() -> None:
     assert np.isnan(ask_size(np.empty(0), np.empty(0)))
 
 
-def test_a_run_is_doubted_by_most_of_its_last_views() -> None:
+def test_a_run_is_degraded_by_most_of_its_last_views() -> None:
     right, wrong, silent = 0.1, 3.0, float("nan")
     said = {
         (wrong,) * 2: False,
@@ -47,5 +47,5 @@ def test_a_run_is_doubted_by_most_of_its_last_views() -> None:
         (wrong,) * 30 + (right,) * 4: False,
         (silent,) * 9: False,
     }
-    for views, doubted in said.items():
-        assert contradicted_size(np.array(views)) is doubted, views
+    for views, degraded in said.items():
+        assert contradicted_size(np.array(views)) is degraded, views

@@ -149,14 +149,14 @@ def test_an_engine_is_not_sure_of_what_its_images_contradict(
     assert all(sure) if good else not any(sure)
 
 
-def test_a_map_that_cf_finds_of_another_size_is_left_and_the_new_one_stays_in_doubt(clip: Clip) -> None:
+def test_a_map_that_cf_finds_of_another_size_is_left_and_the_new_one_stays_degraded(clip: Clip) -> None:
     """No image tells how long T_CF is; a map that was right before does not follow it without a word."""
     slam = Slam(clip.recording.camera, clip.recording.worn_camera)
     said = [slam.step(f.t, f.image, stretched_later(f.views, k)) for k, f in enumerate(clip.frames)]
     begun = [k for k, s in enumerate(said) if s.diagnostics["restarted"]]
     assert len(begun) == 1
-    assert {s.status for s in said[begun[0] :]} == {Status.DOUBTFUL}
-    assert {s.diagnostics["doubt"] for s in said[begun[0] :]} == {"size"}
+    assert {s.status for s in said[begun[0] :]} == {Status.DEGRADED}
+    assert {s.diagnostics["degraded_by"] for s in said[begun[0] :]} == {"size"}
 
 
 def test_a_map_that_holds_a_printed_target_is_not_left_for_cfs(clip: Clip) -> None:
@@ -168,7 +168,7 @@ def test_a_map_that_holds_a_printed_target_is_not_left_for_cfs(clip: Clip) -> No
     said = [
         slam.step(f.t, posted.frame(k).image, stretched_later(f.views, k)) for k, f in enumerate(clip.frames)
     ]
-    assert said[-1].diagnostics["doubt"] == "size"
+    assert said[-1].diagnostics["degraded_by"] == "size"
     assert not any(s.diagnostics["restarted"] for s in said)
 
 
@@ -178,5 +178,5 @@ def test_images_that_come_again_are_a_jump(clip: Clip) -> None:
         frame = clip.frames[k % 8]
         said.append(slam.step(0.1 * k, frame.image, frame.views))
     assert {s.status for s in said[:8]} == {Status.OK}
-    assert {s.diagnostics["doubt"] for s in said[8:]} == {"jump"}
-    assert {s.status for s in said[8:]} == {Status.DOUBTFUL}
+    assert {s.diagnostics["degraded_by"] for s in said[8:]} == {"jump"}
+    assert {s.status for s in said[8:]} == {Status.DEGRADED}

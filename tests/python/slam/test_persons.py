@@ -84,7 +84,7 @@ def test_views_that_come_between_frames_wait_for_each_person(clip: Any, tmp_path
     assert np.array_equal(*told)
 
 
-def test_a_person_whose_pose_is_wrong_is_doubted_alone(clip: Any) -> None:
+def test_a_person_whose_pose_is_wrong_is_degraded_alone(clip: Any) -> None:
     slam, said = engine(clip), []
     for frame in [f for f in clip.frames if f.views]:
         good, bad = views(frame, *NAMES)

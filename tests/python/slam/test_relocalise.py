@@ -130,7 +130,7 @@ def _jump(recording: SimulatedRecording, images: list[Image]) -> tuple[Walk, lis
 
 def _is_a_jump(step: StepResult) -> bool:
     """It is there, and says that it cannot have got there."""
-    return step.valid and step.status is Status.DOUBTFUL and step.diagnostics["doubt"] == "jump"
+    return step.valid and step.status is Status.DEGRADED and step.diagnostics["degraded_by"] == "jump"
 
 
 @pytest.mark.slow

@@ -41,7 +41,7 @@ class MapSize(PersistentState):
         return contradicted_size(self._told)
 
     @property
-    def doubted(self) -> bool:
+    def inconsistent(self) -> bool:
         """Whether they do, or the map was begun because they did: by T_CF, which may as well be wrong."""
         return self.contradicted or self._anew
 

@@ -55,7 +55,7 @@ class Restart:
         """A new map from Cf where prediction puts a lost camera, and its births; None if too few.
 
         A camera that has never known where it is has nothing to tie a map to.  A map of a ``wrong`` size is
-        not put aside, to be found again, and where it has led the camera since it was right is in doubt.
+        not put aside, to be found again, and where it has led the camera since it was right is not known.
         """
         if not (self._metric and self._monitor.found):
             return None

@@ -105,7 +105,7 @@ class Result:
         That it took, and the most memory.
     said : str
         Its last words on standard error.
-    ok_share, ok_but_wrong_share : float or None
+    ok_share, false_ok_share : float or None
         Of the run's summary.
     """
 
@@ -116,7 +116,7 @@ class Result:
     memory_mb: float
     said: str
     ok_share: float | None = None
-    ok_but_wrong_share: float | None = None
+    false_ok_share: float | None = None
 
     @property
     def good(self) -> bool:
@@ -147,5 +147,5 @@ class Result:
             "memory_mb": round(self.memory_mb),
             "said": self.said,
             "ok_share": self.ok_share,
-            "ok_but_wrong_share": self.ok_but_wrong_share,
+            "false_ok_share": self.false_ok_share,
         }

@@ -69,7 +69,7 @@ def perform(attack: Attack, ground: Ground, seconds: float = SECONDS) -> Result:
         ending.memory_mb,
         " ".join(f"{said}{' lost: ' if lost else ''}{', '.join(lost)}".split())[-400:],
         summary.get("ok_share"),
-        summary.get("ok_but_wrong_share"),
+        summary.get("false_ok_share"),
     )
 
 
@@ -102,7 +102,7 @@ def judge(attack: Attack, ending: Ending, lost: list[str], summary: dict[str, An
         return Outcome.REFUSED if len(told) == 1 and attack.says in told[0] else Outcome.UNNAMED
     if ending.status not in (OK, NOT_TRUSTED):
         return Outcome.TRACEBACK
-    wrong = summary.get("ok_but_wrong_share")  # whatever the status: who has no truth sees those frames OK
+    wrong = summary.get("false_ok_share")  # whatever the status: who has no truth sees those frames OK
     if wrong is not None and wrong > WRONG_SHARE:
         return Outcome.WRONG
     return Outcome.HELD if ending.status == OK else Outcome.TOLD

@@ -12,7 +12,7 @@ import pytest
 
 from collabslam._core import FilterSettings
 from collabslam.geometry import pose
-from collabslam.slam.doubts import CAUSES, NOTHING, Doubts
+from collabslam.slam.consistency_monitor import CAUSES, NOTHING, ConsistencyMonitor
 from collabslam.slam.map.size import MapSize
 from collabslam.slam.map_change import MapChange
 from collabslam.slam.worn.overlap import Overlap
@@ -23,8 +23,8 @@ FRAMES, FOUND = 40, 30
 VIEW = WornView(np.zeros((4, 4), np.uint8), np.eye(4), np.diag([9e-4] * 3 + [1e-4] * 3))
 
 
-def doubts() -> Doubts:
-    return Doubts(FilterSettings(), MapSize())
+def monitor() -> ConsistencyMonitor:
+    return ConsistencyMonitor(FilterSettings(), MapSize())
 
 
 def outcomes(refused: int) -> Any:
@@ -61,15 +61,15 @@ def born(strayed: int = 0, by: float = 1.0) -> MapChange:
 
 def verdict(frame: Callable[[int], tuple[Any, Overlaps, MapChange]]) -> str:
     """What is said after many frames, each a report, what Cf saw and what was born."""
-    judge, said = doubts(), NOTHING
+    judge, said = monitor(), NOTHING
     for k in range(FRAMES):
         update, overlap, change = frame(k)
         said = judge.judge(update, FOUND, overlap, change)
     return said
 
 
-def test_a_good_run_is_never_doubted() -> None:
-    rng, judge = np.random.default_rng(4), doubts()
+def test_a_good_run_is_never_degraded() -> None:
+    rng, judge = np.random.default_rng(4), monitor()
     for k in range(300):
         frame = report(
             refused=int(rng.poisson(0.03 * FOUND)),
@@ -100,14 +100,14 @@ def test_what_one_view_refuses_has_one_cause() -> None:
     """Some views with an error of their own lose half of their matches; most of a wrong map's lose some."""
 
     def said(refused: list[int]) -> list[str]:
-        judge = doubts()
+        judge = monitor()
         return [judge.judge(report(worn=r), FOUND, seen(0.1), born()) for r in refused]
 
     some = [2, 0, 2, 11, 9, 5, 1, 2, 0, 2, 3, 0, 0, 0, 1] * 2
     assert sum(some) > 0.12 * 20 * len(some), "by far more than one in twenty"
     assert set(said(some)) == {NOTHING}
     assert said([3, 2] * 15)[-1] == "cf_matches"
-    judge = doubts()
+    judge = monitor()
     assert {judge.judge(report(refused=r), FOUND, Overlaps(), born()) for r in some} == {NOTHING}
 
 
@@ -115,7 +115,7 @@ def test_who_strays_far_at_once_says_less_than_who_strays_slowly() -> None:
     """Somebody who walks by leaves no landmarks; what moves slowly along its epipolar lines does."""
     said = {}
     for by in (1.1, 4.0):
-        judge = doubts()
+        judge = monitor()
         for _ in range(60):
             judge.judge(report(), FOUND, Overlaps(), born())
         said[by] = [judge.judge(report(), FOUND, Overlaps(), born(strayed=4, by=by)) for _ in range(12)][-1]
@@ -123,19 +123,19 @@ def test_who_strays_far_at_once_says_less_than_who_strays_slowly() -> None:
 
 
 def test_what_cf_showed_is_forgotten_where_it_shows_nothing_any_more() -> None:
-    judge = doubts()
+    judge = monitor()
     said = [judge.judge(report(), FOUND, seen(2.0) if k < 10 else Overlaps(), born()) for k in range(50)]
     assert said[9] == said[39] == "t_cf"
     assert said[40:] == [NOTHING] * 10
-    judge = doubts()
+    judge = monitor()
     for k in range(80):  # it comes back: what was said of T_CF still counts
         judge.judge(report(), FOUND, seen(0.2 if k < 30 else 2.0) if k < 30 or k > 77 else Overlaps(), born())
     assert judge.judge(report(), FOUND, seen(2.0), born()) == NOTHING
 
 
-def test_a_map_of_another_size_is_doubted_until_views_confirm_it() -> None:
+def test_a_map_of_another_size_is_degraded_until_views_confirm_it() -> None:
     size = MapSize()
-    judge = Doubts(FilterSettings(), size)
+    judge = ConsistencyMonitor(FilterSettings(), size)
     views = [seen(0.1, size=0.1)] * 10 + [seen(0.1, size=3.0)] * 10 + [Overlaps()] * 50
     said = []
     for k, view in enumerate([*views, *[seen(0.1, size=0.1)] * 9]):
@@ -144,53 +144,53 @@ def test_a_map_of_another_size_is_doubted_until_views_confirm_it() -> None:
     assert said == [NOTHING] * 13 + ["size"] * 60 + [NOTHING] * 6
 
 
-def test_a_map_begun_by_cf_alone_stays_in_doubt_until_the_camera_is_in_another() -> None:
+def test_a_map_begun_by_cf_alone_stays_degraded_until_the_camera_is_in_another() -> None:
     size = MapSize()
     for k in range(20):
         size.take(seen(0.1, size=0.1 if k < 10 else 3.0), pose(np.eye(3), [0.1 * k, 0.0, 0.0]))
     np.testing.assert_allclose(size.gone(pose(np.eye(3), [2.0, 0.0, 0.5])), [1.1, 0.0, 0.5])
     assert size.contradicted
     size.leave(contradicted=True)
-    assert size.doubted
+    assert size.inconsistent
     assert not size.contradicted
     for _ in range(20):
         size.take(seen(0.1, size=0.1), np.eye(4))
-    assert size.doubted
+    assert size.inconsistent
     size.leave(contradicted=False)
-    assert not size.doubted
+    assert not size.inconsistent
 
 
-def test_a_calibration_that_goes_wrong_on_the_way_is_doubted() -> None:
-    judge = doubts()
+def test_a_calibration_that_goes_wrong_on_the_way_is_degraded() -> None:
+    judge = monitor()
     said = [judge.judge(report(), FOUND, seen(0.2 if k < 40 else 2.0), born()) for k in range(50)]
     assert said == [NOTHING] * 43 + ["t_cf"] * 7
 
 
-def test_a_jump_is_doubted_for_thirty_frames() -> None:
-    judge = doubts()
+def test_a_jump_is_degraded_for_thirty_frames() -> None:
+    judge = monitor()
     said = [judge.judge(report(), FOUND, Overlaps(), born(), jumped=k == 5) for k in range(40)]
     assert [k for k, cause in enumerate(said) if cause == "jump"] == list(range(5, 35))
 
 
-def test_what_was_doubted_stands_while_the_camera_is_lost() -> None:
-    judge = doubts()
+def test_what_was_contradicted_stands_while_the_camera_is_lost() -> None:
+    judge = monitor()
     for _ in range(10):
         judge.judge(report(), FOUND, seen(2.0), born())
     before = judge.state()
     assert judge.standing() == "t_cf"
     assert judge.state() == before, "it takes nothing in"
-    assert doubts().standing() == NOTHING
+    assert monitor().standing() == NOTHING
 
 
 def test_four_frames_are_too_few() -> None:
-    judge, loud = doubts(), report(refused=2 * FOUND // 3, nis=900.0)
+    judge, loud = monitor(), report(refused=2 * FOUND // 3, nis=900.0)
     said = [judge.judge(loud, FOUND, Overlaps(), born()) for _ in range(5)]
     assert said[:4] == [NOTHING] * 4
     assert said[4] == "matches"
 
 
 def test_three_views_are_asked_at_least_and_most_of_them_must_say_so() -> None:
-    judge = doubts()
+    judge = monitor()
     against = [2.0, 2.0, float("nan"), 2.0, 0.5, 0.5, 0.5]
     said = [judge.judge(report(), FOUND, seen(a), born()) for a in against]
     assert said == [NOTHING, NOTHING, NOTHING, "t_cf", "t_cf", "t_cf", NOTHING]
@@ -201,7 +201,7 @@ def test_frames_that_were_not_used_say_nothing() -> None:
 
 
 def test_it_goes_on_where_it_was() -> None:
-    first, second = doubts(), doubts()
+    first, second = monitor(), monitor()
     for _ in range(20):
         first.judge(report(refused=5), FOUND, seen(0.2), born())
     second.restore(first.state())

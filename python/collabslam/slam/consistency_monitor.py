@@ -24,7 +24,7 @@ NOTHING = ""
 WORN, WORN_MATCHES, SIZE, JUMP = "t_cf", "cf_matches", "size", "jump"
 MATCHES, MOVING, NOISE = "matches", "moving", "noise"
 CAUSES = (WORN, WORN_MATCHES, SIZE, JUMP, MATCHES, MOVING, NOISE)
-"""What a run can be doubted for, the most telling first."""
+"""Causes for which a frame is DEGRADED, the most telling first."""
 
 _LAST = 30
 """Frames, and views of Cf, that the tests look back on."""
@@ -39,7 +39,7 @@ _STRAYS = 0.01
 """Share of new points that may stray in a scene that stands still, by a wrong match."""
 
 
-class Doubts(PersistentState):
+class ConsistencyMonitor(PersistentState):
     """Tests over the last frames: what was seen against what the settings and T_CF's covariance claim.
 
     Parameters
@@ -92,21 +92,21 @@ class Doubts(PersistentState):
         return self.standing()
 
     def standing(self) -> str:
-        """What is doubted by the frames so far: a camera that is lost does not make its map any better."""
-        doubted = {
+        """What the frames so far contradict: a camera that is lost does not make its map any better."""
+        inconsistent = {
             WORN: any(
                 one["without"] <= _LAST
                 and (contradicted(one["against"]) or contradicted_lately(one["against"]))
                 for one in self._worn.values()
             ),
             WORN_MATCHES: any(self._too_many_refused(one["matches"]) for one in self._worn.values()),
-            SIZE: self._size.doubted,
+            SIZE: self._size.inconsistent,
             JUMP: bool(self._jumps.any()),
             MATCHES: self._too_many_refused(self._matches),
             MOVING: _too_many(self._births, _STRAYS),
             NOISE: self._too_loud(),
         }
-        return next((cause for cause in CAUSES if doubted[cause]), NOTHING)
+        return next((cause for cause in CAUSES if inconsistent[cause]), NOTHING)
 
     def _take(self, report: UpdateReport, found: int, change: MapChange) -> None:
         bearings = report.bearings
