@@ -29,7 +29,7 @@ from collabslam_lab.benchmark.running import run_items
 from collabslam_lab.benchmark.store import Item, Row
 from collabslam_lab.cli import main as cli
 from collabslam_lab.engines import LOCAL, Engine
-from collabslam_lab.isolated import Died, isolated, one
+from collabslam_lab.isolated import Died, _end_idle, isolated, one
 
 DASK = Engine("dask", seconds=LONGEST)
 
@@ -94,6 +94,7 @@ def raise_unsendable(text: str) -> str:
 
 
 def test_an_exception_is_an_answer_whatever_it_is_made_of(capfd: pytest.CaptureFixture[str]) -> None:
+    _end_idle()  # a child of before writes where it did then
     first, second, third = isolated(raise_unsendable, [("a",), ("b",), ("c",)], LONGEST)
     assert (first, third) == ("a", "c")
     assert isinstance(second, RuntimeError)
