@@ -164,7 +164,9 @@ impl State {
         let mut order: Vec<usize> = (0..slots.len()).collect();
         order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
         let told = |some: &[usize]| some.iter().map(|&k| eigen.eigenvalues[k]).sum::<f64>();
-        let more = (told(&order) / told(&order[..KEPT])).sqrt();
+        let (all, kept) = (told(&order), told(&order[..KEPT]));
+        // Modes that move nothing that was asked leave no measure.
+        let more = if kept > 0.0 { (all / kept).sqrt() } else { 1.0 };
         for row in others() {
             let g = of_row(self, row);
             for (i, mode) in slots.clone().enumerate() {
