@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collabslam.slam.engine import Slam
     from collabslam.slam.map.saved_map import SavedMap
     from collabslam.targets.kinds import Board, Tag
-    from collabslam.types import Frame, Status, Target, WornView
+    from collabslam.types import Frame, Imu, Status, Target, WornView
 
     __version__: str
 
@@ -45,6 +45,7 @@ __all__ = [
     "FilterError",
     "FilterSettings",
     "Frame",
+    "Imu",
     "InputError",
     "Output",
     "RecordingWriter",
@@ -76,6 +77,7 @@ _HOMES = {
     "Filter": "_core",
     "FilterSettings": "_core",
     "Frame": "types",
+    "Imu": "types",
     "Output": "runs.plan",
     "RecordingWriter": "datasets",
     "RunResult": "runs.runner",

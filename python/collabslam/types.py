@@ -104,6 +104,77 @@ class Odometry:
 
 
 @dataclass(frozen=True)
+class Imu:
+    """A gyroscope, and maybe an accelerometer, that is fixed to Cs: how it sits, and how good it is.
+
+    What is None is the setting ``filter.imu`` of that name.
+
+    Attributes
+    ----------
+    r_ci : (3, 3) float64
+        Maps the axes of the sensor I into those of C.
+    mount_sd : float or None
+        Standard deviation of each of the three angles of ``r_ci``, rad.
+    gyro_noise : float or None
+        Density of the rates' white noise, rad/s/sqrt(Hz).
+    gyro_bias_sd : float or None
+        Standard deviation of the bias at the start, rad/s.
+    gyro_bias_walk : float or None
+        How the bias walks, rad/s/sqrt(s).
+    gyro_scale_sd : float or None
+        Standard deviation of the relative error of the scale.
+    time_offset : float
+        Seconds that are added to the sensor's stamps to be on the clock of the frames.
+    time_offset_sd : float or None
+        Standard deviation of that, seconds.
+    accel_noise : float or None
+        Density of the accelerations' white noise, m/s^2/sqrt(Hz).
+    accel_bias_sd : float or None
+        Standard deviation of the accelerations' bias, m/s^2.
+    """
+
+    r_ci: Array
+    mount_sd: float | None = None
+    gyro_noise: float | None = None
+    gyro_bias_sd: float | None = None
+    gyro_bias_walk: float | None = None
+    gyro_scale_sd: float | None = None
+    time_offset: float = 0.0
+    time_offset_sd: float | None = None
+    accel_noise: float | None = None
+    accel_bias_sd: float | None = None
+
+
+@dataclass(frozen=True)
+class ImuLog:
+    """What a gyroscope, and maybe an accelerometer, measured beside a recording (METHOD section 28).
+
+    Attributes
+    ----------
+    times : (N,) float64
+        Stamps, seconds, increasing, by the sensor's own clock; ``sensor.time_offset`` is added to be on that
+        of the frames.
+    rates : (N, 3) float64
+        Angular velocity along the sensor's axes I, rad/s.
+    accelerations : (N, 3) float64 or None
+        Specific force along the axes of I, m/s^2, NaN where a sample has none: at rest it points up with 9.8.
+    sensor : Imu
+        How it sits and how good it is.
+    left_out : int
+        Samples of the source that are not in it, as they cannot be used.
+    """
+
+    times: Array
+    rates: Array
+    accelerations: Array | None
+    sensor: Imu
+    left_out: int = 0
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+
+@dataclass(frozen=True)
 class Frame:
     """One frame of a recording.
 

@@ -22,7 +22,7 @@ from phone_scene import PHONE, tracked_shots
 from scenario import frames_of
 
 from collabslam.datasets.poses import read_track
-from collabslam.datasets.recording_writer import stable_quaternion
+from collabslam.datasets.written_numbers import stable_quaternion
 from collabslam.geometry import pose, rotation_exp
 from collabslam.types import Array
 

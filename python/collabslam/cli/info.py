@@ -9,7 +9,7 @@ from collabslam.cli import OK, options
 
 if TYPE_CHECKING:
     from collabslam._core import Camera
-    from collabslam.types import Odometry, Recording
+    from collabslam.types import ImuLog, Odometry, Recording
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -63,6 +63,7 @@ def describe(recording: Recording) -> dict[str, str]:
         else f"{_camera(rig.camera)}, {len(rig.paths)} images; used as Cf unless --worn says otherwise",
         "depth": "yes" if getattr(recording, "has_depth", False) else "none",
         "odometry": _odometry(getattr(recording, "odometry", None)),
+        **_gyro(getattr(recording, "imu", None)),
         "true poses": f"{known} of {len(times)} frames" if known else "none (see --poses)",
         "known target": "none" if recording.target is None else f"{len(recording.target.points)} points",
         "conventions": "T_WC maps points of C into W; metres, seconds; C: x right, y down, z forward",
@@ -77,6 +78,34 @@ def _worn(cameras: dict[str, Camera]) -> str:
 
 def _odometry(odometry: Odometry | None) -> str:
     return "none" if odometry is None else f"{len(odometry)} samples"
+
+
+def _gyro(log: ImuLog | None) -> dict[str, str]:
+    """What there is of a gyroscope: samples and gaps, noise, mount and clock."""
+    if log is None:
+        return {"gyroscope": "none (see --gyro)"}
+    import numpy as np
+
+    from collabslam.datasets.imu.log import describe, gaps_text
+    from collabslam.geometry import rotation_log
+
+    sensor = log.sensor
+    stated = {
+        "noise": (sensor.gyro_noise, "rad/s/sqrt(Hz)"),
+        "bias": (sensor.gyro_bias_sd, "rad/s"),
+        "bias walk": (sensor.gyro_bias_walk, "rad/s/sqrt(s)"),
+        "scale": (sensor.gyro_scale_sd, ""),
+    }
+    noise = [f"{what} {sd:g} {unit}".rstrip() for what, (sd, unit) in stated.items() if sd is not None]
+    turn = np.rad2deg(rotation_log(sensor.r_ci))
+    sure = "" if sensor.mount_sd is None else f", known to {np.rad2deg(sensor.mount_sd):.2g}"
+    return {
+        "gyroscope": f"{describe(log)}, {gaps_text(log)}; {log.left_out} left out",
+        "  accelerometer": "none" if log.accelerations is None else "yes",
+        "  noise": ", ".join(noise) or "not told (the settings' defaults)",
+        "  mount": f"axes turned by {turn[0]:.1f} {turn[1]:.1f} {turn[2]:.1f} degrees into those of Cs{sure}",
+        "  clock": f"{sensor.time_offset:+.4f} s are added to its stamps",
+    }
 
 
 def _camera(camera: Camera) -> str:

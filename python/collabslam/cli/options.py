@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from collabslam.errors import CollabslamError, SettingsError
 
 if TYPE_CHECKING:
+    from collabslam.datasets.imu.beside import GyroGiven
     from collabslam.datasets.odometry import OdometryGiven
     from collabslam.datasets.source import Source
     from collabslam.runs.runner import Watch
@@ -76,6 +77,24 @@ def add_source(parser: argparse.ArgumentParser, *, optional: bool = False) -> No
         type=topics,
         help="of a bag: cs, cf, t_cf (a topic, tf:CS:CF:METRES:DEGREES, or rig), cs_info, cf_info, truth; of "
         "any recording with images of Cf: t_cf=tag:36h11:3=0.16",
+    )
+    add_gyro(group)
+
+
+def add_gyro(group: argparse._ActionsContainer) -> None:
+    """The gyroscope beside Cs, and how it sits."""
+    group.add_argument(
+        "--gyro",
+        metavar="FILE|TOPIC|none",
+        help="gyroscope: CSV of stamp, wx, wy, wz (rad/s) and maybe ax, ay, az (m/s^2), or a phone's log, "
+        "along the axes of Cs unless --imu says otherwise; of a bag: a topic of sensor_msgs/Imu; none: leave "
+        "the recording's own out",
+    )
+    group.add_argument(
+        "--imu",
+        metavar="FILE|AXES",
+        help="how the gyroscope sits and how good it is: imu.yaml or camchain-imucam.yaml, as Kalibr writes "
+        "them; or its axes: optical, opengl, ros, phone-left, phone-right",
     )
 
 
@@ -217,8 +236,17 @@ def source_of(arguments: argparse.Namespace) -> Source:
     named_axes = {"poses": arguments.poses_axes, "t_cf": arguments.t_cf_axes}
     axes = {of: axes for of, axes in named_axes.items() if axes is not None}
     topics = {**(arguments.topics or {}), **named}
-    given = Given(*files, topics, odometry_of(arguments), arguments.depth_scale, axes)
+    given = Given(*files, topics, odometry_of(arguments), arguments.depth_scale, axes, gyro_of(arguments))
     return Source(arguments.source, given)
+
+
+def gyro_of(arguments: argparse.Namespace) -> GyroGiven | None:
+    """What `add_gyro` asks for."""
+    from collabslam.datasets.imu.beside import GyroGiven
+
+    if arguments.gyro is None and arguments.imu is None:
+        return None
+    return GyroGiven(arguments.gyro, arguments.imu)
 
 
 def odometry_of(arguments: argparse.Namespace) -> OdometryGiven | None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 from collabslam.datasets.axes import with_t_cf_turned
 from collabslam.datasets.calibration import load_camera
+from collabslam.datasets.imu.beside import GyroGiven, imu_log
 from collabslam.datasets.odometry import OdometryGiven, read_odometry
 from collabslam.datasets.ordered import DiskRecording, in_order
 from collabslam.datasets.overrides import Given
@@ -130,7 +131,7 @@ def open_recording(
     times: str | Path | None = None,
     poses: str | Path | None = None,
     topics: Mapping[str, str] | None = None,
-    odometry: OdometryGiven | None = None,
+    sensors: Iterable[OdometryGiven | GyroGiven] = (),
     depth_scale: float | None = None,
     axes: Mapping[str, str] | None = None,
 ) -> DiskRecording:
@@ -152,8 +153,9 @@ def open_recording(
         camera and to score, never by the filter.
     topics
         Of a bag: the topic for each role, see `collabslam.datasets.ros.reader.ROLES`.
-    odometry
-        What moved Cs, in a file or a topic of the bag, in place of the recording's own.
+    sensors
+        Odometry and gyroscope, in a file or a topic of the bag, in place of the recording's own; or that
+        there is to be none.
     depth_scale
         Counts of a 16-bit depth image at one metre; the calibration's, 5000 of TUM RGB-D and 1000 of a bag
         unless told.
@@ -168,8 +170,15 @@ def open_recording(
         If the recording is missing, no layout fits, or a file is missing, broken or of the wrong size.
     """
     camera, times, poses = (None if p is None else Path(p) for p in (camera, times, poses))
-    given = Given(camera, times, poses, dict(topics or {}), odometry, depth_scale, dict(axes or {}))
-    path = Path(source).resolve()
+    given = Given(camera, times, poses, dict(topics or {}), None, depth_scale, dict(axes or {}))
+    for one in sensors:
+        given = replace(given, odometry=one) if isinstance(one, OdometryGiven) else replace(given, gyro=one)
+    return open_given(Path(source), given)
+
+
+def open_given(path: Path, given: Given) -> DiskRecording:
+    """As `open_recording`, with all that is given in one value."""
+    path = path.resolve()
     recording = recognise(path, given).open(path, given)
     if given.poses is not None:
         truth = poses_of_frames(given.poses, recording.times, given.axes.get("poses"))
@@ -177,10 +186,18 @@ def open_recording(
     recording = with_t_cf_turned(recording, given.axes.get("t_cf", "optical"))
     if given.odometry is not None:
         recording = replace(recording, odometry=_odometry(path, given.odometry))
-    recording = in_order(recording)
+    recording = _with_gyro(path, in_order(recording), given)
     check_rate(recording.times, recording.source)
     recording.image(0)  # Says at once if the calibration is for another resolution.
     return recording
+
+
+def _with_gyro(path: Path, recording: DiskRecording, given: Given) -> DiskRecording:
+    """With the samples of the gyroscope that goes with it, if one does."""
+    log = imu_log(
+        path, recording.times, recording.camera, given.gyro, calibration=given.camera, topics=given.topics
+    )
+    return recording if log is None else replace(recording, imu=log)
 
 
 def _odometry(path: Path, given: OdometryGiven) -> Odometry:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from collabslam.datasets.imu.beside import GyroGiven
 from collabslam.datasets.odometry import OdometryGiven
 
 
@@ -29,6 +30,8 @@ class Given:
         Camera axes of the ``poses`` and of both sides of the measured ``t_cf``, of `poses.AXES`.
     odometry : OdometryGiven or None
         Odometry beside the recording, or a topic of it, in place of its own.
+    gyro : GyroGiven or None
+        A gyroscope beside the recording, or a topic of it, in place of its own; or that there is none.
     """
 
     camera: Path | None = None
@@ -38,3 +41,4 @@ class Given:
     odometry: OdometryGiven | None = None
     depth_scale: float | None = None
     axes: Mapping[str, str] = field(default_factory=dict)
+    gyro: GyroGiven | None = None

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal, overload
 
 from collabslam.datasets.images import decode_grey, list_images
-from collabslam.datasets.opening import is_known, open_recording
+from collabslam.datasets.opening import is_known, open_given
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.readers import folder, video
 from collabslam.datasets.ros.bag import CAMERA_TYPE, Bag, BagImages, is_bag
@@ -77,5 +77,5 @@ def open_pictures(source: Path, given: Given, *, only_uncalibrated: bool = False
         return Pictures(source, len(stream.stamps), stream.read)
     if only_uncalibrated:
         return None
-    recording = open_recording(source, **vars(given))
+    recording = open_given(source, given)
     return Pictures(source, len(recording), recording.image)

@@ -17,7 +17,7 @@ from collabslam.datasets.images import read_grey
 from collabslam.datasets.recorded_worn import RecordedWorn, cameras_of, views_of
 from collabslam.datasets.units import as_seconds, looks_dated, read_stamps
 from collabslam.errors import DataError, InputError
-from collabslam.types import Array, Frame, Image, Odometry, Recording, Target
+from collabslam.types import Array, Frame, Image, ImuLog, Odometry, Recording, Target
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,8 @@ class ImageRecording:
     left_out : int
         Frames of the source that are not in it, as their stamps cannot be used; see `ordered.in_order`.
     odometry : Odometry or None
+    imu : ImuLog or None
+        Samples of the gyroscope that goes with it.
     worn : mapping
         What each worn camera took, by the name of whoever wears it; "" is that of a single one.
 
@@ -69,6 +71,7 @@ class ImageRecording:
     depth: Mapping[int, DepthImage] | None = None
     left_out: int = 0
     odometry: Odometry | None = None
+    imu: ImuLog | None = None
 
     def __post_init__(self) -> None:
         if len(self.times) != len(self.paths):

@@ -6,7 +6,6 @@ import contextlib
 import os
 import shutil
 from collections.abc import Callable, Mapping, Sequence
-from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -18,22 +17,31 @@ from numpy.typing import ArrayLike
 
 from collabslam._core import Camera, Filter
 from collabslam.datasets.calibration import sensor_mapping
+from collabslam.datasets.imu import description
+from collabslam.datasets.imu.beside import FOLDER as IMU_FOLDER
 from collabslam.datasets.odometry import TRIANGLE
 from collabslam.datasets.persons import person_name
-from collabslam.datasets.poses import rigid
 from collabslam.datasets.readers.collab import FORMAT, SEVERAL, VERSION, folder_name, worn_place
 from collabslam.datasets.units import NANOSECONDS
+from collabslam.datasets.written_numbers import (
+    array_of,
+    checked_covariance,
+    checked_pose,
+    following_stamp,
+    pose_fields,
+    whole_nanoseconds,
+)
 from collabslam.errors import DataError, InputError
 from collabslam.formats.files import LineFile, write_text
-from collabslam.geometry import quaternion_wxyz
 from collabslam.images import check_grey
-from collabslam.types import Array, Image, Odometry, Recording, WornView, worn_cameras
+from collabslam.types import Array, Image, Imu, ImuLog, Odometry, Recording, WornView, worn_cameras
 
 _POSE_COLUMNS = "#timestamp [ns],p_x [m],p_y [m],p_z [m],q_w,q_x,q_y,q_z"
 _IMAGE_COLUMNS = "#timestamp [ns],filename"
 _TWIST_COLUMNS = "#timestamp [ns],v_x [m/s],v_y,v_z,w_x [rad/s],w_y,w_z"
+_RATE_COLUMNS = "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1]"
+_FORCE_COLUMNS = "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]"
 _TRIANGLE_COLUMNS = ",".join(f"c{r + 1}{c + 1}" for r, c in zip(*TRIANGLE, strict=True))
-_QUATERNION_DECIMALS = 14
 
 
 class RecordingWriter:
@@ -58,6 +66,8 @@ class RecordingWriter:
         Replace an earlier recording in this layout.
     t_bc : (4, 4) array, optional
         Where Cs sits in the frame B of `add_odometry`: maps points of C into B, metres; B is C if left out.
+    imu : Imu, optional
+        The sensor of `add_gyro`: how it sits and how good it is; along the axes of Cs if left out.
 
     Raises
     ------
@@ -76,6 +86,7 @@ class RecordingWriter:
         name: str | None = None,
         overwrite: bool = False,
         t_bc: ArrayLike | None = None,
+        imu: Imu | None = None,
     ) -> None:
         cameras = _named(worn_camera)
         for lens in (camera, *cameras.values()):
@@ -88,9 +99,10 @@ class RecordingWriter:
         self._camera, self._worn_cameras = camera, cameras
         self._partial = self._out.with_name(f".{self._out.name}.partial")
         self._lists: dict[Path, LineFile] = {}
-        self._last = self._last_odometry = -1
+        self._last = self._last_odometry = self._last_gyro = -1
         self._views: set[tuple[str, int]] = set()
-        self._t_bc = np.eye(4) if t_bc is None else _pose(t_bc, "T_BC")
+        self._t_bc = np.eye(4) if t_bc is None else checked_pose(t_bc, "T_BC")
+        self._imu, self._forces = Imu(np.eye(3)) if imu is None else imu, False
         self._frames = 0
         self._open = True
         title = folder_name(self._out.resolve().name if name is None else name, InputError)
@@ -151,14 +163,14 @@ class RecordingWriter:
         """
         if not self._open:
             raise InputError("The recording is closed; begin another one, in another folder.")
-        stamp = _stamp(t, self._last)
+        stamp = following_stamp(t, self._last)
         image = check_grey(image, self._camera, "image")
         if not isinstance(views, Sequence):
             raise InputError(f"The views are {type(views).__name__}; give a list of WornView.")
         checked = {(view.who, self._taken(view, stamp)): self._checked(view) for view in views}
         if len(checked) < len(views):
             raise InputError("A worn view is given twice; give one of each person.")
-        true = None if truth is None else _pose(truth, "truth")
+        true = None if truth is None else checked_pose(truth, "truth")
         with self._writable():
             # The lists last, so that they name nothing that is not there.
             name = self._write_image(self._partial / "cam0", stamp, image)
@@ -166,7 +178,7 @@ class RecordingWriter:
                 self._write_view(who, taken, *view)
             self._views.update(checked)
             if true is not None:
-                line = ",".join([str(stamp), *_pose_fields(true)])
+                line = ",".join([str(stamp), *pose_fields(true)])
                 self._append(self._partial / "groundtruth" / "data.csv", _POSE_COLUMNS, line)
             self._append(self._partial / "cam0" / "data.csv", _IMAGE_COLUMNS, f"{stamp},{name}")
         self._last = stamp
@@ -193,8 +205,8 @@ class RecordingWriter:
         """
         if not self._open:
             raise InputError("The recording is closed; begin another one, in another folder.")
-        stamp = _stamp(t, self._last_odometry)
-        moved, spread = _numbers(twist, (6,), "twist"), _numbers(covariance, (6, 6), "covariance")
+        stamp = following_stamp(t, self._last_odometry)
+        moved, spread = array_of(twist, (6,), "twist"), array_of(covariance, (6, 6), "covariance")
         Filter.check_odometry(moved, spread)
         fields = [repr(float(x) + 0.0) for x in (*moved, *spread[TRIANGLE])]
         with self._writable():
@@ -205,6 +217,46 @@ class RecordingWriter:
             line = ",".join([str(stamp), *fields])
             self._append(sensor.parent / "data.csv", f"{_TWIST_COLUMNS},{_TRIANGLE_COLUMNS}", line)
         self._last_odometry = stamp
+
+    def add_gyro(self, t: float, rate: ArrayLike, acceleration: ArrayLike | None = None) -> None:
+        """Adds a sample of the gyroscope, in any order with the frames; what is refused changes nothing.
+
+        Parameters
+        ----------
+        t : float
+            Stamp, seconds, not negative, later than the last sample's; by the sensor's clock.
+        rate : (3,) array
+            As for `collabslam.Slam.add_gyro`, rad/s.
+        acceleration : (3,) array, optional
+            As for `collabslam.Slam.add_acceleration`, m/s^2; with all samples or with none, NaN where one
+            has none.
+
+        Raises
+        ------
+        InputError
+            For wrong shapes, numbers that are not finite, or a stamp that does not follow.
+        DataError
+            If the disk is full.
+        """
+        if not self._open:
+            raise InputError("The recording is closed; begin another one, in another folder.")
+        stamp = following_stamp(t, self._last_gyro)
+        numbers = list(array_of(rate, (3,), "rate"))
+        forces, first = acceleration is not None, self._last_gyro < 0
+        if not first and forces is not self._forces:
+            raise InputError("Some samples have an acceleration and some have none; give NaN where it lacks.")
+        if acceleration is not None:
+            numbers += list(array_of(acceleration, (3,), "acceleration", finite=False))
+        with self._writable():
+            folder = self._partial / IMU_FOLDER
+            if first:
+                folder.mkdir()
+                _write_yaml(folder / "sensor.yaml", description.mapping(self._imu))
+            self._forces = forces
+            header = f"{_RATE_COLUMNS},{_FORCE_COLUMNS}" if forces else _RATE_COLUMNS
+            line = ",".join([str(stamp), *(repr(float(x) + 0.0) for x in numbers)])
+            self._append(folder / "data.csv", header, line)
+        self._last_gyro = stamp
 
     def close(self) -> None:
         """Gives the folder its name; raises DataError if there is no frame, or the name cannot be taken."""
@@ -242,7 +294,7 @@ class RecordingWriter:
 
     def _taken(self, worn: WornView, frame: int) -> int:
         """When a view that comes with a frame was taken, nanoseconds."""
-        taken = frame if worn.t is None else _nanoseconds(worn.t)
+        taken = frame if worn.t is None else whole_nanoseconds(worn.t)
         if (worn.who, taken) in self._views:
             raise InputError(
                 f"There is a worn view of {taken / NANOSECONDS} s already; give each one once, with its time."
@@ -258,10 +310,10 @@ class RecordingWriter:
                 f"There is a worn view{whose} but no worn_camera; give the writer the calibration of Cf."
             )
         image = check_grey(worn.image, camera, "worn image")
-        covariances = [_covariance(worn.covariance, "covariance of T_CF")]
+        covariances = [checked_covariance(worn.covariance, "covariance of T_CF")]
         if worn.bias is not None:
-            covariances.append(_covariance(worn.bias, "bias of T_CF"))
-        return image, _pose(worn.t_cf, "T_CF"), covariances
+            covariances.append(checked_covariance(worn.bias, "bias of T_CF"))
+        return image, checked_pose(worn.t_cf, "T_CF"), covariances
 
     def _begin_worn(self, who: str) -> None:
         """The folder of a worn camera with its calibration and its lists."""
@@ -277,7 +329,7 @@ class RecordingWriter:
         place = worn_place(self._partial, who)
         name = self._write_image(place.folder, stamp, image)
         triangles = [repr(float(x) + 0.0) for c in covariances for x in c[TRIANGLE]]
-        line = ",".join([str(stamp), *_pose_fields(t_cf), *triangles])
+        line = ",".join([str(stamp), *pose_fields(t_cf), *triangles])
         self._lists[place.poses].append(line)
         self._lists[place.folder / "data.csv"].append(f"{stamp},{name}")
 
@@ -313,7 +365,7 @@ def write_recording(
     Parameters
     ----------
     recording
-        Any recording; its worn views, odometry and truth are written where it has them.
+        Any recording; its worn views, odometry, gyroscope and truth are written where it has them.
     out_dir
         New folder.
     overwrite
@@ -340,6 +392,7 @@ def write_recording(
             f"The recording {source} would be destroyed by writing into {out}; give a folder apart from it."
         )
     odometry: Odometry | None = getattr(recording, "odometry", None)
+    log: ImuLog | None = getattr(recording, "imu", None)
     writer = RecordingWriter(
         out,
         recording.camera,
@@ -347,8 +400,13 @@ def write_recording(
         name=recording.name,
         overwrite=overwrite,
         t_bc=None if odometry is None else odometry.t_bc,
+        imu=None if log is None else log.sensor,
     )
     try:
+        if log is not None:
+            forces = log.accelerations if log.accelerations is not None else [None] * len(log)
+            for t, rate, force in zip(log.times.tolist(), log.rates, forces, strict=True):
+                writer.add_gyro(t, rate, force)
         if odometry is not None:
             rows = zip(odometry.times.tolist(), odometry.twists, odometry.covariances, strict=True)
             for t, twist, covariance in rows:
@@ -376,42 +434,6 @@ def _named(worn_camera: Camera | Mapping[str, Camera] | None) -> dict[str, Camer
     return cameras
 
 
-def _stamp(t: float, last: int) -> int:
-    """Nanoseconds of a stamp that follows the last one."""
-    stamp = _nanoseconds(t)
-    if stamp <= last:
-        raise InputError(
-            f"The time stamp {t} s does not follow the last one, {last / NANOSECONDS} s; give stamps in "
-            "seconds that increase by a nanosecond or more."
-        )
-    return stamp
-
-
-def stable_quaternion(rotation: Array) -> list[float]:
-    """Quaternion w x y z that comes out the same when its own rotation matrix is written again.
-
-    Three parts are rounded to 14 decimals (1e-14 rad), far more coarsely than arithmetic disturbs them; the
-    remaining one, which is not small, follows from the norm.
-    """
-    q = quaternion_wxyz(rotation)
-    kept = int(np.flatnonzero(np.abs(q) >= 0.5 - 1e-9)[0])
-    rounded = [round(float(x), _QUATERNION_DECIMALS) for x in q]
-    rest = sum(x * x for k, x in enumerate(rounded) if k != kept)
-    rounded[kept] = float(np.copysign(np.sqrt(max(1.0 - rest, 0.0)), q[kept]))
-    leading = next(x for x in rounded if x != 0.0)
-    return [(-x if leading < 0.0 else x) + 0.0 for x in rounded]
-
-
-def _nanoseconds(t: float) -> int:
-    try:
-        stamp = round(Fraction(float(t)) * NANOSECONDS)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"The time stamp is {t!r}; give seconds as a finite number.") from error
-    if not 0 <= stamp < 1 << 63:
-        raise InputError(f"The time stamp is {t} s; give seconds from 0 to 9e9.")
-    return stamp
-
-
 def _free(out: Path, overwrite: bool) -> Path:
     """The place of a new recording; raises DataError if something is there that is not to be replaced."""
     occupied = out.exists() and not (out.is_dir() and not any(out.iterdir()))
@@ -422,43 +444,6 @@ def _free(out: Path, overwrite: bool) -> Path:
             f"The folder {out} is no recording of this layout and is not overwritten; give another one."
         )
     return out
-
-
-def _numbers(value: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"The {name} is no array of numbers; give {shape} numbers.") from error
-    if array.shape != shape or not np.isfinite(array).all():
-        raise InputError(f"The {name} has the shape {array.shape} or is not finite; give {shape} numbers.")
-    return array
-
-
-def _pose(value: ArrayLike, name: str) -> Array:
-    """A 4x4 rigid pose, as it was given."""
-    array = _numbers(value, (4, 4), name)
-    try:
-        rigid(array, f"The {name}")
-    except DataError as error:
-        raise InputError(str(error)) from error
-    if not np.array_equal(array[3], (0.0, 0.0, 0.0, 1.0)):
-        raise InputError(f"The last row of the {name} is not 0 0 0 1; transpose it.")
-    return array
-
-
-def _covariance(value: ArrayLike, name: str) -> Array:
-    """A 6x6 covariance: symmetric, and not negative in any direction."""
-    array = _numbers(value, (6, 6), name)
-    largest = float(np.abs(np.diag(array)).max())
-    if float(np.abs(array - array.T).max()) > 1e-9 * largest:
-        raise InputError(f"The {name} is not symmetric; give (C + C.T) / 2.")
-    if float(np.linalg.eigvalsh(array)[0]) < -1e-9 * largest:
-        raise InputError(f"The {name} is not positive semidefinite; give variances, m^2 and rad^2.")
-    return array
-
-
-def _pose_fields(t: Array) -> list[str]:
-    return [repr(float(x) + 0.0) for x in t[:3, 3]] + [repr(x) for x in stable_quaternion(t[:3, :3])]
 
 
 def _write_yaml(path: Path, content: dict[str, object]) -> None:

@@ -10,8 +10,9 @@ from typing import Any
 
 from collabslam.datasets.emulated.pose_noise import PoseNoise
 from collabslam.datasets.emulated.worn import WornRecording, attach_worn
+from collabslam.datasets.imu.beside import GyroGiven
 from collabslam.datasets.odometry import OdometryGiven
-from collabslam.datasets.opening import open_recording
+from collabslam.datasets.opening import open_given
 from collabslam.datasets.overrides import Given
 from collabslam.datasets.rig import with_rig
 from collabslam.datasets.worn_calibration import CalibratedWorn, WornCalibration
@@ -71,7 +72,7 @@ class Source:
         SettingsError
             If an option is not allowed.
         """
-        recording: Recording = open_recording(self.path, **vars(self.given))
+        recording: Recording = open_given(self.path, self.given)
         if self.worn is None or self.worn.spec == "recorded":
             recording = with_rig(recording)
         if self.worn is not None:
@@ -94,6 +95,7 @@ class Source:
                 "topics": dict(self.given.topics),
                 "axes": dict(self.given.axes),
                 "odometry": _odometry_state(self.given),
+                "gyro": _gyro_state(self.given.gyro),
             },
             "worn": None if self.worn is None else self._worn_state(self.worn),
             "frames": self.frames,
@@ -115,7 +117,7 @@ class Source:
         files = {k: None if given[k] is None else Path(given[k]) for k in ("camera", "times", "poses")}
         return cls(
             Path(state["path"]),
-            Given(**{**given, **files, "odometry": _odometry_of(given["odometry"])}),
+            Given(**{**given, **files, **_sensors_of(given)}),
             None if worn is None else WornSpec(**worn),
             state["frames"],
             {name: Path(file) for name, file in state["worn_calibrations"].items()},
@@ -131,6 +133,7 @@ STATE = fields(
         topics=table(str, text()),
         depth_scale=optional(number(0.0)),
         axes=table(str, text()),
+        gyro=optional(fields(source=optional(text()), imu=optional(text()))),
         odometry=optional(
             fields(
                 source=text(),
@@ -171,6 +174,18 @@ def _odometry_state(given: Given) -> dict[str, Any] | None:
     sd = None if odometry.sd is None else list(odometry.sd)
     frames = None if odometry.frames is None else list(odometry.frames)
     return {"source": source, "mount": list(odometry.mount), "sd": sd, "frames": frames}
+
+
+def _gyro_state(gyro: GyroGiven | None) -> dict[str, Any] | None:
+    """In plain values; files by their absolute paths."""
+    if gyro is None:
+        return None
+    return {k: _absolute(Path(v)) if v and Path(v).is_file() else v for k, v in vars(gyro).items()}
+
+
+def _sensors_of(given: Mapping[str, Any]) -> dict[str, Any]:
+    gyro = None if given["gyro"] is None else GyroGiven(**given["gyro"])
+    return {"odometry": _odometry_of(given["odometry"]), "gyro": gyro}
 
 
 def _odometry_of(state: Mapping[str, Any] | None) -> OdometryGiven | None:

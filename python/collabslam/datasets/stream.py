@@ -9,7 +9,7 @@ from collabslam._core import Camera
 from collabslam.datasets.calibration import check_resolution
 from collabslam.datasets.recorded_worn import RecordedWorn, cameras_of, views_of
 from collabslam.datasets.recording import check_frames, frame_index
-from collabslam.types import Array, DepthPoints, Frame, Image, Odometry, Target
+from collabslam.types import Array, DepthPoints, Frame, Image, ImuLog, Odometry, Target
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,8 @@ class StreamRecording:
     left_out : int
         Frames of the source that are not in it, as their stamps cannot be used; see `ordered.in_order`.
     odometry : Odometry or None
+    imu : ImuLog or None
+        Samples of the gyroscope that goes with it.
 
     Raises
     ------
@@ -48,6 +50,7 @@ class StreamRecording:
     read_depth: Callable[[int], DepthPoints | None] | None = None
     left_out: int = 0
     odometry: Odometry | None = None
+    imu: ImuLog | None = None
 
     def __post_init__(self) -> None:
         check_frames(self.source, self.times, self.truth)

@@ -22,8 +22,8 @@ _YEARS = (6.3e8, 4.1e9)
 """Seconds since 1970 of 1990 and of 2100."""
 _STEPS = (1e-4, 100.0)
 """Seconds between stamps of known years, or of a layout whose unit is known, that are believed."""
-_LONGEST = 2.0
-"""Seconds between stamps whose years nobody knows; thousandths of it are the next unit's."""
+LONGEST = 2.0
+"""Seconds between frames whose years nobody knows."""
 LEAST_STEP, MOST_STEP, MOST_GAP = 1e-4, 100.0, 86400.0
 """Seconds from frame to frame that a recording has in the middle, and the longest gap in one."""
 
@@ -34,7 +34,12 @@ def seconds(nanoseconds: int) -> float:
 
 
 def read_stamps(
-    texts: Iterable[str], where: str, *, lines: Sequence[int] = (), usual: str | None = None
+    texts: Iterable[str],
+    where: str,
+    *,
+    lines: Sequence[int] = (),
+    usual: str | None = None,
+    longest: float = LONGEST,
 ) -> list[Decimal]:
     """Seconds of a column of stamps, all in one unit, which is found out.
 
@@ -48,6 +53,8 @@ def read_stamps(
         Their lines' numbers, for messages.
     usual
         The unit that the layout prescribes: another one is taken only if that one has an impossible rate.
+    longest
+        Seconds between stamps whose years nobody knows; thousandths of it are the next unit's.
 
     Raises
     ------
@@ -58,7 +65,7 @@ def read_stamps(
     stamps = [
         _number(text, f"line {lines[k]} of {where}" if lines else where) for k, text in enumerate(texts)
     ]
-    unit = _unit(stamps, where, usual) if stamps else "seconds"
+    unit = _unit(stamps, where, usual, longest) if stamps else "seconds"
     tell("stamps", f"{len(stamps)}, in {unit}", where)
     found = [stamp.scaleb(UNITS[unit]) for stamp in stamps]
     if found and max(found) * NANOSECONDS >= 1 << 63:
@@ -122,7 +129,7 @@ def _number(text: str, where: str) -> Decimal:
     return stamp
 
 
-def _unit(stamps: list[Decimal], where: str, usual: str | None) -> str:
+def _unit(stamps: list[Decimal], where: str, usual: str | None, longest: float) -> str:
     values = np.unique(np.asarray([float(stamp) for stamp in stamps]))
     typical = float(np.median(np.abs(values)))
     dated = next((u for u, p in UNITS.items() if _YEARS[0] <= typical * 10.0**p < _YEARS[1]), None)
@@ -132,7 +139,7 @@ def _unit(stamps: list[Decimal], where: str, usual: str | None) -> str:
     for unit in (dated, usual):
         if unit is not None and _STEPS[0] <= step * 10.0 ** UNITS[unit] <= _STEPS[1]:
             return unit
-    by_rate = next((u for u, p in UNITS.items() if step * 10.0**p <= _LONGEST), None)
+    by_rate = next((u for u, p in UNITS.items() if step * 10.0**p <= longest), None)
     if by_rate is None:
         raise DataError(
             f"The stamps of {where} are {step:g} apart, which is no camera's rate in any unit; write them in "

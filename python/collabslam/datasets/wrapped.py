@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from collabslam._core import Camera
 from collabslam.errors import SettingsError
-from collabslam.types import Array, Frame, Image, Odometry, Recording, Target, worn_cameras
+from collabslam.types import Array, Frame, Image, ImuLog, Odometry, Recording, Target, worn_cameras
 
 TOGETHER = 0.01
 """Seconds between two images that count as taken together."""
@@ -33,6 +33,7 @@ class WrappedRecording:
         self.left_out: int = getattr(base, "left_out", 0)
         self.rig_used: bool = getattr(base, "rig_used", False)
         self.odometry: Odometry | None = getattr(base, "odometry", None)
+        self.imu: ImuLog | None = getattr(base, "imu", None)
         self.has_depth: bool = getattr(base, "has_depth", False)
 
     @property

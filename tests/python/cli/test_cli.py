@@ -40,7 +40,7 @@ def _no_picture(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def _walk_instead(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command line meets the walk and the stand-in, whatever it is asked to open."""
-    monkeypatch.setattr("collabslam.datasets.source.open_recording", lambda source, **_: Walk())
+    monkeypatch.setattr("collabslam.datasets.source.open_given", lambda path, given: Walk())
     monkeypatch.setattr(runner, "make_engine", lambda *_: FakeSlam(Walk()))
 
 

@@ -16,7 +16,7 @@ import collabslam
 from collabslam import DataError, InputError, RecordingWriter, SettingsError, WornView, open_recording
 from collabslam.datasets import attach_worn, write_recording
 from collabslam.datasets.calibration import sensor_mapping
-from collabslam.datasets.recording_writer import stable_quaternion
+from collabslam.datasets.written_numbers import stable_quaternion
 from collabslam.types import worn_cameras
 
 

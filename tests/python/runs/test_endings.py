@@ -203,7 +203,7 @@ def test_a_fault_of_ours_is_told_as_one(
 
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
-    monkeypatch.setattr("collabslam.datasets.source.open_recording", broken)
+    monkeypatch.setattr("collabslam.datasets.source.open_given", broken)
     monkeypatch.setattr("collabslam_lab.benchmark.evaluate.evaluate", broken)
     words = ["run", "x"] if main is cli.main else ["evaluate", "x"]
     assert main(words) == 3  # type: ignore[operator]
@@ -227,7 +227,7 @@ def test_a_fault_in_a_run_is_kept_beside_its_results(
                 raise ZeroDivisionError
             return super().step(*arguments)
 
-    monkeypatch.setattr("collabslam.datasets.source.open_recording", lambda source, **_: Walk())
+    monkeypatch.setattr("collabslam.datasets.source.open_given", lambda path, given: Walk())
     monkeypatch.setattr(runner, "make_engine", lambda *_: Broken(Walk()))
     assert cli.main(["run", "x", "--out", str(tmp_path / "out")]) == 3
     assert str(tmp_path / "out" / TRACEBACK) in capsys.readouterr().err

@@ -9,6 +9,8 @@
     groundtruth/data.csv        optional T_WC of Cs at frames' stamps: ns, position, quaternion w x y z
     odometry/data.csv           optional: ns, vx vy vz (m/s), wx wy wz (rad/s), 21 numbers
     odometry/sensor.yaml        T_BC: 16 numbers, row by row; maps points of Cs into the odometry's frame
+    imu0/data.csv               optional: ns, wx wy wz (rad/s) and maybe ax ay az (m/s^2)
+    imu0/sensor.yaml            how that sits and how good it is, see `collabslam.datasets.imu.description`
 
 Version 2 is that of several persons, each with a camera.  `recording.yaml` then names them, as
 ``worn: [anna, ben]``, and each has a folder in place of ``cam1`` and ``relpose``::

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from collabslam._core import Camera
-from collabslam.datasets.recording_writer import stable_quaternion
+from collabslam.datasets.written_numbers import stable_quaternion
 from collabslam.errors import DataError
 from collabslam.geometry import tangent_to_fixed
 from collabslam.types import Array, Image

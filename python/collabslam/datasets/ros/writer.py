@@ -2,7 +2,8 @@
 
 Topics: ``/cs`` and ``/cf`` with ``image_raw`` and ``camera_info``, ``/t_cf`` (measured pose of Cf in Cs, with
 covariance), ``/truth``; of several persons ``/cf/NAME`` and ``/t_cf/NAME``; and if there are readings
-``/front/scan``, ``/back/scan``, ``/cs/imu``, ``/cf/imu``.
+``/front/scan``, ``/back/scan``, ``/cs/imu``, ``/cf/imu``.  A gyroscope's samples are on ``/cs/gyro``, by the
+clock of the frames, and how it sits is on ``/tf_static``.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from collabslam.datasets.ros.making import (
 )
 from collabslam.errors import DataError
 from collabslam.extras import needs
-from collabslam.types import Array, Image, Recording, worn_cameras
+from collabslam.types import Array, Image, ImuLog, Recording, worn_cameras
 from collabslam.worn_pose import AhrsReading, LaserScan
 from collabslam.worn_pose.readings import Wearer
 
@@ -49,7 +50,8 @@ def _of(topic: str, name: str) -> str:
 
 SCAN_TOPIC = "/{}/scan"
 AHRS_TOPICS: dict[Wearer, str] = {"robot": "/cs/imu", "worn": "/cf/imu"}
-ROBOT, WORN, WORLD = "cs_optical", "cf_optical", "world"
+GYRO_TOPIC, IMU = "/cs/gyro", "sensor_msgs/msg/Imu"
+ROBOT, WORN, WORLD, GYRO = "cs_optical", "cf_optical", "world", "cs_gyro"
 
 
 def write_bag(
@@ -66,7 +68,7 @@ def write_bag(
     Parameters
     ----------
     recording : Recording
-        Its worn views and truth are written where it has them.
+        Its worn views, gyroscope and truth are written where it has them.
     path : Path
         New folder.
     scans : iterable of LaserScan
@@ -99,6 +101,9 @@ def write_bag(
         partial.mkdir(parents=True)
         with Writer(partial / path.name, version=Writer.VERSION_LATEST, storage_plugin=plugin) as writer:
             bag = _Bag(writer, store)
+            log: ImuLog | None = getattr(recording, "imu", None)
+            if log is not None:
+                bag.gyroscope(log)
             for i in range(len(recording)):
                 _write_frame(bag, recording, i)
                 if progress is not None:
@@ -161,15 +166,42 @@ class _Bag:
             *angles, *times, ranges, np.empty(0, np.float32),
         )  # fmt: skip
 
+    def gyroscope(self, log: ImuLog) -> None:
+        """All samples, and the mount, whose place in C nothing tells."""
+        times = log.times + log.sensor.time_offset
+        mount = np.eye(4)
+        mount[:3, :3] = log.sensor.r_ci
+        self._write(
+            "/tf_static", "tf2_msgs/msg/TFMessage", _stamp(times[0]), [self._link(ROBOT, GYRO, mount)]
+        )
+        forces = np.full((len(log), 3), np.nan) if log.accelerations is None else log.accelerations
+        for t, rate, force in zip(times.tolist(), log.rates, forces, strict=True):
+            known = bool(np.isfinite(force).all())
+            turns, pulls = (
+                self._maker.make("geometry_msgs/msg/Vector3", *(float(x) for x in v))
+                for v in (rate, force if known else np.zeros(3))
+            )
+            upright = self._maker.make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
+            self._write(
+                GYRO_TOPIC, IMU, _stamp(t), self._maker.header(_stamp(t), GYRO), upright, _not_given(),
+                turns, np.zeros(9), pulls, np.zeros(9) if known else _not_given(),
+            )  # fmt: skip
+
+    def _link(self, parent: str, child: str, pose: Array) -> Any:
+        placed = self._maker.pose(pose)
+        shift = self._maker.make("geometry_msgs/msg/Vector3", *(float(x) for x in pose[:3, 3]))
+        moved = self._maker.make("geometry_msgs/msg/Transform", shift, placed.orientation)
+        header = self._maker.header(0, parent)
+        return self._maker.make("geometry_msgs/msg/TransformStamped", header, child, moved)
+
     def attitude(self, reading: AhrsReading) -> None:
         stamp = _stamp(reading.t)
         frame = "cs_ahrs" if reading.where == "robot" else "cf_ahrs"
-        unknown, none = np.zeros(9), self._maker.make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
-        unknown[0] = -1.0
+        unknown, none = _not_given(), self._maker.make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
         x, y, z, w = (float(v) for v in reading.q_xyzw)
         quaternion = self._maker.make("geometry_msgs/msg/Quaternion", x, y, z, w)
         self._write(
-            AHRS_TOPICS[reading.where], "sensor_msgs/msg/Imu", stamp, self._maker.header(stamp, frame),
+            AHRS_TOPICS[reading.where], IMU, stamp, self._maker.header(stamp, frame),
             quaternion, np.zeros(9), none, unknown, none, unknown,
         )  # fmt: skip
 
@@ -180,6 +212,11 @@ class _Bag:
         if topic not in self._connections:
             self._connections[topic] = self._writer.add_connection(topic, kind, typestore=self._store)
         self._writer.write(self._connections[topic], stamp, self._store.serialize_cdr(message, kind))
+
+
+def _not_given() -> Array:
+    """The covariance of what an Imu message does not have."""
+    return np.asarray([-1.0, *np.zeros(8)])
 
 
 def _stamp(t: float) -> int:
