@@ -30,6 +30,7 @@ __all__ = [
     "Factor",
     "Filter",
     "FilterSettings",
+    "ImuSettings",
     "KnownMap",
     "Landmarks",
     "LostSettings",
@@ -518,6 +519,11 @@ class FilterSettings:
     def odometry(self) -> OdometrySettings:
         """Odometry as motion input (METHOD 23)."""
     @property
+    def imu(self) -> ImuSettings:
+        """A gyroscope, and an accelerometer beside it, as motion input (METHOD 28): what their data
+        sheet or an Allan variance says.
+        """
+    @property
     def calibration(self) -> CalibrationSettings:
         """How well Cs is calibrated. A calibration's error is the same in every frame, so that no
         number of features averages it out: the filter considers it and does not estimate it, but
@@ -994,6 +1000,64 @@ class Filter:
         InputError
             For wrong shapes, NaN, a covariance that is none, a point at the camera, or a filter that has
             not started.
+        """
+    def set_imu(self, r_ci: ArrayLike, time_offset: float) -> None:
+        """Says that there is a gyroscope and how it sits, before the start; the settings say how good it is.
+
+        Parameters
+        ----------
+        r_ci : (3, 3) float64
+            Maps the axes of the sensor into those of C.
+        time_offset : float
+            To be added to its stamps for those of the frames, seconds.
+
+        Raises
+        ------
+        InputError
+            If that is no rotation or no offset, once the filter has started, or if there is one already.
+        """
+    def add_gyro(self, t: float, rate: ArrayLike) -> None:
+        """Gives a rate of the gyroscope, for predictions to follow.
+
+        Parameters
+        ----------
+        t : float
+            Seconds by its own clock, later than the last one's.
+        rate : (3,) float64
+            Along its axes, rad/s.
+
+        Raises
+        ------
+        InputError
+            For NaN, an impossible rate, a time that does not follow, if too many samples wait for a frame, or
+            without :meth:`set_imu`; nothing is kept then.
+        """
+    @staticmethod
+    def check_gyro(rate: ArrayLike) -> None:
+        """Checks that a rate could be given to :meth:`add_gyro`, but for its time.
+
+        Parameters
+        ----------
+        rate : (3,) float64
+            As there.
+
+        Raises
+        ------
+        InputError
+            Saying why it could not.
+        """
+    @property
+    def gyro_time(self) -> float | None:
+        """Stamp of the last rate by the gyroscope's clock, seconds, or None."""
+    @property
+    def gyro_bias(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """The gyroscope's bias as it is estimated, along its axes, rad/s, and its covariance: (3,) and (3, 3)
+        float64.  None without a gyroscope.
+        """
+    @property
+    def gyro_clock(self) -> tuple[float, float] | None:
+        """What is to be added to the gyroscope's stamps for those of the frames, as it is estimated, and the
+        standard deviation of that, seconds.  None without a gyroscope.
         """
     def keep_pose(self, lateness: float) -> bool:
         """Keeps the camera's pose for views of Cf that come up to ``lateness`` seconds late, at most
@@ -2435,6 +2499,38 @@ class OdometrySettings:
     @property
     def scale_time(self) -> float:
         """For how long such an error lasts."""
+
+@final
+class ImuSettings:
+    """A gyroscope, and an accelerometer beside it, as motion input (METHOD 28): what their data sheet
+    or an Allan variance says.
+    """
+    @property
+    def gyro_noise(self) -> float:
+        """Spectral density (its root) of the white noise of the gyroscope's rates."""
+    @property
+    def gyro_bias_sd(self) -> float:
+        """Standard deviation of the gyroscope's bias along each axis at the start."""
+    @property
+    def gyro_bias_walk(self) -> float:
+        """Spectral density (its root) of the walk of that bias."""
+    @property
+    def gyro_scale_sd(self) -> float:
+        """Standard deviation of the gyroscope's scale, relative. It is considered, not estimated."""
+    @property
+    def mount_sd(self) -> float:
+        """Standard deviation of each of the three angles of the sensor's mounting. It is considered,
+        not estimated.
+        """
+    @property
+    def time_offset_sd(self) -> float:
+        """Standard deviation of what is left of the offset between the clocks of the sensor and of Cs."""
+    @property
+    def accel_noise(self) -> float:
+        """Spectral density (its root) of the white noise of the accelerometer."""
+    @property
+    def accel_bias_sd(self) -> float:
+        """Standard deviation of the accelerometer's bias along each axis."""
 
 @final
 class CalibrationSettings:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from typing import Protocol
 
 import numpy as np
@@ -133,7 +133,7 @@ class Imu:
         Standard deviation of the accelerations' bias, m/s^2.
     """
 
-    r_ci: Array
+    r_ci: Array = field(default_factory=lambda: np.eye(3))
     mount_sd: float | None = None
     gyro_noise: float | None = None
     gyro_bias_sd: float | None = None
@@ -143,6 +143,13 @@ class Imu:
     time_offset_sd: float | None = None
     accel_noise: float | None = None
     accel_bias_sd: float | None = None
+
+    @property
+    def sizes(self) -> dict[str, float]:
+        """What is stated of its errors, by the keys of the settings."""
+        names = (f.name for f in fields(self) if f.name not in ("r_ci", "time_offset"))
+        stated = {f"filter.imu.{name}": getattr(self, name) for name in names}
+        return {key: float(value) for key, value in stated.items() if value is not None}
 
 
 @dataclass(frozen=True)

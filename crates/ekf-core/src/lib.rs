@@ -25,6 +25,7 @@ pub mod gauge;
 pub mod graph;
 mod guard;
 mod gyroscope;
+mod imu;
 mod kernel;
 mod local;
 pub mod look;

@@ -145,6 +145,33 @@ macro_rules! filter_settings {
         scale_time: f64 = 30.0, "s", Some(0.1), Some(1e6),
             User("Lower it to some seconds where the ground changes often, raise it where only the wheels' radius is uncertain.");
     }
+    /// A gyroscope, and an accelerometer beside it, as motion input (METHOD 28): what their data sheet or an Allan variance says.
+    imu: ImuSettings {
+        /// Spectral density (its root) of the white noise of the gyroscope's rates.
+        gyro_noise: f64 = 0.001, "rad/s^0.5", Some(1e-7), Some(1.0),
+            User("Set it as the sensor's calibration says, doubled; a phone's is 0.001, a good one's 0.0002.");
+        /// Standard deviation of the gyroscope's bias along each axis at the start.
+        gyro_bias_sd: f64 = 0.05, "rad/s", Some(0.0), Some(1.0),
+            User("Lower it to 0.01 for a sensor whose bias was taken off at rest: the first turns are then known better.");
+        /// Spectral density (its root) of the walk of that bias.
+        gyro_bias_walk: f64 = 1e-4, "rad/s^1.5", Some(0.0), Some(1.0),
+            User("Set it as the sensor's calibration says; raise it where the sensor warms up.");
+        /// Standard deviation of the gyroscope's scale, relative. It is considered, not estimated.
+        gyro_scale_sd: f64 = 0.005, "", Some(0.0), Some(0.5),
+            User("Raise it to 0.02 for a bare sensor that nobody has calibrated.");
+        /// Standard deviation of each of the three angles of the sensor's mounting. It is considered, not estimated.
+        mount_sd: f64 = 0.00872665, "rad", Some(0.0), Some(0.5),
+            User("Lower it to 0.002 where a calibration with a board told the mounting, raise it to 0.05 where it is known by eye.");
+        /// Standard deviation of what is left of the offset between the clocks of the sensor and of Cs.
+        time_offset_sd: f64 = 0.005, "s", Some(0.0), Some(0.5),
+            User("Set it to 0 where one clock stamps both, raise it to 0.03 where images are stamped as they arrive.");
+        /// Spectral density (its root) of the white noise of the accelerometer.
+        accel_noise: f64 = 0.01, "m/s^1.5", Some(1e-6), Some(10.0),
+            User("Set it as the sensor's calibration says.");
+        /// Standard deviation of the accelerometer's bias along each axis.
+        accel_bias_sd: f64 = 0.2, "m/s^2", Some(0.0), Some(10.0),
+            User("Lower it for a calibrated sensor: a level map is as level as this says, 0.2 m/s^2 are 1.2 degrees.");
+    }
     /// How well Cs is calibrated. A calibration's error is the same in every frame, so that no number of features averages it
     /// out: the filter considers it and does not estimate it, but for the readout (METHOD 4). All zero: the calibration is exact.
     calibration: CalibrationSettings {

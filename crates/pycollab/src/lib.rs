@@ -83,9 +83,9 @@ mod _core {
     use crate::graph::{PyFactor, PyPlaced, PyPoseGraph};
     #[pymodule_export]
     use crate::settings::{
-        BirthSettings, CalibrationSettings, EstimatorSettings, LostSettings, MapSettings,
-        OdometrySettings, OverlapSettings, PixelSettings, ProcessSettings, PyFilterSettings,
-        ValidateSettings, WornSettings, settings_schema,
+        BirthSettings, CalibrationSettings, EstimatorSettings, ImuSettings, LostSettings,
+        MapSettings, OdometrySettings, OverlapSettings, PixelSettings, ProcessSettings,
+        PyFilterSettings, ValidateSettings, WornSettings, settings_schema,
     };
     #[pymodule_export]
     use crate::submap::{PyEdge, PySight, PySubmap, PySubmapLandmarks};

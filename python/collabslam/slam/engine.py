@@ -27,7 +27,7 @@ from collabslam.slam.state import persistent_parts
 from collabslam.slam.submaps.whole_map import whole_way
 from collabslam.slam.worn.looking import Look
 from collabslam.targets.kinds import Board, Tag
-from collabslam.types import Array, Image, Target, WornView
+from collabslam.types import Array, Image, Imu, Target, WornView
 
 Engine = TypeVar("Engine", bound="Slam")
 
@@ -55,6 +55,8 @@ class Slam:
         Needed with ``start="map"``.  Another camera may have made it.
     t_bc : (4, 4) array, optional
         Where Cs sits in the frame B of `add_odometry`: maps points of C into B, metres; B is C if left out.
+    imu : Imu, optional
+        Needed for `add_gyro` and `add_acceleration`: how the sensor sits, and how good it is.
 
     Attributes
     ----------
@@ -69,7 +71,7 @@ class Slam:
         If ``t_bc`` is no pose.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 (each is an input of its own)
         self,
         camera: Camera,
         worn_camera: Camera | Mapping[str, Camera] | None = None,
@@ -80,11 +82,14 @@ class Slam:
         target: Target | Tag | Board | None = None,
         map: SavedMap | None = None,
         t_bc: ArrayLike | None = None,
+        imu: Imu | None = None,
     ) -> None:
         check_start(start, mode=mode, worn_camera=worn_camera, target=target, map=map)
         settings = settings or Settings.default()
         if mode is not None:
             settings = settings.replace({"filter.estimator.mode": mode})
+        if imu is not None:
+            settings = settings.replace(imu.sizes)
         if map is not None:  # room for as many new landmarks as without it
             map = map.seen_by(camera)
             room, key = settings.filter.map.max_features + len(map.landmarks), "filter.map.max_features"
@@ -93,6 +98,8 @@ class Slam:
         core = Filter(camera, list(named.values()), settings=settings.filter)
         if t_bc is not None:
             core.set_odometry_frame(t_bc)
+        if imu is not None:
+            core.set_imu(imu.r_ci, imu.time_offset)
         metric = start != "scale-free" if map is None else map.metric
         known = target if isinstance(target, Target) else None
         self._use(Parts(core, camera, named, settings, start, metric=metric, target=known))
@@ -235,6 +242,30 @@ class Slam:
                 "Lengths are in an arbitrary unit here and odometry is in metres; take start='odometry'."
             )
         self.filter.add_odometry(_stamp(t), twist, covariance)
+
+    @alone
+    def add_gyro(self, t: float, rate: ArrayLike) -> None:
+        """Gives a rate of the gyroscope, by which the frames that follow turn (METHOD section 28).
+
+        All samples up to a frame, and best the one after it, should be given before its `step`.  Where they
+        are more than 0.1 s apart the angular velocity is constant in between.
+
+        Parameters
+        ----------
+        t : float
+            Stamp, seconds, by the sensor's clock; later than the last sample's.
+        rate : (3,) array
+            Along the axes of the sensor, rad/s.
+
+        Raises
+        ------
+        InputError
+            For a wrong shape, NaN, an impossible rate, a stamp that does not follow, if thousands of samples
+            wait for a frame, or without an `Imu`; nothing is kept then.
+        BusyError
+            If another thread is at work in this engine.
+        """
+        self.filter.add_gyro(_stamp(t), rate)
 
     def add_worn(self, worn: WornView) -> None:
         """Hands in a view of Cf between frames, from any thread, also while another one is at work in `step`.

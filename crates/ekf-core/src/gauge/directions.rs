@@ -36,6 +36,9 @@ pub fn directions(x: &[f64], layout: &Layout, out: &mut Vec<f64>) {
             | BlockKind::Readout
             | BlockKind::WornClock(_)
             | BlockKind::OdometryScale
+            | BlockKind::GyroBias
+            | BlockKind::GyroFrame
+            | BlockKind::GyroClock
             | BlockKind::WornError(_)
             | BlockKind::WornRoll(_)
             | BlockKind::ErrorModes(_)

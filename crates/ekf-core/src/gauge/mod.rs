@@ -210,6 +210,9 @@ fn carried_blocks<'a>(layout: &'a Layout, followed: &'a [u64]) -> impl Iterator<
         | BlockKind::Readout
         | BlockKind::WornClock(_)
         | BlockKind::OdometryScale
+        | BlockKind::GyroBias
+        | BlockKind::GyroFrame
+        | BlockKind::GyroClock
         | BlockKind::WornError(_)
         | BlockKind::WornRoll(_)
         | BlockKind::ErrorModes(_)

@@ -1,4 +1,5 @@
-//! What the filter considers and hardly estimates: the worn cameras' biases and clocks, and the error of the calibration.
+//! What the filter considers and hardly estimates: the worn cameras' biases and clocks, how a gyroscope sits, and the error of the
+//! calibration.
 
 use super::{Block, BlockKind, State};
 use nalgebra::{Matrix6, SMatrix, Vector6};

@@ -213,6 +213,9 @@ fn in_order(kind: BlockKind, slots: &[usize]) -> bool {
         | BlockKind::Readout
         | BlockKind::WornClock(_)
         | BlockKind::OdometryScale
+        | BlockKind::GyroBias
+        | BlockKind::GyroFrame
+        | BlockKind::GyroClock
         | BlockKind::WornError(_)
         | BlockKind::WornRoll(_)
         | BlockKind::Submap(_) => side_by_side(slots),

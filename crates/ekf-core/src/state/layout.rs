@@ -39,6 +39,12 @@ pub enum BlockKind {
     WornClock(usize),
     /// The errors of the odometry's scales, of translation and of turns, relative, 2 numbers.
     OdometryScale,
+    /// The gyroscope's bias, along its axes, rad/s, 3 numbers.
+    GyroBias,
+    /// The errors of the gyroscope's scale, relative, and of its mounting, a small rotation along the axes of C, 4 numbers.
+    GyroFrame,
+    /// By how much the gyroscope's stamps are to be raised to be those of Cs, seconds, 1 number.
+    GyroClock,
     /// The error of one frame's T_CF, tangent, 6 numbers; lives for that frame only.
     WornError(Whose),
     /// By how much a worn camera moves while one image of it is read, from the first row to the last, tangent, 6 numbers; stands
@@ -62,8 +68,10 @@ impl BlockKind {
             Self::Submap(handed_on) => POSE_DIM.saturating_add(handed_on),
             Self::Auxiliary(rows) | Self::ErrorModes(rows) => rows,
             Self::Feature => FEATURE_DIM,
-            Self::Readout | Self::WornClock(_) => 1,
+            Self::Readout | Self::WornClock(_) | Self::GyroClock => 1,
             Self::OdometryScale => 2,
+            Self::GyroBias => 3,
+            Self::GyroFrame => 4,
             Self::WornBias(_) | Self::Calibration | Self::WornError(_) | Self::WornRoll(_) => 6,
         }
     }
@@ -77,7 +85,11 @@ impl BlockKind {
     pub(crate) const fn is_considered(self) -> bool {
         matches!(
             self,
-            Self::WornBias(_) | Self::Calibration | Self::WornClock(_)
+            Self::WornBias(_)
+                | Self::Calibration
+                | Self::WornClock(_)
+                | Self::GyroFrame
+                | Self::GyroClock
         )
     }
 
@@ -91,6 +103,9 @@ impl BlockKind {
             Self::Readout => "Readout",
             Self::WornClock(_) => "WornClock",
             Self::OdometryScale => "OdometryScale",
+            Self::GyroBias => "GyroBias",
+            Self::GyroFrame => "GyroFrame",
+            Self::GyroClock => "GyroClock",
             Self::WornError(_) => "WornError",
             Self::WornRoll(_) => "WornRoll",
             Self::Submap(_) => "Submap",

@@ -1,7 +1,7 @@
 //! The state vector, its layout and its covariance.
 //!
 //! ```text
-//! x = [ r(3) q(4) v(3) w(3) | bias(6) ... | readout(1)? | clock(1) ... | odometry scale(2)? | feature(6) ... | clone(7) ... | submap(8 + 6 n)? | worn error(6) ... ]
+//! x = [ r(3) q(4) v(3) w(3) | bias(6) ... | readout(1)? | clock(1) ... | odometry scale(2)? | gyroscope(3 + 4 + 1)? | feature(6) ... | clone(7) ... | submap(8 + 6 n)? | worn error(6) ... ]
 //!       camera, always 13     blocks in order of birth, each with an id
 //! ```
 

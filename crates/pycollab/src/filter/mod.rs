@@ -1,6 +1,7 @@
 //! The filter: its state, and the lock that keeps two threads apart. What it does is in the files beside this one.
 
 mod births;
+mod imu;
 mod late_views;
 mod map;
 pub(crate) mod measurements;

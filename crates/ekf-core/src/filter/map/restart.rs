@@ -71,6 +71,9 @@ impl Filter {
                     | BlockKind::Readout
                     | BlockKind::WornClock(_)
                     | BlockKind::OdometryScale
+                    | BlockKind::GyroBias
+                    | BlockKind::GyroFrame
+                    | BlockKind::GyroClock
             )
         });
         self.memory.state.reset_camera(&pose);
@@ -108,6 +111,7 @@ impl Filter {
         trial.memory.misfit = self.memory.misfit;
         trial.set_worn_clocks(self);
         trial.memory.odometry = self.memory.odometry.clone();
+        trial.take_gyro_of(self);
         trial.memory.next_candidate = self.memory.next_candidate;
         let ids = trial.start_from_map_after(map, self.memory.state.layout.next_id())?;
         let bearing = |&(landmark, uv): &(usize, Vector2<f64>)| {

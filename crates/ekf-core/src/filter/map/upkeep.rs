@@ -157,6 +157,9 @@ impl Filter {
             | BlockKind::Readout
             | BlockKind::WornClock(_)
             | BlockKind::OdometryScale
+            | BlockKind::GyroBias
+            | BlockKind::GyroFrame
+            | BlockKind::GyroClock
             | BlockKind::WornError(_)
             | BlockKind::WornRoll(_)
             | BlockKind::Submap(_)

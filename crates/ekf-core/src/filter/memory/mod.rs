@@ -9,6 +9,7 @@ pub(super) mod undo;
 pub(super) mod wheels;
 
 use crate::error::EkfError;
+use crate::imu::Imu;
 use crate::local::OutsideSet;
 use crate::misfit::Misfit;
 use crate::observe::POSE_DIM;
@@ -46,6 +47,8 @@ pub(crate) struct Memory {
     pub(crate) misfit: Misfit,
     pub(crate) odometry: Odometry,
     pub(crate) wheels: Wheels,
+    /// The gyroscope's samples, where there is one.
+    pub(crate) imu: Option<Imu>,
     /// Features that P is carried along with.
     pub(crate) followed: Followed,
     /// Largest change that the last update made to a number of the camera's pose.
@@ -69,6 +72,7 @@ impl Memory {
             misfit,
             odometry,
             wheels,
+            imu,
             followed,
             moved_by,
         } = other;
@@ -84,6 +88,7 @@ impl Memory {
         self.misfit = *misfit;
         self.odometry.clone_from(odometry);
         self.wheels = *wheels;
+        self.imu.clone_from(imu);
         self.followed.clone_from(followed);
         self.moved_by = *moved_by;
     }

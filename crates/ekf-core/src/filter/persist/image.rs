@@ -9,9 +9,10 @@ use crate::filter::memory::Memory;
 use crate::filter::setup::Setup;
 use crate::guard;
 use crate::guard::LAST_TIME;
+use crate::imu::Imu;
 use crate::local::{OutsideSet, OutsideSetImage};
 use crate::settings::{Settings, Value};
-use crate::state::{State, StateImage, handed_on_dim};
+use crate::state::{BlockKind, State, StateImage, handed_on_dim};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -148,6 +149,7 @@ fn check(memory: &Memory, setup: &Setup) -> Result<(), EkfError> {
     memory.misfit.check(&memory.misfit)?;
     memory.handover.check(&memory.misfit)?;
     memory.odometry.check()?;
+    check_imu(memory)?;
     guard::state_is_sane(state).map_err(EkfError::bad_snapshot)?;
     guard::attitude_is_sane(state).map_err(EkfError::bad_snapshot)
 }
@@ -168,4 +170,21 @@ fn check_records(memory: &Memory) -> Result<(), EkfError> {
         ));
     }
     Ok(())
+}
+
+/// A gyroscope has its blocks, and none has them without.
+fn check_imu(memory: &Memory) -> Result<(), EkfError> {
+    let count = |kind| memory.state.layout.of_kind(kind).count();
+    let kinds = [
+        BlockKind::GyroBias,
+        BlockKind::GyroFrame,
+        BlockKind::GyroClock,
+    ];
+    let there = usize::from(memory.imu.is_some());
+    if kinds.into_iter().any(|kind| count(kind) != there) {
+        return Err(EkfError::bad_snapshot(
+            "its gyroscope and its state disagree",
+        ));
+    }
+    memory.imu.as_ref().map_or(Ok(()), Imu::check)
 }

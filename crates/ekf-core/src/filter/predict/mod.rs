@@ -2,6 +2,7 @@
 
 pub(super) mod conditional;
 pub(super) mod features;
+pub(super) mod imu;
 pub(super) mod odometry;
 pub(super) mod prediction;
 pub(super) mod shutter;

@@ -1,0 +1,120 @@
+//! A gyroscope in place of the motion model's turn (METHOD 28).
+
+use crate::error::EkfError;
+use crate::filter::ekf::Filter;
+use crate::imu::{self, Imu};
+use crate::state::BlockKind;
+use nalgebra::{Matrix1, Matrix3, Matrix4, Vector1, Vector3, Vector4};
+
+impl Filter {
+    /// Says that there is a gyroscope: `r_ci` maps its axes into those of C, `time_offset` is to be added to its stamps for those
+    /// of the frames, seconds. Its other sizes are those of the settings (`imu`).
+    ///
+    /// # Errors
+    /// `NonFinite`, `InvalidInput` if that is no rotation or no offset, once the filter has started, or if there is one already.
+    pub fn set_imu(&mut self, r_ci: &Matrix3<f64>, time_offset: f64) -> Result<(), EkfError> {
+        imu::check_mount(r_ci)?;
+        imu::check_offset(time_offset)?;
+        if self.memory.started || self.memory.imu.is_some() {
+            let why = "say how it sits once, before the filter starts".into();
+            let what = "IMU";
+            return Err(EkfError::InvalidInput { what, why });
+        }
+        self.changes();
+        self.memory.imu = Some(Imu {
+            r_ci: *r_ci,
+            ..Imu::default()
+        });
+        let sizes = &self.setup.settings.imu;
+        let state = &mut self.memory.state;
+        let bias = Matrix3::identity() * sizes.gyro_bias_sd.powi(2);
+        state.append(BlockKind::GyroBias, &Vector3::zeros(), &[], &bias);
+        let (scale, mount) = (sizes.gyro_scale_sd, sizes.mount_sd);
+        let frame = Vector4::new(scale, mount, mount, mount).map(|sd| sd * sd);
+        let frame = Matrix4::from_diagonal(&frame);
+        state.append(BlockKind::GyroFrame, &Vector4::zeros(), &[], &frame);
+        let clock = Matrix1::new(sizes.time_offset_sd.powi(2));
+        let offset = Vector1::new(time_offset);
+        state.append(BlockKind::GyroClock, &offset, &[], &clock);
+        Ok(())
+    }
+
+    /// Takes another filter's gyroscope with what is known of it; for a filter without one, or a map.
+    pub(crate) fn take_gyro_of(&mut self, other: &Self) {
+        self.memory.imu.clone_from(&other.memory.imu);
+        let (from, state) = (&other.memory.state, &mut self.memory.state);
+        for block in from.layout.blocks() {
+            let at = block.offset;
+            match block.kind {
+                BlockKind::GyroBias => state.append(
+                    block.kind,
+                    &from.part::<3>(at),
+                    &[],
+                    &from.p.block::<3, 3>(at, at),
+                ),
+                BlockKind::GyroFrame => state.append(
+                    block.kind,
+                    &from.part::<4>(at),
+                    &[],
+                    &from.p.block::<4, 4>(at, at),
+                ),
+                BlockKind::GyroClock => state.append(
+                    block.kind,
+                    &from.part::<1>(at),
+                    &[],
+                    &from.p.block::<1, 1>(at, at),
+                ),
+                _ => continue,
+            };
+        }
+    }
+
+    /// Gives the gyroscope's rate at a time of its clock, seconds, along its axes, rad/s. The predictions that follow turn as it
+    /// says, as far as its samples reach.
+    ///
+    /// # Errors
+    /// `NonFinite`; `InvalidInput` for an impossible rate, if too many wait for a frame, or if no gyroscope was announced;
+    /// `BadTime` if `t` does not follow the last sample, `LongGap` if it is more than an hour after it. Nothing changes then.
+    pub fn add_gyro(&mut self, t: f64, rate: &Vector3<f64>) -> Result<(), EkfError> {
+        let Some(imu) = &mut self.memory.imu else {
+            return Err(EkfError::InvalidInput {
+                what: "gyroscope",
+                why: "the filter was made without one; say how it sits before the start".into(),
+            });
+        };
+        imu.add(t, rate)
+    }
+
+    /// Whether [`Self::add_gyro`] could take a rate, but for its time.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn check_gyro(rate: &Vector3<f64>) -> Result<(), EkfError> {
+        imu::check(rate)
+    }
+
+    /// Stamp of the last sample by the gyroscope's clock, seconds.
+    pub fn gyro_time(&self) -> Option<f64> {
+        self.memory.imu.as_ref()?.last()
+    }
+
+    /// Estimate of the gyroscope's bias along its axes, rad/s, and its covariance; `None` without one.
+    pub fn gyro_bias(&self) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+        let at = self.gyro_at(BlockKind::GyroBias)?;
+        let told = self.memory.state.told();
+        Some((self.memory.state.part::<3>(at), told.block::<3, 3>(at, at)))
+    }
+
+    /// What is to be added to the gyroscope's stamps for those of the frames as it is estimated, and the standard deviation of
+    /// that, seconds; `None` without one.
+    pub fn gyro_clock(&self) -> Option<(f64, f64)> {
+        let at = self.gyro_at(BlockKind::GyroClock)?;
+        let variance = self.memory.state.told().get(at, at);
+        Some((self.memory.state.x[at], variance.max(0.0).sqrt()))
+    }
+
+    pub(super) fn gyro_at(&self, kind: BlockKind) -> Option<usize> {
+        let block = self.memory.state.layout.of_kind(kind).next();
+        block.map(|b| b.offset)
+    }
+}

@@ -1,0 +1,160 @@
+//! What a gyroscope measured, kept until a frame is predicted (METHOD 28).
+//!
+//! A sample is the rate at its time; between two that are close the rate is taken as linear. Of a longer silence they say
+//! nothing, and the motion model bridges it.
+
+use crate::error::EkfError;
+use crate::guard;
+use crate::math::numbers;
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// Longest time between two samples that the rate is known in, seconds.
+const LONGEST: f64 = 0.1;
+
+/// Largest silence between two samples, seconds; beyond it the stamps are taken to be wrong.
+const LONGEST_GAP: f64 = 3600.0;
+
+/// Largest rate, rad/s: 4000 degrees a second, twice what common sensors can measure.
+const FASTEST: f64 = 70.0;
+
+/// Largest offset of the clock, seconds.
+const LARGEST_OFFSET: f64 = 10.0;
+
+/// Samples that wait for a frame at most: half a minute at 1000 Hz.
+const MOST: usize = 30_000;
+
+/// A rate at a time of the sensor's clock.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Sample {
+    /// Seconds.
+    pub(crate) t: f64,
+    /// Along the sensor's axes, rad/s.
+    #[serde(with = "numbers")]
+    pub(crate) rate: Vector3<f64>,
+}
+
+/// The samples that wait for a frame, and how the sensor sits.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Imu {
+    /// Maps the sensor's axes into those of C.
+    #[serde(with = "numbers")]
+    pub(crate) r_ci: Matrix3<f64>,
+    /// Increasing.
+    pub(crate) samples: VecDeque<Sample>,
+}
+
+impl Default for Imu {
+    fn default() -> Self {
+        Self {
+            r_ci: Matrix3::identity(),
+            samples: VecDeque::new(),
+        }
+    }
+}
+
+impl Imu {
+    /// Takes a rate.
+    pub(crate) fn add(&mut self, t: f64, rate: &Vector3<f64>) -> Result<(), EkfError> {
+        check(rate)?;
+        if !t.is_finite() {
+            return Err(EkfError::NonFinite {
+                what: "time of the gyroscope",
+            });
+        }
+        if t.abs() > guard::LAST_TIME {
+            let why = format!("{t} s is no time stamp in seconds; are these nanoseconds?");
+            let what = "time of the gyroscope";
+            return Err(EkfError::InvalidInput { what, why });
+        }
+        if let Some(last) = self.last() {
+            if t <= last {
+                return Err(EkfError::BadTime { t, last });
+            }
+            if t - last > LONGEST_GAP {
+                return Err(EkfError::LongGap { t, last });
+            }
+        }
+        if self.samples.len() == MOST {
+            return Err(EkfError::InvalidInput {
+                what: "gyroscope",
+                why: format!("{MOST} samples wait for a frame; give frames as they come"),
+            });
+        }
+        self.samples.push_back(Sample { t, rate: *rate });
+        Ok(())
+    }
+
+    /// Stamp of the last sample, seconds.
+    pub(crate) fn last(&self) -> Option<f64> {
+        self.samples.back().map(|sample| sample.t)
+    }
+
+    /// Forgets what no frame after `t` asks for: the last two samples stay, so that stamps are known to increase.
+    pub(crate) fn forget_until(&mut self, t: f64) {
+        while self.samples.len() > 2 && self.samples[1].t <= t {
+            self.samples.pop_front();
+        }
+    }
+
+    /// Pairs of successive samples between which the rate is known.
+    pub(crate) fn pairs(&self) -> impl Iterator<Item = (&Sample, &Sample)> {
+        let next = self.samples.iter().skip(1);
+        let pairs = self.samples.iter().zip(next);
+        pairs.filter(|(before, after)| after.t - before.t <= LONGEST)
+    }
+
+    /// Whether what a snapshot says can be.
+    pub(crate) fn check(&self) -> Result<(), EkfError> {
+        let mut samples = self.samples.iter();
+        let known =
+            samples.all(|sample| sample.t.abs() <= guard::LAST_TIME && check(&sample.rate).is_ok());
+        let mut stamps = self.samples.iter().zip(self.samples.iter().skip(1));
+        let in_order = stamps.all(|(before, after)| before.t < after.t);
+        if known && in_order && self.samples.len() <= MOST && check_mount(&self.r_ci).is_ok() {
+            return Ok(());
+        }
+        Err(EkfError::bad_snapshot("its gyroscope is impossible"))
+    }
+}
+
+/// Numbers that a rate can have.
+pub(crate) fn check(rate: &Vector3<f64>) -> Result<(), EkfError> {
+    let what = "gyroscope";
+    if !rate.iter().all(|x| x.is_finite()) {
+        return Err(EkfError::NonFinite { what });
+    }
+    if let Some(x) = rate.iter().find(|x| x.abs() > FASTEST) {
+        let why = format!("{x} rad/s is too fast; give rad/s, not degrees");
+        return Err(EkfError::InvalidInput { what, why });
+    }
+    Ok(())
+}
+
+/// A rotation.
+pub(crate) fn check_mount(r_ci: &Matrix3<f64>) -> Result<(), EkfError> {
+    let what = "r_ci of the IMU";
+    if !r_ci.iter().all(|x| x.is_finite()) {
+        return Err(EkfError::NonFinite { what });
+    }
+    if crate::math::quat::is_rotation(r_ci, 1e-6) {
+        return Ok(());
+    }
+    let why = "it is no rotation matrix; its columns are the axes of the IMU as C sees them".into();
+    Err(EkfError::InvalidInput { what, why })
+}
+
+/// An offset of the clock that can be.
+pub(crate) fn check_offset(offset: f64) -> Result<(), EkfError> {
+    let what = "time offset of the IMU";
+    if !offset.is_finite() {
+        return Err(EkfError::NonFinite { what });
+    }
+    if offset.abs() <= LARGEST_OFFSET {
+        return Ok(());
+    }
+    let why =
+        format!("{offset} s is more than {LARGEST_OFFSET}; bring both stamps to one clock first");
+    Err(EkfError::InvalidInput { what, why })
+}
