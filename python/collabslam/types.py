@@ -6,6 +6,7 @@ Frames: W world, C robot camera Cs, F worn camera Cf (METHOD section 1).  ``t_ab
 from __future__ import annotations
 
 import enum
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Protocol
@@ -14,12 +15,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from collabslam._core import Camera
+from collabslam.errors import CollabslamError
 
+PERSON = "[A-Za-z0-9_][A-Za-z0-9_-]{0,31}"
+"""What a person may be called."""
 Image = NDArray[np.uint8]
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Ids = NDArray[np.int64]
 Indices = NDArray[np.int64]
+
+
+def person_name(name: object, error: type[CollabslamError]) -> str:
+    """``name`` if a person can be called so; raises ``error`` otherwise.
+
+    Folders, topics and result files are named after it.
+    """
+    if not isinstance(name, str) or not re.fullmatch(PERSON, name):
+        raise error(
+            f"A person cannot be called {str(name)[:80]!r}; take up to 32 letters, digits, _ and -, and no - "
+            "at first."
+        )
+    return name
 
 
 class Status(str, enum.Enum):

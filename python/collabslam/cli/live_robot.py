@@ -95,6 +95,7 @@ def main(arguments: argparse.Namespace) -> int:
         worn_cameras={name: load_camera(file) for name, file in worn_cameras.items()},
         sensors=None if arguments.sensors is None else read_sensors(arguments.sensors),
         record=arguments.record,
+        devices=None if keys is None else keys.devices,
         checkpoint_every=max(1, arguments.checkpoint_every),
         overwrite=arguments.overwrite,
         resume=arguments.resume,

@@ -20,7 +20,6 @@ from collabslam.datasets.calibration import sensor_mapping
 from collabslam.datasets.imu import description
 from collabslam.datasets.imu.beside import FOLDER as IMU_FOLDER
 from collabslam.datasets.odometry import TRIANGLE
-from collabslam.datasets.persons import person_name
 from collabslam.datasets.readers.collab import FORMAT, SEVERAL, VERSION, folder_name, worn_place
 from collabslam.datasets.units import NANOSECONDS
 from collabslam.datasets.written_numbers import (
@@ -34,7 +33,17 @@ from collabslam.datasets.written_numbers import (
 from collabslam.errors import DataError, InputError
 from collabslam.formats.files import LineFile, write_text
 from collabslam.images import check_grey
-from collabslam.types import Array, Image, Imu, ImuLog, Odometry, Recording, WornView, worn_cameras
+from collabslam.types import (
+    Array,
+    Image,
+    Imu,
+    ImuLog,
+    Odometry,
+    Recording,
+    WornView,
+    person_name,
+    worn_cameras,
+)
 
 _POSE_COLUMNS = "#timestamp [ns],p_x [m],p_y [m],p_z [m],q_w,q_x,q_y,q_z"
 _IMAGE_COLUMNS = "#timestamp [ns],filename"

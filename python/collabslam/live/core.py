@@ -17,6 +17,7 @@ from collabslam.geometry import pose_inverse
 from collabslam.live.clock import Exchange
 from collabslam.live.decoding import view_image
 from collabslam.live.printed import PrintedPoses
+from collabslam.live.refusals import Refusals
 from collabslam.live.senders import Senders
 from collabslam.live.views import BROKEN, REFUSED, UNPOSED, LiveView
 from collabslam.results import StepResult
@@ -106,10 +107,10 @@ class LiveCore:
     def __init__(self, slam: Slam, *, same_clock: bool = False, targets: Sequence[Tag | Board] = ()) -> None:
         self.slam = slam
         self.senders = Senders(slam.worn_cameras, same_clock=same_clock)
-        self.refused: Counter[str] = Counter()
-        """Frames of Cs that could not be used, by the error's text."""
-        self.refused_odometry: Counter[str] = Counter()
-        """Samples of odometry that could not be used, by the error's text."""
+        self.refused = Refusals()
+        """Frames of Cs that could not be used."""
+        self.refused_odometry = Refusals()
+        """Samples of odometry that could not be used."""
         self._printed = PrintedPoses(slam.camera, slam.worn_cameras, targets, slam.worn_late)
         self._last = slam.filter.time
 
@@ -134,7 +135,7 @@ class LiveCore:
             try:
                 self.slam.add_odometry(event.t, event.twist, event.covariance)
             except InputError as error:
-                self.refused_odometry[str(error)] += 1
+                self.refused_odometry.add(error)
         elif self.slam.worn_cameras:
             self._hand_in(event)
         return None
@@ -143,7 +144,7 @@ class LiveCore:
         try:
             step = self.slam.step(frame.t, frame.image)
         except InputError as error:
-            self.refused[str(error)] += 1
+            self.refused.add(error)
             return None
         self._printed.frame(frame.t, frame.image)
         self._last = frame.t

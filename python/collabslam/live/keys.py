@@ -5,12 +5,13 @@ from __future__ import annotations
 import datetime
 import ipaddress
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from collabslam.errors import DataError
+from collabslam.errors import DataError, SettingsError
 from collabslam.extras import needs
 from collabslam.formats.files import read_text, write_bytes, write_text
 from collabslam.live.names import device_name
@@ -29,6 +30,8 @@ AUTHORITY, AUTHORITY_KEY, CERTIFICATE, KEY, DEVICES = (
 """Files: the authority's certificate is in every folder, its key only where the keys are made."""
 YEARS = 10
 LOCAL = ("localhost", "127.0.0.1", "::1")
+_LABEL = "[A-Za-z0-9]([A-Za-z0-9_-]{0,61}[A-Za-z0-9])?"
+_HOST = re.compile(rf"(?=.{{1,253}}\Z){_LABEL}(\.{_LABEL})*")
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,10 @@ class Keys:
             certificate = x509.load_pem_x509_certificate(read_text(folder / CERTIFICATE).encode())
             common = certificate.subject.get_attributes_for_oid(x509.NameOID.COMMON_NAME)
             name = str(common[0].value)
-            devices = read_text(folder / DEVICES).split() if (folder / DEVICES).is_file() else []
+            names = read_text(folder / DEVICES).split() if (folder / DEVICES).is_file() else []
+            devices = list(map(device_name, names))
+            if name != ROBOT:
+                device_name(name)
         except (OSError, ValueError, IndexError) as error:
             raise DataError(f"The keys in {folder} cannot be read ({error}); make them again.") from error
         end = certificate.not_valid_after_utc
@@ -113,7 +119,7 @@ def make_keys(
     Raises
     ------
     SettingsError
-        If a device cannot be called so.
+        If a device cannot be called so, or a host is neither a name nor an address.
     DataError
         If a file cannot be read or written.
     """
@@ -121,19 +127,25 @@ def make_keys(
         from cryptography import x509
     for device in devices:
         device_name(device)
+    alternatives = {
+        name: [_general(host) for host in (*some, *LOCAL)]
+        for name, some in ((ROBOT, hosts), (WEB, web_hosts))
+    }
     authority = _Authority.of(folder)
     made = []
     if hosts or not (folder / ROBOT / CERTIFICATE).is_file():
-        authority.issue(folder / ROBOT, ROBOT, [_general(h) for h in (*hosts, *LOCAL)])
+        authority.issue(folder / ROBOT, ROBOT, alternatives[ROBOT])
         made.append(folder / ROBOT)
     for device in devices:
         if not (folder / device / CERTIFICATE).is_file():
             authority.issue(folder / device, device, [x509.DNSName(device)])
             made.append(folder / device)
     if web_hosts:
-        authority.issue(folder / WEB, WEB, [_general(h) for h in (*web_hosts, *LOCAL)])
+        authority.issue(folder / WEB, WEB, alternatives[WEB])
         made.append(folder / WEB)
-    known = sorted(p.parent.name for p in folder.glob(f"*/{CERTIFICATE}") if p.parent.name != ROBOT)
+    known = sorted(
+        device_name(p.parent.name) for p in folder.glob(f"*/{CERTIFICATE}") if p.parent.name != ROBOT
+    )
     write_text(folder / ROBOT / DEVICES, "".join(f"{name}\n" for name in known))
     return made
 
@@ -235,4 +247,9 @@ def _general(host: str) -> GeneralName:
     try:
         return x509.IPAddress(ipaddress.ip_address(host))
     except ValueError:
+        if not _HOST.fullmatch(host):
+            raise SettingsError(
+                f"The host {host[:80]!r} is neither a name nor an address; give what stands in the address, "
+                "as robot.local or 192.168.1.20, without a port."
+            ) from None
         return x509.DNSName(host)

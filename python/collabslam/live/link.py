@@ -27,7 +27,7 @@ LEASE_MS, RETRY_MS = 1000, 250
 """After so many milliseconds of silence a link counts as lost; so soon it is tried again."""
 
 _LOCAL = ("localhost", "localhost.localdomain")
-_MESSAGES = ["put", "declare_subscriber", "query", "reply", "declare_queryable", "liveliness_token"]
+_TOLD = ["put", "reply", "declare_queryable"]
 
 
 @dataclass(frozen=True)
@@ -78,9 +78,14 @@ def open_robot(address: Address, keys: Keys | None) -> Iterator[Any]:
     DataError
         If the address cannot be listened on, or the extra ``live`` is not installed.
     SettingsError
-        If the link would be open to a network.
+        If the link would be open to a network, or the keys name no device.
     """
     config = _config(address, keys, listens=True)
+    if keys is not None and not keys.devices:
+        raise SettingsError(
+            f"The keys in {keys.folder} name no device that may connect; make keys for one with 'collabslam "
+            "live keys DIR --device NAME' (of pages --web HOST) and copy the robot's folder again."
+        )
     config |= {"listen/endpoints": address.endpoints(secured=keys is not None)}
     config |= {"transport/unicast/max_sessions": SESSIONS}
     config |= {"low_pass_filter": [_sizes()]}
@@ -150,16 +155,16 @@ def subscriber(session: Any, key: str, take: Callable[[str, bytes], None]) -> An
 
 
 def access(devices: Sequence[str]) -> dict[str, Any]:
-    """Who may do what: a device writes below its own name and reads what the robot writes."""
+    """Who may do what: a device writes its own keys, each by its name, and reads what the robot writes."""
     rules, policies, subjects = [], [], []
     for device in devices:
-        rules.append(
-            _rule(f"{device}_writes", ["put", "liveliness_token"], "ingress", [f"{names.WORN}/{device}/**"])
-        )
+        own = [names.key(device, part) for part in names.PARTS]
+        rules.append(_rule(f"{device}_writes", ["put"], "ingress", own))
         subjects.append({"id": device, "cert_common_names": [device]})
-        policies.append({"rules": [f"{device}_writes", "reads", "answers"], "subjects": [device]})
+        policies.append({"rules": [f"{device}_writes", "reads", "tells", "listens"], "subjects": [device]})
     rules.append(_rule("reads", ["declare_subscriber", "query"], "ingress", [f"{names.ROBOT}/**"]))
-    rules.append(_rule("answers", _MESSAGES, "egress", [f"{names.ROBOT}/**", f"{names.WORN}/**"]))
+    rules.append(_rule("tells", _TOLD, "egress", [f"{names.ROBOT}/**"]))
+    rules.append(_rule("listens", ["declare_subscriber"], "egress", [f"{names.WORN}/**"]))
     return {
         "enabled": True,
         "default_permission": "deny",

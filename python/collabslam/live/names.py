@@ -1,4 +1,4 @@
-"""Keys of the link, and who writes them: ``collabslam/worn/NAME/...`` the device NAME, the rest the robot.
+"""Keys of the link, and who writes them: ``collabslam/worn/NAME/PART`` the device NAME, the rest the robot.
 
 Each key is the name of a ROS topic, and each payload a ROS message in CDR, so that a bridge between Zenoh and
 ROS 2 needs to be told nothing.
@@ -9,7 +9,8 @@ from __future__ import annotations
 import re
 import secrets
 
-from collabslam.errors import SettingsError
+from collabslam.errors import DataError, InputError, SettingsError
+from collabslam.types import PERSON
 
 ROBOT = "collabslam/robot"
 WORN = "collabslam/worn"
@@ -17,6 +18,8 @@ POSE, POSE_MAP, ODOMETRY, STATUS, MAP, CLOCK, VIEW = (
     f"{ROBOT}/{part}" for part in ("pose", "pose_map", "odometry", "status", "map", "clock", "view")
 )
 """What the robot writes; ``clock`` answers questions."""
+ALL_WORN = f"{WORN}/*/*"
+"""What any device writes."""
 WORN_POSE = f"{ROBOT}/worn_pose"
 """Where a worn camera is; of several persons the name follows, as `of_person` has it."""
 IMAGE, CAMERA_INFO, T_CF, EXCHANGE, BEAT = "image", "camera_info", "pose", "clock", "beat"
@@ -26,6 +29,8 @@ PARTS = (IMAGE, CAMERA_INFO, T_CF, EXCHANGE, BEAT, ATTITUDE, ROBOT_ATTITUDE, SCA
 
 PORT = 7447
 _NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
+_START = "[A-Za-z0-9_-]{0,64}"
+_SESSION = re.compile(rf"{PERSON}(/{_START})?")
 
 
 def device_name(name: str) -> str:
@@ -49,9 +54,37 @@ def of_person(key: str, name: str) -> str:
 
 
 def device_of(expression: str) -> tuple[str, str]:
-    """Device and part of a key that `key` made."""
-    *_, device, part = expression.split("/")
-    return device, part
+    """Device and part of a key that `key` made; raises DataError for any other key, and for a wildcard."""
+    above, _, rest = expression.partition(f"{WORN}/")
+    name, _, part = rest.partition("/")
+    if above or not _NAME.fullmatch(name) or part not in PARTS:
+        raise DataError(f"The key {expression[:80]!r} is no device's; write to {WORN}/NAME/PART.")
+    return name, part
+
+
+def own_session(device: str, told: str) -> str:
+    """A session as its device tells it: whatever it calls itself, it is the device's own.
+
+    Raises
+    ------
+    DataError
+        If it is called otherwise than sessions are: up to 64 letters, digits, _ and - after the last ``/``.
+    """
+    start = told.rpartition("/")[2]
+    if not re.fullmatch(_START, start):
+        raise DataError(
+            f"The session {start[:80]!r} is not called as sessions are; take letters, digits, _ and -."
+        )
+    return f"{device}/{start}"
+
+
+def check_session(session: object) -> None:
+    """Raises InputError if ``session`` is not ``NAME`` or ``NAME/START``, as `own_session` has it."""
+    if not isinstance(session, str) or not _SESSION.fullmatch(session):
+        raise InputError(
+            f"A session cannot be called {str(session)[:80]!r}; take NAME/START, as 'anna/17', of letters, "
+            "digits, _ and -."
+        )
 
 
 def new_session(device: str) -> str:

@@ -54,6 +54,8 @@ class RobotOptions:
         Calibrations of Cf by name, "" for a single one; of others the one that the device tells.
     record : Path or None
         New folder for all that reaches the filter.
+    devices : sequence of str, optional
+        Who may speak, as the keys have it; without keys anybody, at most `uplink.STRANGERS`.
     checkpoint_every : int
         Frames.
     overwrite, resume : bool
@@ -69,6 +71,7 @@ class RobotOptions:
     persons: Sequence[str] = ()
     worn_cameras: Mapping[str, Camera] = field(default_factory=dict)
     record: Path | None = None
+    devices: Sequence[str] | None = None
     checkpoint_every: int = 50
     overwrite: bool = False
     resume: bool = False
@@ -94,6 +97,8 @@ class RobotNode:
             lambda: camera.clock.now(),
             unposed=bool(options.targets) and sensors is None,
             sensors=None if sensors is None else sensors.config,
+            devices=options.devices,
+            awaited=options.persons,
         )
         self._downlink = Downlink(session)
 
@@ -110,7 +115,7 @@ class RobotNode:
         options = self._options
         with contextlib.ExitStack() as stack:
             folder = _folder(options, stack)
-            heard = link.subscriber(self._zenoh, f"{names.WORN}/**", self.uplink.take)
+            heard = link.subscriber(self._zenoh, names.ALL_WORN, self.uplink.take)
             stack.callback(heard.undeclare)
             worn = worn_calibrations(options, self._camera, self.uplink)
             self.uplink.use(worn)

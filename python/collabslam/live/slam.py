@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import atexit
 import threading
+import weakref
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from collabslam.errors import CollabslamError, InputError
+from collabslam.live.arguments import checked, clock_reading, live_view, odometry_sample, robot_frame
 from collabslam.live.clock import Exchange
 from collabslam.live.core import ClockReading, Event, LiveCore, LivePose, OdometrySample, RobotFrame
 from collabslam.live.views import LiveView
@@ -23,6 +24,9 @@ from collabslam.types import Image
 BOUNDS: dict[type, int] = {RobotFrame: 4, LiveView: 16, ClockReading: 32, OdometrySample: 1000}
 """Events of each kind that wait for the filter at most, views of each person; the oldest gives way."""
 Queue = tuple[type, str | None]
+LAST_FRAME = 10.0
+"""Seconds that a program that ends waits for the frame that is being worked on."""
+_OPEN: weakref.WeakSet[LiveSlam] = weakref.WeakSet()
 
 
 class LiveSlam:
@@ -74,6 +78,7 @@ class LiveSlam:
         self._error: BaseException | None = None
         self._worker = threading.Thread(target=self._work, name="collabslam", daemon=True)
         self._worker.start()
+        _OPEN.add(self)
 
     def push_robot(self, t: float, image: Image) -> None:
         """A frame of Cs: ``t`` seconds by the robot's clock, ``image`` (H, W) uint8, not to be changed later.
@@ -81,11 +86,11 @@ class LiveSlam:
         Raises
         ------
         InputError
-            If it is closed.
+            If there is no time or no array, or it is closed.
         CollabslamError
             Whatever ended the filter.
         """
-        self._push(RobotFrame(float(t), image))
+        self._push(robot_frame(t, image))
 
     def push_worn(
         self,
@@ -109,12 +114,13 @@ class LiveSlam:
             As in `collabslam.WornView`; without ``t_cf`` the targets must tell it.
         session : str
             Who sends, as ``anna/17``: another one each time that the sender starts.  Where the engine's worn
-            cameras have names, what stands before the last ``/`` says whose the view is.
+            cameras have names, what stands before the last ``/`` says whose the view is.  Letters, digits, _
+            and -, 32 before it and 64 behind it.
 
         Raises
         ------
         InputError
-            For arrays of another shape, or if it is closed.
+            For arrays of another shape, a session that cannot be called so, or if it is closed.
         CollabslamError
             Whatever ended the filter.
         """
@@ -132,18 +138,15 @@ class LiveSlam:
         CollabslamError
             Whatever ended the filter.
         """
-        arrays = np.array(twist, np.float64), np.array(covariance, np.float64)
-        if arrays[0].shape != (6,) or arrays[1].shape != (6, 6):
-            raise InputError("Odometry is a twist (6,) with a covariance (6, 6); correct the shapes.")
-        self._push(OdometrySample(float(t), *arrays))
+        self._push(odometry_sample(t, twist, covariance))
 
     def push_clock(self, session: str, exchange: Exchange) -> None:
         """What a sender's clock said; raises as `push_robot` does."""
-        self._push(ClockReading(session, exchange))
+        self._push(clock_reading(session, exchange))
 
     def push(self, event: Event) -> None:
-        """Any of these; raises as `push_robot` does."""
-        self._push(event)
+        """Any of these; raises as they do."""
+        self._push(checked(event))
 
     @property
     def dropped(self) -> dict[str, int]:
@@ -157,7 +160,7 @@ class LiveSlam:
 
     @property
     def refused(self) -> dict[str, int]:
-        """Why frames of Cs, or odometry, were refused, in words, and how often."""
+        """Why frames of Cs, or odometry, were refused, in words, and how often; see `refusals`."""
         return {**self._core.refused, **self._core.refused_odometry}
 
     @property
@@ -168,15 +171,18 @@ class LiveSlam:
     def close(self, *, flush: bool = True) -> None:
         """Ends the thread, after all that waits was done, or at once without ``flush``.
 
+        In a callback, which the thread itself calls, it ends after that.  A program may end without it.
+
         Raises
         ------
         CollabslamError
             Whatever ended the filter.
         """
-        with self._change:
-            self._closing, self._flush = True, flush
-            self._change.notify_all()
+        self._end(flush=flush)
+        if threading.current_thread() is self._worker:
+            return
         self._worker.join()
+        _OPEN.discard(self)
         if self._error is not None:
             raise self._error
 
@@ -187,6 +193,11 @@ class LiveSlam:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close(flush=error is None)
+
+    def _end(self, *, flush: bool) -> None:
+        with self._change:
+            self._closing, self._flush = True, flush
+            self._change.notify_all()
 
     def _push(self, event: Event) -> None:
         kind, queue = type(event), self._queue(event)
@@ -241,23 +252,10 @@ class LiveSlam:
             self.callback_error = error
 
 
-def live_view(
-    session: str,
-    t: float,
-    image: Image | bytes,
-    t_cf: Any,
-    covariance: Any,
-    bias: Any = None,
-) -> LiveView:
-    """A view whose arrays have their shapes; raises InputError otherwise."""
-    shapes = {"T_CF": (t_cf, (4, 4)), "covariance": (covariance, (6, 6)), "bias": (bias, (6, 6))}
-    arrays = {}
-    for name, (value, shape) in shapes.items():
-        array = None if value is None else np.array(value, np.float64)
-        if array is not None and array.shape != shape:
-            raise InputError(f"The view's {name} has the shape {array.shape}; give {shape}.")
-        arrays[name] = array
-    first, second = arrays["T_CF"], arrays["covariance"]
-    if (first is None) != (second is None):
-        raise InputError("A view has T_CF and its covariance, or neither; give both.")
-    return LiveView(session, float(t), image, first, second, arrays["bias"])
+@atexit.register
+def _end_all() -> None:
+    """The interpreter ends: no thread may be in the filter when what it uses is taken away."""
+    for live in list(_OPEN):
+        live._end(flush=False)
+    for live in list(_OPEN):
+        live._worker.join(LAST_FRAME)

@@ -6,7 +6,7 @@ import statistics
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -32,8 +32,8 @@ UNPAIRED, MALFORMED, FLOOD, CALIBRATION, STRANGER, UNASKED = (
     "no sensors file",
 )
 """Why a message was dropped before the filter."""
-DEVICES = 16
-"""Devices that are listened to."""
+STRANGERS = 16
+"""Devices that are listened to where no keys say who may speak."""
 RATES = {
     names.IMAGE: 60.0,
     names.T_CF: 200.0,
@@ -102,6 +102,10 @@ class Uplink:
         Whether images without T_CF are of use.
     sensors : WornPoseConfig, optional
         Of the sensors that tell T_CF; what they say then waits in `sensing`.
+    devices : sequence of str, optional
+        Who may speak; without it anybody, and at most `STRANGERS` of them.
+    awaited : sequence of str
+        Who has a place beside as many strangers as there may be.
     """
 
     def __init__(
@@ -111,19 +115,23 @@ class Uplink:
         *,
         unposed: bool = False,
         sensors: WornPoseConfig | None = None,
+        devices: Sequence[str] | None = None,
+        awaited: Sequence[str] = (),
     ) -> None:
         self.sensing = None if sensors is None else Sensing(sensors, self._posed)
         self.dropped: Counter[str] = Counter()
         """Messages by the reason why they were dropped."""
         self.received: Counter[str] = Counter()
-        """Bytes by device."""
+        """Bytes by device that is listened to."""
         self.faults: deque[str] = deque(maxlen=8)
         """The last refusals in words."""
         self._push, self._now, self._unposed = push, now, unposed
         self._lock = threading.Lock()
         self._devices: dict[str, _Device] = {}
+        self._known = None if devices is None else frozenset(devices)
+        self._awaited = frozenset(awaited)
         self._cameras: dict[str, Camera] = {}
-        self._known = threading.Event()
+        self._told = threading.Event()
 
     def use(self, cameras: Mapping[str, Camera]) -> None:
         """From now on only views of these calibrations are taken: of each device's own, or of "", all's."""
@@ -131,9 +139,9 @@ class Uplink:
 
     def calibrations(self, names: Iterable[str], seconds: float) -> dict[str, Camera]:
         """The calibrations that devices of these names have told, waited for so long; "" is any device."""
-        self._known.wait(seconds)
+        self._told.wait(seconds)
         with self._lock:
-            self._known.clear()
+            self._told.clear()
             told = {name: d.camera for name, d in self._devices.items() if d.camera is not None}
             found = {name: told.get(name) if name else next(iter(told.values()), None) for name in names}
             return {name: camera for name, camera in found.items() if camera is not None}
@@ -168,17 +176,19 @@ class Uplink:
 
     def take(self, key: str, payload: bytes) -> None:
         """A message of a device; never raises."""
-        name, part = names.device_of(key)
         with self._lock:
+            try:
+                name, part = names.device_of(key)
+            except DataError as error:
+                self._refuse("", error)
+                return
+            device = self._device(name)
+            if device is None:
+                self.dropped[STRANGER] += 1
+                return
             self.received[name] += len(payload)
-            if name not in self._devices:
-                if len(self._devices) >= DEVICES:
-                    self.dropped[STRANGER] += 1
-                    return
-                self._devices[name] = _Device(Pairing(unposed=self._unposed))
-            device = self._devices[name]
-            if part not in RATES or not _allowed(device, part, time.monotonic()):
-                self.dropped[FLOOD if part in RATES else MALFORMED] += 1
+            if not _allowed(device, part, time.monotonic()):
+                self.dropped[FLOOD] += 1
                 return
             try:
                 if part in SENSORS:
@@ -186,11 +196,24 @@ class Uplink:
                 else:
                     then = self._event(name, device, part, payload)
             except CollabslamError as error:
-                self.dropped[MALFORMED] += 1
-                self.faults.append(f"{name}: {error}"[:LONGEST])
+                self._refuse(f"{name}: ", error)
                 return
         for do in then:
             do()
+
+    def _device(self, name: str) -> _Device | None:
+        """What is known of a device; None of one that may not speak."""
+        if name not in self._devices:
+            strangers = self._devices.keys() - self._awaited
+            full = self._known is None and len(strangers) >= STRANGERS and name not in self._awaited
+            if full or (self._known is not None and name not in self._known):
+                return None
+            self._devices[name] = _Device(Pairing(unposed=self._unposed))
+        return self._devices[name]
+
+    def _refuse(self, whose: str, error: CollabslamError) -> None:
+        self.dropped[MALFORMED] += 1
+        self.faults.append(f"{whose}{error}"[:LONGEST])
 
     def _event(self, name: str, device: _Device, part: str, payload: bytes) -> list[Callable[[], None]]:
         """What is to be done with a message, once others may come."""
@@ -198,14 +221,14 @@ class Uplink:
             return []
         if part == names.EXCHANGE:
             session, exchange = messages.exchange_from(payload)
-            session = _own(name, session)
+            session = names.own_session(name, session)
             if session != device.session:
                 device.session, device.clock = session, ClockEstimator()
             device.clock.add(exchange)
             return [partial(self._give, ClockReading(session, exchange))]
         if part == names.CAMERA_INFO:
             device.camera = messages.camera_from(payload, f"the device {name}")
-            self._known.set()
+            self._told.set()
             return []
         if part == names.OWN:
             stamp, *own = messages.pose_from(payload, f"the device {name}")
@@ -215,7 +238,7 @@ class Uplink:
         if part == names.IMAGE:
             message = messages.decoded(messages.COMPRESSED, payload)
             stamp = messages.stamp_of(message)
-            session = _own(name, str(message.header.frame_id))
+            session = names.own_session(name, str(message.header.frame_id))
             device.images_received += 1
             if (taken := device.clock.robot_time(stamp)) is not None:
                 device.arrivals.append(Arrival(stamp, taken[0], self._now()))
@@ -239,7 +262,7 @@ class Uplink:
             if len(message.ranges) > MOST_BEAMS:
                 raise DataError(f"A scan has {len(message.ranges)} beams; send at most {MOST_BEAMS}.")
         taken = device.clock.robot_time(messages.stamp_of(message))
-        if taken is None or _own(name, session) != device.session:
+        if taken is None or names.own_session(name, session) != device.session:
             self.dropped[NO_CLOCK] += 1
             return []
         if part == names.SCAN:
@@ -288,11 +311,6 @@ def _allowed(device: _Device, part: str, now: float) -> bool:
     left = min(BURST, left + (now - then) * RATES[part])
     device.allowed[part] = (max(0.0, left - 1.0), now)
     return left >= 1.0
-
-
-def _own(name: str, session: str) -> str:
-    """A session's name: whatever a device calls it, it is the device's own."""
-    return f"{name}/{session.rpartition('/')[2][:32]}"
 
 
 def _report(device: _Device) -> dict[str, float]:

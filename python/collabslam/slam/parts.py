@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from collabslam._core import Camera, Filter
+from collabslam.errors import InputError
 from collabslam.settings.table import Settings
 from collabslam.slam.consistency_monitor import ConsistencyMonitor
 from collabslam.slam.map.management import MapManager, scarce_below
@@ -26,7 +27,7 @@ from collabslam.slam.verdict import Verdict
 from collabslam.slam.worn.late_views import LateViews
 from collabslam.slam.worn.looking import Looking
 from collabslam.slam.worn.matcher import WornMatcher
-from collabslam.types import Target
+from collabslam.types import Target, person_name
 
 
 class Parts:
@@ -50,6 +51,11 @@ class Parts:
         Whether lengths are metres.
     target : Target, optional
         To start from.
+
+    Raises
+    ------
+    InputError
+        If a worn camera's name is none.
     """
 
     def __init__(
@@ -63,6 +69,9 @@ class Parts:
         metric: bool,
         target: Target | None = None,
     ) -> None:
+        for name in worn_cameras:
+            if name != "":
+                person_name(name, InputError)
         self.filter, self.camera, self.worn_cameras, self.settings = core, camera, worn_cameras, settings
         options = self.options = settings.frontend
         self.monitor = StatusMonitor(settings.filter.lost, lost=start == "map")

@@ -85,7 +85,8 @@ def test_altered_messages_cost_only_themselves(part: str, monkeypatch: pytest.Mo
         up.take(names.key("eve", part), rubbish)
         up.take(names.key("eve", "another"), rubbish)
     assert up.counts()["malformed"] >= 300
-    assert up.said()["last refusal"].startswith("eve: ")
+    assert any(fault.startswith("eve: ") for fault in up.faults)
+    assert "collabslam/worn/NAME/PART" in up.said()["last refusal"]
     assert max(map(len, up.faults)) <= uplink.LONGEST
     events.clear()
     send(up, "anna")
@@ -97,6 +98,70 @@ def test_a_device_speaks_for_itself_only() -> None:
     up.take(names.key("eve", names.T_CF), T_CF)
     up.take(names.key("eve", names.IMAGE), messages.compressed_image(7.0, "anna/1", JPEG))
     assert [e.session for e in events if isinstance(e, LiveView)] == ["eve/1"]
+
+
+FOREIGN = [
+    "collabslam/worn/eve/anna/image",
+    "collabslam/worn/eve/anna/pose",
+    "collabslam/worn/eve/x/anna/image",
+    "collabslam/worn/*/image",
+    "collabslam/worn/**",
+    "collabslam/worn/eve/**",
+    "collabslam/worn/eve/$*",
+    "collabslam/worn/eve",
+    "collabslam/worn/eve/",
+    "collabslam/worn//image",
+    "collabslam/worn/eve/image/",
+    "collabslam/worn/eve/image\n",
+    "collabslam/worn/Anna/image",
+    "collabslam/robot/anna/image",
+    "anna/image",
+    "x/collabslam/worn/anna/image",
+    "",
+]
+
+
+@pytest.mark.parametrize("key", FOREIGN)
+def test_a_key_is_exactly_a_device_and_a_part(key: str) -> None:
+    up, events = listening()
+    send(up, "anna")
+    up.take(key, messages.compressed_image(8.0, "anna/1", JPEG))
+    up.take(key, messages.pose(8.0, "cs", np.eye(4), np.eye(6)))
+    assert up.counts() == {"malformed": 2}
+    assert set(up.reports()) == {"anna"}
+    assert len(events) == 1
+
+
+@pytest.mark.parametrize("start", ["1\n2", "a b", "x" * 65, 'a","b', "\x1b[2J", "é", "a.b", "1\0"])
+def test_a_session_has_an_alphabet(start: str) -> None:
+    up, events = listening()
+    up.take(names.key("anna", names.T_CF), T_CF)
+    up.take(names.key("anna", names.IMAGE), messages.compressed_image(7.0, f"anna/{start}", JPEG))
+    up.take(names.key("anna", names.EXCHANGE), messages.exchange(start, Exchange(1.0, 2.0, 2.0, 1.1)))
+    assert events == []
+    assert up.counts() == {"malformed": 2}
+    assert up.said()["last refusal"].isprintable()
+
+
+def test_only_devices_of_the_keys_are_listened_to() -> None:
+    events: list[Event] = []
+    up = Uplink(events.append, lambda: 7.0, devices=["anna"])
+    for k in range(3000):
+        send(up, f"eve{k}")
+    assert up.counts() == {"too many devices": 6000}
+    assert dict(up.received) == {}
+    send(up, "anna")
+    assert [e.session for e in events if isinstance(e, LiveView)] == ["anna/1"]
+
+
+def test_who_is_awaited_has_a_place_beside_any_strangers() -> None:
+    events: list[Event] = []
+    up = Uplink(events.append, lambda: 7.0, awaited=["anna"])
+    for k in range(100):
+        send(up, f"eve{k}")
+    send(up, "anna")
+    assert "anna/1" in {e.session for e in events if isinstance(e, LiveView)}
+    assert len(up.reports()) == len(up.received) == uplink.STRANGERS + 1
 
 
 def test_more_than_the_rates_allow_is_dropped() -> None:
@@ -114,7 +179,7 @@ def test_too_many_devices_are_not_listened_to() -> None:
     for k in range(100):
         send(up, f"eve{k}")
     send(up, "anna", 8.0)
-    assert up.counts()["too many devices"] == 2 * (100 - uplink.DEVICES + 1)
+    assert up.counts()["too many devices"] == 2 * (100 - uplink.STRANGERS + 1)
     assert [e.session for e in events if isinstance(e, LiveView)].count("anna/1") == 2
 
 

@@ -164,10 +164,13 @@ def test_a_device_writes_its_own_keys_only(
     with link.open_device(address, Keys.read(folder / "berta")) as session:
         assert until(lambda: link.connected(session))
         others = [names.key("anna", names.IMAGE), names.POSE, names.STATUS, "collabslam/worn/anna"]
-        for key in (*others, names.key("berta", names.IMAGE)):
+        below = ["anna/image", "another", "image/anna", "*", "**", "im$*"]
+        others += [f"{names.WORN}/berta/{part}" for part in below] + [f"{names.WORN}/*/image"]
+        for key in others:
             session.put(key, b"x" * 1000)
-        assert until(lambda: robot)  # the last one; what was put before it would be there before it
-    assert robot == [(names.key("berta", names.IMAGE), 1000)]
+        own = names.key("berta", names.IMAGE)
+        assert until(lambda: session.put(own, b"x" * 1000) or robot)  # what was put before would be there
+    assert set(robot) == {(own, 1000)}
 
 
 def test_images_go_as_datagrams_and_the_rest_does_not(
@@ -264,6 +267,33 @@ def test_private_keys_are_private_and_made_once(folder: Path) -> None:
     assert {p.stat().st_mode & 0o077 for p in folder.rglob("key.pem")} == {0}
     with pytest.raises(SettingsError, match="called"):
         make_keys(folder, hosts=[], devices=["../anna"])
+
+
+@pytest.mark.parametrize(
+    "host", ["", "ü", "a b", "x" * 300, "a\nb", "*", "robot:7447", "https://robot", "-a"]
+)
+def test_a_host_is_a_name_or_an_address(host: str, tmp_path: Path) -> None:
+    for hosts, web in (([host], []), ([], [host])):
+        with pytest.raises(SettingsError, match="neither a name nor an address"):
+            make_keys(tmp_path, hosts=hosts, devices=["anna"], web_hosts=web)
+    assert not list(tmp_path.iterdir())
+
+
+def test_keys_of_nobody_open_no_robot(address: Address, tmp_path: Path) -> None:
+    make_keys(tmp_path, hosts=["127.0.0.1", "my_robot.local", "::1"], devices=[])
+    with (
+        pytest.raises(SettingsError, match="name no device"),
+        link.open_robot(address, Keys.read(tmp_path / "robot")),
+    ):
+        pass
+
+
+@pytest.mark.parametrize("devices", ["anna/b\n", "**\n", "robot\n", "a" * 40])
+def test_devices_of_a_damaged_folder_are_told(devices: str, tmp_path: Path) -> None:
+    make_keys(tmp_path, hosts=["127.0.0.1"], devices=["anna"])
+    (tmp_path / "robot" / "devices.txt").write_text(devices)
+    with pytest.raises(DataError, match="cannot be read"):
+        Keys.read(tmp_path / "robot")
 
 
 @pytest.mark.slow

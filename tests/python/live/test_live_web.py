@@ -46,7 +46,7 @@ class Robot:
         self.clock = SteadyClock(50.0)
         self.heard: list[tuple[str, bytes]] = []
         self._kept = [
-            link.subscriber(session, f"{names.WORN}/**", lambda key, data: self.heard.append((key, data))),
+            link.subscriber(session, names.ALL_WORN, lambda key, data: self.heard.append((key, data))),
             session.declare_queryable(names.CLOCK, self._tell),
         ]
         self.status = link.publisher(session, names.STATUS)

@@ -38,7 +38,6 @@ from collabslam.datasets.calibration import load_camera
 from collabslam.datasets.gate import data_lines, read_keys
 from collabslam.datasets.images import read_grey
 from collabslam.datasets.odometry import TRIANGLE, of_table
-from collabslam.datasets.persons import person_name
 from collabslam.datasets.poses import (
     FARTHEST,
     interpolate_track,
@@ -55,7 +54,7 @@ from collabslam.datasets.stream import StreamRecording
 from collabslam.datasets.units import as_nanoseconds, as_seconds, read_stamps, seconds
 from collabslam.errors import CollabslamError, DataError
 from collabslam.targets.kinds import Board, Tag
-from collabslam.types import Array, Odometry, WornView
+from collabslam.types import Array, Odometry, WornView, person_name
 
 LAYOUT = "a two-camera recording (recording.yaml, cam0/, cam1/, relpose/data.csv)"
 FORMAT = "collabslam-recording"

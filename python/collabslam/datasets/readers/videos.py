@@ -29,7 +29,6 @@ import numpy as np
 from collabslam._core import Camera
 from collabslam.datasets.calibration import load_camera
 from collabslam.datasets.overrides import Given
-from collabslam.datasets.persons import person_name
 from collabslam.datasets.poses import (
     interpolate_track,
     read_pose_table,
@@ -42,7 +41,7 @@ from collabslam.datasets.recorded_worn import RecordedWorn, WornImages
 from collabslam.datasets.stream import StreamRecording
 from collabslam.datasets.units import NANOSECONDS, as_seconds
 from collabslam.errors import DataError
-from collabslam.types import Array, WornView
+from collabslam.types import Array, WornView, person_name
 
 LAYOUT = "two videos (cam0.mp4, cam0.yaml, cam1.mp4, cam1.yaml, t_cf.csv)"
 _TOLERANCE = 10_000_000

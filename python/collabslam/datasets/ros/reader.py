@@ -13,7 +13,6 @@ from collabslam._core import Camera
 from collabslam.datasets.calibration import check_size, read_calibration
 from collabslam.datasets.depth_image import MILLIMETRES, depth_points, depth_scale
 from collabslam.datasets.overrides import Given
-from collabslam.datasets.persons import person_name
 from collabslam.datasets.poses import interpolate_track
 from collabslam.datasets.printed_pose import printed_source, with_printed_poses
 from collabslam.datasets.readers.stamped import match_stamps, own_time, views_of_frames
@@ -24,7 +23,7 @@ from collabslam.datasets.ros.worn_pose_source import T_CF_ROLE, WornPoses, worn_
 from collabslam.datasets.stream import StreamRecording
 from collabslam.datasets.units import seconds
 from collabslam.errors import DataError
-from collabslam.types import Array, DepthPoints, WornView
+from collabslam.types import Array, DepthPoints, WornView, person_name
 
 LAYOUT = "a ROS bag (.bag, .mcap, .db3, or the folder of a ROS 2 bag)"
 ROLES = {

@@ -1,0 +1,111 @@
+"""What callers hand in, as events: whatever is not one is refused at the call, and ends nothing."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, SupportsFloat, cast
+
+import numpy as np
+
+from collabslam.errors import InputError
+from collabslam.live.clock import Exchange
+from collabslam.live.core import ClockReading, Event, OdometrySample, RobotFrame
+from collabslam.live.names import check_session
+from collabslam.live.views import LiveView, OwnPose
+from collabslam.types import Array, Image
+
+MOST_BYTES = 1 << 24
+"""Bytes of an encoded view."""
+BACK, AHEAD = -1e11, 1e11
+"""Seconds between which stamps are."""
+
+
+def robot_frame(t: Any, image: Any) -> RobotFrame:
+    """A frame of Cs; InputError if it can be none, whatever the engine says of it."""
+    return RobotFrame(_seconds(t), _pixels(image))
+
+
+def live_view(session: Any, t: Any, image: Any, t_cf: Any, covariance: Any, bias: Any = None) -> LiveView:
+    """A view of Cf whose arrays have their shapes; raises InputError otherwise."""
+    check_session(session)
+    first, second = _array(t_cf, (4, 4), "T_CF"), _array(covariance, (6, 6), "covariance")
+    if (first is None) != (second is None):
+        raise InputError("A view has T_CF and its covariance, or neither; give both.")
+    if isinstance(image, bytes) and len(image) > MOST_BYTES:
+        raise InputError(
+            f"The view has {len(image) >> 20} MB; give a JPEG or PNG of at most {MOST_BYTES >> 20}."
+        )
+    encoded = image if isinstance(image, bytes) else _pixels(image)
+    return LiveView(session, _seconds(t), encoded, first, second, _array(bias, (6, 6), "bias"))
+
+
+def odometry_sample(t: Any, twist: Any, covariance: Any) -> OdometrySample:
+    """Odometry whose arrays have their shapes; raises InputError otherwise."""
+    first, second = _array(twist, (6,), "twist"), _array(covariance, (6, 6), "covariance")
+    if first is None or second is None:
+        raise InputError("Odometry is a twist (6,) with a covariance (6, 6); give both.")
+    return OdometrySample(_seconds(t), first, second)
+
+
+def clock_reading(session: Any, exchange: Any) -> ClockReading:
+    """What a sender's clock said; InputError for anything else than an `Exchange` of finite times."""
+    check_session(session)
+    if not isinstance(exchange, Exchange):
+        raise InputError("What a clock says is a collabslam.live.clock.Exchange; give one.")
+    return ClockReading(session, Exchange(*map(_seconds, vars(exchange).values())))
+
+
+def checked(event: Any) -> Event:
+    """The event, if it is one; raises InputError otherwise."""
+    if isinstance(event, RobotFrame):
+        return robot_frame(event.t, event.image)
+    if isinstance(event, ClockReading):
+        return clock_reading(event.session, event.exchange)
+    if isinstance(event, OdometrySample):
+        return odometry_sample(event.t, event.twist, event.covariance)
+    if isinstance(event, LiveView):
+        told = (event.session, event.stamp, event.image, event.t_cf, event.covariance, event.bias)
+        view = live_view(*told)
+        return view if event.own is None else _with_own(view, event.own)
+    raise InputError(f"A {type(event).__name__} is no event; push one of collabslam.live.core.Event.")
+
+
+def _with_own(view: LiveView, own: Any) -> LiveView:
+    if not isinstance(own, OwnPose):
+        raise InputError("Where a camera tracks itself is a collabslam.live.views.OwnPose; give one.")
+    pose, covariance = _array(own.t_xf, (4, 4), "own pose"), _array(own.covariance, (6, 6), "own covariance")
+    if pose is None or covariance is None:
+        raise InputError("Where a camera tracks itself has a pose and a covariance; give both.")
+    return LiveView(
+        view.session, view.stamp, view.image, view.t_cf, view.covariance, view.bias, OwnPose(pose, covariance)
+    )
+
+
+def _seconds(t: Any) -> float:
+    try:
+        found = float(cast(SupportsFloat, t))
+    except (TypeError, ValueError, OverflowError):
+        found = math.nan
+    if isinstance(t, str | bytes) or not BACK < found < AHEAD:
+        raise InputError(f"The time {str(t)[:40]!r} is none; give seconds as a finite number.")
+    return found
+
+
+def _pixels(image: Any) -> Image:
+    """The array itself: what must be of it is asked where its camera is known."""
+    if not isinstance(image, np.ndarray):
+        raise InputError(f"An image is an array (H, W) of uint8, not a {type(image).__name__}; give one.")
+    return image
+
+
+def _array(value: Any, shape: tuple[int, ...], name: str) -> Array | None:
+    """A copy, finite and of that shape; None of None."""
+    if value is None:
+        return None
+    try:
+        array = np.array(value, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"The {name} is no array of numbers; give one of the shape {shape}.") from None
+    if array.shape != shape:
+        raise InputError(f"The {name} has the shape {array.shape}; give {shape}.")
+    return array

@@ -1,0 +1,123 @@
+"""What a caller may get wrong, and when a program may end: neither ends the filter badly."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from helpers.clip import Clip
+
+from collabslam import InputError, Slam
+from collabslam.live.clock import Exchange
+from collabslam.live.core import LivePose, RobotFrame
+from collabslam.live.refusals import MOST, OTHERS, Refusals
+from collabslam.live.slam import LiveSlam
+from collabslam.live.views import LiveView
+
+GREY = np.zeros((48, 64), np.uint8)
+NONE = np.full((4, 4), "x")
+
+WRONG: dict[str, Callable[[LiveSlam], None]] = {
+    "session-none": lambda live: live.push_worn(0.0, GREY, session=None),  # type: ignore[arg-type]
+    "session-line": lambda live: live.push_worn(0.0, GREY, session="anna/1\nben"),
+    "session-path": lambda live: live.push_worn(0.0, GREY, session="../../anna"),
+    "session-long": lambda live: live.push_worn(0.0, GREY, session="a" * 33),
+    "session-comma": lambda live: live.push_worn(0.0, GREY, session="anna,1"),
+    "time-word": lambda live: live.push_worn("now", GREY),  # type: ignore[arg-type]
+    "time-nan": lambda live: live.push_robot(float("nan"), GREY),
+    "time-none": lambda live: live.push_robot(None, GREY),  # type: ignore[arg-type]
+    "time-endless": lambda live: live.push_odometry(float("inf"), np.zeros(6), np.eye(6)),
+    "time-nanoseconds": lambda live: live.push_robot(1.7e18, GREY),
+    "image-none": lambda live: live.push_robot(0.0, None),  # type: ignore[arg-type]
+    "image-word": lambda live: live.push_worn(0.0, "0.png"),  # type: ignore[arg-type]
+    "image-long": lambda live: live.push_worn(0.0, bytes((1 << 24) + 1)),
+    "pose-words": lambda live: live.push_worn(0.0, GREY, NONE, np.eye(6)),
+    "pose-alone": lambda live: live.push_worn(0.0, GREY, np.eye(4)),
+    "pose-small": lambda live: live.push_worn(0.0, GREY, np.eye(3), np.eye(6)),
+    "bias-small": lambda live: live.push_worn(0.0, GREY, np.eye(4), np.eye(6), bias=np.eye(3)),
+    "twist-none": lambda live: live.push_odometry(0.0, None, np.eye(6)),  # type: ignore[arg-type]
+    "twist-short": lambda live: live.push_odometry(0.0, np.zeros(3), np.eye(6)),
+    "clock-none": lambda live: live.push_clock("anna/1", None),  # type: ignore[arg-type]
+    "clock-words": lambda live: live.push_clock("anna/1", Exchange("a", 0.0, 0.0, 0.0)),  # type: ignore[arg-type]
+    "clock-nobody": lambda live: live.push_clock(7, Exchange(0.0, 0.0, 0.0, 0.0)),  # type: ignore[arg-type]
+    "event-none": lambda live: live.push(None),  # type: ignore[arg-type]
+    "event-view": lambda live: live.push(LiveView(None, 0.0, GREY)),  # type: ignore[arg-type]
+    "event-own": lambda live: live.push(LiveView("anna/1", 0.0, GREY, own=7)),  # type: ignore[arg-type]
+    "event-frame": lambda live: live.push(RobotFrame("now", GREY)),  # type: ignore[arg-type]
+}
+
+
+def engine(clip: Clip) -> Slam:
+    return Slam(clip.recording.camera, clip.recording.worn_camera)
+
+
+@pytest.mark.parametrize("name", list(WRONG))
+def test_wrong_arguments_are_refused_at_the_call(clip: Clip, name: str) -> None:
+    poses: list[LivePose] = []
+    with LiveSlam(engine(clip), on_pose=poses.append, same_clock=True) as live:
+        with pytest.raises(InputError):
+            WRONG[name](live)
+        for frame in clip.frames[:2]:
+            live.push_robot(frame.t, frame.image)
+    assert len(poses) == 2
+
+
+def test_a_callback_may_close(clip: Clip) -> None:
+    frame = clip.frames[0]
+    live = LiveSlam(engine(clip), on_pose=lambda pose: live.close(), same_clock=True)
+    live.push_robot(frame.t, frame.image)
+    live._worker.join()
+    assert live.callback_error is None
+    live.close()
+    with pytest.raises(InputError, match="closed"):
+        live.push_robot(frame.t + 1.0, frame.image)
+
+
+def test_a_name_that_is_none_makes_no_engine(clip: Clip) -> None:
+    for name in ("../anna", "anna\n", "a b", "-a", "x" * 33):
+        with pytest.raises(InputError, match="called"):
+            Slam(clip.recording.camera, {name: clip.recording.camera})
+
+
+def test_reasons_are_counted_and_bounded() -> None:
+    refused = Refusals()
+    for k in range(1000):
+        refused.add(InputError(f"The time {0.1 * k} s is before {k}e-3."))
+    assert refused == {"The time 0.0 s is before 0e-3.": 1000}
+    for k in range(1000):
+        refused.add(InputError("x" * k))
+    assert len(refused) == MOST + 1
+    assert refused[OTHERS] == 1000 - MOST + 1
+    assert sum(refused.values()) == 2000
+
+
+OPEN = """
+import sys, threading
+import numpy as np
+from collabslam import Camera, Slam
+from collabslam.live.slam import LiveSlam
+camera = Camera("pinhole", 640, 480, (400.0, 400.0, 320.0, 240.0))
+live = LiveSlam(Slam(camera, mode="mono", start="scale-free"))
+noise = np.random.default_rng(0)
+image = noise.integers(0, 255, (480, 640)).astype(np.uint8)
+for k in range(int(sys.argv[1])):
+    live.push_robot(0.1 * k, np.roll(image, k, axis=1))
+def feed():
+    k = 100
+    while True:
+        live.push_robot(0.1 * k, np.roll(image, k, axis=1))
+        k += 1
+if sys.argv[2] == "fed":
+    threading.Thread(target=feed, daemon=True).start()
+"""
+
+
+@pytest.mark.parametrize("frames", [0, 1, 4])
+@pytest.mark.parametrize("how", ["left", "fed"])
+def test_the_interpreter_may_end_while_it_is_open(frames: int, how: str) -> None:
+    done = subprocess.run([sys.executable, "-c", OPEN, str(frames), how], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == "" or how == "fed"  # who pushes is told that it is closed
